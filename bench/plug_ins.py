@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoints, entry_points
@@ -50,6 +50,23 @@ def imported(target: str, *, expected: str) -> Any:
         raise UsageError(f"{expected} that can be imported; {error}{hint}") from error
     except (Exception, SystemExit) as error:
         raise UsageError(f"{expected} that can be imported; {describe_error(error)}") from error
+
+
+def described(targets: Mapping[str, str], describe: Callable[[str, str], str]) -> list[tuple[str, str]]:
+    """Names, and each with what it is; where it is of another package, that too, and why it cannot be used.
+
+    Args:
+        targets: name -> "module:attribute", as of `known_targets`.
+        describe: from name and target to one line; it may raise UsageError.
+    """
+    rows = []
+    for name, target in targets.items():
+        try:
+            text = describe(name, target)
+        except UsageError as error:  # the list of the others is still wanted
+            text = str(error)
+        rows.append((name, text if target.startswith("bench.") else f"{text} ({target})"))
+    return rows
 
 
 def describe_error(error: BaseException) -> str:

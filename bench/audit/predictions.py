@@ -13,10 +13,11 @@ from bench.errors import UsageError
 from bench.evaluation import Protocol
 from bench.harness.digests import MethodCode, digest_of
 from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
-from bench.harness.oracles import ExactMasks, ReferenceItself, is_oracle
+from bench.harness.oracles import ExactMasks, ReferenceItself, build_scorable, is_oracle
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Scorable, UnansweredImage, ask_method
 from bench.methods.contract import Arrays, StepOf
+from bench.methods.settings import parse_settings, split_methods
 from bench.recordings import Recording
 from bench.reference import ReferenceBuilder, ReferenceFrame
 
@@ -213,3 +214,18 @@ class SharedStep:
         if digest not in self._steps:
             self._steps[digest] = compute()
         return {name: array.copy() for name, array in self._steps[digest].items()}
+
+
+def parse_predictions(text: str) -> tuple[Prediction, ...]:
+    """Build the methods of a list with commas, settings behind colons: `spherical,spherical:flow=dis:cell_size_px=4`.
+
+    Args:
+        text: the list, or "all".
+
+    Raises:
+        UsageError: a method or a setting that does not exist, or words behind a setting that are none.
+    """
+    return tuple(
+        Prediction(name=written, method=build_scorable(method, parse_settings(settings)))
+        for written, method, settings in split_methods(",".join(ALL_PREDICTIONS) if text == "all" else text)
+    )

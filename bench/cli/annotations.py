@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,14 +11,11 @@ import typer
 
 from bench.cli.console import say, show, write_out
 from bench.cli.options import group
-from bench.errors import UnknownNameError, UsageError
+from bench.errors import UsageError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from bench.labels import LabelSet
-    from bench.recordings import DatasetCard, Recording
+    from bench.recordings import Recording
 
 LEFT_OUT = "none"
 DEFAULT_FOLDER = Path("annotations")
@@ -41,15 +37,10 @@ FirstFrame = Annotated[int, typer.Option(help="Number of the first sweep in the 
 def formats() -> None:
     """List the formats that can be imported and exported."""
     from bench.labels import known_formats, label_format
+    from bench.plug_ins import described
     from bench.reporting.document import Table
 
-    rows = []
-    for name, place in known_formats().items():
-        try:
-            about = label_format(name).description
-        except UsageError as error:  # of another package; the list of the others is still wanted
-            about = str(error)
-        rows.append([name, about if place.startswith("bench.") else f"{about} ({place})"])
+    rows = described(known_formats(), lambda name, _: label_format(name).description)
     show([Table(columns=["name", "what it is"], rows=rows, words=2)])
 
 
@@ -69,16 +60,15 @@ def import_(
     from bench.labels import LabelOptions, import_labels, label_format, open_unannotated
     from bench.recordings import load_card
 
-    options = LabelOptions(classes=parse_classes(class_ or []), first_frame=first_frame)
+    options = LabelOptions(classes=parse_classes(class_), first_frame=first_frame)
     label_format(format_)  # an unknown name is told before anything is opened
     card = load_card(dataset)
     file = (out or card.annotations or DEFAULT_FOLDER / card.name) / f"{recording}.json"
     opened = open_unannotated(card, recording)
     label_set = import_labels(format_, source, opened, options, file=file)
-    _print_label_set(label_set, opened)
-    _print_lost(label_set.lost)
+    _print_label_set(label_set, opened, label_set.lost)
     say(str(file))
-    if not _stands_in(card, file.parent):
+    if card.annotations is None or card.annotations.resolve() != file.parent.resolve():
         folder = os.path.relpath(file.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
         say(f"to use it, give the card {card.file} this line: annotations: {folder}")
 
@@ -93,19 +83,18 @@ def export(
     first_frame: FirstFrame = 0,
 ) -> None:
     """Write annotations as a tool's files; say what it cannot hold."""
+    from bench.api.datasets import Dataset
     from bench.labels import LabelOptions, export_labels, label_format
     from bench.recordings import load_card, open_dataset
 
-    options = LabelOptions(classes=parse_classes(class_ or []), first_frame=first_frame)
+    options = LabelOptions(classes=parse_classes(class_), first_frame=first_frame)
     label_format(format_)
-    handles = {handle.name: handle for handle in open_dataset(load_card(dataset))}
-    if recording is not None and recording not in handles:
-        raise UnknownNameError("recording", recording, handles)
-    for name in handles if recording is None else (recording,):
-        opened = handles[name].open()
+    card = load_card(dataset)
+    recordings = Dataset(card=card, handles=open_dataset(card))
+    for name in recordings.names if recording is None else (recording,):
+        opened = recordings[name]
         label_set, lost = export_labels(format_, opened, out / name, options)
-        _print_label_set(label_set, opened)
-        _print_lost(lost)
+        _print_label_set(label_set, opened, lost)
         say(str(out / name))
 
 
@@ -126,14 +115,14 @@ def calibration(
     say(str(out))
 
 
-def parse_classes(pairs: Sequence[str]) -> dict[str, str | None]:
+def parse_classes(pairs: Sequence[str] | None) -> dict[str, str | None]:
     """Parse `--class Tram=vehicle`; `--class Misc=none` leaves objects out.
 
     Raises:
         UsageError: no `=`, or a class twice.
     """
     parsed: dict[str, str | None] = {}
-    for pair in pairs:
+    for pair in pairs or ():
         name, equals, ours = pair.rpartition("=")
         if not (equals and name):
             raise UsageError(f"--class: expected TOOL'S=OURS, got {pair!r}")
@@ -143,40 +132,10 @@ def parse_classes(pairs: Sequence[str]) -> dict[str, str | None]:
     return parsed
 
 
-def _stands_in(card: DatasetCard, folder: Path) -> bool:
-    return card.annotations is not None and card.annotations.resolve() == folder.resolve()
+def _print_label_set(label_set: LabelSet, recording: Recording, lost: Sequence[str]) -> None:
+    from bench.labels import describe_labels
 
-
-def _print_label_set(label_set: LabelSet, recording: Recording) -> None:
-    states = sum(len(track.states) for track in label_set.tracks)
-    annotated = len({sweep.timestamp_ns for sweep in recording.sweeps} & set(label_set.timestamps_ns))
-    say(
-        f"{recording.name}: {len(label_set.tracks)} objects in {states} places, "
-        f"{annotated} of {len(recording.sweeps)} sweeps annotated"
-    )
-    counts = Counter(track.object_class for track in label_set.tracks)
-    for object_class, size in _middle_sizes(label_set).items():
-        say(f"  {counts.pop(object_class)} {object_class}: {size}")
-    for object_class, count in counts.items():
-        say(f"  {count} {object_class}")
-
-
-def _middle_sizes(label_set: LabelSet) -> Mapping[str, str]:
-    """Class -> length, width and height of its middle box, by which swapped axes are seen at once."""
-    import numpy as np
-
-    from bench.recordings import Cuboid
-
-    sizes: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
-    for track in label_set.tracks:
-        sizes[track.object_class] += [state.shape.size_m for state in track.states if isinstance(state.shape, Cuboid)]
-    return {
-        object_class: "the middle box is {:.2f} m long, {:.2f} m wide, {:.2f} m high".format(*np.median(found, axis=0))
-        for object_class, found in sizes.items()
-        if found
-    }
-
-
-def _print_lost(lost: Sequence[str]) -> None:
+    for line in describe_labels(label_set, recording):
+        say(line)
     for line in lost:
         say(f"  lost: {line}", style="yellow")

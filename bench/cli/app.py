@@ -1,4 +1,4 @@
-"""The program: its commands, its own options, how it ends.
+"""The program: its commands, its own options, how it starts and how it ends.
 
 A module of a command imports what is heavy when the command runs, so that help and completion are quick.
 """
@@ -6,47 +6,34 @@ A module of a command imports what is heavy when the command runs, so that help 
 from __future__ import annotations
 
 import atexit
+import errno
 import gc
 import sys
 import warnings
+from collections.abc import Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, TextIO
+from typing import Annotated
 
 import typer
 
 import bench
-from bench.cli.annotations import app as annotations_app
-from bench.cli.audit import audit
-from bench.cli.cache import cache
-from bench.cli.cite import cite
-from bench.cli.cluster_example import cluster_example
-from bench.cli.compare import compare
-from bench.cli.console import say
-from bench.cli.datasets import datasets
-from bench.cli.evaluate import evaluate
-from bench.cli.gate import gate
-from bench.cli.leaderboard import leaderboard
-from bench.cli.merge import merge
-from bench.cli.methods import methods
-from bench.cli.new import app as new_app
+from bench.cli.console import QUIET, VERBOSE, Verbosity, say, take_verbosity, verbosity
 from bench.cli.options import Commands
-from bench.cli.perf import perf
-from bench.cli.report import report
-from bench.cli.run import run
-from bench.cli.start import QUIET, VERBOSE, Verbosity, refuse_unfit, report_lack_of_memory, take_verbosity, verbosity
-from bench.cli.sweep import sweep
-from bench.cli.synthesize import synthesize
-from bench.cli.validate import validate
-from bench.cli.view import view
-from bench.errors import DISK_FULL, BenchError
+from bench.errors import DISK_FULL, BenchError, UsageError
 
 EXIT_USER = 2  # usage or data error
 EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a verdict of the gate
 
+# Each in the module of its name.
 COMMANDS = (
-    run, cluster_example, cache, evaluate, view, validate, synthesize, perf, datasets, methods, report, cite,
-    gate, sweep, audit, compare, leaderboard,
+    "run", "cluster_example", "cache", "evaluate", "view", "validate", "synthesize", "perf", "datasets", "methods",
+    "report", "cite", "gate", "sweep", "audit", "compare", "leaderboard",
 )  # fmt: skip
+GROUPS = ("annotations", "new")
+
+LEAST_ADDRESSES_BYTES = 3_000_000_000  # a run takes 1.5 GB; with 2 GB a library now and then aborts the process
+NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")
 
 app = typer.Typer(
     name="fisheye-bench",
@@ -56,11 +43,19 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in COMMANDS:
-    app.command()(command)
-app.command(hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})(merge)
-app.add_typer(annotations_app, name="annotations")
-app.add_typer(new_app, name="new")
+for name in COMMANDS:
+    app.command()(getattr(import_module(f"bench.cli.{name}"), name))
+for name in GROUPS:
+    app.add_typer(import_module(f"bench.cli.{name}").app, name=name)
+
+
+@app.command(hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def merge() -> None:
+    """Say what took the place of `merge`."""
+    raise UsageError(
+        "merge: a part is an unfinished run; give the command of the parts again without --shard, in a folder whose "
+        "units/ holds those of all parts"
+    )
 
 
 def main() -> None:
@@ -71,8 +66,7 @@ def main() -> None:
     warnings.showwarning = _warn
     try:
         refuse_unfit(sys.argv[1:])
-        with report_lack_of_memory():
-            app(args=take_verbosity(sys.argv[1:]))
+        app(args=take_verbosity(sys.argv[1:]))
     except Exception as error:  # noqa: BLE001 - the last of all handlers
         message = user_message(error)
         if message is None or verbosity() is Verbosity.VERBOSE:
@@ -83,10 +77,31 @@ def main() -> None:
         sys.exit(EXIT_USER)
 
 
+def refuse_unfit(arguments: Sequence[str]) -> None:
+    """Refuse a call that would end in a library's traceback.
+
+    Args:
+        arguments: of the command line.
+
+    Raises:
+        UsageError: an argument that is not UTF-8, or a limit below which libraries cannot be loaded.
+    """
+    for argument in arguments:
+        if any("\ud800" <= letter <= "\udfff" for letter in argument):
+            raise UsageError(f"expected arguments in UTF-8, got {argument!r}; rename the file or folder")
+    limit = _address_limit_bytes()
+    if "--help" not in arguments and limit is not None and limit < LEAST_ADDRESSES_BYTES:
+        expected = f"a limit of at least {LEAST_ADDRESSES_BYTES // 1024} kB of addresses"
+        raise UsageError(f"ulimit -v: expected {expected}, got {limit // 1024}; raise it, or limit the memory itself")
+
+
 def user_message(error: Exception) -> str | None:
     """The line about a mistake that the user can correct; None for a fault of ours, which keeps its traceback."""
     if isinstance(error, BenchError):
         return str(error)
+    if (lack := next((one for one in _chain(error) if _lacks_memory(one)), None)) is not None:
+        got = " ".join(f"{type(lack).__name__}: {lack}".split())[:200]
+        return f"expected memory and threads, got {got}; give this process more, or take fewer --workers"
     if isinstance(error, OSError) and (
         error.filename is not None or error.errno in DISK_FULL
     ):  # not of our own writers
@@ -95,19 +110,35 @@ def user_message(error: Exception) -> str | None:
     return None
 
 
+def _lacks_memory(error: BaseException) -> bool:
+    text = str(error).lower()
+    number = getattr(error, "errno", None)
+    return isinstance(error, MemoryError) or number == errno.ENOMEM or any(part in text for part in NO_MEMORY)
+
+
+def _chain(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _address_limit_bytes() -> int | None:
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return None
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return None if limit == resource.RLIM_INFINITY else limit
+
+
 def _warn(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,  # noqa: ARG001
-    line: str | None = None,  # noqa: ARG001
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: object, **__: object
 ) -> None:
     say(f"{filename}:{lineno}: {category.__name__}: {message}", to_errors=True)
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(wanted: bool) -> None:
+    if wanted:
         say(f"fisheye-bench {bench.__version__}")
         raise typer.Exit
 

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
 from bench.cli import options
-from bench.cli.console import note, print_failures, progress_bar, say, show, stage_times
-from bench.cli.interrupts import interruptible
+from bench.cli.console import note, print_failures, say, show
+from bench.cli.progress import interruptible, progress_bar
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
-    from bench.audit.predictions import Prediction
-    from bench.harness import Provenance
+    from bench.audit import AuditSummary
+    from bench.audit.ranking import RankingSummary
     from bench.recordings import DatasetCard
+    from bench.reporting.document import Table
+
+Found = TypeVar("Found")
 
 AUDITS = Path("reports/audit")
 LEFT = "nothing of the audit is stored, and the same command begins it again"
@@ -50,32 +53,31 @@ def audit(
     begins again.
     """
     from bench.audit import audit_sources, read_misses, read_polygons, run_audit
-    from bench.cli.request import chosen, local_executor
+    from bench.audit.predictions import parse_predictions
+    from bench.audit.ranking import run_ranking
+    from bench.evaluation import load_protocol
     from bench.methods import FlowMethod, build_method
+    from bench.methods.settings import parse_settings
+    from bench.recordings import load_card
     from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
-    from bench.reporting.audit_tables import audit_tables, for_terminal
+    from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
+    from bench.reporting.audit_tables import audit_tables
 
+    card = load_card(dataset)
+    folder = out or AUDITS / card.name
+    compute = partial(_compute, card, folder, split=split, recordings=recordings, workers=workers)
     if methods is not None:
         if set_ or method != "spherical" or protocol != "paper-v1":
             raise UsageError(
                 "--methods: expected none of --method, --set and --protocol beside it; settings follow a method's name "
                 "behind a colon, and the references are always the same"
             )
-        _rank(dataset, methods, split=split, out=out, recordings=recordings, workers=workers)
+        ranked = parse_predictions(methods)
+        ranking = compute(partial(run_ranking, predictions=ranked), title=f"ranking {len(ranked)} on {card.name}")
+        _print(ranking, ranking_tables(ranking), write_ranking_files(folder), all_in="ranking.json")
         return
-    card, built, rules = chosen(dataset, build_method, method=method, settings=set_, protocol=protocol)
-    folder = out or AUDITS / card.name
-    with _auditing(card, folder, title=f"auditing {card.name}") as report:
-        found = run_audit(
-            card,
-            method=built,
-            protocol=rules,
-            out=folder,
-            split=split,
-            recordings=recordings,
-            executor=local_executor(workers),
-            progress=report,
-        )
+    built, rules = build_method(method, parse_settings(set_)), load_protocol(protocol)
+    found = compute(partial(run_audit, method=built, protocol=rules), title=f"auditing {card.name}")
     files = list(write_audit_files(folder))
     if pictures:
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
@@ -83,84 +85,50 @@ def audit(
         files += write_examples(folder, found, read_polygons(folder), handles=handles, protocol=rules)
         if isinstance(built, FlowMethod):
             files += write_cause_pictures(folder, read_misses(folder), sources=sources, method=built, protocol=rules)
-    show(for_terminal(audit_tables(found)))
-    _print_cost(found.provenance, recordings=found.recordings)
-    if found.left_out:
-        say(f"without exact flow: {found.left_out}")
-    _print_ends(found.failures, files, all_in="audit.json")
+    _print(found, audit_tables(found), files, all_in="audit.json", left_out=found.left_out)
 
 
-def _rank(
-    dataset: str, methods: str, *, split: str | None, out: Path | None, recordings: int | None, workers: int | None
-) -> None:
-    """Rank methods by every reference, write tables and picture, print the tables and the paths."""
-    from bench.audit.ranking import run_ranking
-    from bench.cli.request import local_executor
-    from bench.recordings import load_card
-    from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
-    from bench.reporting.audit_tables import for_terminal
-
-    predictions = parse_methods(methods)
-    card = load_card(dataset)
-    folder = out or AUDITS / card.name
-    with _auditing(card, folder, title=f"ranking {len(predictions)} on {card.name}") as report:
-        found = run_ranking(
-            card,
-            predictions=predictions,
-            out=folder,
-            split=split,
-            recordings=recordings,
-            executor=local_executor(workers),
-            progress=report,
-        )
-    files = write_ranking_files(folder)
-    show(for_terminal(ranking_tables(found)))
-    _print_cost(found.provenance, recordings=found.recordings)
-    _print_ends(found.failures, files, all_in="ranking.json")
-
-
-@contextmanager
-def _auditing(card: DatasetCard, folder: Path, *, title: str) -> Iterator[Callable[[float, int], None]]:
-    """Audit recordings, which are rendered where they are not there, into a folder; takes what is done of how many."""
+def _compute(
+    card: DatasetCard,
+    folder: Path,
+    compute: Callable[..., Found],
+    *,
+    title: str,
+    split: str | None,
+    recordings: int | None,
+    workers: int | None,
+) -> Found:
+    """Audit recordings, which are rendered where they are not there, into a folder."""
     from bench.atomic import output_folder
-    from bench.cli.request import render_if_synthetic
+    from bench.cli.request import local_executor, render_if_synthetic
 
     with output_folder(folder):
         render_if_synthetic(card)
         with interruptible(LEFT), progress_bar(title, "recordings") as report:
-            yield report
+            executor = local_executor(workers)
+            return compute(card, out=folder, split=split, recordings=recordings, executor=executor, progress=report)
 
 
-def parse_methods(text: str) -> tuple[Prediction, ...]:
-    """Build the methods of a list with commas, settings behind colons: `spherical,spherical:flow=dis:cell_size_px=4`.
+def _print(
+    found: AuditSummary | RankingSummary,
+    tables: Iterable[Table],
+    files: Iterable[Path],
+    *,
+    all_in: str,
+    left_out: str = "",
+) -> None:
+    """Print the tables, the cost, failures and files, and end with the status that tells of failures."""
+    from bench.reporting.audit_tables import for_terminal
+    from bench.reporting.totals import stage_times
 
-    Args:
-        text: the list, or "all".
-
-    Raises:
-        UsageError: a method or a setting that does not exist, or words behind a setting that are none.
-    """
-    from bench.audit.predictions import ALL_PREDICTIONS, Prediction
-    from bench.cli.request import parse_settings, split_method
-    from bench.harness import build_scorable
-
-    names = ALL_PREDICTIONS if text == "all" else tuple(name.strip() for name in text.split(","))
-    parts = [(name, *split_method(name)) for name in names]
-    return tuple(
-        Prediction(name=name, method=build_scorable(method, parse_settings(settings)))
-        for name, method, settings in parts
-    )
-
-
-def _print_cost(made: Provenance, *, recordings: int) -> None:
+    show(for_terminal(tables))
+    made = found.provenance
     stages = stage_times(made.stage_seconds)
-    say(f"{made.images} images of {recordings} recordings in {made.seconds:.1f} s ({stages})")
-
-
-def _print_ends(failures: Sequence[str], files: Iterable[Path], *, all_in: str) -> None:
-    """Print failures and files, and end with the status that tells of failures."""
-    print_failures(failures, all_in=all_in)
+    say(f"{made.images} images of {found.recordings} recordings in {made.seconds:.1f} s ({stages})")
+    if left_out:
+        say(f"without exact flow: {left_out}")
+    print_failures(found.failures, all_in=all_in)
     for file in files:
         note(str(file))
-    if failures:
+    if found.failures:
         raise typer.Exit(options.FAILURES)

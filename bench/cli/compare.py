@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.console import note_files, progress_bar, say, show
+from bench.cli.console import note_files, say, show
+from bench.cli.progress import progress_bar
 
 RUNS = Path("reports/runs")
 
@@ -40,4 +41,4 @@ def compare(
     for comparison in comparisons:
         for remark in comparison.remarks:
             say(remark, style="red")
-    note_files([str(file) for file in files])
+    note_files(files)

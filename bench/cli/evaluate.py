@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bench.cli import options
-from bench.cli.console import note, progress_bar, show
-from bench.cli.interrupts import resumable
+from bench.cli.console import note, show
+from bench.cli.progress import progress_bar, resumable
 from bench.errors import UsageError
 
 if TYPE_CHECKING:

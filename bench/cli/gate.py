@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -83,6 +84,7 @@ def judge_run(
     from bench.gate.verdict import Outcome
 
     rules = load_tolerances(tolerances or DEFAULT)
+    hand_over = partial(_hand_over, junit=junit, json=json, github=github)
     scored: RunSums | None = None
     try:
         scored = read_run_sums(run)
@@ -90,12 +92,7 @@ def judge_run(
         before = read_baseline(folder)
         verdict = judge(before, scored, tolerances=rules)
     except BenchError as error:
-        _hand_over(
-            refuse(scored.manifest if scored else None, tolerances=rules, reason=str(error)),
-            junit=junit,
-            json=json,
-            github=github,
-        )
+        hand_over(refuse(scored.manifest if scored else None, tolerances=rules, reason=str(error)))
         if not isinstance(error, MissingBaselineError):
             raise
         say(f"error: {error}", to_errors=True)
@@ -110,7 +107,7 @@ def judge_run(
         for command in commands:
             say(f"  {command}")
     _print_rest(verdict, whole=whole)
-    _hand_over(verdict, junit=junit, json=json, github=github)
+    hand_over(verdict)
     if verdict.why_none:
         say(f"error: {verdict.why_none}", to_errors=True)
         return NO_VERDICT
@@ -195,30 +192,13 @@ def _print_rest(verdict: Verdict, *, whole: bool) -> None:
 
 def _hand_over(verdict: Verdict, *, junit: Path | None, json: Path | None, github: bool) -> None:
     """To the CI server, whatever the exit status: files, annotations, the step's summary."""
-    from bench.atomic import write_bytes, write_text
-    from bench.reporting.verdict import to_annotations, to_json, to_junit
+    from bench.reporting.verdict import append_summary, to_annotations, write_verdict
 
-    if junit is not None:
-        write_bytes(junit, to_junit(verdict))
-    if json is not None:
-        write_text(json, to_json(verdict))
+    write_verdict(verdict, junit=junit, json=json)
     if github:
         annotate(to_annotations(verdict))
     if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
-        _append_summary(Path(summary), verdict)
-
-
-def _append_summary(file: Path, verdict: Verdict) -> None:
-    """Append to the step's summary; other commands of the step may have written to it before."""
-    from bench.reporting.verdict import LARGEST_BYTES, to_markdown
-
-    try:
-        written = file.stat().st_size if file.exists() else 0
-        with file.open("a", encoding="utf-8") as summary:
-            summary.write(to_markdown(verdict, largest_bytes=LARGEST_BYTES - written))
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise UsageError(f"GITHUB_STEP_SUMMARY: expected a file to append to, got {str(file)!r}: {reason}") from error
+        append_summary(Path(summary), verdict)
 
 
 def _origin(run: Manifest) -> str:

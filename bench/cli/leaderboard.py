@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bench.cli import options
-from bench.cli.console import note_files, progress_bar, say, show
-from bench.cli.interrupts import interruptible
+from bench.cli.console import note_files, say, show
+from bench.cli.progress import interruptible, progress_bar
 from bench.errors import BenchError, UsageError
 
 if TYPE_CHECKING:
     from bench.cli.request import Computing
-    from bench.cli.runs import ScoringOptions
-    from bench.harness import RunSummary
-    from bench.recordings import DatasetCard
-
-# Settings that make another method of one; the others come from the registry alone.
-VARIANTS = {"spherical": ("flow=dis", "first_guess=true")}
-EXACT_FLOW = "exact-flow"
-# Beside the methods, on data with truth: the exact masks, the same on the paper's cells, and exact flow.
-CEILINGS = ("truth", "truth:cell_size_px=5", EXACT_FLOW)
 
 
 def leaderboard(
@@ -77,63 +67,9 @@ def leaderboard(
             files, problems = write_leaderboard(found, out, pictures=pictures, progress=progress)
         for problem in problems:
             say(f"no picture: {problem}", style="yellow")
-        note_files([str(file) for file in files])
+        note_files(files)
     if found.damaged or failures:
         raise typer.Exit(options.FAILURES)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Competitor:
-    """A method that is scored.
-
-    Attributes:
-        name: of the method.
-        settings: "name=value".
-        timed: what it costs is worth telling: it is a method.
-    """
-
-    name: str
-    settings: tuple[str, ...]
-    timed: bool = True
-
-    @property
-    def folder(self) -> str:
-        """Name of the folder of its run; where a scenario lies is no part of it."""
-        words = [self.name, *(setting for setting in self.settings if not setting.startswith("scenario="))]
-        return re.sub(r"[^A-Za-z0-9_.-]+", "-", "-".join(words))
-
-
-def competitors(card: DatasetCard, methods: str | None) -> list[Competitor]:
-    """List the methods that are scored on a data set.
-
-    Args:
-        card: the data set.
-        methods: names with commas in between, settings behind colons; None for every registered method, its variants
-            and, on rendered data, what bounds them.
-
-    Raises:
-        UsageError: a setting that is none.
-    """
-    from bench.methods import known_methods
-
-    if methods is not None:
-        names = [text.strip() for text in methods.split(",")]
-    else:
-        variants = {known: [f"{known}:{setting}" for setting in VARIANTS.get(known, ())] for known in known_methods()}
-        names = [name for known in known_methods() for name in (known, *variants[known])]
-        names += CEILINGS if card.scenario is not None else ()
-    return [_competitor(name, card) for name in names]
-
-
-def _competitor(text: str, card: DatasetCard) -> Competitor:
-    from bench.cli.request import split_method
-    from bench.methods import known_methods
-
-    name, settings = split_method(text)
-    told = any(setting.startswith("scenario=") for setting in settings)
-    if name == EXACT_FLOW and card.scenario is not None and not told:
-        settings = [*settings, f"scenario={card.scenario}"]
-    return Competitor(name=name, settings=tuple(settings), timed=name in known_methods() or ":" in name)
 
 
 def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, computing: Computing) -> int:
@@ -149,26 +85,20 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
     Returns:
         How many methods, images, units and recordings could not be used; each method's reason is printed.
     """
+    from bench.api.leaderboard import competitor_requests, competitors, score_competitor
     from bench.cli.request import render_if_synthetic
-    from bench.cli.runs import ScoringOptions
     from bench.recordings import load_card
 
     card = load_card(dataset)
     render_if_synthetic(card)
-    failures = 0
+    failures, left = 0, "what is scored stays, and the same command goes on from there"
+    protocols = [name.strip() for name in protocol.split(",")]
     for competitor in competitors(card, methods):
-        asked = ScoringOptions(
-            dataset=dataset,
-            method=competitor.name,
-            settings=competitor.settings,
-            protocol=protocol,
-            split=None,
-            out=str(runs / card.name / competitor.folder),
-            overwrite=True,
-            computing=computing,
-        )
         try:
-            summaries = _score(asked, timed=competitor.timed)
+            requests = computing.equip(competitor_requests(card, competitor, protocols=protocols, runs=runs))
+            with interruptible(left), progress_bar(f"scoring {competitor.name} on {card.name}", "images") as progress:
+                requests = [replace(request, progress=progress) for request in requests]
+                summaries = score_competitor(requests, timed=competitor.timed)
         except BenchError as error:
             say(f"left out: {card.name}, {competitor.folder}: {error}", style="red")
             failures += 1
@@ -178,27 +108,3 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
         computed = 0 if work is None else work.images_computed
         say(f"{card.name}, {competitor.folder}: {computed} images computed, the others were there")
     return failures
-
-
-def _score(asked: ScoringOptions, *, timed: bool) -> list[RunSummary]:
-    """Score one method, time it, and write the page of the run that is judged."""
-    from bench.cli.runs import requested_runs
-    from bench.harness import run_protocols
-    from bench.harness.perf import method_cost, read_cost, write_cost
-    from bench.reporting.leaderboard.reading import RANKING_PROTOCOL
-    from bench.reporting.page.build import write_page
-
-    requests = requested_runs(asked, render=False)
-    first, cost = requests[0], None
-    if timed:
-        cost = method_cost(first.card, first.method, protocol=first.protocol, known=read_cost(first.out))
-
-    def finish(results: Path, summary: RunSummary) -> None:
-        if cost is not None:
-            write_cost(results, cost)
-        if summary.protocol.name == RANKING_PROTOCOL:
-            write_page(results, pictures=False)
-
-    left = "what is scored stays, and the same command goes on from there"
-    with interruptible(left), progress_bar(f"scoring {asked.method} on {first.card.name}", "images") as progress:
-        return run_protocols([replace(request, progress=progress) for request in requests], finish=finish)

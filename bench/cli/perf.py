@@ -7,26 +7,27 @@ from typing import Annotated
 import typer
 
 from bench.cli import options
-from bench.cli.console import progress_bar, say, show
+from bench.cli.console import say, show
+from bench.cli.progress import progress_bar
 
 
 def perf(
-    dataset: Annotated[
-        str, typer.Argument(help="A data-set card: its path, or a name that `datasets` lists.")
-    ] = "demo",
+    dataset: options.Dataset = "demo",
     method: options.MethodName = "spherical",
     set_: options.Settings = None,
     protocol: options.ProtocolName = "paper-v1",
     images: Annotated[int, typer.Option(help="Images to time.")] = 200,
 ) -> None:
     """Time every stage, and the whole against its Farnebäck call alone in the same run."""
-    from bench.cli.request import chosen, render_if_synthetic
+    from bench.cli.request import render_if_synthetic
+    from bench.evaluation import load_protocol
     from bench.harness.perf import measure
     from bench.methods import build_method
-    from bench.recordings import open_dataset
+    from bench.methods.settings import parse_settings
+    from bench.recordings import load_card, open_dataset
     from bench.reporting.document import Column, Table
 
-    card, built, rules = chosen(dataset, build_method, method=method, settings=set_, protocol=protocol)
+    card, built, rules = load_card(dataset), build_method(method, parse_settings(set_)), load_protocol(protocol)
     render_if_synthetic(card)
     with progress_bar("timing", "images") as report:
         found = measure(

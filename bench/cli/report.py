@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.console import note_files, progress_bar, say
+from bench.cli.console import note_files, say
 from bench.cli.options import StoredRun
+from bench.cli.progress import progress_bar
 from bench.errors import UnknownNameError
 
 
@@ -39,4 +40,4 @@ def report(
         page = write_page(folder, category=kind, out=out, other=other, pictures=pictures, progress=progress)
     for problem in page.problems:
         say(f"pictures missing: {problem}", style="yellow")
-    note_files([str(file) for file in (page.file, *write_figures(folder, category=kind))])
+    note_files((page.file, *write_figures(folder, category=kind)))

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
 
-from bench.cli.console import detail, note, progress_bar
-from bench.cli.interrupts import interruptible
-from bench.errors import DataError, UsageError
-from bench.evaluation import Protocol, load_protocol
+from bench.api.runs import run_requests
+from bench.cli.console import detail, note
+from bench.cli.progress import interruptible, progress_bar
+from bench.errors import UsageError
 from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
+from bench.harness import RunRequest
 from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
 from bench.methods import Scorable
-from bench.plain_yaml import parse_yaml
-from bench.recordings import DatasetCard, load_card
-
-Built = TypeVar("Built")
-
-LONGEST = 1000  # characters of one setting
+from bench.methods.settings import parse_settings
+from bench.recordings import DatasetCard
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,6 +56,11 @@ class Computing:
         requirements = WorkerRequirements.of(method, reads=(*data, *reads), cache=self.cache_folder)
         return ClusterExecutor.connect(scheduler_address(self.scheduler), requirements)
 
+    def equip(self, requests: Sequence[RunRequest]) -> list[RunRequest]:
+        """Give runs of one data set and method, which exist, their executor and cache."""
+        executor, cache = self.executor(requests[0].card, requests[0].method), self.cache_folder
+        return [replace(request, executor=executor, cache=cache) for request in requests]
+
     @property
     def cache_folder(self) -> CacheFolder | None:
         """Folder of cached steps; None to store none."""
@@ -76,78 +77,39 @@ def local_executor(workers: int | None) -> TaskExecutor:
     return SerialExecutor() if count == 1 else ProcessExecutor(workers=count)
 
 
-def chosen(
+def scoring_requests(
     dataset: str,
-    build: Callable[[str, Mapping[str, object]], Built],
-    *,
     method: str,
+    *,
     settings: Sequence[str] | None,
+    input_errors: Sequence[str] | None = None,
     protocol: str,
-) -> tuple[DatasetCard, Built, Protocol]:
-    """Load what options name: data set, method, protocol.
+    split: str | None,
+    out: str | Path | None,
+    overwrite: bool,
+) -> list[RunRequest]:
+    """Assemble the runs that a command line names, one for each protocol; as `bench.api.runs.run_requests`.
 
     Args:
         dataset: card, or its name.
-        build: `build_method`, or `build_scorable` to take also what sees the truth and is no method.
         method: name, or "module:Class".
         settings: of the method, "name=value".
-        protocol: name or file.
-
-    Raises:
-        UnknownNameError, UsageError, DataError: one of them is not there or cannot be used.
+        input_errors: injected into what the method is given, "name=value".
+        protocol: names or files, with commas in between; the method is asked once for all of them.
+        split: of the data set; None for all of it.
+        out: folder of the run; None for the usual one.
+        overwrite: replace another run.
     """
-    return load_card(dataset), build(method, parse_settings(settings or [])), load_protocol(protocol)
-
-
-def parse_settings(pairs: Sequence[str], *, option: str = "--set") -> dict[str, Any]:
-    """Parse assignments: `weights.anti_parallel=0` becomes `{"weights": {"anti_parallel": 0}}`.
-
-    Raises:
-        UsageError: no `=`, a value that is no YAML, or a name that is both a value and a group.
-    """
-    parsed: dict[str, Any] = {}
-    for pair in pairs:
-        if len(pair) > LONGEST:
-            raise UsageError(f"{option}: expected at most {LONGEST} characters, got {len(pair)}")
-        name, equals, text = pair.partition("=")
-        if not (equals and name):
-            raise UsageError(f"{option}: expected NAME=VALUE, got {pair!r}")
-        try:
-            value = parse_yaml(text, file=f"{option} {name}")
-        except DataError as error:
-            raise UsageError(f"{option} {name}: expected a YAML value, got {text!r}") from error
-        group = parsed
-        *parents, leaf = name.split(".")
-        for parent in parents:
-            group = group.setdefault(parent, {})
-            if not isinstance(group, dict):
-                raise UsageError(f"{option} {name}: {parent!r} already has the value {group!r}")
-        group[leaf] = _number(value)
-    return parsed
-
-
-def split_method(text: str) -> tuple[str, list[str]]:
-    """Name and settings of a method on one line: `spherical:flow=dis:cell_size_px=4`.
-
-    Raises:
-        UsageError: words behind a setting that are none.
-    """
-    words = text.split(":")
-    settings = [word for word in words if "=" in word]
-    method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
-    if any("=" in word for word in method):
-        raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {text!r}")
-    return ":".join(method), settings
-
-
-def _number(value: object) -> object:
-    """YAML 1.1 reads `6e-4` as text; users mean the number."""
-    if isinstance(value, str):
-        try:
-            return float(value)
-        except ValueError:
-            return value
-    return value
+    return run_requests(
+        dataset,
+        method,
+        settings=parse_settings(settings),
+        protocols=[name.strip() for name in protocol.split(",")],
+        split=split,
+        input_errors=parse_settings(input_errors, option="--input-error"),
+        out=out,
+        overwrite=overwrite,
+    )
 
 
 def render(scenario: Path, out: Path, *, workers: int | None = None) -> None:

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bench.cli import options
+from bench.cli.console import note, print_failures, say
+from bench.cli.progress import progress_bar, resumable
+
+if TYPE_CHECKING:
+    from bench.harness import Part, RunRequest
+
+LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # of this checkout, as `make leaderboard` wrote it
 
 
 def run(
@@ -34,20 +43,62 @@ def run(
 
     A run that was interrupted continues where it stopped, by the same command.
     """
-    from bench.cli import runs
-    from bench.cli.request import Computing
+    from bench.cli.request import Computing, render_if_synthetic, scoring_requests
+    from bench.harness import Part
 
-    asked = runs.ScoringOptions(
-        dataset=dataset,
-        method=method,
-        settings=set_ or [],
-        input_errors=input_error or [],
+    requests = scoring_requests(
+        dataset,
+        method,
+        settings=set_,
+        input_errors=input_error,
         protocol=protocol,
         split=split,
         out=out,
         overwrite=overwrite,
-        computing=Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler),
     )
-    failures = runs.run(asked, pictures=pictures) if shard is None else runs.run_part(asked, part=shard)
+    part = None if shard is None else Part.parse(shard)
+    render_if_synthetic(requests[0].card)
+    requests = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler).equip(requests)
+    failures = _run(requests, dataset=dataset, pictures=pictures) if part is None else _run_part(requests, part)
     if failures:
         raise typer.Exit(options.FAILURES)
+
+
+def _run(requests: list[RunRequest], *, dataset: str, pictures: bool) -> int:
+    """Score, write the reports, print the tables and the paths; return the number of failures."""
+    from bench.cli.runs import RunReport
+    from bench.harness import run_protocols
+    from bench.reporting.leaderboard.texts import best_line
+
+    card, out = requests[0].card, requests[0].out
+    reports = {r.protocol.name: RunReport(card=card, protocol=r.protocol, pictures=pictures) for r in requests}
+    with resumable(out):
+        with progress_bar(f"scoring {requests[0].method.name} on {card.name}", "images") as progress:
+            summaries = run_protocols(
+                [replace(request, progress=progress) for request in requests],
+                finish=lambda results, summary: reports[summary.protocol.name].write(results, summary),
+            )
+        for summary, request in zip(summaries, requests, strict=True):
+            reports[summary.protocol.name].print(summary, request.out)
+        if card.scenario is None:
+            note(f"a run does not validate its data; check them with: fisheye-bench validate {dataset}")
+        if best := best_line(LEADERBOARD, dataset=card.name):
+            say(best)
+    return max(len(summary.failures) for summary in summaries)
+
+
+def _run_part(requests: list[RunRequest], part: Part) -> int:
+    """Score a part of the units and say what comes next; return the number of failures."""
+    from bench.cli.runs import print_cost
+    from bench.harness import score_part
+
+    out = requests[0].out
+    with resumable(out), progress_bar(f"scoring part {part} of {requests[0].card.name}", "images") as progress:
+        scored = score_part([replace(request, progress=progress) for request in requests], part)
+    for request in requests:
+        done = f"{len(scored.digests(request.out))} of its {len(scored.units)} units are in {request.out}"
+        say(f"part {part}: {done}, of {scored.units_of_run} in all; the same command without --shard ends the run")
+    failures = scored.failures(out)
+    print_cost(scored.provenance(out, images=0))
+    print_failures(failures, all_in="the summary.json of the finished run")
+    return len(failures)

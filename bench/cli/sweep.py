@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
-from contextlib import ExitStack
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bench.cli import options
-from bench.cli.console import note, note_files, print_failures, progress_bar, show
-from bench.cli.interrupts import resumable
-from bench.errors import DataError, UsageError
+from bench.cli.console import note, note_files, print_failures, show
+from bench.cli.progress import progress_bar, resumable
+from bench.errors import UsageError
 
 if TYPE_CHECKING:
-    from bench.cli.runs import ScoringOptions
     from bench.harness import RunRequest
 
 SWEEPS = Path("reports/sweeps")
@@ -55,48 +52,38 @@ def sweep(
     Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
     command.
     """
+    from bench.api.sweep import run_values
     from bench.atomic import output_folder
-    from bench.cli.request import Computing, render_if_synthetic
-    from bench.cli.runs import RunReport, ScoringOptions, requested_runs
-    from bench.harness import run_benchmark
-    from bench.harness.stages import part_of
-    from bench.reporting.formats import file_name
+    from bench.cli.request import Computing, render_if_synthetic, scoring_requests
     from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
 
     if "," in protocol:
         raise UsageError(f"sweep: expected one protocol, got {protocol!r}")
-    asked = ScoringOptions(
-        dataset=dataset,
-        method=method,
-        settings=set_ or [],
-        input_errors=input_error or [],
-        protocol=protocol,
-        split=split,
-        out=None if out is None else str(out),
-        overwrite=overwrite,
-        computing=Computing(workers=workers, cache=cache, no_cache=no_cache),
-    )
-    setting, choices = one_for_each_value(asked)
-    requests = {value: requested_runs(one, render=False)[0] for value, one in choices.items()}
+    setting, choices = one_for_each_value(set_ or [], input_error or [])
+    computing = Computing(workers=workers, cache=cache, no_cache=no_cache)
+    requests = {
+        value: computing.equip(
+            scoring_requests(
+                dataset,
+                method,
+                settings=settings,
+                input_errors=input_errors,
+                protocol=protocol,
+                split=split,
+                out=out,
+                overwrite=overwrite,
+            )
+        )[0]
+        for value, (settings, input_errors) in choices.items()
+    }
     first = next(iter(requests.values()))
-    folder = SWEEPS / _usual_name(asked, first, setting) if out is None else out
+    folder = SWEEPS / _usual_name([*(set_ or []), *(input_error or [])], first, setting) if out is None else out
     title = f"{setting} of {first.method.name} on {first.card.name} by {first.protocol.name}"
     about = METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else ""
-    runs = {}
-    with output_folder(folder), ExitStack() as held:
+    with output_folder(folder):
         render_if_synthetic(first.card)
-        held.enter_context(resumable(folder))
-        report = held.enter_context(progress_bar(f"scoring {len(requests)} values of {setting}", "values"))
-        executor = held.enter_context(first.executor)  # of all values, so that workers start once
-        for number, (value, request) in enumerate(requests.items()):
-            run = replace(
-                request,
-                out=folder / (file_name(value).lstrip(".") or "_"),
-                executor=executor,
-                progress=part_of(report, number=number, total=len(requests)),
-            )
-            written = RunReport(card=run.card, protocol=run.protocol, pictures=False)
-            runs[value] = run_benchmark(run, finish=written.write)
+        with resumable(folder), progress_bar(f"scoring {len(requests)} values of {setting}", "values") as progress:
+            runs = run_values(requests, folder, progress=progress)
     files = write_sweep(folder, setting, runs, title=title, note=about)
     show([table(setting, runs, title=title, note=about)])
     failures = [f"{value}: {failure}" for value, summary in runs.items() for failure in summary.failures]
@@ -104,54 +91,42 @@ def sweep(
     works = [summary.provenance.work for summary in runs.values() if summary.provenance.work is not None]
     computed, reused = sum(work.units_computed for work in works), sum(work.units_reused for work in works)
     note(f"{len(runs)} values; units computed {computed}, found done {reused}")
-    note_files([str(file) for file in files])
+    note_files(files)
     if failures:
         raise typer.Exit(options.FAILURES)
 
 
-def one_for_each_value(asked: ScoringOptions) -> tuple[str, dict[str, ScoringOptions]]:
-    """Find the setting or input error with several values; its name, and by value the run that is asked for.
+def one_for_each_value(
+    settings: Sequence[str], input_errors: Sequence[str]
+) -> tuple[str, dict[str, tuple[Sequence[str], Sequence[str]]]]:
+    """Find the setting or input error with several values; its name, and by value the settings and errors of a run.
 
     Raises:
         UsageError: none or two of them, or values that are no YAML.
     """
+    from bench.methods.settings import split_values
+
+    assigned = [*settings, *input_errors]
     found = []
-    for option in ("settings", "input_errors"):
-        texts = list(getattr(asked, option))
-        for place, (name, _, values) in enumerate(text.partition("=") for text in texts):
-            chosen = split_values(name, values)
-            if len(chosen) > 1:
-                of_value: dict[str, Any] = {
-                    shown: {option: [*texts[:place], f"{name}={value}", *texts[place + 1 :]]}
-                    for shown, value in chosen.items()
-                }
-                found.append((name, {shown: replace(asked, **changed) for shown, changed in of_value.items()}))
+    for place, text in enumerate(assigned):
+        name, _, values = text.partition("=")
+        chosen = split_values(name, values)
+        if len(chosen) > 1:
+            found.append((place, name, chosen))
     if len(found) != 1:
         expected = "one --set or --input-error with several values, as --set threshold=3e-4,6e-4,1e-3"
         raise UsageError(f"sweep: expected {expected}, got {len(found)}")
-    return found[0]
+    ((place, name, chosen),) = found
+    of_values = {
+        shown: [*assigned[:place], f"{name}={value}", *assigned[place + 1 :]] for shown, value in chosen.items()
+    }
+    return name, {shown: (one[: len(settings)], one[len(settings) :]) for shown, one in of_values.items()}
 
 
-def split_values(name: str, values: str) -> dict[str, str]:
-    """Split values of YAML at the commas between them: as they are shown, and as they are written.
-
-    Raises:
-        UsageError: they are no YAML.
-    """
-    from bench.plain_yaml import parse_yaml
-
-    try:
-        parsed = parse_yaml(f"[{values}]", file=name)
-    except DataError as error:
-        raise UsageError(f"{name}: expected values of YAML with commas in between, got {values!r}") from error
-    written = [json.dumps(value, default=str) for value in parsed]
-    return {value if isinstance(value, str) else text: text for value, text in zip(parsed, written, strict=True)}
-
-
-def _usual_name(asked: ScoringOptions, request: RunRequest, setting: str) -> str:
+def _usual_name(assigned: Sequence[str], request: RunRequest, setting: str) -> str:
     """Data set, method, what else is not the default, and the setting that is swept."""
     from bench.api.runs import default_folder
 
-    assigned = (text.partition("=") for text in (*asked.settings, *asked.input_errors))
-    fixed = [(name, value) for name, _, value in assigned if name != setting]
+    pairs = (text.partition("=") for text in assigned)
+    fixed = [(name, value) for name, _, value in pairs if name != setting]
     return f"{default_folder(request.card, request.method.name, fixed, request.protocol, request.split).name}-{setting}"

@@ -3,52 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bench.cli import options
-from bench.cli.console import note_files, progress_bar, say
-from bench.errors import BenchError, UnknownNameError, UsageError
+from bench.cli.console import note_files, say
+from bench.cli.progress import progress_bar
+from bench.errors import UnknownNameError, UsageError
 
 if TYPE_CHECKING:
-    from bench.evaluation import Protocol
-    from bench.harness import FramePipeline, RunSummary
-    from bench.recordings import DatasetCard, ImageRef, RecordingHandle
+    from bench.harness import FramePipeline
+    from bench.recordings import ImageRef
     from bench.reference import ReferenceObject
 
 PICTURES = Path("reports/runs/view")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ViewRequest:
-    """Options of `view`: what is drawn, and into which files.
-
-    Attributes:
-        recording: name; None for the first.
-        camera: name; None for the first.
-        frame: index of an image.
-        frames: span of indices.
-        time_ns: a time.
-        out: folder of pictures; None for none beside a video or a log.
-        video: video file.
-        rrd: file for the viewer.
-        lidar: draw lidar points into the video.
-    """
-
-    recording: str | None = None
-    camera: str | None = None
-    frame: int | None = None
-    frames: str | None = None
-    time_ns: int | None = None
-    out: Path | None = None
-    video: Path | None = None
-    rrd: Path | None = None
-    lidar: bool = True
 
 
 def view(
@@ -79,52 +50,42 @@ def view(
     lidar: Annotated[bool, typer.Option(help="Draw lidar points into the video.")] = True,
 ) -> None:
     """Draw frames: panels, areas, overlay and lidar clusters of each, a video, or a log for the viewer."""
-    from bench.cli.request import chosen, render_if_synthetic
+    from bench.api.datasets import Dataset
+    from bench.cli.request import render_if_synthetic
+    from bench.evaluation import load_protocol
     from bench.harness import FramePipeline, build_scorable
-    from bench.recordings import open_dataset
+    from bench.methods.settings import parse_settings
+    from bench.recordings import load_card, open_dataset
+    from bench.reporting.film import refuse_other_files, write_film
     from bench.reporting.formats import made_by
-    from bench.reporting.rerun_log import refuse_other_log, viewer
-    from bench.reporting.video import refuse_other_suffix
 
-    request = ViewRequest(
-        recording=recording,
-        camera=camera,
-        frame=frame,
-        frames=frames,
-        time_ns=time_ns,
-        out=out,
-        video=video,
-        rrd=rrd,
-        lidar=lidar,
-    )
-    card, built, rules = chosen(dataset, build_scorable, method=method, settings=set_, protocol=protocol)
-    if request.video is not None:
-        refuse_other_suffix(request.video)
-    if request.rrd is not None:
-        refuse_other_log(request.rrd)
-        viewer()
+    card, built = load_card(dataset), build_scorable(method, parse_settings(set_))
+    rules = load_protocol(protocol)
+    refuse_other_files(video=video, rrd=rrd)
     render_if_synthetic(card)
-    opened = _pick(open_dataset(card), request.recording).open()
-    name = request.camera or sorted(opened.cameras)[0]
+    data = Dataset(card=card, handles=open_dataset(card))
+    opened = data[recording or data.names[0]]
+    name = camera or sorted(opened.cameras)[0]
     if name not in opened.cameras:
         raise UnknownNameError("camera", name, opened.cameras)
     pipeline = FramePipeline(opened, name, method=built, protocol=rules)
     made = made_by(built.name, rules.name)
-    films = request.video is not None or request.rrd is not None
+    films = video is not None or rrd is not None
     indices = chosen_frames(
         pipeline.images,
         history=built.history,
-        frame=request.frame,
-        frames=request.frames,
-        time_ns=request.time_ns,
+        frame=frame,
+        frames=frames,
+        time_ns=time_ns,
         all_without=films,
     )
     files: list[Path] = []
     if films:
-        files += _film(pipeline, indices, request, made)
-    if request.out is not None or not films:
-        files += _pictures(pipeline, indices, request.out, made)
-    note_files([str(file) for file in files])
+        with progress_bar(f"drawing {opened.name}", "images") as progress:
+            files += write_film(pipeline, indices, video=video, rrd=rrd, lidar=lidar, made_by=made, progress=progress)
+    if out is not None or not films:
+        files += _pictures(pipeline, indices, out, made)
+    note_files(files)
 
 
 def _pictures(pipeline: FramePipeline, indices: range, out: Path | None, made: str) -> Iterator[Path]:
@@ -164,85 +125,6 @@ def _not_scored(found: ReferenceObject) -> str:
         return f"{what}: does not move"
     number = f" ({found.points})" if found.reason is IgnoreReason.FEW_POINTS else ""
     return f"{what}: ignored, {found.reason.value.replace('_', ' ')}{number}"
-
-
-def _film(pipeline: FramePipeline, indices: range, request: ViewRequest, made: str) -> list[Path]:
-    """A video, a log for the viewer, or both in one pass."""
-    from bench.harness.frames import UnscorableFrame
-    from bench.recordings import read_image
-    from bench.reporting.formats import image_name
-    from bench.reporting.rerun_log import rerun_log
-    from bench.reporting.video import SweepViewer, draw_frame, draw_plain, video_file
-
-    recording, camera = pipeline.recording, pipeline.camera
-    sweeps = SweepViewer(recording, camera)
-    rate_hz = 1e9 / recording.frame_interval_ns / indices.step
-    with ExitStack() as stack:
-        report = stack.enter_context(progress_bar(f"drawing {recording.name}", "images"))
-        video = log = None
-        if request.video is not None:
-            video = stack.enter_context(video_file(request.video, frame_rate_hz=rate_hz))
-        if request.rrd is not None:
-            log = stack.enter_context(rerun_log(request.rrd, recording=recording, camera=camera.name))
-        for number, index in enumerate(indices, start=1):
-            image = pipeline.images[index]
-            seen = sweeps.see(image) if request.lidar or log is not None else None
-            name = f"{image_name(recording.name, camera.name, image.timestamp_ns)}; {made}"
-            try:
-                picture = draw_frame(pipeline.process(index), name, seen if request.lidar else None)
-            except UnscorableFrame as reason:
-                picture = draw_plain(read_image(image, camera, colour=True), name, f"no score: {reason}")
-            if video is not None:
-                video.add(picture)
-            if log is not None:
-                log.add(image, picture, seen)
-            report(number, len(indices))
-    return [file for file in (request.video, request.rrd) if file is not None]
-
-
-def draw_example_frames(
-    results: Path,
-    summary: RunSummary,
-    *,
-    card: DatasetCard | None,
-    protocol: Protocol,
-    progress: Callable[[float, int], None],
-) -> tuple[list[Path], list[str]]:
-    """Draw, as it was scored, the frame of every category in which an object fills most pixels, into `pictures`.
-
-    Returns:
-        The files, and a line for every reason why a picture could not be made.
-    """
-    from bench.harness import open_tables
-    from bench.harness.frames import UnscorableFrame
-    from bench.harness.replay import StoredFrames
-    from bench.reporting.formats import made_by
-    from bench.reporting.frame_pictures import example_frames, write_frame_pictures
-
-    files, remarks = list[Path](), list[str]()
-    try:
-        stored = StoredFrames(results, summary, protocol, card=card)
-    except BenchError as error:
-        return [], [str(error)]
-    frames, made = example_frames(open_tables(results)[0]), made_by(summary.manifest.method.name, protocol.name)
-    for number, (category, key) in enumerate(frames.items(), start=1):
-        try:
-            folder = results / "pictures" / category.value
-            pipeline = stored.pipeline(*key[:2])
-            files += write_frame_pictures(stored.process(*key), pipeline, folder, made_by=made)
-        except (BenchError, UnscorableFrame) as error:
-            remarks.append(str(error))
-        progress(number, len(frames))
-    return files, remarks
-
-
-def _pick(handles: Sequence[RecordingHandle], name: str | None) -> RecordingHandle:
-    by_name = {handle.name: handle for handle in handles}
-    if name is None:
-        return handles[0]
-    if name not in by_name:
-        raise UnknownNameError("recording", name, by_name)
-    return by_name[name]
 
 
 def chosen_frames(

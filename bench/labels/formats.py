@@ -11,11 +11,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Protocol
 
+import numpy as np
 from pydantic import ConfigDict, Field
 
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.plug_ins import imported, known_targets
-from bench.recordings import OBJECT_CLASSES, DatasetCard, Recording, Track, open_dataset, write_annotations
+from bench.recordings import OBJECT_CLASSES, Cuboid, DatasetCard, Recording, Track, open_dataset, write_annotations
 from bench.recordings.validation import FileModel
 
 WELL_KNOWN = {  # names that need no explanation, in lower case; upper and lower case are one
@@ -244,6 +245,29 @@ def label_format(name: str) -> LabelFormat:
         raise UnknownNameError("format of annotations", name, known)
     found: LabelFormat = imported(known[name], expected=f"format {name!r}: expected a class")()
     return found
+
+
+def describe_labels(label_set: LabelSet, recording: Recording) -> list[str]:
+    """Describe a label set in lines: its objects and sweeps, and each class with its middle box.
+
+    The length, width and height of the middle box show swapped axes at once.
+    """
+    states = sum(len(track.states) for track in label_set.tracks)
+    annotated = len({sweep.timestamp_ns for sweep in recording.sweeps} & set(label_set.timestamps_ns))
+    lines = [
+        f"{recording.name}: {len(label_set.tracks)} objects in {states} places, "
+        f"{annotated} of {len(recording.sweeps)} sweeps annotated"
+    ]
+    by_class: dict[str, list[Track]] = {}
+    for track in label_set.tracks:
+        by_class.setdefault(track.object_class, []).append(track)
+    for object_class, tracks in by_class.items():
+        shapes = [state.shape for track in tracks for state in track.states]
+        sizes_m = [shape.size_m for shape in shapes if isinstance(shape, Cuboid)]
+        middle = ": the middle box is {:.2f} m long, {:.2f} m wide, {:.2f} m high"
+        size = middle.format(*np.median(sizes_m, axis=0)) if sizes_m else ""
+        lines.append(f"  {len(tracks)} {object_class}{size}")
+    return lines
 
 
 def open_unannotated(card: DatasetCard, name: str) -> Recording:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,12 +15,16 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from bench.atomic import write_bytes
-from bench.evaluation import Rows
+from bench.errors import BenchError
+from bench.evaluation import Protocol, Rows
 from bench.evaluation.rows import EVALUATED, read_parts
-from bench.harness import FramePipeline, ProcessedFrame
+from bench.harness import FramePipeline, ProcessedFrame, RunSummary, open_tables
+from bench.harness.frames import UnscorableFrame
+from bench.harness.replay import StoredFrames
+from bench.recordings import DatasetCard
 from bench.records.reference import ObjectGeometry, Outline
 from bench.reference import Category, ReferenceObject
-from bench.reporting import canvas
+from bench.reporting import canvas, formats
 from bench.reporting.count_view import detected_pixels, draw_counts
 from bench.reporting.formats import file_name, frame_name
 from bench.reporting.overlay import captioned, draw_outline, outlined, overlay_frame, overlay_legend
@@ -196,3 +201,36 @@ def example_frames(objects: Rows) -> dict[Category, tuple[str, str, int]]:
                 found = -int(row.region_px), str(row.recording), int(row.timestamp_ns), str(row.camera)
                 largest[category] = min(largest.get(category, found), found)
     return {kind: (largest[kind][1], largest[kind][3], largest[kind][2]) for kind in Category if kind in largest}
+
+
+def write_example_pictures(
+    results: Path,
+    summary: RunSummary,
+    *,
+    card: DatasetCard | None,
+    protocol: Protocol,
+    progress: Callable[[float, int], None],
+) -> tuple[list[Path], list[str]]:
+    """Write, as it was scored, the frame of every category in which an object fills most pixels, into `pictures`.
+
+    Returns:
+        The files, and a line for every reason why a picture could not be made.
+    """
+    files, remarks = list[Path](), list[str]()
+    try:
+        stored = StoredFrames(results, summary, protocol, card=card)
+    except BenchError as error:
+        return [], [str(error)]
+    frames, made = (
+        example_frames(open_tables(results)[0]),
+        formats.made_by(summary.manifest.method.name, protocol.name),
+    )
+    for number, (category, key) in enumerate(frames.items(), start=1):
+        try:
+            folder = results / "pictures" / category.value
+            pipeline = stored.pipeline(*key[:2])
+            files += write_frame_pictures(stored.process(*key), pipeline, folder, made_by=made)
+        except (BenchError, UnscorableFrame) as error:
+            remarks.append(str(error))
+        progress(number, len(frames))
+    return files, remarks

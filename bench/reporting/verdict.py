@@ -14,9 +14,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import accumulate
+from pathlib import Path
 
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 
+from bench.atomic import write_bytes, write_text
+from bench.errors import UsageError
 from bench.gate.brief import (
     NOTABLE,
     change_lines,
@@ -293,3 +296,30 @@ def _json_row(row: Row) -> dict[str, object]:
         "worst_recording": row.worst_recording,
         "worst_recordings": [asdict(one) for one in row.worst_recordings],
     }
+
+
+def write_verdict(verdict: Verdict, *, junit: Path | None = None, json: Path | None = None) -> None:
+    """Write JUnit XML, JSON or both.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    if junit is not None:
+        write_bytes(junit, to_junit(verdict))
+    if json is not None:
+        write_text(json, to_json(verdict))
+
+
+def append_summary(file: Path, verdict: Verdict) -> None:
+    """Append to the summary of a step of GitHub; other commands of the step may have written to it before.
+
+    Raises:
+        UsageError: nothing can be appended to the file.
+    """
+    try:
+        written = file.stat().st_size if file.exists() else 0
+        with file.open("a", encoding="utf-8") as summary:
+            summary.write(to_markdown(verdict, largest_bytes=LARGEST_BYTES - written))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise UsageError(f"GITHUB_STEP_SUMMARY: expected a file to append to, got {str(file)!r}: {reason}") from error

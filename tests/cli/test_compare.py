@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import pytest
 
-from bench.cli.leaderboard import competitors
+from bench.api.leaderboard import competitors
 from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method, known_methods

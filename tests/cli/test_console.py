@@ -1,18 +1,20 @@
 """A progress bar tells the rate and the time that is left, and nothing where nobody watches."""
 
 import io
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from bench.cli import console
+from bench.cli import console, progress
 
 
 def watched(monkeypatch, *, terminal: bool, now=lambda: 0.0) -> io.StringIO:
     """Where a bar is drawn."""
     shown = io.StringIO()
     there = Console(file=shown, force_terminal=terminal, width=140, color_system=None, get_time=now)
-    monkeypatch.setattr(console, "Console", lambda **_: there)
+    monkeypatch.setattr(progress, "Console", lambda **_: there)
+    monkeypatch.setattr(progress, "monotonic", now)
     return shown
 
 
@@ -20,7 +22,7 @@ def watched(monkeypatch, *, terminal: bool, now=lambda: 0.0) -> io.StringIO:
 def test_the_rate_and_the_time_left_are_shown(monkeypatch, each_s, rate):
     now = [0.0]
     shown = watched(monkeypatch, terminal=True, now=lambda: now[0])
-    with console.progress_bar("scoring", "images") as report:
+    with progress.progress_bar("scoring", "images") as report:
         report(0, 100)
         for done in range(10, 60, 10):
             now[0] += each_s
@@ -36,11 +38,11 @@ def test_a_log_has_no_bar_but_a_line_now_and_then_of_what_takes_long(monkeypatch
     shown = watched(monkeypatch, terminal=False)
     monkeypatch.undo()
     now = [0.0]
-    monkeypatch.setattr(console, "monotonic", lambda: now[0])
-    with console.progress_bar("scoring", "images") as report:
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
+    with progress.progress_bar("scoring", "images") as report:
         report(5, 10)
     assert (shown.getvalue(), capsys.readouterr().err) == ("", "")
-    with console.progress_bar("scoring", "images") as report:
+    with progress.progress_bar("scoring", "images") as report:
         for second in range(0, 1000, 5):
             now[0] = float(second)
             report(second, 1000)
@@ -52,8 +54,8 @@ def test_a_log_has_no_bar_but_a_line_now_and_then_of_what_takes_long(monkeypatch
 
 def test_the_time_left_is_told_when_three_are_done_that_were_not_there_before(monkeypatch, capsys):
     now = [0.0]
-    monkeypatch.setattr(console, "monotonic", lambda: now[0])
-    with console.progress_bar("rendering", "recordings") as report:
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
+    with progress.progress_bar("rendering", "recordings") as report:
         for done in range(4, 8):
             report(done, 20)
             now[0] += 30.0
@@ -66,9 +68,9 @@ def test_the_time_left_is_told_when_three_are_done_that_were_not_there_before(mo
 
 
 def test_of_many_files_a_few_are_named(capsys):
-    console.note_files([f"runs/a/{k}.png" for k in range(3)])
+    console.note_files([Path(f"runs/a/{k}.png") for k in range(3)])
     assert capsys.readouterr().out.split() == ["runs/a/0.png", "runs/a/1.png", "runs/a/2.png"]
-    console.note_files(["runs/a/index.html", *(f"runs/a/figures-{k % 2}/{k}.pdf" for k in range(9))])
+    console.note_files(map(Path, ["runs/a/index.html", *(f"runs/a/figures-{k % 2}/{k}.pdf" for k in range(9))]))
     *_, fourth, more = capsys.readouterr().out.splitlines()
     assert fourth == "runs/a/figures-0/2.pdf"
     assert more == "and 6 more files in runs/a"

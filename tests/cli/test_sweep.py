@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from bench.cli.sweep import split_values
+from bench.methods.settings import split_values
 from tests.support.commands import call, error_line
 
 UNLIKE = {"provenance": None, "sha256": None}  # of equal runs

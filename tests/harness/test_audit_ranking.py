@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.lines import Line2D
 
-from bench.audit.predictions import ALL_PREDICTIONS, Prediction, SharedStep, shortened_input
+from bench.audit.predictions import ALL_PREDICTIONS, Prediction, SharedStep, parse_predictions, shortened_input
 from bench.audit.ranking import (
     RankedRow,
     RankingSummary,
@@ -25,7 +25,6 @@ from bench.audit.ranking import (
 )
 from bench.audit.ranking_sums import EXACT, PAPER, REFERENCES, ROWS, SUMS, SURFACE, RankingSums, lidar_references
 from bench.audit.sources import same_objects
-from bench.cli.audit import parse_methods
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor
@@ -250,7 +249,7 @@ def test_a_method_that_looks_back_less_far_is_given_the_last_images():
 
 
 def test_methods_are_named_with_their_settings_behind_colons():
-    dis, masks, by_place = parse_methods(
+    dis, masks, by_place = parse_predictions(
         "spherical:flow=dis:cell_size_px=4, truth:grow_px=-3,bench.methods.baselines:Nothing"
     )
     assert isinstance(dis.method, SphericalMethod)
@@ -260,7 +259,7 @@ def test_methods_are_named_with_their_settings_behind_colons():
 
 
 def test_all_holds_real_methods_and_masks_that_are_wrong_in_known_ways():
-    found = parse_methods("all")
+    found = parse_predictions("all")
     assert tuple(prediction.name for prediction in found) == ALL_PREDICTIONS
     assert len(set(ALL_PREDICTIONS)) >= 16
     assert sum(prediction.real for prediction in found) >= 12
@@ -281,14 +280,14 @@ def test_all_holds_real_methods_and_masks_that_are_wrong_in_known_ways():
 )
 def test_a_wrong_list_is_refused(text: str, error: type[Exception], told: str):
     with pytest.raises(error, match=told):
-        parse_methods(text)
+        parse_predictions(text)
 
 
 METHODS = "spherical,epipolar-only,background-subtraction,everything,nothing,truth,truth:grow_px=4,truth:shape=feet"
 
 
 def ranked(card: Path, out: Path, methods: str = METHODS, **options: object) -> RankingSummary:
-    return run_ranking(load_card(card), predictions=parse_methods(methods), out=out, **options)  # type: ignore[arg-type]
+    return run_ranking(load_card(card), predictions=parse_predictions(methods), out=out, **options)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,83 @@
+"""Settings of methods as a line of text has them: `NAME=VALUE`, and `METHOD:NAME=VALUE` in a list of methods."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from bench.errors import DataError, UsageError
+from bench.plain_yaml import parse_yaml
+
+MAX_CHARS = 1000  # of one setting
+
+
+def parse_settings(pairs: Sequence[str] | None, *, option: str = "--set") -> dict[str, Any]:
+    """Parse assignments; none for None: `weights.anti_parallel=0` becomes `{"weights": {"anti_parallel": 0}}`.
+
+    Raises:
+        UsageError: no `=`, a value that is no YAML, or a name that is both a value and a group.
+    """
+    parsed: dict[str, Any] = {}
+    for pair in pairs or ():
+        if len(pair) > MAX_CHARS:
+            raise UsageError(f"{option}: expected at most {MAX_CHARS} characters, got {len(pair)}")
+        name, equals, text = pair.partition("=")
+        if not (equals and name):
+            raise UsageError(f"{option}: expected NAME=VALUE, got {pair!r}")
+        try:
+            value = parse_yaml(text, file=f"{option} {name}")
+        except DataError as error:
+            raise UsageError(f"{option} {name}: expected a YAML value, got {text!r}") from error
+        group = parsed
+        *parents, leaf = name.split(".")
+        for parent in parents:
+            group = group.setdefault(parent, {})
+            if not isinstance(group, dict):
+                raise UsageError(f"{option} {name}: {parent!r} already has the value {group!r}")
+        group[leaf] = _number(value)
+    return parsed
+
+
+def split_methods(text: str) -> list[tuple[str, str, list[str]]]:
+    """Split methods with commas in between and settings behind colons: `nothing,spherical:flow=dis:cell_size_px=4`.
+
+    Returns:
+        Each as it is written, the method's name, and its settings, "name=value".
+
+    Raises:
+        UsageError: words behind a setting that are none.
+    """
+    found = []
+    for written in (part.strip() for part in text.split(",")):
+        words = written.split(":")
+        settings = [word for word in words if "=" in word]
+        method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
+        if any("=" in word for word in method):
+            raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {written!r}")
+        found.append((written, ":".join(method), settings))
+    return found
+
+
+def _number(value: object) -> object:
+    """YAML 1.1 reads `6e-4` as text; users mean the number."""
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    return value
+
+
+def split_values(name: str, values: str) -> dict[str, str]:
+    """Split values of YAML at the commas between them: as they are shown, and as they are written.
+
+    Raises:
+        UsageError: they are no YAML.
+    """
+    try:
+        parsed = parse_yaml(f"[{values}]", file=name)
+    except DataError as error:
+        raise UsageError(f"{name}: expected values of YAML with commas in between, got {values!r}") from error
+    written = [json.dumps(value, default=str) for value in parsed]
+    return {value if isinstance(value, str) else text: text for value, text in zip(parsed, written, strict=True)}

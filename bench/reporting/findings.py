@@ -1,0 +1,65 @@
+"""Findings of a validation as text: a few lines each, those that read alike in one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from bench.plain_text import listed
+from bench.reporting.document import Block, Heading, Paragraph, Style
+from bench.validation import Depth, Finding, RecordingReport, Severity, ValidationReport
+
+SHOWN = 5  # findings of one check in one recording; the file has all
+SHOWN_PLACES = 3  # of findings that read alike
+STYLES: dict[Severity, Style] = {Severity.ERROR: "bad", Severity.WARNING: "warn"}
+
+
+def findings_report(report: ValidationReport) -> Iterator[Block]:
+    """The findings by recording and check, and what was read."""
+    for recording in report.recordings:
+        yield from _findings(recording)
+    errors, warnings = report.count(Severity.ERROR), report.count(Severity.WARNING)
+    images = [sum(recording.images[i] for recording in report.recordings) for i in (0, 1)]
+    sweeps = [sum(recording.sweeps[i] for recording in report.recordings) for i in (0, 1)]
+    whole = report.depth is Depth.DEEP or (images[0] == images[1] and sweeps[0] == sweeps[1])
+    yield Paragraph(
+        f"{errors} errors and {warnings} warnings in {len(report.recordings)} recordings; "
+        f"read {images[0]} of {images[1]} images and {sweeps[0]} of {sweeps[1]} sweeps"
+        + ("" if whole else "; --deep reads all")
+    )
+
+
+def _findings(recording: RecordingReport) -> Iterator[Block]:
+    """Those of one check together as the first of them comes."""
+    checks: dict[str, dict[tuple[Severity, str, str, str], list[Finding]]] = {}
+    for finding in recording.findings:
+        text = (finding.severity, finding.expected, finding.got, finding.hint)
+        checks.setdefault(finding.check, {}).setdefault(text, []).append(finding)
+    if checks:
+        yield Heading(recording.name)
+    for check, groups in checks.items():
+        for (severity, expected, got, hint), findings in list(groups.items())[:SHOWN]:
+            places = listed([_where(finding) for finding in findings], SHOWN_PLACES)
+            yield Paragraph(f"  {severity.value:7}  {check}: {places}{_occurrence(findings)}", STYLES[severity])
+            yield Paragraph(f"           expected {expected}; got {got}")
+            if hint:
+                yield Paragraph(f"           {hint}")
+        if rest := sum(map(len, list(groups.values())[SHOWN:])):
+            yield Paragraph(f"           ... and {rest} more of {check}; --json FILE has all")
+
+
+def _where(finding: Finding) -> str:
+    """File below the recording's folder, and the field in it."""
+    parts = Path(finding.file).parts
+    if finding.recording in parts:
+        parts = parts[len(parts) - parts[::-1].index(finding.recording) :] or parts[-1:]
+    return ": ".join(filter(None, (str(Path(*parts)), finding.field)))
+
+
+def _occurrence(findings: Sequence[Finding]) -> str:
+    """How often findings occurred, if more than once, and when, if at a known time; "" for neither."""
+    count, time_ns = sum(finding.times for finding in findings), findings[0].timestamp_ns
+    times = f"{count} times" if count > 1 else ""
+    at = "" if time_ns is None else f"{'first ' if times else ''}at {time_ns}"
+    both = ", ".join(filter(None, (times, at)))
+    return f" ({both})" if both else ""

@@ -1,0 +1,50 @@
+"""Totals of a run in lines: what became of objects and images, and what the run cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from bench.evaluation import Protocol
+from bench.harness import Provenance, RunSummary
+from bench.reference import IgnoreReason
+from bench.reporting.tables import threshold_free_line
+
+
+def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
+    """How many objects and images were evaluated, and why the others were not."""
+    ledger, images = summary.objects, summary.images
+    limits: dict[str, str] = {IgnoreReason.RANGE: f" (beyond {protocol.reference.range_limit_m:g} m)"}
+    reasons = [f"{count} {reason}{limits.get(reason, '')}" for reason, count in ledger.ignored.items() if count]
+    yield (
+        f"{ledger.annotated} annotated object-frames: {ledger.evaluated} evaluated, {ledger.static} static, "
+        f"ignored: {', '.join(reasons) or 'none'}"
+    )
+    if summary.threshold_free is not None:
+        yield threshold_free_line(summary.threshold_free)
+    yield f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed"
+
+
+def cost_lines(made: Provenance) -> Iterator[str]:
+    """What a run had to compute, and the time and memory that it took."""
+    work = made.work
+    images = made.images if work is None else work.images_computed
+    rate = f", {images / made.seconds:.1f} images per second" if images and made.seconds else ""
+    yield (
+        f"{made.seconds:.1f} s{rate}, peak memory of a process {made.peak_memory_mb:.0f} MB; "
+        f"seconds by stage, over all processes: {stage_times(made.stage_seconds)}"
+    )
+    if work is not None:
+        steps = sorted({*work.steps_found, *work.steps_computed})
+        cached = "; ".join(
+            f"{step} found {work.steps_found.get(step, 0)}, computed {work.steps_computed.get(step, 0)}"
+            for step in steps
+        )
+        yield (
+            f"{work.workers} processes; units computed {work.units_computed}, found done {work.units_reused}"
+            + (f"; cache: {cached}" if cached else "")
+        )
+
+
+def stage_times(seconds: Mapping[str, float]) -> str:
+    """Seconds by stage, as "decode 1.4, method 30.9"."""
+    return ", ".join(f"{name} {spent:.1f}" for name, spent in seconds.items())
