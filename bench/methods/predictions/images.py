@@ -121,8 +121,8 @@ def named_images(names: Sequence[str], images: CameraImages, *, naming: Naming =
         naming: what the names are; "auto" takes what most of them fit.
 
     Raises:
-        UsageError: they fit two readings equally well, which mean different images; or they are indices from 1, and each
-            would mean the image before its own.
+        UsageError: they fit two readings equally well, which mean different images; or they are indices from 1, of
+            which each would mean the image before its own.
     """
     found = _most_named(names, images) if naming == "auto" else _read_as(naming, names, images)
     _refuse_indices_from_1(names, found, images)
