@@ -1,14 +1,17 @@
-"""Files that appear whole or not at all, folders that one process works in, paths that stay inside a folder.
+"""Files that appear whole or not at all, or are read as regular ones; folders of one process; paths inside a folder.
 
 All that commands write goes through here; what cannot be written is reported in one line.
 """
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from itertools import accumulate
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from uuid import uuid4
@@ -16,6 +19,7 @@ from uuid import uuid4
 from bench.errors import DataError, OutputError
 
 MOST_LINK_LEVELS = 4  # below the root of a data set
+LARGEST_READ_BYTES = 1 << 30  # of a file that is read at once and has no limit of its own
 
 
 @contextmanager
@@ -67,6 +71,34 @@ def write_text(path: Path, content: str) -> None:
         OutputError: it cannot be written.
     """
     write_bytes(path, content.encode(errors="backslashreplace"))
+
+
+def open_regular(path: Path) -> BufferedReader:
+    """Open a file for reading; unlike `open`, it never waits for a pipe and reads no device, which may have no end.
+
+    Raises:
+        OSError: it cannot be opened, or is no regular file.
+    """
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    kind = os.fstat(handle).st_mode
+    if not stat.S_ISREG(kind):
+        os.close(handle)
+        what = "a folder" if stat.S_ISDIR(kind) else "a pipe or device"
+        raise OSError(errno.EINVAL, f"{what}, no regular file", str(path))
+    return os.fdopen(handle, "rb")
+
+
+def read_regular(path: Path, *, largest_bytes: int = LARGEST_READ_BYTES) -> bytes:
+    """Read a whole file, as `open_regular` opens it.
+
+    Raises:
+        OSError: as `open_regular`, or it is larger.
+    """
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > largest_bytes:
+            raise OSError(errno.EINVAL, f"{size} bytes, over the limit of {largest_bytes}", str(path))
+        return file.read()
 
 
 def make_folder(folder: Path) -> None:

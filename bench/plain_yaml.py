@@ -27,7 +27,8 @@ def parse_yaml(text: str, *, file: Path | str) -> Any:
         file: where it comes from, for messages.
 
     Raises:
-        DataError: not YAML, with tags that stand for objects, too deep, or too large with its references written out.
+        DataError: not YAML, with tags that stand for objects, a key that stands twice in a mapping, too deep, or too
+            large with its references written out.
     """
     return parse_yaml_tree(text, file=file)[0]
 
@@ -43,6 +44,7 @@ def parse_yaml_tree(text: str, *, file: Path | str) -> tuple[Any, yaml.Node | No
         if _size(tree, {}) > MOST_VALUES:
             expected = f"at most {MOST_VALUES} values with references written out"
             raise DataError(file, expected=expected, got="more, by references to references")
+        _refuse_keys_twice(tree, file)
         return loader.construct_document(tree), tree
     except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: days and numbers that cannot be
         raise DataError(file, expected="YAML", got=" ".join(str(error).split())[:200]) from error
@@ -56,6 +58,27 @@ def _refuse_deep(text: str, file: Path | str) -> None:
         if depth > DEEPEST:
             field = f"line {event.start_mark.line + 1}" if event.start_mark is not None else None
             raise DataError(file, field=field, expected=f"at most {DEEPEST} levels", got="more")
+
+
+def _refuse_keys_twice(tree: yaml.Node, file: Path | str) -> None:
+    """Refuse a key that a mapping has twice: the loader takes the last one and says nothing."""
+    left, looked_at = [tree], set[int]()
+    while left:
+        node = left.pop()
+        if id(node) in looked_at:  # behind a reference
+            continue
+        looked_at.add(id(node))
+        if isinstance(node, yaml.MappingNode):
+            seen = dict[tuple[str, str], int]()
+            for key, value in node.value:
+                line, name = key.start_mark.line + 1, (key.tag, str(key.value))
+                if isinstance(key, yaml.ScalarNode) and name in seen:
+                    got = f"{key.value!r} again, as in line {seen[name]}"
+                    raise DataError(file, field=f"line {line}", expected="each key once", got=got)
+                seen[name] = line
+                left += [key, value]
+        elif isinstance(node, yaml.SequenceNode):
+            left += node.value
 
 
 def _size(node: yaml.Node, known: dict[int, int]) -> int:

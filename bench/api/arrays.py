@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ import pandas as pd
 import pyarrow as pa
 import shapely
 from numpy.typing import ArrayLike, NDArray
-from shapely import Polygon
+from shapely import MultiPolygon, Polygon
 
 from bench.errors import ShapeError, UsageError
 from bench.evaluation import Protocol, SequenceScorer, load_protocol
@@ -31,7 +32,7 @@ from bench.records.reference import IgnoreReason, ReferenceFrame, Status, pixels
 from bench.records.segmentation import Segmentation
 
 Mask = NDArray[np.bool_]
-Polygons = Sequence[ArrayLike | Polygon]
+Polygons = Sequence[ArrayLike | Polygon | MultiPolygon]
 LEVELS = (0.1, 0.5)  # of coverage, at which an object counts as detected as well
 CHANCE = "chance"  # needs a mask of another time
 
@@ -134,15 +135,15 @@ def score(
             - a label image, (H, W) integers: 0 for the background, any other number for one object, also where it is
               in several pieces: a mask of 0 and 255 is one object, pass `mask > 0` for its components;
             - a mask, (H, W) bool: each connected component (8 neighbours) is an object, as in the protocol masks-v1;
-            - polygons, each (K, 2) numbers (u, v) in pixels, or of shapely, the nearest first, as it hides
-              the others;
+            - polygons, each (K, 2) numbers (u, v) in pixels, or of shapely, also of several parts, the nearest first,
+              as it hides the others;
             - the reference of a `Frame`.
         mask: (H, W) bool, or integers that are not 0 where something moves.
         ignored: (H, W) bool or polygons, where a detection is neither right nor wrong.
         valid: (H, W) bool, pixels that count; None for all.
 
     Raises:
-        ShapeError: arrays of another size or type than these.
+        ShapeError: arrays of another size or type than these, masked ones, or polygons that are empty or infinite.
         UsageError: `ignored` or `valid` beside a `Frame`'s reference, which holds its own.
 
     Example:
@@ -179,16 +180,18 @@ def interval(values: ArrayLike, recordings: Sequence[str] | pd.Series) -> tuple[
         Lower and upper end; None where fewer than six recordings have values.
 
     Raises:
-        ShapeError: not one name for each value.
+        ShapeError: not one name for each value, or masked arrays.
         UsageError: values outside of [0, 1].
     """
-    shares, names = np.asarray(values, dtype=np.float64), np.asarray(recordings)
+    shares, names = _numbers(values, "values"), _array(recordings, "recordings")
     if shares.ndim != 1 or names.shape != shares.shape:
         raise ShapeError(f"interval: expected a recording for each value, got {shares.shape} and {names.shape}")
     held = ~np.isnan(shares)
     if not ((shares[held] >= 0) & (shares[held] <= 1)).all():
         raise UsageError("interval: expected values in [0, 1], got others; divide counts by what they are of")
-    _, number = np.unique(names[held], return_inverse=True)
+    number, _ = pd.factorize(names[held])  # names of any type, which need no order
+    if (number < 0).any():
+        raise UsageError("interval: expected the name of a recording for each value, got None or NaN")
     sums = (np.bincount(number, weights=of_each).astype(np.float64) for of_each in (shares[held], np.ones(len(number))))
     return ratio_interval(*sums)
 
@@ -235,6 +238,7 @@ def _labels(
     """(H, W), k + 1 where the k-th object is seen, and the objects' names."""
     if not (isinstance(reference, np.ndarray) and reference.ndim == 2):
         return _drawn(reference, shape, "reference")
+    reference = _array(reference, "reference")
     if reference.dtype == bool:
         flags = _flags(reference, shape, "reference")
         count, components = cv2.connectedComponents(flags.view(np.uint8), connectivity=8)
@@ -260,34 +264,54 @@ def _drawn(polygons: object, shape: tuple[int, ...], name: str) -> tuple[NDArray
     return labels, tuple(f"polygon-{number}" for number in range(1, len(polygons) + 1))
 
 
-def _polygon(outline: object, name: str) -> Polygon:
-    if isinstance(outline, Polygon):
-        return outline
-    corners = np.asarray(outline, dtype=np.float64)
-    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3 or not np.isfinite(corners).all():
-        near = "; an image is passed as an array: numpy.asarray(image)" if corners.ndim == 1 else ""
-        raise ShapeError(
-            f"{name}: expected a polygon of at least three corners (u, v), got shape {corners.shape}{near}"
-        )
-    return shapely.Polygon(corners)
+def _polygon(outline: object, name: str) -> Polygon | MultiPolygon:
+    if not isinstance(outline, Polygon | MultiPolygon):
+        corners = _numbers(outline, name)
+        if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
+            near = "; an image is passed as an array: numpy.asarray(image)" if corners.ndim == 1 else ""
+            raise ShapeError(
+                f"{name}: expected a polygon of at least three corners (u, v), got shape {corners.shape}{near}"
+            )
+        outline = shapely.Polygon(corners)
+    if outline.is_empty or not np.isfinite(shapely.get_coordinates(outline)).all():
+        got = "an empty one" if outline.is_empty else "NaN or infinity"
+        raise ShapeError(f"{name}: expected a polygon of finite corners (u, v), got {got}")
+    return outline
 
 
 def _mask(mask: NDArray[np.generic]) -> Mask:
     """A mask as flags; a likelihood is refused, since nobody said from which value on something moves."""
-    values = np.asarray(mask)
+    values = _array(mask, "mask")
     if values.ndim != 2 or not (values.dtype == bool or np.issubdtype(values.dtype, np.integer)):
         got = f"{values.shape} of {values.dtype}"
         raise ShapeError(
             f"mask: expected (height, width) of bool or integers, got {got}; for scores, pass scores > 0.5"
         )
+    if not values.size:
+        raise ShapeError(f"mask: expected (height, width) of at least one pixel, got {values.shape}")
     return np.ascontiguousarray(values != 0)
 
 
 def _flags(values: object, shape: tuple[int, ...], name: str) -> Mask:
-    flags = np.asarray(values)
+    flags = _array(values, name)
     if flags.shape != shape or flags.dtype != bool:
         raise _unfit(name, "mask of bool", shape, flags)
     return np.ascontiguousarray(flags)
+
+
+def _numbers(values: object, name: str) -> NDArray[np.float64]:
+    try:
+        return np.asarray(_array(values, name), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name}: expected numbers, got {' '.join(str(error).split())}") from error
+
+
+def _array(values: object, name: str) -> NDArray[Any]:
+    """An array of NumPy's own class; one that hides values is refused, since they would count."""
+    if isinstance(values, np.ma.MaskedArray):
+        hint = "pass values.filled(...), and what does not count as `ignored` or `valid`, or leave it out"
+        raise ShapeError(f"{name}: expected an array that hides nothing, got a masked one; {hint}")
+    return np.asarray(values)
 
 
 def _unfit(name: str, kind: str, shape: tuple[int, ...], got: NDArray[np.generic]) -> ShapeError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -55,6 +56,7 @@ def evaluate(
     from bench.cli.runs import RunReport
     from bench.harness import check_predictions, evaluate_predictions
     from bench.harness.predicted import write_report
+    from bench.harness.stored import PREDICTIONS
     from bench.methods import known_methods
     from bench.methods.predictions import PredictedMotion
     from bench.recordings import load_card
@@ -80,16 +82,15 @@ def evaluate(
         card, method, protocols=[protocol], split=split, out=out, overwrite=overwrite, named_by=chosen
     )
     folder = request.out
-    listed = folder.with_name(f"{folder.name}-predictions.json")
     if card.remote_root is None and not card.root.is_dir():
         render_if_synthetic(card)  # what is there stays as it was when the predictions were made
     with progress_bar(f"reading {predictions}", "recordings") as report:
         checked = check_predictions(card, method=method, progress=report)
     _print_check(checked)
     if checked.refusal is not None:
+        listed = Path(mkdtemp(prefix="fisheye-bench-")) / PREDICTIONS  # nobody else has a file there
         write_report(listed, checked)
         raise checked.refuse(listed)
-    listed.unlink(missing_ok=True)  # of an earlier refusal
     finished = RunReport(card=card, protocol=request.protocol, pictures=pictures)
     with resumable(folder):
         with progress_bar(f"scoring {called} on {card.name}", "images") as report:

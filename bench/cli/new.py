@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import keyword
 import re
 from importlib import resources
@@ -78,13 +79,18 @@ def _write(files: dict[str, str], stem: str, name: str) -> None:
         name: as the user wrote it.
 
     Raises:
-        UsageError: a name that cannot be one of a module.
+        UsageError: a name that cannot be one of a module, or that the files use for something else.
         OutputError: a file is there already.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,60}", name) or keyword.iskeyword(_module(name)):
         raise UsageError(f"expected a name of letters, digits, - and _ that begins with a letter, got {name!r}")
     if find_spec(_module(name)) is not None and not Path(f"{_module(name)}.py").exists():
         raise UsageError(f"{name!r} is the name of an installed package; take another one")
+    folder = resources.files("bench.cli") / "templates"
+    texts = {template: (folder / f"{template}.txt").read_text("utf-8") for template in files}
+    taken = {word for template, text in texts.items() if template.endswith(".py") for word in _imported(text)}
+    if _class(name) in taken or _module(name).lower() in taken:
+        raise UsageError(f"{name!r} names something that the new files import; take another one")
     named = {f"my-{stem}": _called(name), f"my_{stem}": _module(name), f"My{stem.title()}": _class(name)}
 
     def in_users_words(text: str) -> str:
@@ -96,10 +102,16 @@ def _write(files: dict[str, str], stem: str, name: str) -> None:
             raise OutputError(place, got="a file that is there already", hint="take another name, or move it away")
     from bench.atomic import write_text
 
-    folder = resources.files("bench.cli") / "templates"
     for template, place in places.items():
-        write_text(place, in_users_words((folder / f"{template}.txt").read_text("utf-8")))
+        write_text(place, in_users_words(texts[template]))
         say(str(place))
+
+
+def _imported(text: str) -> set[str]:
+    """Names that a module imports, and the modules that it imports them from."""
+    imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
+    names = {alias.asname or alias.name for node in imports for alias in node.names}
+    return names | {node.module for node in imports if isinstance(node, ast.ImportFrom) and node.module}
 
 
 def _called(name: str) -> str:

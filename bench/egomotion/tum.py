@@ -15,6 +15,9 @@ from bench.errors import DataError
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 QUATERNION_TOLERANCE = 1e-2
 FARTHEST_M = 1e8  # coordinates of any map are below
+LATEST_S = 2**62 / SECOND_NS  # in the year 2116
+LONGEST_STEP_S, USUAL_STEP_S = 2.0, 0.5  # between poses; nothing is interpolated over more than the second
+UNITS = {1_000: "milliseconds", 1_000_000: "microseconds", 1_000_000_000: "nanoseconds"}
 
 
 def read_tum(path: Path) -> Trajectory:
@@ -23,13 +26,14 @@ def read_tum(path: Path) -> Trajectory:
     Times are seconds as decimal text and come out as exact nanoseconds; poses are world_from_vehicle.
 
     Raises:
-        DataError: missing, a line that is not a pose, or times that do not increase.
+        DataError: missing, a line that is not a pose, times that do not increase, or times in another unit, which it
+            names.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(path, expected="a readable text file", got=str(error)) from error
-    times_ns: list[int] = []
+    times_s: list[Decimal] = []
     values: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
         words = line.split("#")[0].replace(",", " ").split()
@@ -38,7 +42,7 @@ def read_tum(path: Path) -> Trajectory:
         if len(words) != len(COLUMNS):
             expected = f"{len(COLUMNS)} numbers, {' '.join(COLUMNS)}"
             raise DataError(path, field=f"line {number}", expected=expected, got=f"{len(words)}")
-        times_ns.append(_nanoseconds(words[0], path, number))
+        times_s.append(_seconds(words[0], path, number))
         values.append([_number(w, path, number, column) for column, w in zip(COLUMNS[1:], words[1:], strict=True)])
     rows = np.array(values, dtype=np.float64).reshape(-1, len(COLUMNS) - 1)
     if rows.size and np.abs(rows[:, :3]).max() > FARTHEST_M:
@@ -46,7 +50,8 @@ def read_tum(path: Path) -> Trajectory:
         raise DataError(path, field="x y z", expected=f"positions within {FARTHEST_M:g} m", got=got)
     _refuse_other_quaternions(rows[:, 3:], path)
     rotations = Rotation.from_quat(rows[:, 3:], scalar_first=False)
-    timestamps_ns = np.array(times_ns, dtype=np.int64)
+    _refuse_other_unit(times_s, path)
+    timestamps_ns = np.array([int((time_s * SECOND_NS).to_integral_value()) for time_s in times_s], dtype=np.int64)
     return Trajectory(source=str(path), timestamps_ns=timestamps_ns, rotations=rotations, positions_m=rows[:, :3])
 
 
@@ -74,11 +79,27 @@ def _seconds_text(time_ns: int) -> str:
     return f"{'-' if time_ns < 0 else ''}{seconds}.{rest_ns:09d}"
 
 
-def _nanoseconds(text: str, path: Path, line: int) -> int:
+def _seconds(text: str, path: Path, line: int) -> Decimal:
     try:
-        return int((Decimal(text) * SECOND_NS).to_integral_value())
-    except (InvalidOperation, ValueError, OverflowError):
-        raise DataError(path, field=f"t, line {line}", expected="seconds", got=repr(text)) from None
+        time_s = Decimal(text)
+    except InvalidOperation:
+        time_s = Decimal("nan")
+    if not time_s.is_finite():
+        raise DataError(path, field=f"t, line {line}", expected="seconds", got=repr(text))
+    return time_s
+
+
+def _refuse_other_unit(times_s: list[Decimal], path: Path) -> None:
+    """Refuse times that are no seconds: too late, or too far apart."""
+    latest_s = float(max(map(abs, times_s), default=Decimal(0)))
+    step_s = float(np.median(np.abs(np.diff(np.array(times_s, dtype=np.float64))))) if len(times_s) > 1 else 0.0
+    if latest_s < LATEST_S and step_s <= LONGEST_STEP_S:
+        return
+    units = (unit for unit in UNITS if latest_s / unit < LATEST_S and step_s / unit <= USUAL_STEP_S)
+    unit = next(units, None)
+    hint = "" if unit is None else f"these would be {UNITS[unit]}: divide them by {unit}"
+    got = f"times up to {latest_s:g}, {step_s:g} from one to the next"
+    raise DataError(path, field="t", expected="seconds, the same clock as the images' nanoseconds", got=got, hint=hint)
 
 
 def _number(text: str, path: Path, line: int, column: str) -> float:

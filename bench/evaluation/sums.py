@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.atomic import write_text
+from bench.atomic import open_regular, write_text
 from bench.errors import BenchError, DataError
 from bench.evaluation.definitions import CAUSE, COUNTS, Definition, find_metric, image_metrics, object_metrics
 from bench.evaluation.protocol import Protocol
@@ -206,7 +206,8 @@ def read_sums(file: Path) -> pd.DataFrame:
     """
     expected, hint = f"a table of sums with the columns {', '.join([*KEY, *TERMS])}", "write it again from its run"
     try:
-        table = pd.read_csv(file, dtype=str, keep_default_na=False)
+        with open_regular(file) as content:
+            table = pd.read_csv(content, dtype=str, keep_default_na=False)
         if [*table.columns] != [*KEY, *TERMS]:
             raise ValueError(", ".join(map(str, table.columns)))
         table = table.astype(dict.fromkeys(TERMS, np.float64))

@@ -143,14 +143,14 @@ def cell_mean(values: NDArray[np.float32], cell_size_px: int) -> NDArray[np.floa
         (ceil(H / cell), ceil(W / cell)[, C]) float32.
 
     Raises:
-        ShapeError: a cell size below 1.
+        ShapeError: a cell size that is no whole number, below 1, or larger than the image.
 
     Source:
         Mariotti and Eising 2020, section III-A: flow averaged on a 5 x 5 pixel grid.
     """
-    if cell_size_px < 1:
-        raise ShapeError(f"cell_size_px: expected at least 1, got {cell_size_px}")
     height, width = values.shape[:2]
+    if not (isinstance(cell_size_px, int) and 1 <= cell_size_px <= max(height, width)):
+        raise ShapeError(f"cell_size_px: expected a whole number from 1 to {max(height, width)}, got {cell_size_px}")
     rows, columns = -(-height // cell_size_px), -(-width // cell_size_px)
     below, right = rows * cell_size_px - height, columns * cell_size_px - width
     if below or right:

@@ -9,7 +9,7 @@ from time import thread_time
 
 from pydantic import BaseModel, ConfigDict
 
-from bench.atomic import write_text
+from bench.atomic import read_regular, write_text
 from bench.evaluation import Protocol, SequenceScorer
 from bench.flow import DenseFlow, FarnebackFlow
 from bench.harness.digests import MethodCode, digest_of
@@ -130,7 +130,7 @@ class MethodCost(BaseModel):
 def read_cost(run: Path) -> MethodCost | None:
     """The cost that is stored with a run; None where there is none that can be read."""
     try:
-        return MethodCost.model_validate_json((run / COST).read_bytes())
+        return MethodCost.model_validate_json(read_regular(run / COST))
     except (OSError, ValueError):
         return None
 

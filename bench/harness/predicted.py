@@ -75,17 +75,21 @@ class PredictionReport(BaseModel):
                 if self.unread
                 else None
             )
-        told = [f"{self.count(kind)} {kind.value}" for kind in FaultKind if kind is not FaultKind.EXTRA]
-        told = [words for words in told if not words.startswith("0 ")]
-        return ", ".join(told) or None
+        return ", ".join(f"{self.count(kind)} {kind.value}" for kind in FaultKind if self.count(kind)) or None
 
     def refuse(self, listed_in: Path) -> DataError:
         """The error of a folder that is not scored."""
         hint = "fix these files"
         if self.missing_policy == "error":
-            hint = "fix them, or leave images without one out with --missing skip, or count them with --missing empty"
+            hint = "fix them; --missing skip leaves images without one out, --missing empty counts them, and neither "
+            hint += "looks at what is extra"
         got = f"{self.refusal}; all of them in {listed_in}"
-        return DataError(self.folder, expected=f"a prediction of each of {self.expected} images", got=got, hint=hint)
+        return DataError(
+            self.folder,
+            expected=f"a prediction of each of {self.expected} images, and nothing else",
+            got=got,
+            hint=hint,
+        )
 
 
 def check_predictions(

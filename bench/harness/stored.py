@@ -24,7 +24,7 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.dataset
 
-from bench.atomic import write_text
+from bench.atomic import open_regular, write_text
 from bench.errors import DataError
 from bench.evaluation import (
     FRAMES_SCHEMA,
@@ -301,7 +301,7 @@ def _check(file: Path, digest: str) -> None:
 
 
 def _sha256(file: Path) -> str:
-    with file.open("rb") as content:
+    with open_regular(file) as content:
         return hashlib.file_digest(content, "sha256").hexdigest()
 
 

@@ -22,7 +22,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from bench.atomic import replacing, write_bytes
+from bench.atomic import read_regular, replacing, write_bytes
 from bench.errors import DataError, OutputError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, add_image_maps
 from bench.harness.digests import digest_of
@@ -173,7 +173,7 @@ def _read(file: Path, digest: str) -> tuple[UnitStatus, Mapping[str, bytes]]:
     """
     hint = "give the command of the run again; it computes what is missing"
     try:
-        content = file.read_bytes()
+        content = read_regular(file)
         with ZipFile(io.BytesIO(content)) as archive:
             entries = archive.infolist()
             if any(entry.compress_type != ZIP_STORED or entry.file_size > len(content) for entry in entries):

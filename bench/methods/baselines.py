@@ -5,6 +5,7 @@ None has a parameter that was tuned on our data; each class says where its thres
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import cv2
@@ -108,8 +109,9 @@ class BackgroundSubtraction(Method):
     shadows: bool = True
 
     def __post_init__(self) -> None:
-        if not 1 <= self.images <= 500 or self.deviations <= 0:
-            raise UsageError(f"{self.name}: expected images in 1 to 500 and deviations > 0")
+        if not (1 <= self.images <= 500 and isinstance(self.images, int) and 0 < self.deviations <= 1000):
+            got = f"{self.images} and {self.deviations}"
+            raise UsageError(f"{self.name}: expected whole images in 1 to 500, deviations in (0, 1000], got {got}")
 
     @property
     def longest_history(self) -> int:  # type: ignore[override]
@@ -154,8 +156,9 @@ class FlowMagnitude(Method):
     threshold: float = PAPER_ANGLE_RAD
 
     def __post_init__(self) -> None:
-        if self.cell_size_px < 1 or self.threshold <= 0:
-            raise UsageError(f"{self.name}: expected cell_size_px >= 1 and threshold > 0")
+        if not (self.cell_size_px >= 1 and 0 < self.threshold <= math.pi):
+            got = f"{self.cell_size_px} and {self.threshold}"
+            raise UsageError(f"{self.name}: expected cell_size_px >= 1 and threshold in (0, pi], got {got}")
         dense_flow(self.flow, **self.flow_parameters)
 
     def compensated(self, rays_previous: NDArray[np.float64], frame: MethodInput) -> NDArray[np.float64]:  # noqa: ARG002

@@ -72,6 +72,9 @@ class CardFile(FileModel):
     def _has_splits(self) -> CardFile:
         if not self.splits:
             raise ValueError("at least one split, for example {all: '*'}")
+        for name, recordings in self.splits.items():
+            if len(set(recordings)) < len(recordings):
+                raise ValueError(f"each recording once in the split {name!r}")
         return self
 
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
-from bench.atomic import write_text
+from bench.atomic import read_regular, write_text
 from bench.errors import DataError
 from bench.recordings.validation import parse_json
 
@@ -54,7 +54,7 @@ def read_checked(model: type[Model], file: Path, *, expected: str) -> Model:
         DataError: missing, not JSON, changed since it was written, or not what the model asks for; names the field.
     """
     try:
-        content = json.loads(file.read_bytes())
+        content = json.loads(read_regular(file))
     except OSError as error:
         raise DataError(file, expected=expected, got=error.strerror or str(error)) from error
     except (ValueError, RecursionError) as error:

@@ -14,7 +14,7 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
-from bench.atomic import refuse_escape
+from bench.atomic import open_regular, read_regular, refuse_escape
 from bench.errors import DataError
 from bench.recordings.error_handlers import OnError, reporting
 
@@ -102,10 +102,7 @@ def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES, expected: str =
         DataError: missing, too large, empty, or not UTF-8.
     """
     try:
-        size = file.stat().st_size
-        if size > largest_bytes:
-            raise DataError(file, expected=f"at most {largest_bytes} bytes", got=str(size))
-        text = file.read_text(encoding="utf-8")
+        text = read_regular(file, largest_bytes=largest_bytes).decode()
     except OSError as error:
         raise DataError(file, expected=expected, got=error.strerror or str(error)) from error
     except UnicodeDecodeError as error:
@@ -203,7 +200,7 @@ def xml_parts(
             elements, or with an element that is too long.
     """
     try:
-        with file.open("rb") as raw:
+        with open_regular(file) as raw:
             source = MeteredFile(raw, file, part=parts, largest_bytes=largest_bytes)
             opened: list[Element] = []
             for event, element in iterparse(prepare(source), events=("start", "end"), forbid_dtd=forbid_dtd):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
+from bench.atomic import read_regular
 from bench.errors import DataError
 from bench.records.recording import ImageRef, MountedCamera
 
@@ -180,7 +181,7 @@ def _jpeg(content: bytes, header: PngImageFile | JpegImageFile | None, kind: int
 
 def _decode(path: Path, flags: int) -> NDArray[Any]:
     try:
-        content = path.read_bytes()
+        content = read_regular(path)
     except OSError as error:
         raise DataError(path, expected="an image file", got=error.strerror or str(error)) from error
     return decode_image(content, flags, file=path)

@@ -13,6 +13,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
+from bench.atomic import read_regular
 from bench.errors import DataError, ShapeError
 
 LONGEST_VALUE = 80  # characters of a wrong value that a message shows
@@ -77,7 +78,7 @@ def json_faults(model: type[BaseModel], file: Path) -> tuple[DataError, ...]:
 
 def _content(file: Path) -> bytes:
     try:
-        return file.read_bytes()
+        return read_regular(file)
     except OSError as error:
         raise DataError(file, expected="a readable file", got=error.strerror or str(error)) from error
 
@@ -94,7 +95,7 @@ def keys_twice(file: Path) -> tuple[DataError, ...]:
             seen.add(key)
 
     with suppress(OSError, RecursionError, ValueError):  # the file's reader reports those
-        json.loads(file.read_bytes(), object_pairs_hook=keep)
+        json.loads(read_regular(file), object_pairs_hook=keep)
     return tuple(
         DataError(file, field=_short(key), expected="each key of an object once", got="it twice")
         for key in twice[:MOST_FAULTS]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel
 from bench.egomotion import Trajectory
+from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.lidar import LidarSweep
 
@@ -208,12 +209,20 @@ class Track:
         object_class: one of `OBJECT_CLASSES`; what else a data set knows is mapped by its adapter.
         states: by increasing time.
         instance_id: the object's number in truth images, in synthetic recordings; None elsewhere.
+
+    Raises:
+        UsageError: an adapter gives something else than text as name or class.
     """
 
     track_id: str
     object_class: str
     states: tuple[ObjectState, ...]
     instance_id: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("track_id", "object_class"):
+            if not isinstance(value := getattr(self, name), str):
+                raise UsageError(f"track {self.track_id!r}: expected text as {name}, got {value!r}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

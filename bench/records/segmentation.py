@@ -70,8 +70,8 @@ def _faults(answer: object, width: int, height: int) -> Iterator[str]:
         yield f"expected a bench.methods.Segmentation from segment(), got {type(answer).__name__}"
         return
     size = answer.cell_size_px
-    if isinstance(size, bool) or not isinstance(size, int | np.integer) or size < 1:
-        yield f"cell_size_px: expected a whole number of at least 1, got {size!r}"
+    if isinstance(size, bool) or not (isinstance(size, int | np.integer) and 1 <= size <= max(width, height)):
+        yield f"cell_size_px: expected a whole number from 1 to {max(width, height)}, got {size!r}"
         return
     shape = -(-height // int(size)), -(-width // int(size))
     yield from _array_faults("mask", answer.mask, shape, np.bool_)

@@ -307,6 +307,8 @@ def environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        # HTML has no escape for control characters, as in a title; markup is a subclass of text and stays.
+        finalize=lambda value: "\n".join(map(plain, value.split("\n"))) if type(value) is str else value,
     )
     made.filters["html"] = to_html
     # Inside of a <script> element nothing may close it: `tojson` escapes what could.

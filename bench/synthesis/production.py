@@ -1,14 +1,14 @@
 """A whole scenario, rendered in parallel, resumed where it was interrupted.
 
-`synthesis.json` in the folder of each recording says what it was made from and how many files it has. A recording is
-rendered again when the former changes or files are missing.
+`synthesis.json` in the folder of each recording says what it was made from, and the digest of each of its files. A
+recording is rendered again when the former changes or files are missing. Only files that are as they were rendered are
+ever removed.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -46,10 +46,10 @@ def _produce(spec: RecordingSpec, *, scenario: Scenario, out: Path) -> None:
     unfinished, final = out / UNFINISHED / spec.name, out / spec.name
     shutil.rmtree(unfinished, ignore_errors=True)
     render_recording(scenario, spec, unfinished)
-    manifest = _origin(scenario, spec) | {"files": _file_count(unfinished)}
+    manifest = _origin(scenario, spec) | {"files": _digests(unfinished)}
     write_text(unfinished / MANIFEST, json.dumps(manifest, indent=1) + "\n")
     if final.exists():
-        _refuse_foreign(final)
+        _refuse_edited(final)
         shutil.rmtree(final)
     unfinished.replace(final)
 
@@ -59,43 +59,56 @@ def _origin(scenario: Scenario, spec: RecordingSpec) -> dict[str, Any]:
     shared = scenario.model_dump(mode="json", exclude={"recordings"})
     dry = {} if spec.street.wet else {"street": {"wet"}}  # what was rendered before there was rain stays
     content = json.dumps([GENERATOR_VERSION, shared, spec.model_dump(mode="json", exclude=dry)], sort_keys=True)
-    return {"scenario": scenario.name, "fingerprint": hashlib.sha256(content.encode()).hexdigest()}
+    digest = hashlib.sha256(content.encode()).hexdigest()
+    return {"scenario": scenario.name, "recording": spec.name, "digest": digest}
 
 
-def _file_count(folder: Path) -> int:
-    """Number of a recording's files beside its manifest."""
-    return sum(name != MANIFEST for _, _, names in os.walk(folder) for name in names)
+def _digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of a recording's files by name, its manifest left out; "" for what is no file, such as a link."""
+    return {
+        path.relative_to(folder).as_posix(): "" if path.is_symlink() else hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in folder.rglob("*")
+        if path.name != MANIFEST and (path.is_symlink() or not path.is_dir())
+    }
 
 
 def _is_rendered(folder: Path, scenario: Scenario, spec: RecordingSpec) -> bool:
     """Return True where a recording made from the same lines is there, with all of its files."""
     found = _read_manifest(folder)
-    complete = isinstance(count := found.get("files"), int) and _file_count(folder) >= count
+    complete = bool(found["files"]) and all((folder / name).is_file() for name in found["files"])
     return complete and _origin(scenario, spec).items() <= found.items()
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
-    """Return the manifest; empty where there is none."""
+    """Return the manifest; one without files where there is none."""
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
-        return {}
-    return manifest if isinstance(manifest, dict) else {}
+        manifest = None
+    held = isinstance(manifest, dict) and isinstance(manifest.get("files"), dict)
+    return manifest if held else {"files": {}}
 
 
-def _refuse_foreign(folder: Path) -> None:
-    if not _read_manifest(folder):
-        hint, got = "render into another folder, or move this one away", f"a folder without {MANIFEST}"
-        raise DataError(folder, expected="no such folder or a recording made by synthesize", got=got, hint=hint)
+def _is_as_rendered(folder: Path) -> bool:
+    """Return True where nothing is in a folder but files of its manifest, unchanged; some may be missing."""
+    files = _read_manifest(folder)["files"]
+    return bool(files) and not folder.is_symlink() and _digests(folder).items() <= files.items()
+
+
+def _refuse_edited(folder: Path) -> None:
+    if not _is_as_rendered(folder):
+        expected = "no such folder, or a recording as synthesize rendered it"
+        got = "one with files that are of others or were changed"
+        hint = "it has to be rendered again: move it away, or render into another folder"
+        raise DataError(folder, expected=expected, got=got, hint=hint)
 
 
 def _remove_former(scenario: Scenario, out: Path) -> None:
-    """Remove recordings of this scenario that it no longer has, and refuse to write over anyone else's."""
+    """Remove recordings that this scenario rendered and no longer has, where nobody changed or copied them."""
     names = {spec.name for spec in scenario.recordings}
-    for folder in sorted(path for path in out.iterdir() if path.is_dir() and path.name != UNFINISHED):
-        if folder.name in names:
-            _refuse_foreign(folder)
-        elif _read_manifest(folder).get("scenario") == scenario.name:
+    for folder in sorted(path for path in out.iterdir() if path.is_dir() and path.name not in names):
+        ours = {"scenario": scenario.name, "recording": folder.name}.items() <= _read_manifest(folder).items()
+        if ours and _is_as_rendered(folder):
             shutil.rmtree(folder)
 
 
@@ -106,7 +119,8 @@ def synthesize(
 
     A recording is rendered in a temporary folder and then moved. What is there is kept if it was made by the same
     generator from the same lines of the scenario and no file is missing, and replaced otherwise; recordings that the
-    scenario no longer has are removed. Recordings do not depend on each other, on the order or on the number of
+    scenario no longer has are removed. Files that were added or changed since, and copies, are never removed: where
+    one is in the way, nothing is rendered. Recordings do not depend on each other, on the order or on the number of
     workers. A second call for the same folder waits until the first is done, and then finds everything there.
 
     Args:
@@ -119,7 +133,7 @@ def synthesize(
         Folders of the recordings, in the scenario's order.
 
     Raises:
-        DataError: the scenario is not one, or a folder in the way was not made by `synthesize`.
+        DataError: the scenario is not one, or a folder in the way is not as `synthesize` made it.
         UsageError: fewer than one worker.
     """
     if workers is not None and workers < 1:
@@ -129,6 +143,9 @@ def synthesize(
     with folder_lock(out):
         _remove_former(scenario, out)
         missing = [spec for spec in scenario.recordings if not _is_rendered(out / spec.name, scenario, spec)]
+        for spec in missing:
+            if (out / spec.name).exists():
+                _refuse_edited(out / spec.name)
         done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
         if progress is not None:
             progress(done, total)

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from shapely import Polygon
+from shapely import LineString, MultiPolygon, Polygon
 
 import bench
 from bench.errors import ShapeError, UsageError
@@ -17,12 +17,17 @@ LABELS[2:6, 2:6] = 7
 MASK = np.zeros((10, 20), dtype=bool)
 MASK[2:4, 2:7] = True
 CORNERS = [(1.5, 1.5), (5.5, 1.5), (5.5, 5.5), (1.5, 5.5)]
+UPPER, LOWER = (Polygon([(1.5, v), (5.5, v), (5.5, v + 2), (1.5, v + 2)]) for v in (1.5, 3.5))
+HIDING = np.ma.masked_array(MASK, mask=MASK)
 
 
 @pytest.mark.parametrize(
     "reference",
-    [LABELS, LABELS.astype(np.uint8), LABELS > 0, [CORNERS], [np.array(CORNERS)], [Polygon(CORNERS)]],
-    ids=["labels", "uint8", "mask", "list", "array", "shapely"],
+    [
+        *(LABELS, LABELS.astype(np.uint8), LABELS > 0),
+        *([CORNERS], [np.array(CORNERS)], [Polygon(CORNERS)], [MultiPolygon([UPPER, LOWER])]),
+    ],
+    ids=["labels", "uint8", "mask", "list", "array", "shapely", "parts"],
 )
 def test_every_form_of_a_reference_counts_the_same(reference):
     score = bench.score(reference, MASK)
@@ -80,6 +85,23 @@ def test_scores_of_images_add_up_before_ratios_are_taken():
         (lambda: bench.score(LABELS, MASK, valid=MASK[:5]), "valid: expected a mask of bool"),
         (lambda: bench.score(LABELS, MASK, ignored=LABELS), "ignored: expected a mask of bool"),
         (lambda: bench.score(None, MASK), "reference: expected an array or a list of polygons"),
+        (lambda: bench.score(MASK[:0], MASK[:0]), r"mask: expected .* at least one pixel, got \(0, 20\)"),
+        (lambda: bench.score([], MASK[:, :0]), r"mask: expected .* at least one pixel, got \(10, 0\)"),
+        (lambda: bench.score(LABELS, HIDING), r"mask: expected .* got a masked one; pass values\.filled"),
+        (lambda: bench.score(np.ma.masked_array(LABELS), MASK), "reference: .* got a masked one"),
+        (lambda: bench.score(LABELS, MASK, ignored=HIDING), "ignored: .* got a masked one"),
+        (lambda: bench.score(LABELS, MASK, valid=HIDING), "valid: .* got a masked one"),
+        (lambda: bench.score([np.ma.masked_array(CORNERS)], MASK), r"reference\[0\]: .* got a masked one"),
+        (lambda: bench.score([CORNERS, Polygon()], MASK), r"reference\[1\]: .* got an empty one"),
+        (lambda: bench.score([MultiPolygon()], MASK), r"reference\[0\]: .* got an empty one"),
+        (lambda: bench.score([[(0, 0), (np.inf, 0), (5, 5)]], MASK), r"reference\[0\]: .* got NaN or infinity"),
+        (lambda: bench.score([Polygon([(0, 0), (np.inf, 0), (5, 5)])], MASK), r"reference\[0\]: .* NaN or infinity"),
+        (lambda: bench.score([LineString([(0, 0), (1, 1)])], MASK), r"reference\[0\]: expected numbers"),
+        (lambda: bench.score([[(1, 2), (3,)]], MASK), r"reference\[0\]: expected numbers"),
+        (lambda: bench.interval(np.ma.masked_array([0.5], mask=[1]), ["a"]), "values: .* got a masked one"),
+        (lambda: bench.interval([0.5], np.ma.masked_array(["a"])), "recordings: .* got a masked one"),
+        (lambda: bench.interval(["much"], ["a"]), "values: expected numbers"),
+        (lambda: bench.interval([0.5, 0.5], [None, 3]), "the name of a recording for each value, got None or NaN"),
     ],
 )
 def test_what_does_not_fit_is_refused(call, message):

@@ -3,6 +3,7 @@
 import json
 import random
 import shutil
+import tempfile
 from pathlib import Path
 
 import cv2
@@ -33,6 +34,9 @@ def masks(images, tmp_path):
 def evaluate(monkeypatch, tiny_card, tmp_path):
     """Evaluates a folder and expects an exit status; returns the run's folder. Tables are drawn where asked for."""
     from bench.cli.runs import RunReport
+
+    (tmp_path / "refusals").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "refusals"))  # where a refusal lists all that is wrong
 
     def run(folder, *words, out="run", status=0, card=tiny_card, tables=False):
         for name in () if tables else ("write", "print"):
@@ -204,10 +208,11 @@ def test_everything_wrong_is_listed_at_once_and_nothing_scored(evaluate, images,
     spoil(masks, images)
     evaluate(masks, status=2)
     shown = capsys.readouterr()
-    assert "1 missing, 2 unreadable, 1 wrong size, 1 unclear, 1 twice; all of them in" in shown.err
+    assert "1 missing, 2 unreadable, 1 wrong size, 1 unclear, 1 twice, 3 extra; all of them in" in shown.err
     assert shown.err.count("\n") == 1
     assert "6 of 12 images have a usable mask" in shown.out
-    report = json.loads((tmp_path / "run-predictions.json").read_text())
+    (listed,) = (tmp_path / "refusals").rglob("predictions.json")
+    report = json.loads(listed.read_text())
     faults = {kind: [fault["place"] for fault in faults] for kind, faults in report["faults"].items()}
     keys = [f"{image.place}/{image.timestamp_ns}" for image in images]
     assert faults == {
@@ -244,15 +249,37 @@ def test_empty_counts_missing_images_as_nothing(evaluate, images, masks):
     assert skipped.manifest.method.settings["missing"] == "skip"
 
 
-def test_a_later_run_takes_the_list_of_faults_away(evaluate, masks, images, tmp_path, monkeypatch, tiny_card):
-    file = masks / images[0].place / f"{images[0].timestamp_ns}.png"
-    content = file.read_bytes()
-    file.unlink()
+def test_files_beside_the_run_are_neither_written_nor_removed(evaluate, masks, images, tmp_path, capsys):
+    mine = tmp_path / "run-predictions.json"
+    mine.write_text("the user's own")
+    evaluate(masks)
+    (masks / images[0].place / f"{images[0].timestamp_ns}.png").unlink()
+    before = {path.name for path in tmp_path.iterdir()}
     evaluate(masks, status=2)
-    assert (tmp_path / "run-predictions.json").exists()
-    file.write_bytes(content)
+    assert "1 missing; all of them in" in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == before
+    assert mine.read_text() == "the user's own"
+
+
+def test_indices_from_1_are_refused_whatever_is_missing(evaluate, images, tmp_path, capsys):
+    for image in images:
+        write_map(tmp_path / "from-1", image.place, image.frame + 1, image.moving)
+    for policy in ("error", "skip", "empty"):
+        assert not evaluate(tmp_path / "from-1", "--missing", policy, status=2).exists()
+        assert "frame numbers from 0 to 4, got 2 to 5, which seem to count from 1" in capsys.readouterr().err
+
+
+def test_a_file_more_is_refused_unless_images_may_be_missing(evaluate, images, masks, tmp_path, capsys):
+    write_map(masks, images[0].place, 99, images[0].moving)
+    assert not evaluate(masks, status=2).exists()
+    shown = capsys.readouterr()
+    assert "1 extra; all of them in" in shown.err
+    assert "the other names were read as times" in " ".join(shown.out.split())
+    assert evaluate(masks, "--missing", "skip").exists()
+
+
+def test_another_run_takes_the_list_of_predictions_away(evaluate, masks, monkeypatch, tiny_card):
     run = evaluate(masks)
-    assert not (tmp_path / "run-predictions.json").exists()
     assert (run / "predictions.json").exists()
     assert call(monkeypatch, "run", tiny_card, "--method", "nothing", "--out", run, "--no-pictures", "--overwrite") == 0
     assert not (run / "predictions.json").exists()
@@ -396,7 +423,7 @@ def test_a_name_in_a_list_is_never_a_path(evaluate, images, masks, tmp_path):
     entries.append({"image": "../../../etc/passwd", "segmentation": None})
     (masks / "crossing").mkdir()
     (masks / "crossing" / f"{CAMERA}.json").write_text(json.dumps(entries))
-    run = evaluate(masks)
+    run = evaluate(masks, "--missing", "skip")
     (extra,) = json.loads((run / "predictions.json").read_text())["faults"]["extra"]
     assert extra["reason"] == "no image ../../../etc/passwd of crossing/front"
 

@@ -70,6 +70,20 @@ def test_names_that_cannot_be_a_module_are_refused(place, monkeypatch, capsys, n
     assert not list(place.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        *(("method", name) for name in ("segmentation", "method", "method-input", "np")),
+        *(("adapter", name) for name in ("example", "Example")),
+        ("dataset", "cuboid"),
+    ],
+)
+def test_names_of_what_the_new_files_import_are_refused(place, monkeypatch, capsys, kind, name):
+    assert call(monkeypatch, "new", kind, name) == 2
+    assert f"{name!r} names something that the new files import" in capsys.readouterr().err
+    assert not list(place.iterdir())
+
+
 def test_nothing_is_written_over(place, monkeypatch, capsys):
     (place / "test_mine.py").write_text("precious")
     assert call(monkeypatch, "new", "method", "mine") == 2

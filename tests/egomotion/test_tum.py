@@ -53,6 +53,23 @@ def test_writing_and_reading_gives_the_same(tmp_path_factory, start_ns, values, 
 LINE = "0 0 0 0 0 0 0 1\n"
 
 
+@pytest.mark.parametrize("start_s", [0, 1_700_000_000])
+@pytest.mark.parametrize("step_ms", [5, 100, 400])
+@pytest.mark.parametrize(("unit", "factor"), [("milli", 10**3), ("micro", 10**6), ("nano", 10**9)])
+def test_times_in_another_unit_are_refused_with_the_factor(tmp_path, start_s, step_ms, unit, factor):
+    lines = [f"{start_s * factor + i * step_ms * factor // 1000} 0 0 0 0 0 0 1\n" for i in range(5)]
+    with pytest.raises(
+        DataError, match=rf"t: expected seconds.*these would be {unit}seconds: divide them by {factor}$"
+    ):
+        read_tum(poses(tmp_path, "".join(lines)))
+
+
+@pytest.mark.parametrize("time", ["1e300", "-1e30", "1e12"])
+def test_times_that_no_unit_explains_are_refused(tmp_path, time):
+    with pytest.raises(DataError, match="t: expected seconds, the same clock"):
+        read_tum(poses(tmp_path, f"{time} 0 0 0 0 0 0 1\n" + LINE))
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

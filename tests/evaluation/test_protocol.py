@@ -97,8 +97,20 @@ def test_an_unknown_name_lists_the_known_ones() -> None:
 )
 def test_a_fault_names_file_and_field(tmp_path: Path, change: dict[str, object], field: str) -> None:
     file = write(tmp_path / "mine.yaml", content_of("paper-v1") | change)
-    with pytest.raises(DataError, match=rf"mine\.yaml: .*{field}: expected a protocol"):
+    with pytest.raises(
+        DataError, match=rf"mine\.yaml: .*{field}: expected [^;]*, got [^;]*(; [0-9]+ more faults in this file)?$"
+    ):
         load_protocol(file)
+
+
+def test_a_fault_is_one_line_in_our_words(tmp_path: Path) -> None:
+    file = write(tmp_path / "mine.yaml", content_of("paper-v1") | {"version": "one", "colour": "red"})
+    with pytest.raises(DataError) as caught:
+        load_protocol(file)
+    line = (
+        "version: expected a valid integer, unable to parse string as an integer, got 'one'; 1 more faults in this file"
+    )
+    assert str(caught.value) == f"{file}: {line}"
 
 
 @pytest.mark.parametrize("text", ["[1, 2", "- a list", ""])

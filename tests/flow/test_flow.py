@@ -48,5 +48,7 @@ def test_cell_mean_by_hand():
     np.testing.assert_allclose(cell_mean(values, 2), expected)
     two = cell_mean(np.dstack([values, -values]), 2)
     np.testing.assert_allclose(two[..., 1], -np.array(expected))
-    with pytest.raises(ShapeError, match="at least 1"):
+    with pytest.raises(ShapeError, match="from 1 to 5, got 1000000000000000000000000000000"):
+        cell_mean(values, 10**30)
+    with pytest.raises(ShapeError, match="from 1 to 5, got 0"):
         cell_mean(values, 0)

@@ -80,6 +80,7 @@ FAULTS = {
     "float_mask": lambda frame: replace(calm(frame), mask=calm(frame).mask.astype(np.float32)),
     "wrong_shape": lambda frame: replace(calm(frame), cell_size_px=2),
     "cell_size_zero": altered(cell_size_px=0),
+    "cell_size_huge": lambda _: Segmentation(cell_size_px=10**30, mask=np.ones((1, 1), dtype=bool)),
     "not_finite": not_finite,
     "negative": lambda frame: replace(calm(frame), likelihood=-calm(frame).mask.astype(np.float32)),
     "score_above_one": lambda frame: replace(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.recordings.checked_json import with_digest
+from bench.recordings.checked_json import DIGEST, with_digest
 from tests.support.commands import call, error_line
 
 pytestmark = pytest.mark.slow
@@ -45,10 +45,18 @@ def with_changed_content(file: Path, change) -> None:
     file.write_text(json.dumps(with_digest(content)))
 
 
+def without_digest(file: Path) -> None:
+    """A method of 99.9 %, as by somebody who leaves the digest out."""
+    content = json.loads(file.read_text())
+    content["all_moving"]["iou"]["value"] = 0.999
+    file.write_text(json.dumps({name: value for name, value in content.items() if name != DIGEST}))
+
+
 DAMAGE = {  # file, and what is done to it
     "not UTF-8": ("summary.json", lambda file: file.write_bytes(b"\xff\xfe" + file.read_bytes())),
     "cut short": ("summary.json", lambda file: file.write_bytes(file.read_bytes()[:-100])),
     "another figure": ("summary.json", raise_a_digit),
+    "without its digest": ("summary.json", without_digest),
     "a row missing": ("summary.json", lambda f: with_changed_content(f, lambda c: c["categories"].pop("crossing"))),
     "an unknown row": (
         "summary.json", lambda f: with_changed_content(f, lambda c: c["categories"].update(flying=c["all_moving"]))

@@ -20,6 +20,21 @@ from tests.support import tiny
 
 pytestmark = pytest.mark.slow
 
+TWICE = {
+    "a: 1\nb: 2\na: 3\n": "line 3: expected each key once, got 'a' again, as in line 1",
+    "x:\n  - {a: 1, a: 1}\n": "line 2: expected each key once, got 'a' again, as in line 2",
+    "x: &x {a: 1}\ny: *x\nz: {b: {c: 1, 'c': 2}}\n": "line 3: expected each key once, got 'c' again, as in line 3",
+}
+
+
+@pytest.mark.parametrize("text", TWICE)
+def test_keys_that_stand_twice_in_yaml(text):
+    with pytest.raises(DataError) as caught:
+        parse_yaml(text, file="card.yaml")
+    assert str(caught.value) == f"card.yaml: {TWICE[text]}"
+    assert parse_yaml("a: {k: 1}\nb: {k: 1}\n1: x\n'1': y\n", file="card.yaml")["b"] == {"k": 1}
+
+
 CLOUDS = [(suffix, what) for suffix, kinds in files.CLOUDS.items() for what in kinds]
 
 

@@ -10,6 +10,7 @@ from bench.evaluation import load_protocol
 from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
+from bench.recordings.checked_json import with_digest
 from tests.support.commands import call
 
 pytestmark = pytest.mark.slow
@@ -39,11 +40,10 @@ def trap(tmp_path, monkeypatch) -> Path:
 def set_trap(file: Path, trap: Path) -> None:
     """Let a stored file name other code in every place where it names a method."""
     content = json.loads(file.read_text())
-    content.pop("sha256", None)
     stamps = [content["manifest"]["method"] if "manifest" in content else content["method"]]
     for stamp in stamps:
         stamp |= {"name": "trap_module:Trap", "place": "trap_module:Trap", "settings": {"args": ["touch", str(trap)]}}
-    file.write_text(json.dumps(content))
+    file.write_text(json.dumps(with_digest(content)))
 
 
 @pytest.fixture(scope="module")

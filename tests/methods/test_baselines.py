@@ -1,5 +1,6 @@
 """Baselines that look at flow or grey values alone, on pictures whose answer is known."""
 
+import math
 from dataclasses import replace
 
 import cv2
@@ -118,6 +119,10 @@ def test_bad_parameters_are_refused():
         ("frame-difference", {"threshold_grey": 255}),
         ("background-subtraction", {"images": 0}),
         ("background-subtraction", {"deviations": -1}),
+        *(("background-subtraction", {"images": images}) for images in (2.5, math.nan, math.inf)),
+        *(("background-subtraction", {"deviations": deviations}) for deviations in (0, math.nan, math.inf)),
+        *(("flow-magnitude", {"threshold": threshold}) for threshold in (0, math.nan, math.inf)),
+        *(("frame-difference", {"threshold_grey": threshold}) for threshold in (-1, math.nan, math.inf)),
     ):
         with pytest.raises(UsageError, match=f"{name}: expected"):
             build_method(name, bad)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.errors import DataError
+from bench.errors import DataError, UsageError
 from bench.geometry import RigidTransform
 from bench.recordings import (
     MOTION_KINDS,
@@ -244,3 +244,9 @@ def test_the_example_of_the_readme_is_valid(tmp_path):
     (tmp_path / "a.json").write_text(example)
     (track,) = read_annotations(tmp_path / "a.json")
     assert track.states[0].velocity_mps.tolist() == [6.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("kind", [None, 5, ["Car"]])
+def test_an_adapters_class_that_is_no_text_is_refused_where_it_is_given(kind):
+    with pytest.raises(UsageError, match="track 'van': expected text as object_class, got"):
+        Track(track_id="van", object_class=kind, states=())

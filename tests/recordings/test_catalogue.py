@@ -119,6 +119,7 @@ FAULTS = [
     ({"title": 3}, "title: expected a valid string, got 3"),
     ({"name": "my drives"}, "name: "),
     ({"splits": {}}, "expected at least one split"),
+    ({"splits": {"all": ["a", "b", "a"]}}, "expected each recording once in the split 'all'"),
     ({"exclusions": [{"recording": "a"}]}, "exclusions.0.reason: expected a value, got nothing"),
 ]
 

@@ -163,9 +163,6 @@ CHANGES: dict[str, Callable[[Path, Path, pytest.MonkeyPatch], object]] = {
     "generator": lambda _, __, patch: patch.setattr(production, "GENERATOR_VERSION", -1),
     "a recording removed": lambda _, out, __: shutil.rmtree(out / "reversing"),
     "an image removed": lambda _, out, __: (out / "reversing" / "images" / "0.png").unlink(),
-    "another's manifest": lambda _, out, __: shutil.copy(out / "crossing" / MANIFEST, out / "reversing" / MANIFEST),
-    "a broken manifest": lambda _, out, __: (out / "reversing" / MANIFEST).write_text('{"files": "2"}'),
-    "a manifest without a count": lambda _, out, __: (out / "reversing" / MANIFEST).write_text('{"a": 1}'),
 }
 
 
@@ -197,13 +194,48 @@ def test_change_of_how_a_series_is_drawn_is_noticed_without_a_new_version(
     assert quick == ["crossing", "reversing", "reversing"]
 
 
-def test_recording_left_over_from_an_older_scenario_goes(scenario_file: Path, tmp_path: Path, quick: list[str]) -> None:
+OWN: dict[str, Callable[[Path], object]] = {
+    "an edited file": lambda drive: (drive / "images" / "0.png").write_text("mine"),
+    "a file more": lambda drive: (drive / "notes.txt").write_text("mine"),
+    "a link": lambda drive: (drive / "images" / "documents").symlink_to(drive.parent),
+    "another's manifest": lambda drive: shutil.copy(drive.parent / "crossing" / MANIFEST, drive / MANIFEST),
+    "a broken manifest": lambda drive: (drive / MANIFEST).write_text('{"files": "2"}'),
+    "a manifest without files": lambda drive: (drive / MANIFEST).write_text('{"a": 1}'),
+    "no manifest": lambda drive: (drive / MANIFEST).unlink(),
+}
+
+
+@pytest.mark.parametrize("change", OWN.values(), ids=OWN.keys())
+def test_what_others_changed_is_refused_where_it_would_be_rendered_again(
+    change: Callable[[Path], object], scenario_file: Path, tmp_path: Path, quick: list[str]
+) -> None:
     out = tmp_path / "out"
     synthesize(scenario_file, out, workers=1)
-    shutil.copytree(out / "crossing", out / "crossing-old")
+    change(out / "reversing")
+    scenario_file.write_text(scenario_file.read_text().replace("kmh: [5]", "kmh: [6]").replace("[18, 14]", "[18, 15]"))
+    before = contents(out)
+    with pytest.raises(DataError, match=r"reversing: expected .* got one with files that are of others.*move it away"):
+        synthesize(scenario_file, out, workers=1)
+    assert contents(out) == before
+    assert quick == ["crossing", "reversing"]
+
+
+def test_copies_and_edited_recordings_that_the_scenario_does_not_have_stay(
+    scenario_file: Path, tmp_path: Path, quick: list[str]
+) -> None:
+    out = tmp_path / "out"
     synthesize(scenario_file, out, workers=1)
-    assert sorted(path.name for path in out.iterdir() if path.is_dir()) == ["crossing", "reversing"]
-    assert len(quick) == 2
+    copied = shutil.copytree(out / "crossing", out / "crossing-with-noise")
+    (copied / "images" / "0.png").write_text("hours of work")
+    shutil.copytree(out / "crossing", out / "copied")
+    (out / "elsewhere").symlink_to(out / "copied")
+    (out / "reversing" / "annotations.json").write_text("by hand")
+    scenario_file.write_text(scenario_file.read_text().split("  - name: reversing")[0])
+    before = contents(out)
+    synthesize(scenario_file, out, workers=1)
+    assert contents(out) == before
+    assert (out / "elsewhere").is_symlink()
+    assert quick == ["crossing", "reversing"]
 
 
 def test_foreign_folder_is_not_overwritten(scenario_file: Path, tmp_path: Path) -> None:

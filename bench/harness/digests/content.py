@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from shapely.geometry.base import BaseGeometry
 
 import bench
+from bench.atomic import open_regular
 from bench.errors import DataError
 from bench.harness.provenance import library_versions
 from bench.records.recording import StoredPart
@@ -142,7 +143,7 @@ def _part_digest(stored: StoredPart) -> str:
 
 def _digest(path: Path) -> str:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except FileNotFoundError:
         return MISSING

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from pycocotools import mask as coco
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from bench.atomic import read_regular
 from bench.errors import DataError
 from bench.recordings.images import PNG_START, decode_image, stated_size_px
 
@@ -191,10 +192,7 @@ def read_png_map(path: Path, sizes: ImageSizes) -> NDArray[Any]:
 
 def _content(path: Path, largest_bytes: int) -> bytes:
     try:
-        size = path.stat().st_size
-        if size > largest_bytes:
-            raise DataError(path, expected=f"a file of at most {largest_bytes} bytes", got=f"{size}")
-        return path.read_bytes()
+        return read_regular(path, largest_bytes=largest_bytes)
     except OSError as error:
         raise DataError(path, expected="a file of predictions", got=error.strerror or str(error)) from error
 

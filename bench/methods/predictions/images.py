@@ -121,10 +121,26 @@ def named_images(names: Sequence[str], images: CameraImages, *, naming: Naming =
         naming: what the names are; "auto" takes what most of them fit.
 
     Raises:
-        UsageError: they fit two readings equally well, which mean different images.
+        UsageError: they fit two readings equally well, which mean different images; or they are indices from 1, of
+            which each would mean the image before its own.
     """
-    if naming != "auto":
-        return _read_as(naming, names, images)
+    found = _most_named(names, images) if naming == "auto" else _read_as(naming, names, images)
+    _refuse_indices_from_1(names, found, images)
+    return found
+
+
+def _refuse_indices_from_1(names: Sequence[str], found: Mapping[str, NamedImage], images: CameraImages) -> None:
+    """Refuse indices that pass the last image by one and leave out the first."""
+    count, numbers = len(images.images), {int(name) for name in names if _is_number(name)}
+    by_index = [image.frame for image in images.images] == list(range(count))
+    if found and by_index and found == _read_as("frame", names, images) and max(numbers) == count and 0 not in numbers:
+        raise UsageError(
+            f"predictions of {images.recording}/{images.camera}: expected frame numbers from 0 to {count - 1}, got "
+            f"{min(numbers)} to {count}, which seem to count from 1; name them from 0, or by the times of the images"
+        )
+
+
+def _most_named(names: Sequence[str], images: CameraImages) -> dict[str, NamedImage]:
     readings = {one: _read_as(one, names, images) for one in NAMINGS if one != "auto"}
     most = max(len(found) for found in readings.values())
     best = {one: found for one, found in readings.items() if len(found) == most}

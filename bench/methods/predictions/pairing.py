@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from numpy.typing import NDArray
 
-from bench.atomic import refuse_escape
+from bench.atomic import open_regular, refuse_escape
 from bench.errors import BenchError, DataError
 from bench.methods.predictions.files import (
     Fault,
@@ -290,7 +290,7 @@ class Pairing:
 
     def _digest(self, file: Path) -> str:
         if file not in self._digests:
-            with file.open("rb") as content:
+            with open_regular(file) as content:
                 self._digests[file] = hashlib.file_digest(content, "sha256").hexdigest()
         return self._digests[file]
 

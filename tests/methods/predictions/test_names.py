@@ -66,6 +66,17 @@ def test_numbers_of_the_files_are_the_frame_numbers():
     assert times(["0000000250"], SHIFTED, naming="image") == {"0000000250": 0}
 
 
+def test_indices_from_1_are_refused_since_each_would_mean_the_image_before():
+    for names in (["1", "2", "3"], ["2", "3"], ["0001", "0002", "0003"]):
+        for naming in ("auto", "frame"):
+            with pytest.raises(
+                UsageError, match=r"drive/front: expected frame numbers from 0 to 2, got .* count from 1"
+            ):
+                named_images(names, DRIVE, naming=naming)
+    assert times(["0", "1", "2", "3"], DRIVE) == {"0": 1000, "1": 2000, "2": 3000}  # one too many, for whoever lists it
+    assert times(["1", "2", "3"], camera([(1, 1, "1"), (2, 2, "2"), (3, 3, "3")])) == {"1": 1, "2": 2, "3": 3}
+
+
 def test_an_asked_for_naming_is_the_only_one():
     assert times(["0", "1000"], DRIVE, naming="frame") == {"0": 1000}
     assert times(["0", "1000"], DRIVE, naming="timestamp") == {"1000": 1000}

@@ -162,6 +162,11 @@ def test_json_in_a_script_cannot_end_it():
         script.render(content=[float("nan")])
 
 
+def test_control_characters_are_shown_wherever_a_page_has_them():
+    page = environment().from_string("<title>{{ name }}</title>{{ '<b>' | safe }}")
+    assert page.render(name="a\x1b[31m\u202e<i>\nb") == "<title>a\\u001b[31m\\u202e&lt;i&gt;\nb</title><b>"
+
+
 def test_names_from_the_data_are_escaped(hostile_page):
     text = hostile_page.read_text()
     assert "<script>window.broken" not in text

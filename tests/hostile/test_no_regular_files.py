@@ -1,0 +1,108 @@
+"""Pipes, devices and folders in the place of files: each is an error that names it, and nothing waits for it."""
+
+import os
+import shutil
+import signal
+
+import pytest
+
+from bench.evaluation import load_protocol
+from bench.harness import RunRequest, run_benchmark
+from bench.methods import build_method
+from bench.recordings import load_card
+from tests.support import tiny
+from tests.support.commands import called_here
+
+CARD = "name: x\ntitle: x\nadapter: native\nroot: data\nlicence: x\n"
+DRIVE = "data/drive"
+FIRST = tiny.TIMES_NS[0]
+KINDS = {
+    "pipe": os.mkfifo,
+    "device": lambda path: path.symlink_to("/dev/zero"),
+    "folder": lambda path: path.mkdir(),
+}
+
+
+@pytest.fixture(autouse=True)
+def _never_waits():
+    """What waits for ever is a failure."""
+
+    def fail(*_):
+        raise AssertionError("waits for a file that never ends")
+
+    before = signal.signal(signal.SIGALRM, fail)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A data set, and a run of it."""
+    folder = tmp_path_factory.mktemp("whole")
+    tiny.write_recording(folder / DRIVE)
+    (folder / "x.yaml").write_text(CARD)
+    request = {"card": load_card(folder / "x.yaml"), "protocol": load_protocol("paper-v1")}
+    run_benchmark(RunRequest(method=build_method("nothing"), out=folder / "runs" / "nothing", **request))
+    return folder
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "x.yaml",
+        *(f"{DRIVE}/{name}" for name in ("recording.json", "annotations.json", "egomotion.csv", "ego_body/front.png")),
+        *(f"{DRIVE}/images/front/{FIRST}.png", f"{DRIVE}/lidar/{tiny.TIMES_NS[1]}.npz"),
+    ],
+)
+def test_files_of_a_data_set(whole, tmp_path, kind, name):
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    (tmp_path / name).unlink()
+    KINDS[kind](tmp_path / name)
+    for words in (
+        ("run", "x.yaml", "--method", "nothing", "--out", "out", "--no-pictures", "--no-cache"),
+        ("validate", "x.yaml"),
+    ):
+        done = called_here(*words, folder=tmp_path)
+        assert done.returncode in {1, 2}, words
+        assert name.rpartition("/")[2].partition(".")[0] in done.stdout + done.stderr
+        assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["summary.json", "protocol.json", "sums.csv", "objects.parquet"])
+def test_files_of_a_run(whole, tmp_path, kind, name):
+    run = shutil.copytree(whole / "runs" / "nothing", tmp_path / "runs" / "nothing")
+    (run / name).unlink()
+    KINDS[kind](run / name)
+    for words in (
+        ("report", run, "--no-pictures"),
+        ("leaderboard", tmp_path / "runs", "--out", tmp_path / "out"),
+        ("gate", run, "--baseline", whole / "runs" / "nothing"),
+    ):
+        done = called_here(*words, folder=tmp_path)
+        assert done.returncode == 2, (words, done.stdout)
+        assert name in done.stdout + done.stderr
+        assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "sums.csv"])
+def test_files_of_a_baseline(whole, tmp_path, name):
+    baseline = shutil.copytree(whole / "runs" / "nothing", tmp_path / "baseline")
+    (baseline / name).unlink()
+    os.mkfifo(baseline / name)
+    done = called_here("gate", whole / "runs" / "nothing", "--baseline", baseline, folder=tmp_path)
+    assert done.returncode == 2
+    assert f"{name}: expected" in done.stderr
+
+
+def test_a_pipe_among_the_predictions(whole, tmp_path):
+    place = tmp_path / "masks" / "front"
+    place.mkdir(parents=True)
+    os.mkfifo(place / f"{FIRST}.png")
+    os.mkfifo(tmp_path / "masks" / "front.json")
+    done = called_here("evaluate", whole / "x.yaml", "--predictions", tmp_path / "masks", folder=tmp_path)
+    assert done.returncode == 2
+    assert "2 files and none of them does" in done.stderr
