@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as PolygonPatch
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from bench.atomic import write_bytes
 from bench.evaluation import Rows
-from bench.evaluation.rows import EVALUATED, read_parts
+from bench.evaluation.rows import EVALUATED, IMAGE, read_parts
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.records.reference import ObjectGeometry, Outline
 from bench.reference import Category, ReferenceObject
@@ -24,6 +25,7 @@ from bench.reporting.count_view import detected_pixels, draw_counts
 from bench.reporting.formats import file_name, frame_name
 from bench.reporting.overlay import captioned, draw_outline, outlined, overlay_frame, overlay_legend
 from bench.reporting.panels import draw_panels
+from bench.reporting.stored_run import pick
 
 _WIDTH_IN, _LEFT_IN, _BOTTOM_IN, _TOP_IN, _GAP_IN, _RIGHT_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
 _SURROUNDINGS_M = 3.0
@@ -186,13 +188,10 @@ def example_frames(objects: Rows) -> dict[Category, tuple[str, str, int]]:
     Args:
         objects: of `OBJECTS_SCHEMA`, in memory or stored.
     """
-    largest: dict[Category, tuple[int, str, int, str]] = {}
-    for part in read_parts(objects, ["recording", "camera", "timestamp_ns", "status", "category", "region_px"]):
-        evaluated = part[part["status"] == EVALUATED].sort_values("region_px", ascending=False, kind="stable")
-        for category in Category:
-            of_kind = evaluated[evaluated["category"] == category.value]
-            ties = of_kind[of_kind["region_px"] == of_kind["region_px"].max()]
-            for row in ties.sort_values(["recording", "timestamp_ns"], kind="stable").head(1).itertuples():
-                found = -int(row.region_px), str(row.recording), int(row.timestamp_ns), str(row.camera)
-                largest[category] = min(largest.get(category, found), found)
-    return {kind: (largest[kind][1], largest[kind][3], largest[kind][2]) for kind in Category if kind in largest}
+
+    def largest(rows: pd.DataFrame) -> pd.DataFrame:
+        evaluated = rows[rows["status"] == EVALUATED].sort_values(IMAGE)
+        return evaluated.sort_values("region_px", ascending=False, kind="stable").drop_duplicates("category")
+
+    found = pick(read_parts(objects, [*IMAGE, "status", "category", "region_px"]), largest).set_index("category")[IMAGE]
+    return {kind: tuple(found.loc[kind]) for kind in Category if kind in found.index}
