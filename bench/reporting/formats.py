@@ -10,16 +10,19 @@ from pathlib import Path
 from bench.atomic import write_text
 from bench.evaluation import Metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.records.reference import Category, ReferenceFrame
 from bench.reporting.document import Cell
 
-LABELS = {
+LABELS: dict[str, str] = {
     Category.CROSSING: "Crossing",
     Category.OVERTAKING: "Overtaking",
     Category.PRECEDING: "Preceding",
     Category.APPROACHING: "Approaching",
     Category.STATIC_EGO: "Static ego-vehicle",
     Category.MOVING: "Moving",
+    ALL_MOVING: "All moving",
+    FRAMES: "False positives",
 }
 # The constraint of the paper for a kind of motion: the cause that methods name, and what the paper calls it.
 CONSTRAINTS = {

@@ -42,7 +42,7 @@ def test_compare_ends_with_verdicts_files_and_titled_pictures(monkeypatch, capsy
     assert whole["lost"] == whole["before"] > 0
     assert f"{whole['object_frames']} object-frames, detected: {whole['before']} before, 0 after; 0 newly" in shown
     assert "nothing against spherical, over everything: " in shown
-    assert "too few recordings for a verdict: IoU, all" in shown, "three recordings prove nothing"
+    assert "too few recordings: IoU, all" in shown, "three recordings prove nothing"
     assert stored["remarks"] == [], "processed again, every picture shows what was stored"
     assert [picture["file"] for picture in stored["pictures"]] == [
         "pictures/01-01-newly-missed.jpg",

@@ -28,7 +28,7 @@ from bench.evaluation.summary import NO_CASES, Metric, take_ratios
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES
 from bench.harness.manifest import Aspect, differences
 from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
-from bench.reporting.formats import chance_of
+from bench.reporting.formats import LABELS, chance_of
 from bench.reporting.stored_run import StoredRun, pick
 
 SIGNIFICANCE = 0.05
@@ -39,9 +39,9 @@ class Verdict(StrEnum):
 
     BETTER = "better"
     WORSE = "worse"
-    NOT_SHOWN = "no difference that the data can show"
+    NOT_SHOWN = "no difference shown"
     THE_SAME = "the same"
-    TOO_FEW = "too few recordings for a verdict"
+    TOO_FEW = "too few recordings"
     NO_CASES = "no cases in one of the runs"
 
 
@@ -67,13 +67,6 @@ def judge(change: PairedChange, *, p_holm: float | None, improvement: float) -> 
     if low <= 0 <= high or p_holm > SIGNIFICANCE:
         return Verdict.NOT_SHOWN
     return Verdict.BETTER if improvement > 0 else Verdict.WORSE
-
-
-def verdict_text(verdict: Verdict, change: PairedChange) -> str:
-    """A verdict for people, for example "better" or "too few recordings for a verdict: 4, needs 6"."""
-    if verdict is Verdict.TOO_FEW:
-        return f"{verdict.value}: {change.recordings}, needs {FEWEST_RECORDINGS}"
-    return verdict.value
 
 
 # The metrics that are judged, and the only ones whose p-values are corrected.
@@ -175,7 +168,7 @@ def row_changes(sums_before: pd.DataFrame, sums_after: pd.DataFrame, *, protocol
     return [
         RowChange(
             name=row[1],
-            label="False positives" if row[0] == FRAMES else row[1].replace("_", " ").capitalize(),
+            label=LABELS[row[1]],
             frames=cases[row].cases,
             recordings=cases[row].recordings,
             metrics={metric: metric_change((*row, metric)) for metric in metrics},
@@ -426,7 +419,7 @@ def category_line(comparison: RunComparison) -> str:
     if few:
         listed = ", ".join(f"{label} ({recordings})" for label, recordings in few.items())
         said.append(f"{Verdict.TOO_FEW.value} in at least one metric, {FEWEST_RECORDINGS} are needed: {listed}")
-    return f"By category: {'. '.join(said) or 'nothing that the data can show'}."
+    return f"By category: {'. '.join(said) or 'no difference shown'}."
 
 
 def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) -> tuple[str, ...]:

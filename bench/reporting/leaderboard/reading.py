@@ -18,7 +18,6 @@ from bench.harness import RunSummary
 from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
 from bench.harness.stored import reference_digest
-from bench.records.reference import Category
 from bench.reporting import formats
 from bench.reporting.compare.runs import (
     differing_settings,
@@ -62,9 +61,7 @@ class Row:
     @property
     def label(self) -> str:
         """For people."""
-        if self.name == ALL_MOVING:
-            return "All moving"
-        return formats.LABELS[Category(self.name)]
+        return formats.LABELS[self.name]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

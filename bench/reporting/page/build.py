@@ -135,7 +135,7 @@ def _results(run: StoredRun, *, of_recordings: str) -> list[Block]:
 def _galleries(worst: WorstCases, *, whole: bool) -> Iterator[tuple[str, list[Block], list[Card]]]:
     """Heading, table and cards of each kind of motion, and of the images with most false marks."""
     for name, cards in worst.objects.items():
-        yield _gallery(LABELS[Category(name)], cards, "object", "No object-frame of this kind was evaluated.")
+        yield _gallery(LABELS[name], cards, "object", "No object-frame of this kind was evaluated.")
     if whole:
         yield _gallery("Most false marks", worst.images, "image", "No image has false marks.")
 

@@ -67,7 +67,7 @@ def kinds_of(found: Summary) -> list[Kind]:
 
 def _kind(name: str, row: ObjectMetrics) -> Kind:
     half = _HALF if _HALF in row.metric_names() else "detection_rate"
-    return Kind(label=LABELS[Category(name)], row=row, half=half, standing=_standing(row, half))
+    return Kind(label=LABELS[name], row=row, half=half, standing=_standing(row, half))
 
 
 def _standing(row: ObjectMetrics, half: str) -> Standing:
