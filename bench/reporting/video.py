@@ -19,7 +19,7 @@ from bench.harness import ProcessedFrame
 from bench.recordings import ImageRef, MountedCamera, Recording
 from bench.reference.sweeps import PosedSweep, pose_sweep
 from bench.reporting.canvas import category_colour
-from bench.reporting.count_view import AREA_COLOURS, PixelClass, detected_pixels, overlay_counts
+from bench.reporting.count_view import AREA_COLOURS, AREA_NAMES, PixelClass, detected_pixels, overlay_counts
 from bench.reporting.overlay import bgr_image, captioned, kind_legend, outlined, overlay_polygons
 
 FARTHEST_SWEEP_NS = 100_000_000
@@ -90,11 +90,7 @@ LEAST_WIDTH_PX = 640  # smaller images are enlarged, or nobody can read the line
 LIDAR_COLOUR = "#7ad151"  # the middle of the colours of lidar points
 
 
-LEGEND = (
-    (AREA_COLOURS[PixelClass.TRUE_POSITIVE], "found"),
-    (AREA_COLOURS[PixelClass.FALSE_NEGATIVE], "missed"),
-    (AREA_COLOURS[PixelClass.FALSE_POSITIVE], "wrongly marked"),
-)
+LEGEND = [(colour, AREA_NAMES[area]) for area, colour in AREA_COLOURS.items() if area is not PixelClass.UNKNOWN]
 UNKNOWN = (AREA_COLOURS[PixelClass.UNKNOWN], "unknown")
 LIDAR = (LIDAR_COLOUR, "lidar, yellow near, blue far")
 

@@ -83,8 +83,10 @@ def _interval(ci95: tuple[float, float]) -> str:
     return " to ".join(map(points, ci95))
 
 
-_CHANGE = ["Recs", Column("before", hundredths), Column("after", hundredths), Column("change", points),
-           Column("95 %", _interval)]  # fmt: skip
+_CHANGE: list[Column | Cell | str] = [
+    *("Recs", Column("before", hundredths), Column("after", hundredths)),
+    *(Column("change", points), Column("95 %", _interval)),
+]
 
 
 def _section(comparison: RunComparison) -> Iterator[Block]:
@@ -154,7 +156,7 @@ def _lines(
             cell = row.metrics.get(metric)
             if cell is not None and row.frames:
                 change = cell.change
-                numbers = [change.recordings, change.before, change.after, change.difference, change.ci95]
+                numbers: list[object] = [change.recordings, change.before, change.after, change.difference, change.ci95]
                 yield row, [find_metric(metric).label, row.label], numbers, cell
 
 

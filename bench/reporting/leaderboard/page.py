@@ -16,7 +16,7 @@ from bench.errors import BenchError
 from bench.recordings import load_card
 from bench.reporting import document
 from bench.reporting.canvas import write_picture
-from bench.reporting.count_view import AREA_COLOURS, PixelClass
+from bench.reporting.count_view import AREA_COLOURS, AREA_NAMES
 from bench.reporting.formats import write_texts
 from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.pictures import Example, draw_examples
@@ -106,8 +106,7 @@ def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: 
             damaged=found.damaged,
             judged=RANKING_PROTOCOL,
             notes=NOTES,
-            colours={kind: AREA_COLOURS[kind] for kind in AREA_COLOURS},
-            areas=PixelClass,
+            areas=[(colour, AREA_NAMES[kind]) for kind, colour in AREA_COLOURS.items()],
             pictures=any(examples.values()),
             style=_packaged("bench.reporting.page", "page.css") + _packaged("bench.reporting.leaderboard", "board.css"),
             script=_packaged("bench.reporting.leaderboard", "board.js"),

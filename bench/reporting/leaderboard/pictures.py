@@ -74,9 +74,7 @@ def draw_examples(
                 frame = stored.process(*key)
                 frames.setdefault(key, frame)
                 layers.setdefault(key, {})[entry.run] = _layer(frame)
-                notes.setdefault(key, {})[entry.run] = false_positive_text(
-                    frame.reference, detected=detected_pixels(frame)
-                )
+                notes.setdefault(key, {})[entry.run] = false_positive_text(frame)
         except (BenchError, UnscorableFrame) as error:
             problems[f"{entry.run}: {error}"] = None
         if progress is not None:

@@ -14,7 +14,7 @@ from bench.reporting.document import Column, Table
 from bench.reporting.formats import LABELS, image_name, with_interval
 from bench.reporting.frame_pictures import example_frames
 from bench.reporting.page.charts import figure_uri
-from bench.reporting.page.worst import Progress, frame_key, worst_objects
+from bench.reporting.page.worst import Progress, image_key, worst_objects
 from bench.reporting.side_by_side import ImageKey, Side, draw_side_by_side, frames_of_runs
 from bench.reporting.stored_run import StoredRun, read_stored_run
 
@@ -116,7 +116,7 @@ def _chosen(one: StoredRun, two: StoredRun) -> dict[ImageKey, str]:
         of_kind: list[tuple[ImageKey, str]] = []
         if kind in largest:
             of_kind.append((largest[kind], "the largest object"))
-        of_kind += [(frame_key(row), f"least found by {label}") for label, rows in least for row in rows[kind.value]]
+        of_kind += [(image_key(row), f"least found by {label}") for label, rows in least for row in rows[kind.value]]
         for key, reason in of_kind:
             reasons.setdefault(key, []).append(f"{LABELS[kind].lower()}, {reason}")
     return {key: _title(key, told) for key, told in reasons.items()}

@@ -22,15 +22,15 @@ from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.reference import Category, ReferenceObject, Status
 from bench.reporting.canvas import jpeg_uri
-from bench.reporting.count_view import PixelClass, detected_pixels, draw_counts, overlay_counts, pixel_classes
+from bench.reporting.count_view import PixelClass, detected_pixels, overlay_counts, pixel_classes
 from bench.reporting.document import Cell, Table
 from bench.reporting.formats import frame_name, image_name
 from bench.reporting.overlay import captioned, overlay_polygons
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.panels import draw_panels
+from bench.reporting.side_by_side import ImageKey, Side, draw_side_by_side
 from bench.reporting.stored_run import StoredRun, pick
 
-FrameKey = tuple[str, str, int]
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
 Measure = Callable[[pd.DataFrame], "pd.Series[float]"]
 APART_NS = 1_000_000_000
@@ -68,7 +68,7 @@ def worst_frames(frames: Rows, *, most: int) -> list[Row]:
     return _records(rank(pick(_parts(frames, FRAMES_SCHEMA, key=IMAGE, measure=false_share), worst)))
 
 
-def frame_key(row: Row) -> FrameKey:
+def image_key(row: Row) -> ImageKey:
     """The image of a row."""
     return row["recording"], row["camera"], row["timestamp_ns"]
 
@@ -179,8 +179,8 @@ class FrameView:
 
 
 def view_frames(
-    run: StoredRun, keys: Iterable[FrameKey], *, progress: Progress | None = None
-) -> tuple[dict[FrameKey, FrameView], list[str]]:
+    run: StoredRun, keys: Iterable[ImageKey], *, progress: Progress | None = None
+) -> tuple[dict[ImageKey, FrameView], list[str]]:
     """Draw images as they were scored, on the data set that the run names.
 
     Returns:
@@ -192,7 +192,7 @@ def view_frames(
         stored = StoredFrames(run.folder, run.summary, run.protocol)
     except BenchError as error:
         return {}, [str(error)]
-    views: dict[FrameKey, FrameView] = {}
+    views: dict[ImageKey, FrameView] = {}
     problems: dict[str, None] = {}
     for key in expected:
         try:
@@ -205,9 +205,9 @@ def view_frames(
 
 
 def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
-    image, reference, detected = processed.pixels, processed.reference, detected_pixels(processed)
-    areas = draw_counts(image, reference=reference, detected=detected)
-    panels = draw_panels(image, segmentation=processed.segmentation, reference=reference)
+    reference, detected = processed.reference, detected_pixels(processed)
+    areas = draw_side_by_side([Side(processed=processed)])
+    panels = draw_panels(processed.pixels, segmentation=processed.segmentation, reference=reference)
     tinted = overlay_counts(processed)
     evaluated = [(k, one) for k, one in enumerate(reference.objects) if one.status is Status.EVALUATED]
     return FrameView(
@@ -308,7 +308,7 @@ class Card:
     """
 
     element: str
-    key: FrameKey
+    key: ImageKey
     title: str
     facts: Mapping[str, str]
     view: FrameView | None
@@ -372,10 +372,10 @@ def worst_cases(run: StoredRun, *, most: int, pictures: bool, progress: Progress
     names = run.protocol.reference.categories if run.category is None else (run.category,)
     objects = worst_objects(run.objects, [Category(name) for name in names], most=most)
     images = worst_frames(run.frames, most=most) if run.category is None else []
-    views: dict[FrameKey, FrameView] = {}
+    views: dict[ImageKey, FrameView] = {}
     problems: list[str] = []
     if pictures:
-        keys = {frame_key(row) for rows in (*objects.values(), images) for row in rows}
+        keys = {image_key(row) for rows in (*objects.values(), images) for row in rows}
         views, problems = view_frames(run, keys, progress=progress)
     return WorstCases(
         objects={
@@ -387,11 +387,11 @@ def worst_cases(run: StoredRun, *, most: int, pictures: bool, progress: Progress
     )
 
 
-def _object_card(element: str, row: Row, views: Mapping[FrameKey, FrameView]) -> Card:
-    track, view = row["track_id"], views.get(frame_key(row))
+def _object_card(element: str, row: Row, views: Mapping[ImageKey, FrameView]) -> Card:
+    track, view = row["track_id"], views.get(image_key(row))
     return Card(
         element=element,
-        key=frame_key(row),
+        key=image_key(row),
         title=f"{row['object_class']} “{track}”, {_image(row)}",
         facts=object_facts(row, view.objects.get(track, {}) if view else {}),
         view=view,
@@ -400,10 +400,10 @@ def _object_card(element: str, row: Row, views: Mapping[FrameKey, FrameView]) ->
     )
 
 
-def _image_card(element: str, row: Row, views: Mapping[FrameKey, FrameView]) -> Card:
-    view = views.get(frame_key(row))
+def _image_card(element: str, row: Row, views: Mapping[ImageKey, FrameView]) -> Card:
+    view = views.get(image_key(row))
     facts = image_facts(row, view.facts if view else {})
-    return Card(element=element, key=frame_key(row), title=_image(row), facts=facts, view=view)
+    return Card(element=element, key=image_key(row), title=_image(row), facts=facts, view=view)
 
 
 def _image(row: Row) -> str:
