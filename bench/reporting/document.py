@@ -35,12 +35,10 @@ class Bar:
     Attributes:
         share: its length.
         interval: a line across it.
-        tick: a mark, for what it is compared with.
     """
 
     share: float
     interval: tuple[float, float] | None = None
-    tick: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

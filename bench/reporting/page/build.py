@@ -90,7 +90,7 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "tiles": tiles(found, category=run.category),
         "kinds": [kind_table(kinds)] if kinds else [],
         "remarks": remarks(found, kinds),
-        "results": _results(run, of_recordings=of_recordings),
+        "results": _results(run),
         "unknown": any("unknown_share" in kind.row.metric_names() for kind in kinds),
         "breakdowns": breakdowns(found),
         "recordings": [tables.recording_table(run, worst)],
@@ -114,22 +114,16 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
     return text
 
 
-def _results(run: StoredRun, *, of_recordings: str) -> list[Block]:
-    """Ours beside the paper's, what is wrongly marked, and all metrics with their intervals behind a line."""
+def _results(run: StoredRun) -> list[Block]:
+    """Ours beside the paper's, and all metrics with their intervals behind a line."""
     rows = [row for row in table_rows(run.metrics) if run.category in (None, row.name)]
-    whole, shown = run.category is None, rows_with_cases(rows)
     blocks: list[Block] = []
-    if len(shown) > whole:  # more than the false positives
-        blocks.append(tables.headline_table(shown))
+    if shown := rows_with_cases(rows):
+        beside_papers, *others = (replace(table, note="") for table in text_tables(shown) if table.rows)
+        blocks += [beside_papers, Folded("All metrics with their intervals", others)]
     if left_out := left_out_note(rows):
         blocks.append(Paragraph(left_out, "dim"))
-    if whole:
-        blocks.append(tables.false_positive_table(rows[-1], of_recordings=of_recordings))
-    blocks.append(Paragraph(table_note(rows), "dim"))
-    if shown:
-        every = [replace(table, note="") for table in text_tables(shown)[1 : 4 if whole else 3]]
-        blocks.append(Folded("All metrics with their intervals", every))
-    return blocks
+    return [*blocks, Paragraph(table_note(rows), "dim")]
 
 
 def _galleries(worst: WorstCases, *, whole: bool) -> Iterator[tuple[str, list[Block], list[Card]]]:

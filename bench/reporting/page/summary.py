@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from bench.evaluation import Metric, headlines
@@ -13,8 +13,8 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import ObjectMetrics, Summary
 from bench.reference import Category
 from bench.reporting.document import Cell, Style, Table
-from bench.reporting.formats import LABELS, chance_of, percent
-from bench.reporting.page.tables import COUNTS, bar_cell, beside_note, breakdown_table, metrics_of, span
+from bench.reporting.formats import LABELS, chance_of, metric_cell, percent
+from bench.reporting.page.tables import bound_note, breakdown_table
 
 _HALF = "detection_rate_50"
 # By name: caption, heading of the first column, and a row in words.
@@ -82,23 +82,9 @@ def _standing(row: ObjectMetrics, half: str) -> Standing:
 
 
 def kind_table(kinds: list[Kind]) -> Table:
-    """A row for each kind of motion in their order, with what the data show of it."""
-    half = "half of it found" if kinds[0].half == _HALF else "found at all"
-    return Table(
-        title="By kind of motion, the lowest IoU first",
-        columns=["kind", "IoU, all", "share found (TPR, all)", half, "against chance", *COUNTS],
-        rows=[
-            [kind.label, *(_bar(kind.row, name) for name in ("iou", "tpr_all", kind.half)),
-             Cell(kind.standing.lower(), style=_STYLES.get(kind.standing, "")),
-             kind.row.object_frames, kind.row.tracks, kind.row.recordings]
-            for kind in kinds
-        ],
-        look="metrics",
-    )  # fmt: skip
-
-
-def _bar(row: ObjectMetrics, name: str) -> Cell:
-    return bar_cell(row.metric(name), beside_note(name, metrics_of(row)))
+    """A row for each kind of motion in their order."""
+    rows = {kind.label: kind.row for kind in kinds}
+    return breakdown_table("By kind of motion, the lowest IoU first", "kind", rows, lowest=lowest_of(rows))
 
 
 def breakdowns(found: Summary) -> list[Table]:
@@ -138,15 +124,14 @@ def tiles(found: Summary, *, category: Category | None) -> list[tuple[str, Cell]
         elif row.object_frames < LEAST_OBJECT_FRAMES:
             shown.append((metric.label, few))
         elif metric.name in row.metric_names():
-            beside = beside_note(metric.name, metrics_of(row))
-            shown.append((metric.label, _tile(row.metric(metric.name), f"{beside}; {over}" if beside else over)))
+            bound = bound_note(metric.name, row)
+            shown.append((metric.label, _tile(row.metric(metric.name), f"{bound}; {over}" if bound else over)))
     return shown
 
 
-def _tile(metric: Metric, beside: str) -> Cell:
-    return Cell(
-        "n/a" if math.isnan(metric.value) else percent(metric.value), tuple(filter(None, (span(metric), beside)))
-    )
+def _tile(metric: Metric, about: str) -> Cell:
+    cell = metric_cell(metric)
+    return replace(cell, below=(*cell.below, about))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
