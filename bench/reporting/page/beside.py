@@ -8,10 +8,11 @@ from pathlib import Path
 
 from bench.errors import BenchError
 from bench.evaluation import Metric, find_metric, summary_of
+from bench.evaluation.definitions import OBJECT_FRAMES
 from bench.reference import Category
 from bench.reporting.compare.runs import on_common_images, read_comparable
 from bench.reporting.document import Column, Table
-from bench.reporting.formats import LABELS, image_name, with_interval
+from bench.reporting.formats import LABELS, headline_metrics, image_name, with_interval
 from bench.reporting.frame_pictures import example_frames
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.page.worst import Progress, image_key, worst_objects
@@ -37,7 +38,7 @@ class Beside:
     """Comparison of both runs on the page.
 
     Attributes:
-        table: both values of a few metrics, on the images that both scored.
+        table: both values of the headline metrics, on the images that both scored.
         pictures: in the order of the kinds of motion.
         problems: why pictures are missing, one line each.
     """
@@ -99,10 +100,10 @@ def _drawn(
 
 
 def _values(one: StoredRun, two: StoredRun) -> list[tuple[str, Metric, Metric]]:
-    summaries = [summary_of(run.sums, protocol=run.protocol) for run in (one, two)]
-    rows, areas = [found.all_moving for found in summaries], [found.false_positives.coverage for found in summaries]
-    values = [(find_metric(n).label, rows[0].metric(n), rows[1].metric(n)) for n in ("iou", "tpr_all")]
-    return values if one.category else [*values, ("False positives, share of the image", areas[0], areas[1])]
+    found = [headline_metrics(summary_of(run.sums, protocol=run.protocol)) for run in (one, two)]
+    metrics = [find_metric(name) for name in found[0]]
+    shown = [metric for metric in metrics if one.category is None or metric.over == OBJECT_FRAMES]
+    return [(metric.label, found[0][metric.name], found[1][metric.name]) for metric in shown]
 
 
 def _chosen(one: StoredRun, two: StoredRun) -> dict[ImageKey, str]:

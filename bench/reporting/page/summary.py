@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from bench.evaluation import Metric, headlines
+from bench.evaluation import Metric, find_metric
 from bench.evaluation.definitions import IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import ObjectMetrics, Summary
 from bench.reference import Category
 from bench.reporting.document import Cell, Style, Table
-from bench.reporting.formats import LABELS, chance_of, metric_cell, percent
+from bench.reporting.formats import LABELS, chance_of, headline_metrics, metric_cell, percent
 from bench.reporting.page.tables import bound_note, breakdown_table
 
 _HALF = "detection_rate_50"
@@ -112,20 +112,18 @@ def clearly_below(metric: Metric, other: Metric) -> bool:
 
 def tiles(found: Summary, *, category: Category | None) -> list[tuple[str, Cell]]:
     """Label and value of the headline metrics; of one kind of motion without the false positives, which have none."""
-    row, area = found.all_moving, found.false_positives
-    over = f"over {row.object_frames} object-frames"
-    few = Cell("n/a", (f"{row.object_frames} object-frames, fewer than {LEAST_OBJECT_FRAMES}",))
-    shown = []
-    for metric in headlines():
-        if metric.over == IMAGE_FRAMES:
+    row, shown = found.all_moving, []
+    few = f"{row.object_frames} object-frames, fewer than {LEAST_OBJECT_FRAMES}"
+    for name, metric in headline_metrics(found).items():
+        label = find_metric(name).label
+        if find_metric(name).over == IMAGE_FRAMES:
             if category is None:
-                about = f"of the image wrongly marked; over {area.frames} images"
-                shown.append((metric.label, _tile(area.coverage, about)))
+                shown.append((label, _tile(metric, f"of the image wrongly marked; over {metric.cases} images")))
         elif row.object_frames < LEAST_OBJECT_FRAMES:
-            shown.append((metric.label, few))
-        elif metric.name in row.metric_names():
-            bound = bound_note(metric.name, row)
-            shown.append((metric.label, _tile(row.metric(metric.name), f"{bound}; {over}" if bound else over)))
+            shown.append((label, Cell("n/a", (few,))))
+        else:
+            about = [bound_note(name, row), f"over {row.object_frames} object-frames"]
+            shown.append((label, _tile(metric, "; ".join(filter(None, about)))))
     return shown
 
 
