@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from bench.errors import BenchError, UsageError
 from bench.evaluation.counts import ObjectCounts, count_frame
-from bench.harness import ProcessedFrame
+from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.records.reference import ReferenceFrame
@@ -32,6 +33,8 @@ from bench.reporting.overlay import draw_outline, outlined, place_labels
 from bench.reporting.stored_run import StoredRun
 
 ImageKey = tuple[str, str, int]  # recording, camera, timestamp_ns
+Progress = Callable[[float, int], None]  # pictures done and their number
+Drawn = TypeVar("Drawn")
 COLUMNS = 2
 WIDTH_IN = 3.5  # of a picture: a column of a paper
 _MARGIN_IN, _LEGEND_IN, _TITLE_IN, _LINE_IN = 0.04, 0.36, 0.18, 0.13
@@ -151,26 +154,36 @@ def _legend(banded: bool) -> list[Patch | Line2D]:
     ]
 
 
-def frames_of_runs(runs: Sequence[StoredRun], images: Iterable[ImageKey]) -> Iterator[tuple[ProcessedFrame, ...] | str]:
-    """Images as several runs were scored on them, from their data set.
+def draw_images(
+    runs: Sequence[StoredRun],
+    images: Iterable[ImageKey],
+    draw: Callable[[ImageKey, Sequence[ProcessedFrame], FramePipeline], Drawn],
+    *,
+    progress: Progress | None = None,
+) -> tuple[dict[ImageKey, Drawn], list[str]]:
+    """Draw images as runs were scored on them, from the data set that they name.
 
     Args:
         runs: of the same data set.
-        images: recording, camera and timestamp_ns of each; those of a recording are best together.
+        images: in any order, also several times.
+        draw: called with an image, the frame of every run, and the pipeline of the first.
+        progress: called with the images done and their number.
 
     Returns:
-        For each image that of every run, or the reason why there is none: a run did not score it, or code or data have
-        changed since.
-
-    Raises:
-        DataError: a run holds no masks, or its data set is not there.
+        drawn: of the images that could be processed.
+        problems: why others could not, one line each: a run holds no masks or did not score them, the data set is not
+            there, or code or data have changed since.
     """
-    stored = [StoredFrames(run.folder, run.summary, run.protocol) for run in runs]
-    return (_processed(stored, key) for key in images)
-
-
-def _processed(stored: Sequence[StoredFrames], key: ImageKey) -> tuple[ProcessedFrame, ...] | str:
+    keys, drawn, problems = sorted(set(images)), dict[ImageKey, Drawn](), dict[str, None]()  # a recording at a time
     try:
-        return tuple(one.process(*key) for one in stored)
-    except (BenchError, UnscorableFrame) as error:
-        return str(error)
+        stored = [StoredFrames(run.folder, run.summary, run.protocol) for run in runs if keys]
+    except BenchError as error:
+        return {}, [str(error)]
+    for number, key in enumerate(keys, start=1):
+        try:
+            drawn[key] = draw(key, [one.process(*key) for one in stored], stored[0].pipeline(*key[:2]))
+        except (BenchError, UnscorableFrame) as error:
+            problems[str(error)] = None
+        if progress is not None:
+            progress(number, len(keys))
+    return drawn, list(problems)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from bench.reporting.formats import (
     metric_cell,
     write_texts,
 )
+from bench.reporting.side_by_side import Progress
 from bench.reporting.stored_run import StoredRun
 
 NOTE = (
@@ -327,7 +328,7 @@ def write_comparison(
     out: Path,
     *,
     pictures: bool = True,
-    progress: Callable[[float, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> tuple[list[RunComparison], tuple[Path, ...]]:
     """Compare runs and write `compare.md`, `.csv`, `.json`, `.tex`, `object_changes.csv` and `pictures/`.
 

@@ -20,7 +20,8 @@ from bench.reporting.page.beside import Beside, beside
 from bench.reporting.page.charts import draw_charts, inline_svg
 from bench.reporting.page.object_table import table_data
 from bench.reporting.page.summary import breakdowns, kind_table, kinds_of, remarks, tiles
-from bench.reporting.page.worst import IMAGE_NOTE, OBJECT_NOTE, Card, Progress, WorstCases, worst_cases, worst_table
+from bench.reporting.page.worst import IMAGE_NOTE, OBJECT_NOTE, Card, WorstCases, worst_cases, worst_table
+from bench.reporting.side_by_side import Progress
 from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.tables import left_out_note, rows_with_cases, table_note, table_rows, text_tables
 

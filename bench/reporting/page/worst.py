@@ -13,13 +13,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from shapely import box, get_coordinates, get_parts
 
-from bench.errors import BenchError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows
 from bench.evaluation.definitions import coverage, false_share
 from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, read_parts, sort_rows
 from bench.harness import FramePipeline, ProcessedFrame
-from bench.harness.frames import UnscorableFrame
-from bench.harness.replay import StoredFrames
 from bench.reference import Category, ReferenceObject, Status
 from bench.reporting.canvas import jpeg_uri
 from bench.reporting.count_view import PixelClass, detected_pixels, overlay_counts, pixel_classes
@@ -28,7 +25,7 @@ from bench.reporting.formats import frame_name, image_name
 from bench.reporting.overlay import captioned, overlay_polygons
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.panels import draw_panels
-from bench.reporting.side_by_side import ImageKey, Side, draw_side_by_side
+from bench.reporting.side_by_side import ImageKey, Progress, Side, draw_images, draw_side_by_side
 from bench.reporting.stored_run import StoredRun, pick
 
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
@@ -153,7 +150,6 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-Progress = Callable[[float, int], None]
 _PANELS_SCALE = 0.8
 _CLOSE_UP_PX = 480, 360
 _LEAST_STEP_M = 1e-4  # shorter ones have no direction
@@ -179,29 +175,10 @@ class FrameView:
 
 
 def view_frames(
-    run: StoredRun, keys: Iterable[ImageKey], *, progress: Progress | None = None
+    run: StoredRun, images: Iterable[ImageKey], *, progress: Progress | None = None
 ) -> tuple[dict[ImageKey, FrameView], list[str]]:
-    """Draw images as they were scored, on the data set that the run names.
-
-    Returns:
-        views: of the images that could be processed.
-        problems: why the others could not, one line each, none twice.
-    """
-    expected = sorted(set(keys))
-    try:
-        stored = StoredFrames(run.folder, run.summary, run.protocol)
-    except BenchError as error:
-        return {}, [str(error)]
-    views: dict[ImageKey, FrameView] = {}
-    problems: dict[str, None] = {}
-    for key in expected:
-        try:
-            views[key] = _view(stored.process(*key), stored.pipeline(*key[:2]))
-        except (BenchError, UnscorableFrame) as error:
-            problems[str(error)] = None
-        if progress is not None:
-            progress(len(views), len(expected))
-    return views, list(problems)
+    """Draw images as they were scored; the views of those that could be processed, and why others could not."""
+    return draw_images([run], images, lambda _, frames, pipeline: _view(frames[0], pipeline), progress=progress)
 
 
 def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
@@ -316,7 +293,7 @@ class Card:
     close_up: str = ""
 
     @property
-    def told(self) -> str:
+    def facts_line(self) -> str:
         """The facts as a line."""
         return ", ".join(f"{heading} {text}" for heading, text in self.facts.items() if text)
 

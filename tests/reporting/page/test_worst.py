@@ -124,7 +124,7 @@ def test_the_worst_stand_in_one_table_that_leads_to_their_pictures():
     assert [heading.text for heading in table.headings()][:2] == ["object", "found"]
     assert "undefined" not in [heading.text for heading in table.headings()], "of no card"
     assert [(cells[0].link, cells[1].text) for cells in table.cells()] == [("#worst-0", "20 %"), ("#worst-1", "40 %")]
-    assert cards[0].told.startswith("found 20 %, range 4.0 m, lidar points 12, ")
+    assert cards[0].facts_line.startswith("found 20 %, range 4.0 m, lidar points 12, ")
 
 
 def test_the_coverage_curve_has_a_point_where_it_bends():
