@@ -209,7 +209,7 @@ def _beside_the_paper(rows: Sequence[TableRow]) -> Table:
             line += [percent(metric.value, cases=metric.cases), row.paper_percent(name), row.difference(name)]
         lines.append(line + [None] * (len(columns) - len(line)))
     title = "Results by category of objects, beside the paper's"
-    return Table(title=title, columns=columns, rows=lines, note=BESIDE_NOTE, name="paper")
+    return Table(title=title, columns=columns, rows=lines, note=BESIDE_NOTE, name="paper", look="texts counted")
 
 
 def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str], notes: Sequence[str]) -> Table:

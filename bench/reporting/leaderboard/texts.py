@@ -87,7 +87,7 @@ def _lines(group: Group, entry: Entry, name: str) -> Cell:
 
 
 def _method(entry: Entry) -> str:
-    return f"{entry.method}{_SUFFIXES[entry.kind]}{_failed(entry)}"
+    return f"{entry.method}{_SUFFIXES[entry.kind]}" + (f", {entry.failures} failures" if entry.failures else "")
 
 
 def report(found: Leaderboard, *, charts: Sequence[Block] = ()) -> Iterator[Block]:
@@ -148,20 +148,22 @@ def _ceiling_line(group: Group, keys: Sequence[tuple[str, str]], columns: int) -
 def to_csv(found: Leaderboard) -> str:
     """One line per run, row and metric, ratios at full precision; empty where there is no number."""
     return document.to_csv(
-        {
-            "dataset": group.dataset, "split": group.split, "protocol": group.protocol,
-            "protocol_digest": group.protocol_digest, "reference_digest": group.reference_digest,
-            "run": entry.run, "method": entry.method, "kind": entry.kind, "date": entry.date, "code": entry.code,
-            "failures": entry.failures, "method_ms": entry.cost and entry.cost.method_ms,
-            "farneback_ms": entry.cost and entry.cost.farneback_ms, "images": entry.images,
-            "images_compared": group.images, "row": row.name, "metric": name, **metric_record(metric),
-            "ceiling": _known_ceiling(group, row.name, name),
-        }
+        _fields(group, _OF_GROUP) | {"images_compared": group.images} | _fields(entry, _OF_ENTRY)
+        | {"method_ms": entry.cost and entry.cost.method_ms, "farneback_ms": entry.cost and entry.cost.farneback_ms,
+           "row": row.name, "metric": name, **metric_record(metric), "ceiling": _known_ceiling(group, row.name, name)}
         for group in found.groups
         for entry in group.entries
         for row in group.rows
         for name, metric in entry.values[row.name].items()
     )  # fmt: skip
+
+
+_OF_GROUP = ("dataset", "split", "protocol", "protocol_digest", "reference_digest")
+_OF_ENTRY = ("run", "method", "kind", "images", "date", "code", "failures")
+
+
+def _fields(record: object, names: Sequence[str]) -> dict[str, object]:
+    return {name: getattr(record, name) for name in names}
 
 
 def _known_ceiling(group: Group, row: str, name: str) -> float | None:
@@ -186,37 +188,18 @@ def to_json(found: Leaderboard) -> str:
 def json_group(group: Group) -> dict[str, object]:
     """A group as JSON has it, and the page: values as [value, low, high] of the interval, or [value]."""
     names = shown_metrics(group)
-    return {
-        "dataset": group.dataset,
-        "split": group.split,
-        "protocol": group.protocol,
-        "protocol_digest": group.protocol_digest,
-        "reference_digest": group.reference_digest,
-        "judged": group.judged,
-        "images": group.images,
+    ceilings = {row.name: {name: _known_ceiling(group, row.name, name) for name in names} for row in group.rows}
+    return _fields(group, (*_OF_GROUP, "judged", "images")) | {
         "metrics": names,
         "rows": [
-            {
-                "name": row.name,
-                "label": row.label,
-                "object_frames": row.object_frames,
-                "recordings": row.recordings,
-                "ceiling": {
-                    name: ceiling for name in names if (ceiling := _known_ceiling(group, row.name, name)) is not None
-                },
-            }
+            _fields(row, ("name", "label", "object_frames", "recordings"))
+            | {"ceiling": {name: value for name, value in ceilings[row.name].items() if value is not None}}
             for row in group.rows
         ],
         "entries": [
-            {
-                "run": entry.run,
-                "method": entry.method,
-                "kind": entry.kind.value,
-                "images": entry.images,
+            _fields(entry, _OF_ENTRY)
+            | {
                 "cost": None if entry.cost is None else [entry.cost.method_ms, entry.cost.ratio],
-                "date": entry.date,
-                "code": entry.code,
-                "failures": entry.failures,
                 "values": {
                     row.name: {name: _numbers(entry.values[row.name][name]) for name in names} for row in group.rows
                 },
@@ -292,7 +275,3 @@ def group_title(group: Group) -> str:
 
 def _cost(entry: Entry) -> str:
     return "" if entry.cost is None else f"{entry.cost.method_ms:.1f} ({entry.cost.ratio:.2f} Farnebäck)"
-
-
-def _failed(entry: Entry) -> str:
-    return f", {entry.failures} failures" if entry.failures else ""
