@@ -22,7 +22,6 @@ from bench.evaluation import (
     holm,
 )
 from bench.evaluation.definitions import false_share, image_metrics, object_metrics
-from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings, merge_rows
 from bench.evaluation.summary import NO_CASES, Metric, take_ratios
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES
@@ -401,25 +400,6 @@ def verdict_line(comparison: RunComparison) -> str:
         if names:
             said.append(f"{verdict.value}: {'; '.join(names)}")
     return f"{comparison.after.label} against {comparison.before.label}, over everything: {'. '.join(said)}."
-
-
-def category_line(comparison: RunComparison) -> str:
-    """One sentence about the categories: what is shown there, and which are too small to be judged."""
-    rows = [row for row in comparison.rows if row.name in {c.name for c in comparison.detections[:-1]}]
-    said = []
-    for verdict in (Verdict.BETTER, Verdict.WORSE):
-        cells = [f"{r.label} ({HEADLINES[m]})" for r in rows for m, c in r.metrics.items() if c.verdict is verdict]
-        if cells:
-            said.append(f"{verdict.value}: {', '.join(cells)}")
-    few = {
-        row.label: min(cell.change.recordings for cell in row.metrics.values() if cell.verdict is Verdict.TOO_FEW)
-        for row in rows
-        if any(cell.verdict is Verdict.TOO_FEW for cell in row.metrics.values())
-    }
-    if few:
-        listed = ", ".join(f"{label} ({recordings})" for label, recordings in few.items())
-        said.append(f"{Verdict.TOO_FEW.value} in at least one metric, {FEWEST_RECORDINGS} are needed: {listed}")
-    return f"By category: {'. '.join(said) or 'no difference shown'}."
 
 
 def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) -> tuple[str, ...]:

@@ -21,7 +21,6 @@ from bench.reporting.compare.changes import (
     MetricChange,
     RowChange,
     RunComparison,
-    category_line,
     compare_runs,
     paired_objects,
     verdict_line,
@@ -94,7 +93,6 @@ def _section(comparison: RunComparison) -> Iterator[Block]:
     before, after = comparison.before.label, comparison.after.label
     yield Heading(f"{after} against {before}")
     yield Paragraph(verdict_line(comparison), "strong")
-    yield Paragraph(category_line(comparison))
     yield Paragraph(f"Before: {before}, {comparison.methods[0]}. After: {after}, {comparison.methods[1]}.")
     yield from map(Paragraph, comparison.notes)
     yield headline_table(comparison)
@@ -287,7 +285,6 @@ def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
         "after": _json_run(comparison.after),
         **_images(comparison),
         "verdict": verdict_line(comparison),
-        "categories": category_line(comparison),
         "notes": list(comparison.notes),
         "rows": list(_records(comparison)),
         "detections": [asdict(counts) for counts in comparison.detections],

@@ -120,8 +120,8 @@ def _outcomes(rows: pd.DataFrame) -> pd.Series[str]:
 
 
 def _numbers(values: pd.Series[Any], digits: int) -> list[float | int | None]:
-    shown = [None if math.isnan(value) else round(float(value), digits) for value in values]
-    return [value if value is None or digits else int(value) for value in shown]
+    shown = values.astype(float).round(digits)
+    return [None if math.isnan(value) else value if digits else int(value) for value in shown]
 
 
 def _image_indices(run: StoredRun, keys: Sequence[ObjectKey]) -> list[int]:

@@ -74,8 +74,10 @@ def test_markdown_says_what_is_better_and_what_is_worse(folders, tmp_path):
         "**new against old, over everything: better: False-positive coverage. worse: IoU, all; TPR, all; Detection"
         in text
     )
-    assert "By category: worse: Crossing (TPR, all), Crossing (IoU, all), Crossing (Detection at 50 %)" in text
-    assert "too few recordings in at least one metric, 6 are needed: Preceding (3)" in text
+    for metric in ("TPR, all", "IoU, all", "Detection at 50 %"):
+        assert f"| {metric} | Crossing | worse | 8 |" in text
+        assert f"| {metric} | Preceding | too few recordings | 3 |" in text
+    assert "6 recordings with cases of both runs" in text
     assert "| TPR, all | Preceding | too few recordings | 3 | 50.0 |" in text
     assert "| TPR, all | Preceding | 12 | 3 | 50.0 |" in text, "among all metrics too"
     assert "| Overtaking | 0 |" in text
