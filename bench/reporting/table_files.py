@@ -41,9 +41,9 @@ def _about(run: StoredRun) -> str:
     summary = run.summary
     method, data = summary.manifest.method, summary.manifest.dataset
     settings = [f"{name} = {value}" for name, value in method.changed_settings().items()]
-    told = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
+    shown = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
     split = f", split {data.split}" if data.split else ""
-    return f"method {method.name} ({told}), data set {data.name}{split}, {run.protocol.name}"
+    return f"method {method.name} ({shown}), data set {data.name}{split}, {run.protocol.name}"
 
 
 def to_csv(rows: Sequence[TableRow]) -> str:

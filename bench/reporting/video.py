@@ -176,7 +176,7 @@ class VideoFile:
             self._writer.release()
 
     def check(self) -> None:
-        """Read the finished file: OpenCV does not tell that a disk is full.
+        """Read the finished file: OpenCV does not report that a disk is full.
 
         Raises:
             OutputError: it does not hold the pictures.

@@ -37,8 +37,8 @@ NOTE = (
     "apart from it cost nothing; the IoU of pixels counts all of them, over all images."
 )
 ORACLE_NOTE = (
-    f"No methods: the exact masks of rendered data are the ceiling, {formats.CEILING}; oracles are told what no method "
-    "may know: the exact masks on cells, or the exact flow and ego-motion."
+    f"No methods: the exact masks of rendered data are the ceiling, {formats.CEILING}; oracles are given what no "
+    "method may know: the exact masks on cells, or the exact flow and ego-motion."
 )
 COST_NOTE = (
     "Cost: the method alone for one image, in one thread and without a cache, in ms, and its ratio to a call of "
