@@ -41,7 +41,7 @@ def draw_changed_frames(
 
     found, problems = draw_images((comparison.before, comparison.after), chosen, draw, progress=progress)
     drawn = sorted((picture for pictures in found.values() for picture in pictures), key=lambda picture: picture.name)
-    return replace(comparison, drawn=tuple(drawn), remarks=tuple(f"no pictures: {problem}" for problem in problems))
+    return replace(comparison, drawn=tuple(drawn), remarks=tuple(f"no picture: {problem}" for problem in problems))
 
 
 def _drawn(name: str, frame: ChangedFrame, sides: Sequence[Side]) -> DrawnFrame:

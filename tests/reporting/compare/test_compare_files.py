@@ -98,8 +98,8 @@ def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_
         pq.write_table(MASKS_SCHEMA.empty_table(), folder / MASKS)
     comparisons, _ = write_comparison(folders, tmp_path)
     remarks = [comparison.remarks for comparison in comparisons]
-    assert all(remark.startswith("no pictures: nowhere.yaml") for (remark,) in remarks)
-    assert "no pictures: nowhere.yaml" in (tmp_path / "compare.md").read_text()
+    assert all(remark.startswith("no picture: nowhere.yaml") for (remark,) in remarks)
+    assert "no picture: nowhere.yaml" in (tmp_path / "compare.md").read_text()
 
 
 def test_old_pictures_go_and_other_files_stay(folders, tmp_path):
