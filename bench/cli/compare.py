@@ -22,7 +22,7 @@ def compare(
 ) -> None:
     """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the biggest."""
     from bench.api.runs import run_folder
-    from bench.reporting.compare.changes import category_line, verdict_line
+    from bench.reporting.compare.changes import verdict_line
     from bench.reporting.compare.writing import terminal_report, write_comparison
 
     places = [run_folder(run) for run in runs]
@@ -37,7 +37,6 @@ def compare(
         for told in comparison.notes:
             say(told)
         say(verdict_line(comparison), style="bold")
-        say(category_line(comparison))
     for comparison in comparisons:
         for remark in comparison.remarks:
             say(remark, style="red")

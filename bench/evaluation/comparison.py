@@ -210,7 +210,7 @@ def _measured(objects: pd.DataFrame) -> pd.DataFrame:
 
 
 def changes_in_parts(before: Rows, after: Rows, *, rows_at_once: int | None = None) -> Iterator[pd.DataFrame]:
-    """The same of runs of any size, some recordings at a time, in the same order.
+    """The same of runs of any size, some recordings at a time, in the same order; one part where there is no row.
 
     Args:
         before: of `OBJECTS_SCHEMA`, in memory or stored.
@@ -220,5 +220,5 @@ def changes_in_parts(before: Rows, after: Rows, *, rows_at_once: int | None = No
     sources = as_source(before), as_source(after)
     counts = [dict(source.recordings()) for source in sources]
     most = {name: max(of.get(name, 0) for of in counts) for name in counts[0].keys() | counts[1].keys()}
-    for group in group_recordings(most, rows_at_once=rows_at_once):
+    for group in group_recordings(most, rows_at_once=rows_at_once) or [[]]:
         yield object_changes(*(source.read(group, _READ) for source in sources))

@@ -147,7 +147,7 @@ class SweepCache:
         self._revolution_ns = int(np.median(np.diff(self._times_ns))) if len(self._times_ns) > 1 else 0
         self._held: tuple[int, PosedSweep | None] | None = None
 
-    def nearest(self, shape: ObjectShape, exposure_ns: int) -> PosedSweep | None:
+    def nearest(self, shape: ObjectShape | None, exposure_ns: int) -> PosedSweep | None:
         """The sweep nearest to the exposure; for point indices the one that they count in.
 
         Returns:

@@ -8,7 +8,8 @@ files; equal input gives equal bytes.
 - `document` (blocks and their writers), `formats` (how values and intervals are written everywhere), `canvas` (colours,
   figures), `overlay` (masks and polygons over images), `stored_run` (a run as it is read);
 - `tables`, `table_files` (ours beside the paper's), `verdict` (of the gate), `prediction_table`, `citation` (BibTeX);
-- `range_maps`, `panels`, `count_view` (the paper's figures), `side_by_side` (several methods on one image),
+- `range_maps`, `panels` (the paper's figures), `count_view` (areas that a frame is scored by), `side_by_side` (of one
+  or several methods on one image),
   `frame_pictures` (all pictures of one frame), `video`, `rerun_log`;
 - `sweep` (one setting through many values), `audit_tables`, `audit_ranking`, `audit_pictures`;
 - `page` (the page of a run), `compare` (runs against each other), `leaderboard` (all runs of a folder).

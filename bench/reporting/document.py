@@ -35,12 +35,10 @@ class Bar:
     Attributes:
         share: its length.
         interval: a line across it.
-        tick: a mark, for what it is compared with.
     """
 
     share: float
     interval: tuple[float, float] | None = None
-    tick: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +61,15 @@ class Cell:
 
 
 def as_text(value: object) -> str:
-    """A value as text: "" for None, "n/a" for NaN, few digits of other floats."""
+    """A value as text: "n/a" for NaN, few digits of other floats."""
     if isinstance(value, float):
         return "n/a" if math.isnan(value) else f"{value:g}"
-    return "" if value is None else str(value)
+    return str(value)
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a table: its heading, and how its values are written where they are no `Cell`."""
+    """A column of a table: its heading, and how its values are written; a `Cell` stays as it is, None is empty."""
 
     heading: str | Cell
     form: Callable[[Any], str] = as_text
@@ -118,7 +116,9 @@ class Table:
 
 
 def _as_cell(value: object, form: Callable[[Any], str]) -> Cell:
-    return value if isinstance(value, Cell) else Cell(form(value))
+    if isinstance(value, Cell):
+        return value
+    return Cell("" if value is None else form(value))
 
 
 @dataclass(frozen=True, slots=True)

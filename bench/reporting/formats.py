@@ -8,18 +8,22 @@ from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
 
 from bench.atomic import write_text
-from bench.evaluation import Metric
+from bench.evaluation import Metric, Summary, headlines
+from bench.evaluation.definitions import IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.records.reference import Category, ReferenceFrame
 from bench.reporting.document import Cell
 
-LABELS = {
+LABELS: dict[str, str] = {
     Category.CROSSING: "Crossing",
     Category.OVERTAKING: "Overtaking",
     Category.PRECEDING: "Preceding",
     Category.APPROACHING: "Approaching",
     Category.STATIC_EGO: "Static ego-vehicle",
     Category.MOVING: "Moving",
+    ALL_MOVING: "All moving",
+    FRAMES: "False positives",
 }
 # The constraint of the paper for a kind of motion: the cause that methods name, and what the paper calls it.
 CONSTRAINTS = {
@@ -91,6 +95,23 @@ def with_interval(metric: Metric) -> str:
     """A ratio as "72.1 % [65.0, 78.3]", "72.1 %" without interval, "n/a (0 cases)" for NaN."""
     cell = metric_cell(metric)
     return " ".join((cell.text, *cell.below))
+
+
+def metric_record(metric: Metric) -> dict[str, object]:
+    """A metric as columns of CSV and JSON, at full precision; None for the ends of no interval."""
+    low, high = metric.ci95 or (None, None)
+    return {"value": metric.value, "ci95_low": low, "ci95_high": high, "cases": metric.cases,
+            "recordings": metric.recordings}  # fmt: skip
+
+
+def headline_metrics(summary: Summary) -> dict[str, Metric]:
+    """The headline metrics of a run over all moving objects, and the false positives of its images.
+
+    Detection at 50 % is missing where the protocol has no such level.
+    """
+    moving = summary.all_moving
+    of_objects = {m.name: moving.metric(m.name) for m in headlines() if m.name in moving.metric_names()}
+    return of_objects | {m.name: summary.false_positives.coverage for m in headlines() if m.over == IMAGE_FRAMES}
 
 
 def detection_levels(names: Iterable[str]) -> list[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as PolygonPatch
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from bench.atomic import write_bytes
 from bench.errors import BenchError
 from bench.evaluation import Protocol, Rows
-from bench.evaluation.rows import EVALUATED, read_parts
+from bench.evaluation.rows import EVALUATED, IMAGE, read_parts
 from bench.harness import FramePipeline, ProcessedFrame, RunSummary, open_tables
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
@@ -25,10 +26,12 @@ from bench.recordings import DatasetCard
 from bench.records.reference import ObjectGeometry, Outline
 from bench.reference import Category, ReferenceObject
 from bench.reporting import canvas, formats
-from bench.reporting.count_view import detected_pixels, draw_counts
 from bench.reporting.formats import file_name, frame_name
-from bench.reporting.overlay import captioned, draw_outline, outlined, overlay_frame, overlay_legend
+from bench.reporting.overlay import draw_outline, outlined
 from bench.reporting.panels import draw_panels
+from bench.reporting.side_by_side import ImageKey, Side, draw_side_by_side
+from bench.reporting.stored_run import pick
+from bench.reporting.video import draw_frame
 
 _WIDTH_IN, _LEFT_IN, _BOTTOM_IN, _TOP_IN, _GAP_IN, _RIGHT_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
 _SURROUNDINGS_M = 3.0
@@ -153,11 +156,10 @@ def write_frame_pictures(
     Returns:
         The files.
     """
-    image, reference, detected = processed.pixels, processed.reference, detected_pixels(processed)
-    panels = draw_panels(image, segmentation=processed.segmentation, reference=reference, made_by=made_by)
-    areas = draw_counts(image, reference=reference, detected=detected, made_by=made_by)
-    overlay = overlay_frame(image, reference=reference, detected=detected)
-    overlay = captioned(overlay, [frame_name(reference), made_by], legend=overlay_legend(reference))
+    reference = processed.reference
+    panels = draw_panels(processed.pixels, segmentation=processed.segmentation, reference=reference, made_by=made_by)
+    areas = draw_side_by_side([Side(processed=processed, label=made_by)])
+    overlay = draw_frame(processed, f"{frame_name(reference)}; {made_by}")
     pictures = {
         "panels": canvas.figure_bytes(panels, "png"),
         "areas": canvas.figure_bytes(areas, "png"),
@@ -185,22 +187,20 @@ def _cluster_view(
     )
 
 
-def example_frames(objects: Rows) -> dict[Category, tuple[str, str, int]]:
-    """For every category the frame in which an object of it fills most pixels: recording, camera, timestamp_ns.
+def example_frames(objects: Rows) -> dict[Category, ImageKey]:
+    """For every category the frame in which an object of it fills most pixels.
 
     Args:
         objects: of `OBJECTS_SCHEMA`, in memory or stored.
     """
-    largest: dict[Category, tuple[int, str, int, str]] = {}
-    for part in read_parts(objects, ["recording", "camera", "timestamp_ns", "status", "category", "region_px"]):
-        evaluated = part[part["status"] == EVALUATED].sort_values("region_px", ascending=False, kind="stable")
-        for category in Category:
-            of_kind = evaluated[evaluated["category"] == category.value]
-            ties = of_kind[of_kind["region_px"] == of_kind["region_px"].max()]
-            for row in ties.sort_values(["recording", "timestamp_ns"], kind="stable").head(1).itertuples():
-                found = -int(row.region_px), str(row.recording), int(row.timestamp_ns), str(row.camera)
-                largest[category] = min(largest.get(category, found), found)
-    return {kind: (largest[kind][1], largest[kind][3], largest[kind][2]) for kind in Category if kind in largest}
+
+    def largest(rows: pd.DataFrame) -> pd.DataFrame:
+        evaluated = rows[rows["status"] == EVALUATED].sort_values(IMAGE)
+        return evaluated.sort_values("region_px", ascending=False, kind="stable").drop_duplicates("category")
+
+    found = pick(read_parts(objects, [*IMAGE, "status", "category", "region_px"]), largest).set_index("category")[IMAGE]
+    keys = {str(kind): (str(r.recording), str(r.camera), int(r.timestamp_ns)) for kind, r in found.iterrows()}
+    return {kind: keys[kind] for kind in Category if kind in keys}
 
 
 def write_example_pictures(

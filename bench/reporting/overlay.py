@@ -72,39 +72,9 @@ def overlay_polygons(
     return drawn
 
 
-def overlay_frame(
-    image: NDArray[np.uint8], *, reference: ReferenceFrame, detected: NDArray[np.bool_]
-) -> NDArray[np.uint8]:
-    """The detection tinted, the evaluated objects outlined in the colour of their kind of motion.
-
-    Where there are unknown bands, they are the outlines: as wide as the outline is uncertain, the core inside.
-
-    Returns:
-        (H, W, 3) BGR uint8, a new image.
-    """
-    tinted = overlay_mask(image, mask=detected & reference.valid)
-    bands = unknown_bands(reference)
-    if bands.any():
-        for number, target in enumerate(reference.objects, start=1):
-            tinted = overlay_mask(tinted, mask=bands == number, colour=category_colour(target.category), strength=0.75)
-        return tinted
-    shown = outlined(reference.objects)
-    return overlay_polygons(
-        tinted,
-        polygons=[polygon for _, polygon in shown],
-        colours=[category_colour(target.category) for target, _ in shown],
-        thickness=2,
-    )
-
-
 LINE_PX = 22
 _TEXT_SCALE, _INDENT_PX = 0.5, 6
 Legend = Sequence[tuple[str, str]]  # colours and what they mean
-
-
-def overlay_legend(reference: ReferenceFrame) -> Legend:
-    """Legend of the colours of `overlay_frame`."""
-    return [(GREEN, "marked"), *kind_legend(reference)]
 
 
 def kind_legend(reference: ReferenceFrame) -> Legend:

@@ -17,7 +17,7 @@ from bench.records.reference import ReferenceFrame
 from bench.records.segmentation import Segmentation
 from bench.reporting import canvas
 from bench.reporting.formats import frame_name
-from bench.reporting.overlay import draw_references, unknown_bands
+from bench.reporting.overlay import draw_references, overlay_mask, unknown_bands
 
 LIKELIHOOD_SATURATION = 0.02  # the paper's figure 6
 SCORE_SATURATION = 1.0
@@ -167,9 +167,7 @@ def _draw_cells(
 def _draw_segmentation(
     axes: Axes, *, image: NDArray[np.uint8], segmentation: Segmentation, reference: ReferenceFrame
 ) -> None:
-    tinted = canvas.rgb_image(image)
-    height, width = tinted.shape[:2]
+    height, width = reference.valid.shape
     moving = segmentation.mask_at(width, height) & reference.valid
-    tinted[moving] = (0.45 * tinted[moving] + 0.55 * np.array(canvas.rgb(canvas.GREEN))).astype(np.uint8)
-    canvas.show_image(axes, tinted)
+    canvas.show_image(axes, canvas.rgb_image(overlay_mask(image, mask=moving, strength=0.55)))
     draw_references(axes, reference)

@@ -32,7 +32,7 @@ HALF_TITLE = "Detected: at least half of the object's core"
 def draw_run_maps(run: StoredRun) -> Figure:
     """Draw the maps of a run, by the paper's rule or, under a protocol with unknown bands, by half of the core.
 
-    Methods that mark much of the image touch every object: "any pixel" tells nothing of them.
+    Methods that mark much of the image touch every object: "any pixel" says nothing of them.
     """
     outline_m = np.array(run.summary.vehicle_outline_m, dtype=np.float64)
     if run.protocol.reference.unknown_band is None:

@@ -104,18 +104,18 @@ def rerun_log(path: Path, *, recording: Recording, camera: str) -> Iterator[Reru
     with replacing(path) as temporary:
         stream = rerun.RecordingStream("fisheye-bench", recording_id=f"{recording.name}-{camera}")
         temporary.write_bytes(bytes(LEAST_ROOM_BYTES))
-        with _told(path):
+        with _write_errors(path):
             stream.save(str(temporary))
         try:
             yield RerunLog(rerun, stream, recording, camera)
-            with _told(path):
+            with _write_errors(path):
                 stream.flush()
         finally:
             stream.disconnect()
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _write_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:  # the library's thread that writes has ended; why, it prints itself

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -65,3 +66,17 @@ def read_stored_run(folder: Path, *, label: str | None = None, category: Categor
         frames=frames,
         sums=sums,
     )
+
+
+def pick(parts: Iterable[pd.DataFrame], choose: Callable[[pd.DataFrame], pd.DataFrame]) -> pd.DataFrame:
+    """Return the few rows that are chosen of all parts, with one part in memory at a time.
+
+    Args:
+        parts: at least one, in the order of their key, so that a stable sort leaves equals in it.
+        choose: of the rows that were chosen before and those of the next part.
+    """
+    found: pd.DataFrame | None = None
+    for part in parts:
+        found = choose(part if found is None else pd.concat([found, part], ignore_index=True))
+    assert found is not None, "there is at least one part"
+    return found

@@ -9,31 +9,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.evaluation import Metric, find_metric
+from bench.evaluation import find_metric
 from bench.harness import RunSummary
-from bench.reporting import canvas, document, formats
+from bench.reporting import canvas, document
 from bench.reporting.document import Block, Heading, Paragraph, Table, to_markdown
+from bench.reporting.formats import INTERVALS, headline_metrics, metric_cell, write_texts
 
 TABLE = "sweep.csv"  # the runs in a folder with this file are values of a sweep, and no entries of a leaderboard
-FALSE_POSITIVES = "false_positive_coverage"
-HEADLINES = {  # colour and marker of each metric
+STYLES = {  # colour and marker of each headline metric
     "iou": (canvas.PURPLE, "^"),
     "tpr_all": (canvas.GREEN, "s"),
     "detection_rate_50": (canvas.BLUE, "o"),
-    FALSE_POSITIVES: (canvas.VERMILION, "D"),
+    "false_positive_coverage": (canvas.VERMILION, "D"),
 }
 LOG_FROM = 10.0  # ratio of the largest to the smallest value from which the axis is logarithmic
 METHOD_ONLY = "Injected errors reach the method only: the reference keeps the true calibration and ego-motion."
-
-
-def headlines(summary: RunSummary) -> dict[str, Metric]:
-    """The headline metrics of a run over all moving objects, and the false positives of its images.
-
-    Detection at 50 % is missing where the protocol has no such level.
-    """
-    moving = summary.all_moving
-    found = {name: moving.metric(name) for name in HEADLINES if name in moving.metric_names()}
-    return found | {FALSE_POSITIVES: summary.false_positives.coverage}
 
 
 def to_csv(setting: str, runs: Mapping[str, RunSummary]) -> str:
@@ -41,7 +31,7 @@ def to_csv(setting: str, runs: Mapping[str, RunSummary]) -> str:
     rows = []
     for value, summary in runs.items():
         row = {setting: value, **_counts(summary)}
-        for name, metric in headlines(summary).items():
+        for name, metric in headline_metrics(summary).items():
             low, high = metric.ci95 or (None, None)
             row |= {name: metric.value, f"{name}.ci95_low": low, f"{name}.ci95_high": high}
         rows.append(row)
@@ -50,12 +40,12 @@ def to_csv(setting: str, runs: Mapping[str, RunSummary]) -> str:
 
 def table(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Table:
     """A row a value, over all moving objects."""
-    headings = [find_metric(name).label for name in headlines(next(iter(runs.values())))]
+    headings = [find_metric(name).label for name in headline_metrics(next(iter(runs.values())))]
     return Table(
         title=title,
         columns=[setting, "Images", "Object-frames", "Recordings", *headings],
         rows=[
-            [value, *_counts(summary).values(), *map(formats.metric_cell, headlines(summary).values())]
+            [value, *_counts(summary).values(), *map(metric_cell, headline_metrics(summary).values())]
             for value, summary in runs.items()
         ],
         note=note,
@@ -64,7 +54,7 @@ def table(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str
 
 def report(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> list[Block]:
     """One table over all moving objects, and how to read it."""
-    about = f"IoU and TPR are averages over all object-frames that move. {formats.INTERVALS} {note}".rstrip()
+    about = f"IoU and TPR are averages over all object-frames that move. {INTERVALS} {note}".rstrip()
     return [Heading(title, 1), Paragraph(about), table(setting, runs, title="")]
 
 
@@ -75,9 +65,9 @@ def draw(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str 
     axes = canvas.axes_at(figure, 0.55, 0.75, 4.5, 2.1)
     positions = place_values(axes, list(runs))
     order = np.argsort(positions, kind="stable")
-    found = [headlines(summary) for summary in runs.values()]
+    found = [headline_metrics(summary) for summary in runs.values()]
     for name in found[0]:
-        colour, marker = HEADLINES[name]
+        colour, marker = STYLES[name]
         values = 100 * np.array([metrics[name].value for metrics in found])
         low, high = 100 * np.array([metrics[name].ci95 or (np.nan, np.nan) for metrics in found]).T
         axes.vlines(positions, low, high, color=colour, linewidth=1.0, alpha=0.6)
@@ -125,7 +115,7 @@ def write_sweep(
     texts = {TABLE: to_csv(setting, runs), "sweep.md": to_markdown(report(setting, runs, title=title, note=note))}
     figure = draw(setting, runs, title=title, note=note)
     pictures = canvas.write_picture(folder / "sweep", figure, formats=("png", "svg", "pdf"))
-    return (*formats.write_texts(folder, texts), *pictures)
+    return (*write_texts(folder, texts), *pictures)
 
 
 def _counts(summary: RunSummary) -> dict[str, int]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from bench.reporting import document
 from bench.reporting.canvas import write_picture
 from bench.reporting.document import Paragraph, latex_label
-from bench.reporting.formats import shortened, write_texts
+from bench.reporting.formats import metric_record, shortened, write_texts
 from bench.reporting.range_maps import draw_run_maps
 from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.tables import TableRow, table_note, table_rows, text_tables, threshold_free_line
@@ -41,45 +41,29 @@ def _about(run: StoredRun) -> str:
     summary = run.summary
     method, data = summary.manifest.method, summary.manifest.dataset
     settings = [f"{name} = {value}" for name, value in method.changed_settings().items()]
-    told = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
+    shown = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
     split = f", split {data.split}" if data.split else ""
-    return f"method {method.name} ({told}), data set {data.name}{split}, {run.protocol.name}"
+    return f"method {method.name} ({shown}), data set {data.name}{split}, {run.protocol.name}"
 
 
 def to_csv(rows: Sequence[TableRow]) -> str:
     """One line per row and metric, ratios in [0, 1] at full precision; empty where there is no number."""
-    lines = []
-    for row in rows:
-        for name, metric in row.metrics.items():
-            low, high = metric.ci95 or (None, None)
-            lines.append(
-                {"row": row.name, "label": row.label, "frames": row.frames, "paper_frames": row.paper_frames,
-                 "tracks": row.tracks, "figure": name, "value": metric.value, "ci95_low": low, "ci95_high": high,
-                 "cases": metric.cases, "paper": row.paper.get(name),
-                 "difference_points": row.difference_points(name), "recordings": row.recordings}
-            )  # fmt: skip
-    return document.to_csv(lines)
+    return document.to_csv(_records(rows))
 
 
 def to_json(rows: Sequence[TableRow]) -> str:
-    """The rows with ratios in [0, 1] at full precision; null where there is no number."""
-    fields = ("name", "label", "frames", "paper_frames", "tracks", "recordings")
-    content = {
-        "schema_version": SCHEMA_VERSION,
-        "note": table_note(rows),
-        "rows": [
-            {field: getattr(row, field) for field in fields}
-            | {
-                "figures": {
-                    name: {"value": metric.value, "ci95": metric.ci95, "cases": metric.cases,
-                           "paper": row.paper.get(name), "difference_points": row.difference_points(name)}
-                    for name, metric in row.metrics.items()
-                }
-            }
-            for row in rows
-        ],
-    }  # fmt: skip
-    return document.to_json(content, indent=2)
+    """The same lines with null where there is no number, and how to read them."""
+    return document.to_json({"schema_version": SCHEMA_VERSION, "note": table_note(rows), "rows": _records(rows)})
+
+
+def _records(rows: Sequence[TableRow]) -> list[dict[str, object]]:
+    return [
+        {"row": row.name, "label": row.label, "frames": row.frames, "paper_frames": row.paper_frames,
+         "tracks": row.tracks, "metric": name} | metric_record(metric)
+        | {"recordings": row.recordings, "paper": row.paper.get(name), "difference_points": row.difference_points(name)}
+        for row in rows
+        for name, metric in row.metrics.items()
+    ]  # fmt: skip
 
 
 def write_report_files(run: Path) -> tuple[list[TableRow], tuple[Path, ...]]:

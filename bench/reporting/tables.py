@@ -7,7 +7,6 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 from bench.evaluation import Metric, ThresholdFreeMetrics, definitions, find_metric, published
-from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, Summary
 from bench.records.reference import Category
 from bench.reporting.document import Block, Cell, Paragraph, Table
@@ -210,7 +209,7 @@ def _beside_the_paper(rows: Sequence[TableRow]) -> Table:
             line += [percent(metric.value, cases=metric.cases), row.paper_percent(name), row.difference(name)]
         lines.append(line + [None] * (len(columns) - len(line)))
     title = "Results by category of objects, beside the paper's"
-    return Table(title=title, columns=columns, rows=lines, note=BESIDE_NOTE, name="paper")
+    return Table(title=title, columns=columns, rows=lines, note=BESIDE_NOTE, name="paper", look="texts counted")
 
 
 def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str], notes: Sequence[str]) -> Table:
@@ -305,23 +304,6 @@ def _cell(row: TableRow, name: str, below: Sequence[str]) -> Cell:
 
 
 def _terminal_notes(rows: Sequence[TableRow]) -> list[str]:
-    notes = [
-        f"95 %: interval by recording; none where fewer than {FEWEST_RECORDINGS} recordings (recs) hold cases.",
-        "Cases: object-frames; of the false positives images.",
-        "Detection: object-frames with any pixel found, or at least the stated share of them.",
-        "Chance: the same on the mask of another frame. n/a (0): no cases.",
-        "TPR and IoU: det. over detected object-frames, the paper's reading; all over all of them.",
-    ]
-    notes += _chance_notes(rows)[1:]
-    if left_out := left_out_note(rows):
-        notes.append(left_out)
-    further = further_columns(rows)
-    if "ceiling_iou" in further:
-        notes.append(f"Ceiling (ceil.): {CEILING}.")
-    if "unknown_share" in further:
-        notes.append("Unknown: share of an object and its unknown band that lies in the band; all else is of cores.")
-    for row in rows:
-        rate = row.metrics.get("frame_rate")
-        if rate is not None and not math.isnan(rate.value):
-            notes.append(f"False positives: share of the image; {percent(rate.value)} of the frames have a large one.")
-    return notes
+    large = [f"{percent(row.metrics['frame_rate'].value)} of the images have a large false positive."
+             for row in rows if row.name == FALSE_POSITIVES and row.frames]  # fmt: skip
+    return [*filter(None, [left_out_note(rows)]), *large, f"{table_note(rows)} {COVERAGE_NOTE}"]

@@ -17,9 +17,9 @@ from bench.errors import OutputError, ShapeError, UsageError
 from bench.evaluation.counts import count_frame
 from bench.harness import ProcessedFrame
 from bench.recordings import ImageRef, MountedCamera, Recording
-from bench.reference.sweeps import PosedSweep, pose_sweep
+from bench.reference.sweeps import SweepCache
 from bench.reporting.canvas import category_colour
-from bench.reporting.count_view import AREA_COLOURS, PixelClass, detected_pixels, overlay_counts
+from bench.reporting.count_view import AREA_COLOURS, AREA_NAMES, PixelClass, detected_pixels, overlay_counts
 from bench.reporting.overlay import bgr_image, captioned, kind_legend, outlined, overlay_polygons
 
 FARTHEST_SWEEP_NS = 100_000_000
@@ -43,7 +43,7 @@ class SeenSweep:
 
 
 class SweepViewer:
-    """Projects the sweep nearest to an exposure; holds the last one.
+    """Projects the sweep nearest to an exposure.
 
     Args:
         recording: the drive.
@@ -52,8 +52,7 @@ class SweepViewer:
 
     def __init__(self, recording: Recording, camera: MountedCamera) -> None:
         self._recording, self._camera = recording, camera
-        self._times_ns = np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
-        self._held: tuple[int, PosedSweep | None] | None = None
+        self._sweeps = SweepCache(recording, FARTHEST_SWEEP_NS)
 
     def see(self, image: ImageRef) -> SeenSweep | None:
         """The sweep at an exposure; None where there is none within 100 ms, or no ego-motion.
@@ -61,14 +60,7 @@ class SweepViewer:
         Raises:
             DataError: the sweep's file cannot be read.
         """
-        away_ns = np.abs(self._times_ns - image.timestamp_ns)
-        if not away_ns.size or away_ns.min() > FARTHEST_SWEEP_NS:
-            return None
-        nearest = int(np.argmin(away_ns))
-        if self._held is None or self._held[0] != nearest:
-            sweep = self._recording.sweeps[nearest].read()
-            self._held = nearest, pose_sweep(sweep, self._recording.trajectory, self._recording.vehicle_from_lidar)
-        placed = self._held[1]
+        placed = self._sweeps.nearest(None, image.timestamp_ns)
         if placed is None:
             return None
         points_world = placed.points_world()
@@ -90,11 +82,7 @@ LEAST_WIDTH_PX = 640  # smaller images are enlarged, or nobody can read the line
 LIDAR_COLOUR = "#7ad151"  # the middle of the colours of lidar points
 
 
-LEGEND = (
-    (AREA_COLOURS[PixelClass.TRUE_POSITIVE], "found"),
-    (AREA_COLOURS[PixelClass.FALSE_NEGATIVE], "missed"),
-    (AREA_COLOURS[PixelClass.FALSE_POSITIVE], "wrongly marked"),
-)
+LEGEND = [(colour, AREA_NAMES[area]) for area, colour in AREA_COLOURS.items() if area is not PixelClass.UNKNOWN]
 UNKNOWN = (AREA_COLOURS[PixelClass.UNKNOWN], "unknown")
 LIDAR = (LIDAR_COLOUR, "lidar, yellow near, blue far")
 
@@ -188,7 +176,7 @@ class VideoFile:
             self._writer.release()
 
     def check(self) -> None:
-        """Read the finished file: OpenCV does not tell that a disk is full.
+        """Read the finished file: OpenCV does not report that a disk is full.
 
         Raises:
             OutputError: it does not hold the pictures.

@@ -77,12 +77,12 @@ def test_the_files_carry_the_same_numbers_and_the_same_bytes(folder, tmp_path):
     assert not problems
     page, markdown, table, content = (file.read_text() for file in files)
     rows = list(csv.DictReader(io.StringIO(table)))
-    (row,) = [r for r in rows if (r["run"], r["row"], r["figure"]) == ("weak", "all_moving", "tpr_all")]
+    (row,) = [r for r in rows if (r["run"], r["row"], r["metric"]) == ("weak", "all_moving", "tpr_all")]
     assert float(row["value"]) == 0.2
     groups = json.loads(content)["groups"]
-    assert 0.8 in [group["entries"][0]["figures"]["crossing"]["tpr_all"][0] for group in groups]
+    assert 0.8 in [group["entries"][0]["values"]["crossing"]["tpr_all"][0] for group in groups]
     assert markdown.count("\n## demo, all recordings, ") == 3
-    assert "| nothing (threshold=2) | 18.2 [" in markdown
+    assert "| nothing (threshold=2) | 18.2 % [" in markdown
     shown = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
     rounded = json.loads(content, parse_float=lambda number: round(float(number), 5))["groups"]
     assert [group["entries"] for group in shown["groups"]] == [group["entries"] for group in rounded]
@@ -155,17 +155,18 @@ def test_every_dot_has_a_number_and_its_name_beside_the_chart_is_never_cut(judge
     assert all(axes.bbox.x1 <= box.x0 and box.x1 <= frame.x1 for box in (first, second))
 
 
-def test_no_best_method_is_told_of_another_state_of_the_protocol_or_too_few_recordings(judged, tmp_path):
+def test_no_best_method_is_named_of_another_state_of_the_protocol_or_too_few_recordings(judged, tmp_path):
     write_leaderboard(read_leaderboard(judged), tmp_path)
     stored, earlier = tmp_path / "leaderboard.json", tmp_path / "earlier.json"
     earlier.write_text(stored.read_text().replace(load_protocol("surface-v1").digest, 64 * "0"))
     assert best_line(stored, dataset="demo") is not None
     assert best_line(earlier, dataset="demo") is None
-    few = json.loads(stored.read_text())
-    few["best"][0]["iou"] = few["best"][0]["iou"][:1]
-    stored.write_text(json.dumps(few))
-    assert best_line(stored, dataset="demo").startswith("first of 2 methods")
-    assert "too few recordings for an interval" in best_line(stored, dataset="demo")
+    few = {key: px for key, px in drawn(50).items() if key[0] < 3}
+    runs = write_run(tmp_path / "runs" / "few", few, protocol="surface-v1").parent
+    write_leaderboard(read_leaderboard(runs), tmp_path)
+    line = best_line(stored, dataset="demo")
+    assert line.startswith("first of 1 methods on demo by surface-v1: nothing, IoU 45.5 % (too few recordings for an ")
+    assert '<span class="mark">first</span>' in (tmp_path / "index.html").read_text()
     stored.write_text('{"best": [{"dataset": "demo"}]}')
     assert best_line(stored, dataset="demo") is None
 

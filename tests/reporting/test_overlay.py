@@ -1,10 +1,14 @@
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from shapely import box
 
 from bench.errors import ShapeError
-from bench.reporting.overlay import overlay_frame, overlay_mask, overlay_polygons, unknown_bands
-from tests.reporting.factories import banded_frame, busy_frame, fisheye_image, segmentation
+from bench.reporting.overlay import LINE_PX, overlay_mask, overlay_polygons, unknown_bands
+from bench.reporting.video import draw_frame
+from tests.reporting.factories import banded_frame, busy_frame, segmentation
 
 
 def test_a_mask_tints_its_pixels_and_no_others():
@@ -23,12 +27,6 @@ def test_a_polygon_lies_on_the_pixels_that_its_corners_name():
     assert not drawn[8, 8].any()
 
 
-def test_a_frame_has_the_size_of_its_image():
-    reference = busy_frame()
-    detected = segmentation(reference).mask_at(640, 480)
-    assert overlay_frame(fisheye_image(), reference=reference, detected=detected).shape == (480, 640, 3)
-
-
 def test_bands_are_told_from_ignored_objects():
     frame = banded_frame()
     bands = unknown_bands(frame)
@@ -38,10 +36,17 @@ def test_bands_are_told_from_ignored_objects():
     assert not unknown_bands(busy_frame()).any()  # ignored objects alone
 
 
-def test_a_band_stands_for_the_outline():
-    image, nothing = np.zeros((480, 640), dtype=np.uint8), np.zeros((480, 640), dtype=bool)
-    drawn = overlay_frame(image, reference=banded_frame(), detected=nothing).any(axis=2)
-    assert np.array_equal(drawn, unknown_bands(banded_frame()) > 0)
+def test_one_overlay_for_pictures_and_videos_shows_the_areas_and_the_bands():
+    reference = banded_frame()
+    nothing = segmentation(reference)
+    nothing = replace(nothing, mask=np.zeros_like(nothing.mask))
+    frame = SimpleNamespace(pixels=np.zeros((480, 640), dtype=np.uint8), segmentation=nothing, reference=reference)
+    drawn = draw_frame(frame, "demo")
+    assert drawn.shape == (480 + 3 * LINE_PX, 640, 3)
+    blue, _, red = np.moveaxis(drawn[:480], 2, 0)
+    assert (red > 0)[unknown_bands(reference) > 0].all(), "yellow"
+    inside = np.s_[202:208, 302:308]
+    assert (blue[inside] > red[inside]).all(), "missed"
 
 
 def test_sizes_must_agree():

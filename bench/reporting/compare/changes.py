@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -23,14 +22,13 @@ from bench.evaluation import (
     holm,
 )
 from bench.evaluation.definitions import false_share, image_metrics, object_metrics
-from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings
+from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings, merge_rows
 from bench.evaluation.summary import NO_CASES, Metric, take_ratios
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES
 from bench.harness.manifest import Aspect, differences
 from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
-from bench.reporting.formats import chance_of
-from bench.reporting.stored_run import StoredRun
+from bench.reporting.formats import LABELS, chance_of
+from bench.reporting.stored_run import StoredRun, pick
 
 SIGNIFICANCE = 0.05
 
@@ -40,9 +38,9 @@ class Verdict(StrEnum):
 
     BETTER = "better"
     WORSE = "worse"
-    NOT_SHOWN = "no difference that the data can show"
+    NOT_SHOWN = "no difference shown"
     THE_SAME = "the same"
-    TOO_FEW = "too few recordings for a verdict"
+    TOO_FEW = "too few recordings"
     NO_CASES = "no cases in one of the runs"
 
 
@@ -68,13 +66,6 @@ def judge(change: PairedChange, *, p_holm: float | None, improvement: float) -> 
     if low <= 0 <= high or p_holm > SIGNIFICANCE:
         return Verdict.NOT_SHOWN
     return Verdict.BETTER if improvement > 0 else Verdict.WORSE
-
-
-def verdict_text(verdict: Verdict, change: PairedChange) -> str:
-    """A verdict for people, for example "better" or "too few recordings for a verdict: 4, needs 6"."""
-    if verdict is Verdict.TOO_FEW:
-        return f"{verdict.value}: {change.recordings}, needs {FEWEST_RECORDINGS}"
-    return verdict.value
 
 
 # The metrics that are judged, and the only ones whose p-values are corrected.
@@ -176,7 +167,7 @@ def row_changes(sums_before: pd.DataFrame, sums_after: pd.DataFrame, *, protocol
     return [
         RowChange(
             name=row[1],
-            label="False positives" if row[0] == FRAMES else row[1].replace("_", " ").capitalize(),
+            label=LABELS[row[1]],
             frames=cases[row].cases,
             recordings=cases[row].recordings,
             metrics={metric: metric_change((*row, metric)) for metric in metrics},
@@ -197,9 +188,6 @@ class Kind(StrEnum):
     ROSE = "coverage rose"
     MORE_FALSE = "more false positives"
     FEWER_FALSE = "fewer false positives"
-
-
-_OF_OBJECTS = (Kind.LOST, Kind.GAINED, Kind.FELL, Kind.ROSE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -270,83 +258,79 @@ def sum_changes(
     Args:
         parts: whole recordings, as `paired_objects` gives them.
         categories: of the protocol.
-        limit: of object-frames of each kind; at most one of each track and kind, largest change of coverage first.
+        limit: of object-frames of each kind; at most one of each track and kind, largest change of coverage first, of
+            equals the largest object.
 
     Returns:
         detections: gained and lost, by category and of all.
         frames: the object-frames that changed most.
     """
-    empty = dict.fromkeys(("object_frames", "before", "after", "gained", "lost"), 0)
-    counted = {name: Counter(empty) for name in (*categories, ALL_MOVING)}
-    largest: dict[Kind, pd.DataFrame] = {}
-    for rows in parts:
-        for name, counts in counted.items():
-            of_row = rows if name == ALL_MOVING else rows[rows["category"] == name]
-            counts["object_frames"] += len(of_row)
-            for run in ("before", "after"):
-                counts[run] += int(of_row[f"detected_{run}"].sum())
-            for change in ("gained", "lost"):
-                counts[change] += int((of_row["change"] == change).sum())
-        for kind, where in _kinds(rows).items():
-            found = _largest(rows[where], limit=limit)
-            largest[kind] = _largest(pd.concat([largest[kind], found]), limit=limit) if kind in largest else found
-    detections = [DetectionCounts(name=name, **counts) for name, counts in counted.items()]
-    kinds = [kind for kind in _OF_OBJECTS if kind in largest]
-    return detections, [_object_frame(kind, row) for kind in kinds for row in largest[kind].to_dict("records")]
+    counts: list[pd.DataFrame] = []
+
+    def counted() -> Iterator[pd.DataFrame]:
+        for rows in parts:
+            lost, gained, both = (rows["change"] == change for change in ("lost", "gained", "both"))
+            numbers = {run: rows[f"detected_{run}"].astype(bool) for run in ("before", "after")}
+            numbers |= {"gained": gained, "lost": lost}
+            counts.append(pd.DataFrame({"category": rows["category"], "object_frames": 1} | numbers))
+            change = (rows["coverage_after"] - rows["coverage_before"]).astype(float)
+            kinds = {Kind.LOST: lost, Kind.GAINED: gained}
+            kinds |= {Kind.FELL: both & (change < 0), Kind.ROSE: both & (change > 0)}
+            yield _of_kinds(rows, kinds, size=change.abs())
+
+    def largest(rows: pd.DataFrame) -> pd.DataFrame:
+        ranked = rows.sort_values(["size", "region_px"], ascending=False, kind="stable")
+        return ranked.drop_duplicates(["kind", "recording", "track_id"]).groupby("kind").head(limit)
+
+    changed = pick(counted(), largest)
+    by_category = pd.concat(counts).groupby("category").sum().astype(int)
+    by_category.loc[ALL_MOVING] = by_category.sum()
+    by_category = by_category.reindex([*categories, ALL_MOVING], fill_value=0)
+    detections = [
+        DetectionCounts(name=str(name), **{str(count): int(number) for count, number in row.items()})
+        for name, row in by_category.iterrows()
+    ]
+    return detections, _frames(changed, value="coverage")
 
 
 def changed_images(before: StoredRun, after: StoredRun) -> list[ChangedFrame]:
     """The image with most more and the one with most fewer false positives; none where nothing changed."""
-    found: dict[Kind, tuple[float, dict[Hashable, Any]]] = {}
     counts = [run.frames.recordings() for run in (before, after)]
-    for group in group_recordings({name: rows for name, rows in counts[0].items() if name in counts[1]}):
-        rows = _false_shares(before, group).merge(_false_shares(after, group), on=IMAGE, suffixes=("_before", "_after"))
-        rows = rows.sort_values(IMAGE, ignore_index=True)
-        difference = (rows["share_after"] - rows["share_before"]).to_numpy()
-        for kind, sign in ((Kind.MORE_FALSE, 1), (Kind.FEWER_FALSE, -1)):
-            # Of equals the first: recordings come in order.
-            if len(rows) and (sign * difference).max() > found.get(kind, (0.0, {}))[0]:
-                first = int(np.argmax(sign * difference))
-                found[kind] = float(sign * difference[first]), rows.iloc[first].to_dict()
-    kinds = [kind for kind in (Kind.MORE_FALSE, Kind.FEWER_FALSE) if kind in found]
-    return [_changed_frame(kind, found[kind][1], value="share") for kind in kinds]
+
+    def parts() -> Iterator[pd.DataFrame]:
+        for group in group_recordings({name: rows for name, rows in counts[0].items() if name in counts[1]}) or [[]]:
+            rows = merge_rows(_false_shares(before, group), _false_shares(after, group), on=IMAGE)
+            rows = rows.sort_values(IMAGE, ignore_index=True)
+            change = rows["share_after"] - rows["share_before"]
+            yield _of_kinds(rows, {Kind.MORE_FALSE: change > 0, Kind.FEWER_FALSE: change < 0}, size=change.abs())
+
+    def largest(rows: pd.DataFrame) -> pd.DataFrame:
+        return rows.sort_values("size", ascending=False, kind="stable").drop_duplicates("kind")
+
+    return _frames(pick(parts(), largest), value="share")
 
 
-def _kinds(rows: pd.DataFrame) -> dict[Kind, pd.Series[bool]]:
-    difference = rows["coverage_after"] - rows["coverage_before"]
-    both = rows["change"] == "both"
-    return {
-        Kind.LOST: rows["change"] == "lost",
-        Kind.GAINED: rows["change"] == "gained",
-        Kind.FELL: both & (difference < 0),
-        Kind.ROSE: both & (difference > 0),
-    }
+def _of_kinds(rows: pd.DataFrame, kinds: Mapping[Kind, pd.Series[bool]], *, size: pd.Series[float]) -> pd.DataFrame:
+    """The rows that changed, with the kind and the size of the change."""
+    kind = np.select(list(kinds.values()), list(kinds), "")
+    changed: pd.DataFrame = rows.assign(kind=kind, size=size).loc[kind != ""]
+    return changed
 
 
-def _largest(rows: pd.DataFrame, *, limit: int) -> pd.DataFrame:
-    """The largest changes, one of each track; of equals the largest object, then the first in canonical order."""
-    ranked = rows.assign(size=(rows["coverage_after"] - rows["coverage_before"]).abs())
-    ranked = ranked.sort_values(["size", "region_px"], ascending=False, kind="stable")  # parts come in canonical order
-    first = ranked.drop_duplicates(["recording", "track_id"]).head(limit)
-    return first.drop(columns="size")
+def _frames(changed: pd.DataFrame, *, value: str) -> list[ChangedFrame]:
+    """The rows as frames, by kind, the largest change first."""
+    rows = changed.to_dict("records")
+    return [_frame(row, value) for kind in Kind for row in rows if row["kind"] == kind]
 
 
-def _object_frame(kind: Kind, row: Mapping[Hashable, Any]) -> ChangedFrame:
-    category = str(row["category"]).replace("_", " ")
-    return _changed_frame(
-        kind,
-        row,
-        value="coverage",
-        track_id=str(row["track_id"]),
-        what=f"{row['object_class']} '{row['track_id']}', {category}, {float(row['range_m']):.1f} m",
-        iou_before=float(row["iou_before"]),
-        iou_after=float(row["iou_after"]),
-    )
-
-
-def _changed_frame(kind: Kind, row: Mapping[Hashable, Any], *, value: str, **of_object: Any) -> ChangedFrame:
+def _frame(row: Mapping[Hashable, Any], value: str) -> ChangedFrame:
+    of_object: dict[str, Any] = {}
+    if "track_id" in row:
+        words = f"{row['object_class']} '{row['track_id']}', {str(row['category']).replace('_', ' ')}"
+        of_object = {"track_id": str(row["track_id"]), "what": f"{words}, {float(row['range_m']):.1f} m"}
+        of_object |= {name: float(row[name]) for name in ("iou_before", "iou_after")}
     return ChangedFrame(
-        kind=kind,
+        kind=Kind(row["kind"]),
         recording=str(row["recording"]),
         camera=str(row["camera"]),
         timestamp_ns=int(row["timestamp_ns"]),
@@ -416,25 +400,6 @@ def verdict_line(comparison: RunComparison) -> str:
         if names:
             said.append(f"{verdict.value}: {'; '.join(names)}")
     return f"{comparison.after.label} against {comparison.before.label}, over everything: {'. '.join(said)}."
-
-
-def category_line(comparison: RunComparison) -> str:
-    """One sentence about the categories: what is shown there, and which are too small to be judged."""
-    rows = [row for row in comparison.rows if row.name in {c.name for c in comparison.detections[:-1]}]
-    said = []
-    for verdict in (Verdict.BETTER, Verdict.WORSE):
-        cells = [f"{r.label} ({HEADLINES[m]})" for r in rows for m, c in r.metrics.items() if c.verdict is verdict]
-        if cells:
-            said.append(f"{verdict.value}: {', '.join(cells)}")
-    few = {
-        row.label: min(cell.change.recordings for cell in row.metrics.values() if cell.verdict is Verdict.TOO_FEW)
-        for row in rows
-        if any(cell.verdict is Verdict.TOO_FEW for cell in row.metrics.values())
-    }
-    if few:
-        listed = ", ".join(f"{label} ({recordings})" for label, recordings in few.items())
-        said.append(f"{Verdict.TOO_FEW.value} in at least one metric, {FEWEST_RECORDINGS} are needed: {listed}")
-    return f"By category: {'. '.join(said) or 'nothing that the data can show'}."
 
 
 def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) -> tuple[str, ...]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-from bench.errors import BenchError
-from bench.harness import ProcessedFrame
+from bench.harness import FramePipeline, ProcessedFrame
 from bench.reporting.canvas import figure_pixels, jpeg_bytes
 from bench.reporting.compare.changes import ChangedFrame, DrawnFrame, Kind, RunComparison
-from bench.reporting.side_by_side import Side, draw_side_by_side, frames_of_runs
+from bench.reporting.side_by_side import ImageKey, Progress, Side, draw_images, draw_side_by_side
 
 PICTURED = 2  # of each kind
 QUALITY = 90  # of JPEG; as PNG a picture takes 2 MB
@@ -19,7 +18,7 @@ def draw_changed_frames(
     comparison: RunComparison,
     *,
     number: int,
-    progress: Callable[[float, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> RunComparison:
     """Draw the frames that changed most as both methods were scored on them.
 
@@ -31,24 +30,23 @@ def draw_changed_frames(
     Returns:
         The comparison with the pictures, and with a line for every reason why one could not be made.
     """
-    chosen = [frame for kind in Kind for frame in [f for f in comparison.frames if f.kind is kind][:PICTURED]]
-    runs, keys = (comparison.before, comparison.after), [(f.recording, f.camera, f.timestamp_ns) for f in chosen]
-    drawn, remarks = [], []
-    try:
-        frames = frames_of_runs(runs if chosen else (), keys)
-    except BenchError as error:
-        return replace(comparison, remarks=(f"no pictures: {error}",))
-    for ordinal, (frame, both) in enumerate(zip(chosen, frames, strict=True), start=1):
+    chosen: dict[ImageKey, dict[str, ChangedFrame]] = {}  # by image and name
+    largest = [frame for kind in Kind for frame in [f for f in comparison.frames if f.kind is kind][:PICTURED]]
+    for ordinal, frame in enumerate(largest, start=1):
         name = f"{number:02d}-{ordinal:02d}-{frame.kind.value.replace(' ', '-')}.jpg"
-        if isinstance(both, str):
-            remarks.append(f"no picture {name}: {both}")
-            continue
-        figure = draw_side_by_side(_sides(frame, both, comparison), title=_headline(frame))
-        jpeg = jpeg_bytes(figure_pixels(figure), quality=QUALITY)
-        drawn.append(DrawnFrame(title=frame_title(frame), name=name, jpeg=jpeg))
-        if progress is not None:
-            progress(ordinal, len(chosen))
-    return replace(comparison, drawn=tuple(drawn), remarks=tuple(remarks))
+        chosen.setdefault((frame.recording, frame.camera, frame.timestamp_ns), {})[name] = frame
+
+    def draw(key: ImageKey, both: Sequence[ProcessedFrame], _: FramePipeline) -> list[DrawnFrame]:
+        return [_drawn(name, frame, _sides(frame, both, comparison)) for name, frame in chosen[key].items()]
+
+    found, problems = draw_images((comparison.before, comparison.after), chosen, draw, progress=progress)
+    drawn = sorted((picture for pictures in found.values() for picture in pictures), key=lambda picture: picture.name)
+    return replace(comparison, drawn=tuple(drawn), remarks=tuple(f"no picture: {problem}" for problem in problems))
+
+
+def _drawn(name: str, frame: ChangedFrame, sides: Sequence[Side]) -> DrawnFrame:
+    jpeg = jpeg_bytes(figure_pixels(draw_side_by_side(sides, title=_headline(frame))), quality=QUALITY)
+    return DrawnFrame(title=frame_title(frame), name=name, jpeg=jpeg)
 
 
 def frame_title(frame: ChangedFrame) -> str:

@@ -131,7 +131,7 @@ def _table_differences(
     count: Counter[str] = Counter()
     first: dict[str, str] = {}
 
-    def tell(what: str, rows: pd.DataFrame, example: str) -> None:
+    def count_rows(what: str, rows: pd.DataFrame, example: str) -> None:
         if len(rows):
             count[what] += len(rows)
             first.setdefault(what, example.format(**{str(c): v for c, v in rows.iloc[0].items()}))
@@ -141,11 +141,11 @@ def _table_differences(
         tables = [source.read(group, columns).astype(dict.fromkeys(columns, object)) for source in sources]
         both = merge_rows(*tables, on=key, how="outer").sort_values(list(key), ignore_index=True)
         for side, what in (("left_only", f"{unit} only in the first"), ("right_only", f"{unit} only in the second")):
-            tell(what, both[both["side"] == side], name)
+            count_rows(what, both[both["side"] == side], name)
         shared = both[both["side"] == "both"]
         for column in columns[len(key) :]:
             before, after = (shared[f"{column}_{side}"] for side in ("before", "after"))
             differs = (before != after) & ~(before.isna() & after.isna())
             example = f"{name}, {{{column}_before}} and {{{column}_after}}"
-            tell(f"{unit} with another {column}", shared[differs], example)
+            count_rows(f"{unit} with another {column}", shared[differs], example)
     return [f"{number} {what}, the first {first[what]}" for what, number in count.items()]

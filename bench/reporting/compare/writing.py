@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ from bench.evaluation import Metric, find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.reporting import document
 from bench.reporting.compare.changes import (
-    FALSE_POSITIVE_COVERAGE,
     HEADLINES,
     LISTED,
     ChangedFrame,
@@ -22,24 +21,21 @@ from bench.reporting.compare.changes import (
     MetricChange,
     RowChange,
     RunComparison,
-    Verdict,
-    category_line,
     compare_runs,
     paired_objects,
     verdict_line,
-    verdict_text,
 )
 from bench.reporting.compare.pictures import draw_changed_frames, frame_title
 from bench.reporting.compare.runs import read_comparable
-from bench.reporting.document import Block, Cell, Column, Heading, Paragraph, Picture, Style, Table
+from bench.reporting.document import Block, Cell, Column, Heading, Paragraph, Picture, Table
 from bench.reporting.formats import (
     CEILING,
     INTERVALS,
-    detection_levels,
     hundredths,
     metric_cell,
     write_texts,
 )
+from bench.reporting.side_by_side import Progress
 from bench.reporting.stored_run import StoredRun
 
 NOTE = (
@@ -77,26 +73,30 @@ def points(ratio: float) -> str:
     return "n/a" if math.isnan(ratio) else f"{100 * ratio:+.1f}"
 
 
-def p_text(p_value: float | None) -> str:
-    """For example "0.012" or "<0.001"; empty for None."""
-    if p_value is None:
-        return ""
+def p_text(p_value: float) -> str:
+    """For example "0.012" or "<0.001"."""
     return "<0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
-def bounds(cell: MetricChange, between: str = " to ") -> str:
-    """The interval in percentage points, for example "-1.2 to +0.3"; empty where there is none."""
-    return "" if cell.change.ci95 is None else between.join(points(end) for end in cell.change.ci95)
+def _interval(ci95: tuple[float, float]) -> str:
+    """In percentage points, for example "-1.2 to +0.3"."""
+    return " to ".join(map(points, ci95))
+
+
+_CHANGE: list[Column | Cell | str] = [
+    *("Recs", Column("before", hundredths), Column("after", hundredths)),
+    *(Column("change", points), Column("95 %", _interval)),
+]
 
 
 def _section(comparison: RunComparison) -> Iterator[Block]:
     before, after = comparison.before.label, comparison.after.label
     yield Heading(f"{after} against {before}")
     yield Paragraph(verdict_line(comparison), "strong")
-    yield Paragraph(category_line(comparison))
     yield Paragraph(f"Before: {before}, {comparison.methods[0]}. After: {after}, {comparison.methods[1]}.")
     yield from map(Paragraph, comparison.notes)
-    yield from (_metric_table(comparison.rows, metric) for metric in _metrics(comparison.rows))
+    yield headline_table(comparison)
+    yield _further_table(comparison.rows)
     yield _detection_table(comparison)
     for kind in Kind:
         if frames := [frame for frame in comparison.frames if frame.kind is kind]:
@@ -107,37 +107,56 @@ def _section(comparison: RunComparison) -> Iterator[Block]:
     yield from (Paragraph(remark, "dim") for remark in comparison.remarks)
 
 
-def _metrics(rows: Sequence[RowChange]) -> list[str]:
-    """Headlines first, then the others in their own order."""
-    every = dict.fromkeys(metric for row in rows for metric in row.metrics)
-    return [*(m for m in HEADLINES if m in every), *(m for m in every if m not in HEADLINES)]
+def headline_table(comparison: RunComparison) -> Table:
+    """The metrics that are judged, by kind of motion, with their verdicts; kinds without object-frames are left out."""
+    return Table(
+        title=f"{comparison.after.label} (after) against {comparison.before.label} (before), percent",
+        columns=["Metric", "Type", "Verdict", *_CHANGE, Column("p (Holm)", p_text)],
+        rows=[
+            [*line, cell.verdict, *change, cell.p_holm]
+            for _, line, change, cell in _lines(comparison.rows, HEADLINES)
+            if cell.verdict is not None
+        ],
+        words=3,
+    )
 
 
-def _metric_table(rows: Sequence[RowChange], metric: str) -> Table:
-    cells = [(row, row.metrics[metric]) for row in rows if metric in row.metrics]
-    values = [Column(heading, hundredths) for heading in ("before", "after")]
-    columns: list[Column | str] = ["Type", "Frames", "Recordings", *values, Column("difference", points), "95 %"]
-    further: dict[str, Callable[[MetricChange], object]] = {}
-    if any(cell.chance for _, cell in cells):
-        further = {"chance before": lambda cell: _chance(cell, 0), "after": lambda cell: _chance(cell, 1)}
-    if any(cell.ceiling is not None for _, cell in cells):
-        further["ceiling"] = lambda cell: "" if cell.ceiling is None else hundredths(cell.ceiling)
-    if metric in HEADLINES:
-        further |= {"p (Holm)": lambda cell: p_text(cell.p_holm), "verdict": _verdict}
-    lines = []
-    for row, cell in cells:
-        change = cell.change
-        line = [row.label, row.frames, change.recordings, change.before, change.after, change.difference, bounds(cell)]
-        lines.append([*line, *(form(cell) for form in further.values())])
-    return Table(title=f"{find_metric(metric).label}, percent", columns=[*columns, *further], rows=lines)
+def _further_table(rows: Sequence[RowChange]) -> Table:
+    """The other metrics, and what bounds all of them: the chance level of detection, the score of the exact masks."""
+    further = dict.fromkeys(metric for row in rows for metric in row.metrics)
+    bounds = [Column(heading, hundredths) for heading in ("chance before", "after", "ceiling")]
+    return Table(
+        title="All metrics, percent, with chance levels and the ceiling",
+        columns=["Metric", "Type", "Frames", *_CHANGE, *bounds],
+        rows=[
+            [
+                *line,
+                row.frames,
+                *change,
+                *((m.value for m in cell.chance) if cell.chance else (None, None)),
+                cell.ceiling,
+            ]
+            for row, line, change, cell in _lines(rows, further)
+        ],
+        words=2,
+    )
 
 
-def _chance(cell: MetricChange, run: int) -> str:
-    return "" if cell.chance is None else hundredths(cell.chance[run].value)
+def _chances(cell: MetricChange) -> tuple[float | None, float | None]:
+    return (None, None) if cell.chance is None else (cell.chance[0].value, cell.chance[1].value)
 
 
-def _verdict(cell: MetricChange) -> str:
-    return "" if cell.verdict is None else verdict_text(cell.verdict, cell.change)
+def _lines(
+    rows: Sequence[RowChange], metrics: Iterable[str]
+) -> Iterator[tuple[RowChange, list[object], list[object], MetricChange]]:
+    """For each metric the rows that have it: both names, the numbers in the columns `_CHANGE`, the change itself."""
+    for metric in metrics:
+        for row in rows:
+            cell = row.metrics.get(metric)
+            if cell is not None and row.frames:
+                change = cell.change
+                numbers: list[object] = [change.recordings, change.before, change.after, change.difference, change.ci95]
+                yield row, [find_metric(metric).label, row.label], numbers, cell
 
 
 def _detection_table(comparison: RunComparison) -> Table:
@@ -162,7 +181,6 @@ def _frame_table(kind: Kind, frames: Sequence[ChangedFrame]) -> Table:
     )
 
 
-_OF_LATEX = {"iou": "IoU", "tpr_all": "TPR", FALSE_POSITIVE_COVERAGE: "False positives"}
 _LATEX_NOTE = (
     "IoU and TPR over all object-frames, an undetected one having 0; false positives as a share of the image, over all "
     f"images. On the images that both runs scored. {INTERVALS}"
@@ -178,10 +196,10 @@ def _latex(comparison: RunComparison) -> str:
     runs, first = (comparison.before, comparison.after), comparison.before.summary
     table = Table(
         title=" and ".join(run.label for run in runs),
-        columns=["Type", "Run", "Recordings", "Cases", *_OF_LATEX.values()],
+        columns=["Type", "Run", "Recordings", "Cases", *HEADLINES.values()],
         rows=[
             [row.label, run.label, row.recordings, row.frames]
-            + [_value(row.metrics.get(metric), side) for metric in _OF_LATEX]
+            + [_value(row.metrics.get(metric), side) for metric in HEADLINES]
             for row in comparison.rows
             if row.frames
             for side, run in enumerate(runs)
@@ -210,30 +228,26 @@ _CHANGED = ("gained", "lost", "both")
 def to_csv(comparisons: Sequence[RunComparison]) -> str:
     """One line per pair of runs, row and metric, ratios at full precision; empty where there is no number."""
     return document.to_csv(
-        [
-            _csv_row(comparison, row, metric, cell)
-            for comparison in comparisons
-            for row in comparison.rows
-            for metric, cell in row.metrics.items()
-        ]
+        {"before_run": comparison.before.label, "after_run": comparison.after.label} | record | _images(comparison)
+        for comparison in comparisons
+        for record in _records(comparison)
     )
 
 
-def _csv_row(comparison: RunComparison, row: RowChange, metric: str, cell: MetricChange) -> dict[str, object]:
-    change = cell.change
-    low, high = change.ci95 or (None, None)
-    chance_before, chance_after = cell.chance or (None, None)
-    images_before, images_after, images_compared = comparison.images
-    return {
-        "before_run": comparison.before.label, "after_run": comparison.after.label, "row": row.name,
-        "frames": row.frames, "metric": metric, "before": change.before, "after": change.after,
-        "difference": change.difference, "ci95_low": low, "ci95_high": high, "p_value": change.p_value,
-        "p_holm": cell.p_holm, "cases_before": change.cases_before, "cases_after": change.cases_after,
-        "recordings": change.recordings, "chance_before": chance_before and chance_before.value,
-        "chance_after": chance_after and chance_after.value, "ceiling": cell.ceiling,
-        "verdict": cell.verdict, "images_before": images_before, "images_after": images_after,
-        "images_compared": images_compared,
-    }  # fmt: skip
+def _images(comparison: RunComparison) -> dict[str, int]:
+    return dict(zip(("images_before", "images_after", "images_compared"), comparison.images, strict=True))
+
+
+def _records(comparison: RunComparison) -> Iterator[dict[str, object]]:
+    """A record for each row and metric."""
+    for row in comparison.rows:
+        for metric, cell in row.metrics.items():
+            change = asdict(cell.change)
+            low, high = change.pop("ci95") or (None, None)
+            before, after = _chances(cell)
+            own = {"row": row.name, "frames": row.frames, "metric": metric, "verdict": cell.verdict}
+            yield own | change | {"ci95_low": low, "ci95_high": high, "p_holm": cell.p_holm, "chance_before": before,
+                                  "chance_after": after, "ceiling": cell.ceiling}  # fmt: skip
 
 
 def write_object_changes(file: Path, comparisons: Sequence[RunComparison]) -> None:
@@ -269,19 +283,10 @@ def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
     return {
         "before": _json_run(comparison.before),
         "after": _json_run(comparison.after),
-        "images": dict(zip(("before", "after", "compared"), comparison.images, strict=True)),
+        **_images(comparison),
         "verdict": verdict_line(comparison),
-        "categories": category_line(comparison),
         "notes": list(comparison.notes),
-        "rows": [
-            {
-                "name": row.name,
-                "frames": row.frames,
-                "recordings": row.recordings,
-                "metrics": {metric: _json_change(cell) for metric, cell in row.metrics.items()},
-            }
-            for row in comparison.rows
-        ],
+        "rows": list(_records(comparison)),
         "detections": [asdict(counts) for counts in comparison.detections],
         "changed_frames": [asdict(frame) for frame in comparison.frames],
         "pictures": [{"file": f"pictures/{picture.name}", "title": picture.title} for picture in comparison.drawn],
@@ -299,74 +304,15 @@ def _json_run(run: StoredRun) -> dict[str, Any]:
     }
 
 
-def _json_change(cell: MetricChange) -> dict[str, Any]:
-    chance = None if cell.chance is None else [metric.value for metric in cell.chance]
-    own = {"p_holm": cell.p_holm, "verdict": cell.verdict, "chance": chance, "ceiling": cell.ceiling}
-    return asdict(cell.change) | own
-
-
-_SHORT = {
-    Verdict.BETTER: "better",
-    Verdict.WORSE: "worse",
-    Verdict.NOT_SHOWN: "not shown",
-    Verdict.THE_SAME: "the same",
-    Verdict.TOO_FEW: "few: {}",
-    Verdict.NO_CASES: "",
-}
-_STYLES: dict[Verdict | None, Style] = {Verdict.BETTER: "good", Verdict.WORSE: "bad"}
-_LINES = ("before", "after", "diff.", "95 %", "p Holm", "verdict", "chance", "ceiling")
-_TERMINAL_NOTES = (
-    "Diff.: percentage points, 95 % interval in pairs over recordings. p: corrected over a column.",
-    "Verdict: of any-pixel detection, TPR and IoU detected, false positives only; from "
-    f"{FEWEST_RECORDINGS} recordings on.",
-    "Not shown: no difference that the data can show. Few: 4: cases of both in 4 recordings.",
-    "Chance: before/after, on the mask of another frame. Ceiling: of the exact masks. False positives: of the image.",
+_TERMINAL_NOTE = (
+    "Differences in percentage points, with 95 % intervals by recording, in pairs; p: corrected over the rows of a "
+    f"metric; a verdict needs {FEWEST_RECORDINGS} recordings (recs). All metrics, chance and ceiling: compare.md."
 )
 
 
 def terminal_report(comparison: RunComparison) -> list[Block]:
-    """For 100 columns, in lines: before, after, difference, interval, corrected p-value, verdict, chance, ceiling."""
-    shown = _shown(comparison.rows)
-    rows = []
-    for row in comparison.rows:
-        of_images = FALSE_POSITIVE_COVERAGE in row.metrics
-        metrics = [FALSE_POSITIVE_COVERAGE] if of_images else list(shown)
-        with_ceiling = any(row.metrics[metric].ceiling is not None for metric in metrics)
-        first, *below = _LINES[:-2] if of_images else _LINES[: None if with_ceiling else -1]
-        cells = [_terminal_cell(row.metrics[metric], below) for metric in metrics]
-        label = Cell(row.label, (f"{row.frames} frames", f"{row.recordings} recordings"))
-        rows.append([label, Cell(first, tuple(below)), *cells, *[None] * (len(shown) - len(cells))])
-    title = f"{comparison.after.label} (after) against {comparison.before.label} (before), in percent"
-    table = Table(title=title, columns=["Type", "", *shown.values()], rows=rows, words=2)
-    return [table, *(Paragraph(note, "dim") for note in _TERMINAL_NOTES)]
-
-
-def _shown(rows: Sequence[RowChange]) -> dict[str, Cell]:
-    """IoU and TPR over all, detection at the highest level and of any pixel; IoU and TPR over detected."""
-    at_level = detection_levels(rows[0].metrics)[-1:]
-    names = ("iou", "tpr_all", *at_level, "detection_rate", "iou_detected", "tpr")
-    return {name: _narrow(find_metric(name).label) for name in names}
-
-
-def _narrow(label: str) -> Cell:
-    """A heading in two lines."""
-    first, _, second = label.partition(", " if "," in label else " ")
-    return Cell(first, (second,) if second else ())
-
-
-def _terminal_cell(cell: MetricChange, below: Sequence[str]) -> Cell:
-    """The lines of a metric, in the colour of its verdict."""
-    change = cell.change
-    found = {
-        "after": hundredths(change.after),
-        "diff.": points(change.difference),
-        "95 %": bounds(cell, ","),
-        "p Holm": p_text(cell.p_holm),
-        "verdict": "" if cell.verdict is None else _SHORT[cell.verdict].format(change.recordings),
-        "chance": "" if cell.chance is None else "/".join(hundredths(level.value) for level in cell.chance),
-        "ceiling": "" if cell.ceiling is None else hundredths(cell.ceiling),
-    }
-    return Cell(hundredths(change.before), tuple(found[line] for line in below), _STYLES.get(cell.verdict, ""))
+    """The metrics that are judged, for 100 columns."""
+    return [headline_table(comparison), Paragraph(_TERMINAL_NOTE, "dim")]
 
 
 CHANGES = "object_changes.csv"
@@ -379,7 +325,7 @@ def write_comparison(
     out: Path,
     *,
     pictures: bool = True,
-    progress: Callable[[float, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> tuple[list[RunComparison], tuple[Path, ...]]:
     """Compare runs and write `compare.md`, `.csv`, `.json`, `.tex`, `object_changes.csv` and `pictures/`.
 

@@ -46,7 +46,7 @@
   function valueOf(entry, row, metric) {
     if (metric === "cost") return entry.cost ? entry.cost[0] : null;
     if (metric === "method") return entry.method.toLowerCase();
-    return entry.figures[row][metric][0];
+    return entry.values[row][metric][0];
   }
 
   function compare(row) {
@@ -97,7 +97,7 @@
   }
 
   function value(entry, row, metric, cell) {
-    const [found, low, high] = entry.figures[row.name][metric];
+    const [found, low, high] = entry.values[row.name][metric];
     const ceiling = row.ceiling[metric];
     if (found === null) { cell.textContent = "n/a"; return; }
     if (!metric.startsWith("chance")) {

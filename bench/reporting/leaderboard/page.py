@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
@@ -16,7 +16,7 @@ from bench.errors import BenchError
 from bench.recordings import load_card
 from bench.reporting import document
 from bench.reporting.canvas import write_picture
-from bench.reporting.count_view import AREA_COLOURS, PixelClass
+from bench.reporting.count_view import AREA_COLOURS, AREA_NAMES
 from bench.reporting.formats import write_texts
 from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.pictures import Example, draw_examples
@@ -30,6 +30,7 @@ from bench.reporting.leaderboard.texts import (
     to_json,
 )
 from bench.reporting.page.charts import Chart, inline_svg
+from bench.reporting.side_by_side import Progress
 
 CHART = "quality-and-cost"
 DIGITS = 5  # of the page's numbers, which it shows with fewer; leaderboard.json has all
@@ -42,7 +43,7 @@ CHART_OF_ALL = document.Picture(
 
 
 def write_leaderboard(
-    found: Leaderboard, out: Path, *, pictures: bool = True, progress: Callable[[float, int], None] | None = None
+    found: Leaderboard, out: Path, *, pictures: bool = True, progress: Progress | None = None
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Write `index.html`, `leaderboard.md`, `.csv`, `.json` and the chart, each file whole or not at all.
 
@@ -60,8 +61,8 @@ def write_leaderboard(
     problems: list[str] = []
     for group in found.groups if pictures else ():
         if group.judged and group.dataset not in examples and _rendered(group):
-            examples[group.dataset], told = draw_examples(group, progress=progress)
-            problems += told
+            examples[group.dataset], missing = draw_examples(group, progress=progress)
+            problems += missing
     charted = [group for group in found.groups if group.judged and any(entry.cost for entry in group.methods)]
     figure = draw_quality_and_cost(charted) if charted else None
     texts = {
@@ -106,8 +107,7 @@ def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: 
             damaged=found.damaged,
             judged=RANKING_PROTOCOL,
             notes=NOTES,
-            colours={kind: AREA_COLOURS[kind] for kind in AREA_COLOURS},
-            areas=PixelClass,
+            areas=[(colour, AREA_NAMES[kind]) for kind, colour in AREA_COLOURS.items()],
             pictures=any(examples.values()),
             style=_packaged("bench.reporting.page", "page.css") + _packaged("bench.reporting.leaderboard", "board.css"),
             script=_packaged("bench.reporting.leaderboard", "board.js"),

@@ -5,7 +5,7 @@ An image is stored once. What a run made of it is a layer of flat colours, one p
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -13,15 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import BenchError
-from bench.harness import ProcessedFrame
-from bench.harness.frames import UnscorableFrame
-from bench.harness.replay import StoredFrames
+from bench.harness import FramePipeline, ProcessedFrame
 from bench.reporting import canvas
 from bench.reporting.count_view import AREA_COLOURS, detected_pixels, false_positive_text, pixel_classes
 from bench.reporting.formats import LABELS, frame_name
 from bench.reporting.frame_pictures import example_frames
 from bench.reporting.leaderboard.reading import Group
-from bench.reporting.side_by_side import ImageKey
+from bench.reporting.side_by_side import ImageKey, Progress, draw_images
 from bench.reporting.stored_run import read_stored_run
 
 WIDTH_PX, LAYER_PX = 480, 320
@@ -45,9 +43,7 @@ class Example:
     notes: dict[str, str]
 
 
-def draw_examples(
-    group: Group, *, progress: Callable[[float, int], None] | None = None
-) -> tuple[tuple[Example, ...], tuple[str, ...]]:
+def draw_examples(group: Group, *, progress: Progress | None = None) -> tuple[tuple[Example, ...], tuple[str, ...]]:
     """Draw one image of each kind of motion: that in which an object of it fills most pixels, whoever finds it.
 
     Args:
@@ -59,38 +55,29 @@ def draw_examples(
         problems: why others could not, one line each.
     """
     images: dict[ImageKey, str] = {}
-    frames: dict[ImageKey, ProcessedFrame] = {}
-    layers: dict[ImageKey, dict[str, str]] = {}
-    notes: dict[ImageKey, dict[str, str]] = {}
+    examples: dict[ImageKey, Example] = {}
     problems: dict[str, None] = {}
+
+    def draw(key: ImageKey, frames: Sequence[ProcessedFrame], _: FramePipeline) -> tuple[str, str]:
+        if key not in examples:
+            title = f"{images[key]}: {frame_name(frames[0].reference)}"
+            photograph = canvas.jpeg_uri(_photograph(frames[0].pixels), quality=QUALITY)
+            examples[key] = Example(title=title, image=photograph, layers={}, notes={})
+        return _layer(frames[0]), false_positive_text(frames[0])
+
     for number, entry in enumerate(group.entries, start=1):
         try:
             run = read_stored_run(entry.folder, label=entry.run)
-            stored = StoredFrames(run.folder, run.summary, run.protocol)
-            if not images:
-                chosen = example_frames(run.objects)
-                images = {key: LABELS[category] for category, key in chosen.items()}
-            for key in images:
-                frame = stored.process(*key)
-                frames.setdefault(key, frame)
-                layers.setdefault(key, {})[entry.run] = _layer(frame)
-                notes.setdefault(key, {})[entry.run] = false_positive_text(
-                    frame.reference, detected=detected_pixels(frame)
-                )
-        except (BenchError, UnscorableFrame) as error:
-            problems[f"{entry.run}: {error}"] = None
+            images = images or {key: LABELS[category] for category, key in example_frames(run.objects).items()}
+            drawn, failed = draw_images([run], images, draw)
+        except BenchError as error:
+            drawn, failed = {}, [str(error)]
+        problems |= dict.fromkeys(f"{entry.run}: {problem}" for problem in failed)
+        for key, (layer, note) in drawn.items():
+            examples[key].layers[entry.run], examples[key].notes[entry.run] = layer, note
         if progress is not None:
             progress(number, len(group.entries))
-    found = tuple(
-        Example(
-            title=f"{images[key]}: {frame_name(frame.reference)}",
-            image=canvas.jpeg_uri(_photograph(frame.pixels), quality=QUALITY),
-            layers=layers[key],
-            notes=notes[key],
-        )
-        for key, frame in frames.items()
-    )
-    return found, tuple(problems)
+    return tuple(examples[key] for key in images if key in examples), tuple(problems)
 
 
 def _photograph(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -18,7 +18,6 @@ from bench.harness import RunSummary
 from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
 from bench.harness.stored import reference_digest
-from bench.records.reference import Category
 from bench.reporting import formats
 from bench.reporting.compare.runs import (
     differing_settings,
@@ -41,7 +40,7 @@ class Kind(StrEnum):
     """Kind of masks that a run scores."""
 
     METHOD = "method"
-    ORACLE = "oracle"  # is told what no method may know
+    ORACLE = "oracle"  # is given what no method may know
     CEILING = "ceiling"  # the exact masks, pixel by pixel
 
 
@@ -62,9 +61,7 @@ class Row:
     @property
     def label(self) -> str:
         """For people."""
-        if self.name == ALL_MOVING:
-            return "All moving"
-        return formats.LABELS[Category(self.name)]
+        return formats.LABELS[self.name]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -305,21 +302,20 @@ def _summary_of(run: StoredRun) -> RunSummary:
     return run.summary.model_copy(update={name: getattr(found, name) for name in type(found).model_fields})
 
 
-# Settings by which a table tells from methods what is told more than they are; paths of files distinguish no methods.
-_MARKS = ("sees_the_truth", "sees_the_reference")
-_NOT_SHOWN = (*_MARKS, "scenario")
+ORACLE_SETTINGS = ("sees_the_truth", "sees_the_reference")  # true for what is given more than a method may know
+HIDDEN_SETTINGS = (*ORACLE_SETTINGS, "scenario")  # distinguish no methods: a table says the kind, and a path is a path
 
 
 def _entry(run: StoredRun, compared: RunSummary, settings: dict[str, object]) -> Entry:
     summary, code = run.summary, run.summary.manifest.code
-    told = {name: value for name, value in settings.items() if name not in _NOT_SHOWN}
+    shown = {name: value for name, value in settings.items() if name not in HIDDEN_SETTINGS}
     commit = "" if code.commit is None else f" {code.commit[:8]}{'+' if code.commit.endswith('+') else ''}"
     of_images = {FALSE_POSITIVES: compared.false_positives.coverage, OF_PIXELS: compared.segmentation.iou}
     of_rows = {ALL_MOVING: compared.all_moving} | compared.categories
     return Entry(
         run=run.label,
         folder=run.folder,
-        method=f"{summary.manifest.method.name} ({settings_text(told)})" if told else summary.manifest.method.name,
+        method=f"{summary.manifest.method.name} ({settings_text(shown)})" if shown else summary.manifest.method.name,
         kind=_kind(summary),
         values={
             row: {name: found.metric(name) for name in found.metric_names()} | of_images
@@ -335,9 +331,7 @@ def _entry(run: StoredRun, compared: RunSummary, settings: dict[str, object]) ->
 
 def _kind(summary: RunSummary) -> Kind:
     settings = summary.manifest.method.settings
-    if not any(settings.get(mark) for mark in _MARKS):
+    if not any(settings.get(name) for name in ORACLE_SETTINGS):
         return Kind.METHOD
-    as_they_are = {"cell_size_px": 1, "grow_px": 0, "shift_px": 0, "shape": "exact"}
-    as_told = all(settings.get(name) == value for name, value in as_they_are.items())
-    exact = summary.manifest.method.name == "truth" and as_told
-    return Kind.CEILING if exact else Kind.ORACLE
+    exact = {"cell_size_px": 1, "grow_px": 0, "shift_px": 0, "shape": "exact"}.items() <= settings.items()
+    return Kind.CEILING if exact and summary.manifest.method.name == "truth" else Kind.ORACLE

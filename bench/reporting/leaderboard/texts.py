@@ -13,6 +13,7 @@ from bench.evaluation.sums import ALL_MOVING
 from bench.harness.manifest import SHOWN_DIGEST
 from bench.reporting import document, formats
 from bench.reporting.document import Block, Cell, Heading, Items, Paragraph, Table
+from bench.reporting.formats import metric_cell, metric_record
 from bench.reporting.leaderboard.reading import (
     FALSE_POSITIVES,
     LEAST_COMMON,
@@ -36,15 +37,15 @@ NOTE = (
     "apart from it cost nothing; the IoU of pixels counts all of them, over all images."
 )
 ORACLE_NOTE = (
-    f"No methods: the exact masks of rendered data are the ceiling, {formats.CEILING}; oracles are told what no method "
-    "may know: the exact masks on cells, or the exact flow and ego-motion."
+    f"No methods: the exact masks of rendered data are the ceiling, {formats.CEILING}; oracles are given what no "
+    "method may know: the exact masks on cells, or the exact flow and ego-motion."
 )
 COST_NOTE = (
     "Cost: the method alone for one image, in one thread and without a cache, in ms, and its ratio to a call of "
     "Farnebäck's flow on the same images."
 )
 NOTES = (NOTE, ORACLE_NOTE, COST_NOTE)
-_MARKS = {Kind.METHOD: "", Kind.ORACLE: " (oracle)", Kind.CEILING: " (ceiling)"}
+_SUFFIXES = {Kind.METHOD: "", Kind.ORACLE: " (oracle)", Kind.CEILING: " (ceiling)"}
 
 
 def leaderboard_tables(found: Leaderboard) -> Iterator[Block]:
@@ -86,7 +87,7 @@ def _lines(group: Group, entry: Entry, name: str) -> Cell:
 
 
 def _method(entry: Entry) -> str:
-    return f"{entry.method}{_MARKS[entry.kind]}{_failed(entry)}"
+    return f"{entry.method}{_SUFFIXES[entry.kind]}" + (f", {entry.failures} failures" if entry.failures else "")
 
 
 def report(found: Leaderboard, *, charts: Sequence[Block] = ()) -> Iterator[Block]:
@@ -111,7 +112,7 @@ def _overall(group: Group) -> Table:
     shown = shown_metrics(group)
     columns = ["Method", *shown.values(), "ms per image", "Images", "Run", "Date", "Code"]
     rows = [
-        [_method(e), *(_with_interval(e.metrics[name]) for name in shown), _cost(e), e.images, e.run, e.date, e.code]
+        [_method(e), *(metric_cell(e.metrics[name]) for name in shown), _cost(e), e.images, e.run, e.date, e.code]
         for e in group.entries
     ]
     ceiling = _ceiling_line(group, [(ALL_MOVING, name) for name in shown], len(columns))
@@ -125,41 +126,44 @@ def _by_row(group: Group) -> Table:
     keys = [*((row.name, ORDERED_BY) for row in kinds), (ALL_MOVING, FALSE_POSITIVES)]
     frames = [f"{row.object_frames}, {row.recordings}" for row in kinds]
     rows = [
-        [f"{entry.method}{_MARKS[entry.kind]}", *(_with_interval(entry.values[row][name]) for row, name in keys)]
+        [f"{entry.method}{_SUFFIXES[entry.kind]}", *(metric_cell(entry.values[row][name]) for row, name in keys)]
         for entry in group.entries
     ]
-    above = [["object-frames, recordings", *frames, ""], *_ceiling_line(group, keys, len(columns))]
+    above: list[Sequence[object]] = [
+        ["object-frames, recordings", *frames, ""],
+        *_ceiling_line(group, keys, len(columns)),
+    ]
     return Table(title="By kind of motion", columns=columns, rows=[*above, *rows])
 
 
-def _ceiling_line(group: Group, keys: Sequence[tuple[str, str]], columns: int) -> list[list[str]]:
+def _ceiling_line(group: Group, keys: Sequence[tuple[str, str]], columns: int) -> list[list[object]]:
     """Return the line of the exact masks, where no run of them stands in the table anyway."""
     values = [group.ceiling(row, name) for row, name in keys]
     if any(entry.kind is Kind.CEILING for entry in group.entries) or all(map(math.isnan, values)):
         return []
-    cells = ["" if math.isnan(value) else formats.hundredths(value) for value in values]
-    return [["ceiling: the exact masks", *cells, *[""] * (columns - len(cells) - 1)]]
+    cells = [None if math.isnan(value) else formats.percent(value) for value in values]
+    return [["ceiling: the exact masks", *cells, *[None] * (columns - len(cells) - 1)]]
 
 
 def to_csv(found: Leaderboard) -> str:
     """One line per run, row and metric, ratios at full precision; empty where there is no number."""
     return document.to_csv(
-        {
-            "dataset": group.dataset, "split": group.split, "protocol": group.protocol,
-            "protocol_digest": group.protocol_digest, "reference_digest": group.reference_digest,
-            "run": entry.run, "method": entry.method, "kind": entry.kind, "date": entry.date, "code": entry.code,
-            "failures": entry.failures, "method_ms": entry.cost and entry.cost.method_ms,
-            "farneback_ms": entry.cost and entry.cost.farneback_ms, "row": row.name, "figure": name,
-            "value": metric.value, "ci95_low": metric.ci95 and metric.ci95[0],
-            "ci95_high": metric.ci95 and metric.ci95[1], "ceiling": _known_ceiling(group, row.name, name),
-            "cases": metric.cases, "images": entry.images, "images_compared": group.images,
-            "recordings": metric.recordings,
-        }
+        _fields(group, _OF_GROUP) | {"images_compared": group.images} | _fields(entry, _OF_ENTRY)
+        | {"method_ms": entry.cost and entry.cost.method_ms, "farneback_ms": entry.cost and entry.cost.farneback_ms,
+           "row": row.name, "metric": name, **metric_record(metric), "ceiling": _known_ceiling(group, row.name, name)}
         for group in found.groups
         for entry in group.entries
         for row in group.rows
         for name, metric in entry.values[row.name].items()
     )  # fmt: skip
+
+
+_OF_GROUP = ("dataset", "split", "protocol", "protocol_digest", "reference_digest")
+_OF_ENTRY = ("run", "method", "kind", "images", "date", "code", "failures")
+
+
+def _fields(record: object, names: Sequence[str]) -> dict[str, object]:
+    return {name: getattr(record, name) for name in names}
 
 
 def _known_ceiling(group: Group, row: str, name: str) -> float | None:
@@ -184,38 +188,19 @@ def to_json(found: Leaderboard) -> str:
 def json_group(group: Group) -> dict[str, object]:
     """A group as JSON has it, and the page: values as [value, low, high] of the interval, or [value]."""
     names = shown_metrics(group)
-    return {
-        "dataset": group.dataset,
-        "split": group.split,
-        "protocol": group.protocol,
-        "protocol_digest": group.protocol_digest,
-        "reference_digest": group.reference_digest,
-        "judged": group.judged,
-        "images": group.images,
+    ceilings = {row.name: {name: _known_ceiling(group, row.name, name) for name in names} for row in group.rows}
+    return _fields(group, (*_OF_GROUP, "judged", "images")) | {
         "metrics": names,
         "rows": [
-            {
-                "name": row.name,
-                "label": row.label,
-                "object_frames": row.object_frames,
-                "recordings": row.recordings,
-                "ceiling": {
-                    name: ceiling for name in names if (ceiling := _known_ceiling(group, row.name, name)) is not None
-                },
-            }
+            _fields(row, ("name", "label", "object_frames", "recordings"))
+            | {"ceiling": {name: value for name, value in ceilings[row.name].items() if value is not None}}
             for row in group.rows
         ],
         "entries": [
-            {
-                "run": entry.run,
-                "method": entry.method,
-                "kind": entry.kind.value,
-                "images": entry.images,
+            _fields(entry, _OF_ENTRY)
+            | {
                 "cost": None if entry.cost is None else [entry.cost.method_ms, entry.cost.ratio],
-                "date": entry.date,
-                "code": entry.code,
-                "failures": entry.failures,
-                "figures": {
+                "values": {
                     row.name: {name: _numbers(entry.values[row.name][name]) for name in names} for row in group.rows
                 },
             }
@@ -229,22 +214,29 @@ def _numbers(metric: Metric) -> list[float]:
 
 
 def best_methods(found: Leaderboard) -> Iterator[dict[str, object]]:
-    """For each data set the method that leads under the protocol that is judged by; the oracles are none."""
+    """For each data set the method that leads under the protocol that is judged by, and its score in words.
+
+    Oracles are none. Without an interval it is "first", not "best": another may be better.
+    """
     today = load_protocol(RANKING_PROTOCOL).digest
     for dataset in dict.fromkeys(group.dataset for group in found.groups):
         judged = [g for g in found.groups if (g.dataset, g.split, g.judged) == (dataset, None, True) and g.methods]
         if judged:
             group = max(judged, key=lambda group: (group.protocol_digest == today, len(group.methods)))
-            best = group.methods[0]
+            best, ceiling = group.methods[0], group.ceiling(ALL_MOVING, ORDERED_BY)
+            iou = best.metrics[ORDERED_BY]
+            few = "" if iou.ci95 else " (too few recordings for an interval)"
+            of = "" if math.isnan(ceiling) else f", ceiling {formats.percent(ceiling)}"
+            false = formats.percent(best.metrics[FALSE_POSITIVES].value)
             yield {
                 "dataset": dataset,
                 "protocol": group.protocol,
                 "protocol_digest": group.protocol_digest,
+                "rank": "best" if iou.ci95 else "first",
                 "method": best.method,
                 "of": len(group.methods),
-                "iou": _numbers(best.metrics[ORDERED_BY]),
-                "ceiling": group.ceiling(ALL_MOVING, ORDERED_BY),
-                "false_positives": _numbers(best.metrics[FALSE_POSITIVES]),
+                "score": f"IoU {formats.with_interval(iou)}{few} over all moving object-frames{of}, false positives "
+                f"{false} of the image",
                 "date": best.date,
                 "code": best.code,
             }
@@ -253,7 +245,7 @@ def best_methods(found: Leaderboard) -> Iterator[dict[str, object]]:
 def best_line(file: Path, *, dataset: str) -> str | None:
     """The best method of a stored leaderboard on a data set, in one line.
 
-    None where it tells none, or one by an earlier state of the protocol, whose scores do not compare with today's.
+    None where it has none, or one by an earlier state of the protocol, whose scores do not compare with today's.
 
     Args:
         file: `leaderboard.json`.
@@ -263,13 +255,8 @@ def best_line(file: Path, *, dataset: str) -> str | None:
         best = next(best for best in json.loads(file.read_bytes())["best"] if best["dataset"] == dataset)
         if best["protocol_digest"] != load_protocol(RANKING_PROTOCOL).digest:
             return None
-        iou, *ends = (f"{100 * value:.1f}" for value in best["iou"])
-        interval = f"[{ends[0]}, {ends[1]}]" if ends else "(too few recordings for an interval)"
-        ceiling = "" if best["ceiling"] is None else f", ceiling {100 * best['ceiling']:.1f} %"
-        return (
-            f"{'best' if ends else 'first'} of {best['of']} methods on {dataset} by {best['protocol']}: "
-            f"{best['method']}, IoU {iou} % {interval} over all moving object-frames{ceiling}, false positives "
-            f"{100 * best['false_positives'][0]:.1f} % of the image ({file}, {best['date']}, {best['code']})"
+        return "{rank} of {of} methods on {dataset} by {protocol}: {method}, {score} ({file}, {date}, {code})".format(
+            file=file, **best
         )
     except (OSError, ValueError, LookupError, TypeError, StopIteration, RecursionError):
         return None
@@ -286,13 +273,5 @@ def group_title(group: Group) -> str:
     )
 
 
-def _with_interval(metric: Metric) -> str:
-    return f"{formats.hundredths(metric.value)} {formats.interval(metric)}".strip()
-
-
 def _cost(entry: Entry) -> str:
     return "" if entry.cost is None else f"{entry.cost.method_ms:.1f} ({entry.cost.ratio:.2f} Farnebäck)"
-
-
-def _failed(entry: Entry) -> str:
-    return f", {entry.failures} failures" if entry.failures else ""

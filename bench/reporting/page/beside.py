@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from bench.errors import BenchError
 from bench.evaluation import Metric, find_metric, summary_of
+from bench.evaluation.definitions import OBJECT_FRAMES
+from bench.harness import FramePipeline, ProcessedFrame
 from bench.reference import Category
 from bench.reporting.compare.runs import on_common_images, read_comparable
 from bench.reporting.document import Column, Table
-from bench.reporting.formats import LABELS, image_name, with_interval
+from bench.reporting.formats import LABELS, headline_metrics, image_name, with_interval
 from bench.reporting.frame_pictures import example_frames
 from bench.reporting.page.charts import figure_uri
-from bench.reporting.page.worst import Progress, frame_key, worst_objects
-from bench.reporting.side_by_side import ImageKey, Side, draw_side_by_side, frames_of_runs
+from bench.reporting.page.worst import image_key, worst_objects
+from bench.reporting.side_by_side import ImageKey, Progress, Side, draw_images, draw_side_by_side
 from bench.reporting.stored_run import StoredRun, read_stored_run
 
 
@@ -37,7 +39,7 @@ class Beside:
     """Comparison of both runs on the page.
 
     Attributes:
-        table: both values of a few metrics, on the images that both scored.
+        table: both values of the headline metrics, on the images that both scored.
         pictures: in the order of the kinds of motion.
         problems: why pictures are missing, one line each.
     """
@@ -66,7 +68,8 @@ def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | 
     ]
     one, two, common = on_common_images(*both)
     chosen = _chosen(one, two) if pictures else {}
-    found, problems = _drawn((one, two), chosen, progress)
+    uris, problems = draw_images((one, two), chosen, partial(_picture, (one, two)), progress=progress)
+    found = [PairPicture(title=title, uri=uris[key]) for key, title in chosen.items() if key in uris]
     table = Table(
         title=f"Both runs, on the {common} images that both scored",
         columns=["", Column(one.label, with_interval), Column(two.label, with_interval)],
@@ -76,33 +79,16 @@ def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | 
     return Beside(table=table, pictures=found, problems=problems)
 
 
-def _drawn(
-    runs: tuple[StoredRun, StoredRun], chosen: Mapping[ImageKey, str], progress: Progress | None
-) -> tuple[list[PairPicture], list[str]]:
-    """Pictures of images that have a title each, in their order, and why others are missing."""
-    uris: dict[ImageKey, str] = {}
-    problems: dict[str, None] = {}
-    try:
-        images = sorted(chosen)  # so that each recording is opened once
-        frames = frames_of_runs(runs if images else (), images)
-    except BenchError as error:
-        return [], [str(error)]
-    for number, (key, both) in enumerate(zip(images, frames, strict=True), start=1):
-        if isinstance(both, str):
-            problems[both] = None
-        else:
-            sides = [Side(label=run.label, processed=frame) for run, frame in zip(runs, both, strict=True)]
-            uris[key] = figure_uri(draw_side_by_side(sides))
-        if progress is not None:
-            progress(number, len(chosen))
-    return [PairPicture(title=title, uri=uris[key]) for key, title in chosen.items() if key in uris], list(problems)
+def _picture(runs: Sequence[StoredRun], _: ImageKey, frames: Sequence[ProcessedFrame], __: FramePipeline) -> str:
+    sides = [Side(label=run.label, processed=frame) for run, frame in zip(runs, frames, strict=True)]
+    return figure_uri(draw_side_by_side(sides))
 
 
 def _values(one: StoredRun, two: StoredRun) -> list[tuple[str, Metric, Metric]]:
-    summaries = [summary_of(run.sums, protocol=run.protocol) for run in (one, two)]
-    rows, areas = [found.all_moving for found in summaries], [found.false_positives.coverage for found in summaries]
-    values = [(find_metric(n).label, rows[0].metric(n), rows[1].metric(n)) for n in ("iou", "tpr_all")]
-    return values if one.category else [*values, ("False positives, share of the image", areas[0], areas[1])]
+    found = [headline_metrics(summary_of(run.sums, protocol=run.protocol)) for run in (one, two)]
+    metrics = [find_metric(name) for name in found[0]]
+    shown = [metric for metric in metrics if one.category is None or metric.over == OBJECT_FRAMES]
+    return [(metric.label, found[0][metric.name], found[1][metric.name]) for metric in shown]
 
 
 def _chosen(one: StoredRun, two: StoredRun) -> dict[ImageKey, str]:
@@ -116,12 +102,12 @@ def _chosen(one: StoredRun, two: StoredRun) -> dict[ImageKey, str]:
         of_kind: list[tuple[ImageKey, str]] = []
         if kind in largest:
             of_kind.append((largest[kind], "the largest object"))
-        of_kind += [(frame_key(row), f"least found by {label}") for label, rows in least for row in rows[kind.value]]
+        of_kind += [(image_key(row), f"least found by {label}") for label, rows in least for row in rows[kind.value]]
         for key, reason in of_kind:
             reasons.setdefault(key, []).append(f"{LABELS[kind].lower()}, {reason}")
-    return {key: _title(key, told) for key, told in reasons.items()}
+    return {key: _title(key, of_image) for key, of_image in reasons.items()}
 
 
 def _title(key: ImageKey, reasons: Iterable[str]) -> str:
-    told = "; ".join(reasons)
-    return f"{told[0].upper()}{told[1:]}: {image_name(*key)}"
+    text = "; ".join(reasons)
+    return f"{text[0].upper()}{text[1:]}: {image_name(*key)}"

@@ -20,7 +20,8 @@ from bench.reporting.page.beside import Beside, beside
 from bench.reporting.page.charts import draw_charts, inline_svg
 from bench.reporting.page.object_table import table_data
 from bench.reporting.page.summary import breakdowns, kind_table, kinds_of, remarks, tiles
-from bench.reporting.page.worst import IMAGE_NOTE, OBJECT_NOTE, Card, Progress, WorstCases, worst_cases, worst_table
+from bench.reporting.page.worst import IMAGE_NOTE, OBJECT_NOTE, Card, WorstCases, worst_cases, worst_table
+from bench.reporting.side_by_side import Progress
 from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.tables import left_out_note, rows_with_cases, table_note, table_rows, text_tables
 
@@ -90,7 +91,7 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "tiles": tiles(found, category=run.category),
         "kinds": [kind_table(kinds)] if kinds else [],
         "remarks": remarks(found, kinds),
-        "results": _results(run, of_recordings=of_recordings),
+        "results": _results(run),
         "unknown": any("unknown_share" in kind.row.metric_names() for kind in kinds),
         "breakdowns": breakdowns(found),
         "recordings": [tables.recording_table(run, worst)],
@@ -114,28 +115,22 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
     return text
 
 
-def _results(run: StoredRun, *, of_recordings: str) -> list[Block]:
-    """Ours beside the paper's, what is wrongly marked, and all metrics with their intervals behind a line."""
+def _results(run: StoredRun) -> list[Block]:
+    """Ours beside the paper's, and all metrics with their intervals behind a line."""
     rows = [row for row in table_rows(run.metrics) if run.category in (None, row.name)]
-    whole, shown = run.category is None, rows_with_cases(rows)
     blocks: list[Block] = []
-    if len(shown) > whole:  # more than the false positives
-        blocks.append(tables.headline_table(shown))
+    if shown := rows_with_cases(rows):
+        beside_papers, *others = (replace(table, note="") for table in text_tables(shown) if table.rows)
+        blocks += [beside_papers, Folded("All metrics with their intervals", others)]
     if left_out := left_out_note(rows):
         blocks.append(Paragraph(left_out, "dim"))
-    if whole:
-        blocks.append(tables.false_positive_table(rows[-1], of_recordings=of_recordings))
-    blocks.append(Paragraph(table_note(rows), "dim"))
-    if shown:
-        every = [replace(table, note="") for table in text_tables(shown)[1 : 4 if whole else 3]]
-        blocks.append(Folded("All metrics with their intervals", every))
-    return blocks
+    return [*blocks, Paragraph(table_note(rows), "dim")]
 
 
 def _galleries(worst: WorstCases, *, whole: bool) -> Iterator[tuple[str, list[Block], list[Card]]]:
     """Heading, table and cards of each kind of motion, and of the images with most false marks."""
     for name, cards in worst.objects.items():
-        yield _gallery(LABELS[Category(name)], cards, "object", "No object-frame of this kind was evaluated.")
+        yield _gallery(LABELS[name], cards, "object", "No object-frame of this kind was evaluated.")
     if whole:
         yield _gallery("Most false marks", worst.images, "image", "No image has false marks.")
 

@@ -167,7 +167,7 @@ def _coverage_charts(run: StoredRun) -> list[Chart]:
     return [
         Chart(
             name=f"coverage-{name}",
-            figure=draw_coverage_curve(found, chance, title=LABELS[Category(name)]),
+            figure=draw_coverage_curve(found, chance, title=LABELS[name]),
             label=f"Found against coverage threshold, {name}",
         )
         for name, (found, chance) in coverage_curves(run.objects, protocol=run.protocol).items()

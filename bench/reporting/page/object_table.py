@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -13,7 +13,7 @@ from bench.evaluation import RowSource
 from bench.evaluation.definitions import coverage, intersection_over_union
 from bench.evaluation.protocol import known_protocols
 from bench.evaluation.rows import IMAGE, group_recordings, read_parts, sort_rows
-from bench.reporting.stored_run import StoredRun
+from bench.reporting.stored_run import StoredRun, pick
 
 LISTED = 20_000  # 2 MB of the page
 EVALUATED = "evaluated"
@@ -36,13 +36,16 @@ def listed_rows(source: RowSource, *, pictured: Collection[ObjectKey], most: int
         most: rows; where there are more, the evaluated with the lowest coverage are listed, of equals the largest and
             then the first, and behind them the others.
     """
-    listed: list[pd.DataFrame] = []
     annotated = 0
-    for part in read_parts(source, COLUMNS):
-        annotated += len(part)
-        rows = pd.concat([*listed, sort_rows(part, KEY)], ignore_index=True)
-        listed = [_first(rows, pictured, most)]
-    return listed[0], annotated
+
+    def sorted_parts() -> Iterator[pd.DataFrame]:
+        nonlocal annotated
+        for part in read_parts(source, COLUMNS):
+            annotated += len(part)
+            yield sort_rows(part, KEY)
+
+    rows = pick(sorted_parts(), lambda rows: _first(rows, pictured, most))
+    return rows, annotated
 
 
 def _first(rows: pd.DataFrame, pictured: Collection[ObjectKey], most: int) -> pd.DataFrame:
@@ -117,8 +120,8 @@ def _outcomes(rows: pd.DataFrame) -> pd.Series[str]:
 
 
 def _numbers(values: pd.Series[Any], digits: int) -> list[float | int | None]:
-    shown = [None if math.isnan(value) else round(float(value), digits) for value in values]
-    return [value if value is None or digits else int(value) for value in shown]
+    shown = values.astype(float).round(digits)
+    return [None if math.isnan(value) else value if digits else int(value) for value in shown]
 
 
 def _image_indices(run: StoredRun, keys: Sequence[ObjectKey]) -> list[int]:

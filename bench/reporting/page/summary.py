@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from bench.evaluation import Metric, headlines
+from bench.evaluation import Metric, find_metric
 from bench.evaluation.definitions import IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import ObjectMetrics, Summary
 from bench.reference import Category
 from bench.reporting.document import Cell, Style, Table
-from bench.reporting.formats import LABELS, chance_of, percent
-from bench.reporting.page.tables import COUNTS, bar_cell, beside_note, breakdown_table, metrics_of, span
+from bench.reporting.formats import LABELS, chance_of, headline_metrics, metric_cell, percent
+from bench.reporting.page.tables import bound_note, breakdown_table
 
 _HALF = "detection_rate_50"
 # By name: caption, heading of the first column, and a row in words.
@@ -67,7 +67,7 @@ def kinds_of(found: Summary) -> list[Kind]:
 
 def _kind(name: str, row: ObjectMetrics) -> Kind:
     half = _HALF if _HALF in row.metric_names() else "detection_rate"
-    return Kind(label=LABELS[Category(name)], row=row, half=half, standing=_standing(row, half))
+    return Kind(label=LABELS[name], row=row, half=half, standing=_standing(row, half))
 
 
 def _standing(row: ObjectMetrics, half: str) -> Standing:
@@ -82,23 +82,9 @@ def _standing(row: ObjectMetrics, half: str) -> Standing:
 
 
 def kind_table(kinds: list[Kind]) -> Table:
-    """A row for each kind of motion in their order, with what the data show of it."""
-    half = "half of it found" if kinds[0].half == _HALF else "found at all"
-    return Table(
-        title="By kind of motion, the lowest IoU first",
-        columns=["kind", "IoU, all", "share found (TPR, all)", half, "against chance", *COUNTS],
-        rows=[
-            [kind.label, *(_bar(kind.row, name) for name in ("iou", "tpr_all", kind.half)),
-             Cell(kind.standing.lower(), style=_STYLES.get(kind.standing, "")),
-             kind.row.object_frames, kind.row.tracks, kind.row.recordings]
-            for kind in kinds
-        ],
-        look="metrics",
-    )  # fmt: skip
-
-
-def _bar(row: ObjectMetrics, name: str) -> Cell:
-    return bar_cell(row.metric(name), beside_note(name, metrics_of(row)))
+    """A row for each kind of motion in their order."""
+    rows = {kind.label: kind.row for kind in kinds}
+    return breakdown_table("By kind of motion, the lowest IoU first", "kind", rows, lowest=lowest_of(rows))
 
 
 def breakdowns(found: Summary) -> list[Table]:
@@ -126,27 +112,24 @@ def clearly_below(metric: Metric, other: Metric) -> bool:
 
 def tiles(found: Summary, *, category: Category | None) -> list[tuple[str, Cell]]:
     """Label and value of the headline metrics; of one kind of motion without the false positives, which have none."""
-    row, area = found.all_moving, found.false_positives
-    over = f"over {row.object_frames} object-frames"
-    few = Cell("n/a", (f"{row.object_frames} object-frames, fewer than {LEAST_OBJECT_FRAMES}",))
-    shown = []
-    for metric in headlines():
-        if metric.over == IMAGE_FRAMES:
+    row, shown = found.all_moving, []
+    few = f"{row.object_frames} object-frames, fewer than {LEAST_OBJECT_FRAMES}"
+    for name, metric in headline_metrics(found).items():
+        label = find_metric(name).label
+        if find_metric(name).over == IMAGE_FRAMES:
             if category is None:
-                about = f"of the image wrongly marked; over {area.frames} images"
-                shown.append((metric.label, _tile(area.coverage, about)))
+                shown.append((label, _tile(metric, f"of the image wrongly marked; over {metric.cases} images")))
         elif row.object_frames < LEAST_OBJECT_FRAMES:
-            shown.append((metric.label, few))
-        elif metric.name in row.metric_names():
-            beside = beside_note(metric.name, metrics_of(row))
-            shown.append((metric.label, _tile(row.metric(metric.name), f"{beside}; {over}" if beside else over)))
+            shown.append((label, Cell("n/a", (few,))))
+        else:
+            about = [bound_note(name, row), f"over {row.object_frames} object-frames"]
+            shown.append((label, _tile(metric, "; ".join(filter(None, about)))))
     return shown
 
 
-def _tile(metric: Metric, beside: str) -> Cell:
-    return Cell(
-        "n/a" if math.isnan(metric.value) else percent(metric.value), tuple(filter(None, (span(metric), beside)))
-    )
+def _tile(metric: Metric, about: str) -> Cell:
+    cell = metric_cell(metric)
+    return replace(cell, below=(*cell.below, about))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,27 +4,21 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 
 import pandas as pd
 
-from bench.evaluation import Metric
+from bench.evaluation import Metric, find_metric
 from bench.evaluation.summary import ObjectMetrics, Summary
 from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.reporting.document import Bar, Cell, Column, Table
-from bench.reporting.formats import chance_of, mean_cell, metric_cell, percent
+from bench.reporting.formats import chance_of, metric_cell, percent
 from bench.reporting.page.worst import WorstCases
 from bench.reporting.stored_run import StoredRun
-from bench.reporting.tables import COVERAGES, FALSE_POSITIVES, TableRow, detection_columns
 
 COUNTS = ("object-frames", "objects", "recordings")
-BREAKDOWN_METRICS = {
-    "iou": "IoU, all",
-    "tpr_all": "share found (TPR, all)",
-    "detection_rate_50": "half of it found",
-    "detection_rate": "found at all",
-    "unknown_share": "unknown",
-}
+BREAKDOWN_METRICS = ("iou", "tpr_all", "detection_rate_50", "detection_rate", "unknown_share")
 LISTED_RECORDINGS = 200
 REASONS = {
     "unclear": "flagged as unclear by the annotation",
@@ -40,75 +34,22 @@ REASONS = {
 }
 
 
-def bar_cell(metric: Metric, *notes: str, tick: float | None = None, lowest: bool = False) -> Cell:
+def bar_cell(metric: Metric, *notes: str, lowest: bool = False) -> Cell:
     """A metric with its bar, and its interval and notes below."""
+    cell = metric_cell(metric)
     if math.isnan(metric.value):
-        return Cell(percent(metric.value, cases=metric.cases), style="strong")
-    below = (span(metric), *notes) if not lowest else ("lowest", span(metric), *notes)
-    bar = Bar(share=metric.value, interval=metric.ci95, tick=tick)
-    return Cell(percent(metric.value), tuple(filter(None, below)), "bad" if lowest else "strong", bar)
+        return cell
+    below = tuple(filter(None, ("lowest" if lowest else "", *cell.below, *notes)))
+    bar = Bar(share=metric.value, interval=metric.ci95)
+    return replace(cell, below=below, style="bad" if lowest else "strong", bar=bar)
 
 
-def span(metric: Metric) -> str:
-    """The 95 % interval in percent, "65.0 to 78.3"; "" without one."""
-    return "" if metric.ci95 is None else "{:.1f} to {:.1f}".format(*(100 * end for end in metric.ci95))
-
-
-def metrics_of(row: ObjectMetrics) -> dict[str, Metric]:
-    """The metrics of a row by name."""
-    return {name: row.metric(name) for name in row.metric_names()}
-
-
-def beside_note(name: str, metrics: Mapping[str, Metric]) -> str:
-    """Return the bound of a metric: the chance level of a detection rate, the ceiling of IoU; "" for none."""
+def bound_note(name: str, row: ObjectMetrics) -> str:
+    """Return what bounds a metric of a row: the chance level of a detection rate, the ceiling of IoU; "" for none."""
     other = chance_of(name) if name.startswith("detection_rate") else f"ceiling_{name}"
-    found = metrics.get(other) if name == "iou" or other.startswith("chance") else None
-    if found is None or math.isnan(found.value):
+    if other not in row.metric_names() or name == "tpr_all" or math.isnan(row.metric(other).value):
         return ""
-    return f"{other.partition('_')[0]} {percent(found.value)}"
-
-
-def headline_table(rows: Sequence[TableRow]) -> Table:
-    """A row for each kind of motion, the paper's values as ticks and below."""
-    (_, any_pixel), *levels = detection_columns(rows).items()
-    # TPR over all stands at a glance and in every breakdown; with it here, the table would be wider than most screens.
-    columns = {name: heading for name, heading in COVERAGES.items() if name != "tpr_all"}
-    columns |= {name: f"found {heading}" for name, heading in reversed(levels)}
-    columns["detection_rate"] = f"{any_pixel} (any pixel)"
-    return Table(
-        title="Results by kind of motion, the paper's values beside them",
-        columns=["kind of motion", *columns.values(), *COUNTS],
-        rows=[
-            [row.label, *(_beside_the_paper(row, name) for name in columns), row.frames, row.tracks, row.recordings]
-            for row in rows
-            if row.name != FALSE_POSITIVES
-        ],
-        look="metrics",
-    )
-
-
-def _beside_the_paper(row: TableRow, name: str) -> Cell:
-    difference = f" ({row.difference(name)})" if row.difference(name) else ""
-    paper = f"paper {row.paper_percent(name)}{difference}" if name in row.paper else ""
-    return bar_cell(row.metrics[name], beside_note(name, row.metrics), paper, tick=row.paper.get(name))
-
-
-def false_positive_table(row: TableRow, *, of_recordings: str) -> Table:
-    """Table of what is marked though nothing moves there."""
-    found, paper = row.metrics, f"paper {row.paper_percent('coverage')} ({row.difference('coverage')})"
-    return Table(
-        title="False positives: what is marked though nothing moves there; small is good",
-        columns=["share", "this run", "to compare"],
-        rows=[
-            ["of the image's area, on average", metric_cell(found["coverage"]), paper],
-            ["of the valid pixels", metric_cell(found["coverage_valid"]),
-             "inside the lens's view and off the ego vehicle's body"],
-            ["frames with a large false patch", metric_cell(found["frame_rate"]), "larger than the protocol states"],
-            ["false patches per frame", mean_cell(found["components_per_frame"]),
-             f"over {row.frames} images{of_recordings}"],
-        ],
-        words=3,
-    )  # fmt: skip
+    return f"{other.partition('_')[0]} {percent(row.metric(other).value)}"
 
 
 def breakdown_table(caption: str, heading: str, rows: Mapping[str, ObjectMetrics], *, lowest: str | None) -> Table:
@@ -120,18 +61,15 @@ def breakdown_table(caption: str, heading: str, rows: Mapping[str, ObjectMetrics
         rows: by name, those without cases included; what all of them have is shown.
         lowest: the row that is marked.
     """
-    metrics = {n: h for n, h in BREAKDOWN_METRICS.items() if all(n in row.metric_names() for row in rows.values())}
+    metrics = [name for name in BREAKDOWN_METRICS if all(name in row.metric_names() for row in rows.values())]
     return Table(
         title=caption,
-        columns=[heading, *metrics.values(), *COUNTS],
+        columns=[heading, *(find_metric(name).label for name in metrics), *COUNTS],
         rows=[
-            [name]
-            + [
-                bar_cell(row.metric(n), beside_note(n, metrics_of(row)), lowest=n == "iou" and name == lowest)
-                for n in metrics
-            ]
+            [key]
+            + [bar_cell(row.metric(n), bound_note(n, row), lowest=n == "iou" and key == lowest) for n in metrics]
             + [row.object_frames, row.tracks, row.recordings]
-            for name, row in rows.items()
+            for key, row in rows.items()
         ],
         look="metrics",
     )

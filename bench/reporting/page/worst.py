@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,103 +13,79 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from shapely import box, get_coordinates, get_parts
 
-from bench.errors import BenchError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows
 from bench.evaluation.definitions import coverage, false_share
 from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, read_parts, sort_rows
 from bench.harness import FramePipeline, ProcessedFrame
-from bench.harness.frames import UnscorableFrame
-from bench.harness.replay import StoredFrames
 from bench.reference import Category, ReferenceObject, Status
 from bench.reporting.canvas import jpeg_uri
-from bench.reporting.count_view import PixelClass, detected_pixels, draw_counts, overlay_counts, pixel_classes
+from bench.reporting.count_view import PixelClass, detected_pixels, overlay_counts, pixel_classes
 from bench.reporting.document import Cell, Table
 from bench.reporting.formats import frame_name, image_name
 from bench.reporting.overlay import captioned, overlay_polygons
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.panels import draw_panels
-from bench.reporting.stored_run import StoredRun
+from bench.reporting.side_by_side import ImageKey, Progress, Side, draw_images, draw_side_by_side
+from bench.reporting.stored_run import StoredRun, pick
 
-FrameKey = tuple[str, str, int]
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
+Measure = Callable[[pd.DataFrame], "pd.Series[float]"]
 APART_NS = 1_000_000_000
-_TRACK = ["recording", "camera", "track_id"]
 
 
 def worst_objects(objects: Rows, categories: Sequence[Category], *, most: int) -> dict[str, list[Row]]:
     """Evaluated object-frames with the lowest coverage, by category, as rows of `OBJECTS_SCHEMA` plus `coverage`.
 
-    Of each track only the worst, then, while there is room, others of it at least a second apart. One pass over the
-    rows, some recordings in memory at a time.
+    Of each track only the worst, then, while there is room, the worst of its other seconds; of equals the largest.
     """
-    found: dict[str, list[pd.DataFrame]] = {category.value: [] for category in categories}
-    for rows in _parts(objects, OBJECTS_SCHEMA, key=OBJECT):
-        for name, worst in found.items():
-            of_kind = rows[rows["category"] == name]
-            worst.append(_spread(_least_covered(of_kind), group=_TRACK, most=most))
-    return {name: _join(worst, _least_covered, group=_TRACK, most=most) for name, worst in found.items()}
+
+    def rank(rows: pd.DataFrame) -> pd.DataFrame:
+        return rows.sort_values(["coverage", "region_px"], ascending=[True, False], kind="stable")
+
+    def worst(rows: pd.DataFrame) -> pd.DataFrame:
+        return _spread(rank(rows), by=["category", *IMAGE[:2], "track_id"]).groupby("category").head(most).sort_index()
+
+    found = _records(rank(pick(_parts(objects, OBJECTS_SCHEMA, key=OBJECT, measure=coverage), worst)))
+    return {category.value: [row for row in found if row["category"] == category] for category in categories}
 
 
 def worst_frames(frames: Rows, *, most: int) -> list[Row]:
     """Scored images with the largest false-positive coverage, as rows of `FRAMES_SCHEMA` plus `coverage`.
 
-    Without the histograms. Of each recording and camera only the worst, then, while there is room, others of it at
-    least a second apart.
+    Without the histograms. Of each recording and camera only the worst, then, while there is room, the worst of its
+    other seconds.
     """
-    worst = [
-        _spread(_most_false(rows[rows["fp_px"] > 0]), group=IMAGE[:2], most=most)
-        for rows in _parts(frames, FRAMES_SCHEMA, key=IMAGE)
-    ]
-    return _join(worst, _most_false, group=IMAGE[:2], most=most)
+
+    def rank(rows: pd.DataFrame) -> pd.DataFrame:
+        return rows[rows["fp_px"] > 0].sort_values("coverage", ascending=False, kind="stable")
+
+    def worst(rows: pd.DataFrame) -> pd.DataFrame:
+        return _spread(rank(rows), by=IMAGE[:2]).head(most).sort_index()
+
+    return _records(rank(pick(_parts(frames, FRAMES_SCHEMA, key=IMAGE, measure=false_share), worst)))
 
 
-def frame_key(row: Row) -> FrameKey:
+def image_key(row: Row) -> ImageKey:
     """The image of a row."""
     return row["recording"], row["camera"], row["timestamp_ns"]
 
 
-def _parts(rows: Rows, schema: pa.Schema, *, key: Sequence[str]) -> Iterable[pd.DataFrame]:
+def _parts(rows: Rows, schema: pa.Schema, *, key: Sequence[str], measure: Measure) -> Iterator[pd.DataFrame]:
     """The scored rows, in the order of their key, without histograms."""
     flat = [field.name for field in schema if not pa.types.is_list(field.type)]
-    return (sort_rows(part[part["status"] == EVALUATED], key) for part in read_parts(rows, flat))
+    for part in read_parts(rows, flat):
+        yield sort_rows(part[part["status"] == EVALUATED], key).assign(coverage=measure)
 
 
-def _least_covered(rows: pd.DataFrame) -> pd.DataFrame:
-    """Of equals the largest first, then in the order of the key."""
-    ranked = rows.assign(coverage=coverage)
-    return ranked.sort_values(["coverage", "region_px"], ascending=[True, False], kind="stable")
+def _records(rows: pd.DataFrame) -> list[Row]:
+    return [{str(name): value for name, value in row.items()} for row in rows.to_dict("records")]
 
 
-def _most_false(rows: pd.DataFrame) -> pd.DataFrame:
-    """Of equals in the order of the key."""
-    return rows.assign(coverage=false_share).sort_values("coverage", ascending=False, kind="stable")
-
-
-def _spread(ranked: pd.DataFrame, *, group: Sequence[str], most: int) -> pd.DataFrame:
-    """At most so many of the rows, in the order of their key.
-
-    What is picked of a part is all that could be picked of the whole: groups do not reach across parts, and those of
-    other parts only take room away.
-    """
-    again = ranked.duplicated(list(group))
-    picked = ranked[~again].head(most)
-    groups, times_ns = (ranked.groupby(list(group)).ngroup(), ranked["timestamp_ns"])
-    rows = list(picked.index)
-    for row in ranked.index[again] if len(picked) < most else ():
-        if len(rows) == most:
-            break
-        of_group = [times_ns[other] for other in rows if groups[other] == groups[row]]
-        if all(abs(times_ns[row] - time_ns) >= APART_NS for time_ns in of_group):
-            rows.append(row)
-    return ranked.loc[sorted(rows)]
-
-
-def _join(
-    parts: Sequence[pd.DataFrame], rank: Callable[[pd.DataFrame], pd.DataFrame], *, group: Sequence[str], most: int
-) -> list[Row]:
-    """The worst of those that were picked of the parts, worst first."""
-    picked = _spread(rank(pd.concat(parts, ignore_index=True)), group=group, most=most)
-    return [{str(name): value for name, value in row.items()} for row in rank(picked).to_dict("records")]
+def _spread(ranked: pd.DataFrame, *, by: Sequence[str]) -> pd.DataFrame:
+    """Ranked rows, one a second of each group; the first of every group before all others."""
+    apart = ranked[~ranked.assign(second=ranked["timestamp_ns"] // APART_NS).duplicated([*by, "second"])]
+    again = apart.duplicated(list(by))
+    return pd.concat([apart[~again], apart[again]])
 
 
 BLIND_BAND_DEG = 10.0
@@ -127,44 +102,16 @@ IMAGE_NOTE = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObjectEvidence:
-    """Evidence of the image on an object beyond the stored counts; shares are of its missed pixels, NaN without any.
-
-    Attributes:
-        undefined: share of which the method could not say whether it moves.
-        blind_band: share near the direction of travel.
-        above_horizon: share that looks upwards.
-        likelihood: median; NaN where the method gives none.
-        threshold: of the method; None for one that has none.
-    """
-
-    undefined: float
-    blind_band: float
-    above_horizon: float
-    likelihood: float
-    threshold: float | None
+OF_OBJECT = ("undefined", "near travel", "above horizon", "likelihood")  # facts that only the image shows
+OF_IMAGE = ("below horizon", "on stationary")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameEvidence:
-    """Evidence of the image on its false positives beyond the stored counts; shares are of them, NaN without any.
-
-    Attributes:
-        below_horizon: share that looks downwards.
-        static_objects: share on annotated objects that are stationary.
-    """
-
-    below_horizon: float
-    static_objects: float
-
-
-def object_facts(row: Row, evidence: ObjectEvidence | None) -> dict[str, str]:
-    """Return what was measured of an object-frame, by heading; "" for what only the image shows where there is none.
+def object_facts(row: Row, seen: Mapping[str, str]) -> dict[str, str]:
+    """Return what was measured of an object-frame, by heading; "" where nothing is known.
 
     Args:
         row: of `OBJECTS_SCHEMA`, evaluated, with `coverage`.
-        evidence: from the image; None without the data.
+        seen: facts `OF_OBJECT`; none without the data.
     """
     facts = {
         "found": _percent(row["coverage"]),
@@ -175,48 +122,34 @@ def object_facts(row: Row, evidence: ObjectEvidence | None) -> dict[str, str]:
         "speed": f"{row['speed_mps']:.1f} m/s",
         "ego vehicle": f"{row['ego_speed_mps']:.1f} m/s",
     }
-    seen = dict.fromkeys(("undefined", "near travel", "above horizon", "likelihood"), "")
-    if evidence is not None:
-        shares = evidence.undefined, evidence.blind_band, evidence.above_horizon
-        seen = dict(zip(seen, [*map(_percent, shares), _likelihood(evidence)], strict=True))
-    return facts | seen
+    return facts | {heading: seen.get(heading, "") for heading in OF_OBJECT}
 
 
-def _likelihood(evidence: ObjectEvidence) -> str:
-    if evidence.threshold is None or math.isnan(evidence.likelihood):
-        return ""
-    return f"{evidence.likelihood:.2g} ({evidence.threshold:.2g})"
-
-
-def image_facts(row: Row, evidence: FrameEvidence | None) -> dict[str, str]:
+def image_facts(row: Row, seen: Mapping[str, str]) -> dict[str, str]:
     """Return what was measured of the false positives of an image, by heading, in the same way.
 
     Args:
         row: of `FRAMES_SCHEMA`, scored, with `coverage`.
-        evidence: from the image; None without the data.
+        seen: facts `OF_IMAGE`; none without the data.
     """
     false_px = max(row["fp_px"], 1)
     causes = row["fp_by_cause"] if isinstance(row["fp_by_cause"], Mapping) else {}
     cause, pixels = max(causes.items(), key=lambda item: item[1], default=("", 0))
-    shares = (evidence.below_horizon, evidence.static_objects) if evidence else ()
-    seen = [_percent(share) for share in shares] or ["", ""]
-    return {
+    facts = {
         "wrongly marked": _percent(row["coverage"]),
         "patches": f"{row['fp_components']}",
         "largest": _percent(row["fp_largest_px"] / false_px),
         "at objects": _percent(1 - row["fp_unattached_px"] / false_px),
         "cause": f"{cause.replace('_', ' ')} {_percent(pixels / false_px)}" if cause else "",
         "ego vehicle": f"{row['ego_speed_mps']:.1f} m/s",
-        "below horizon": seen[0],
-        "on stationary": seen[1],
     }
+    return facts | {heading: seen.get(heading, "") for heading in OF_IMAGE}
 
 
 def _percent(share: float) -> str:
-    return "" if math.isnan(share) else f"{100 * share:.0f} %"
+    return f"{100 * share:.0f} %"
 
 
-Progress = Callable[[float, int], None]
 _PANELS_SCALE = 0.8
 _CLOSE_UP_PX = 480, 360
 _LEAST_STEP_M = 1e-4  # shorter ones have no direction
@@ -230,47 +163,28 @@ class FrameView:
         areas: what was found, missed and wrongly marked, as a `data:` address.
         panels: what the method saw.
         close_ups: by track, an evaluated object enlarged.
-        objects: by track, what the image shows of it.
-        evidence: of the false positives.
+        objects: by track, the facts of it that only the image shows.
+        facts: the same of the false positives.
     """
 
     areas: str
     panels: str
     close_ups: dict[str, str]
-    objects: dict[str, ObjectEvidence]
-    evidence: FrameEvidence
+    objects: dict[str, dict[str, str]]
+    facts: dict[str, str]
 
 
 def view_frames(
-    run: StoredRun, keys: Iterable[FrameKey], *, progress: Progress | None = None
-) -> tuple[dict[FrameKey, FrameView], list[str]]:
-    """Draw images as they were scored, on the data set that the run names.
-
-    Returns:
-        views: of the images that could be processed.
-        problems: why the others could not, one line each, none twice.
-    """
-    expected = sorted(set(keys))
-    try:
-        stored = StoredFrames(run.folder, run.summary, run.protocol)
-    except BenchError as error:
-        return {}, [str(error)]
-    views: dict[FrameKey, FrameView] = {}
-    problems: dict[str, None] = {}
-    for key in expected:
-        try:
-            views[key] = _view(stored.process(*key), stored.pipeline(*key[:2]))
-        except (BenchError, UnscorableFrame) as error:
-            problems[str(error)] = None
-        if progress is not None:
-            progress(len(views), len(expected))
-    return views, list(problems)
+    run: StoredRun, images: Iterable[ImageKey], *, progress: Progress | None = None
+) -> tuple[dict[ImageKey, FrameView], list[str]]:
+    """Draw images as they were scored; the views of those that could be processed, and why others could not."""
+    return draw_images([run], images, lambda _, frames, pipeline: _view(frames[0], pipeline), progress=progress)
 
 
 def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
-    image, reference, detected = processed.pixels, processed.reference, detected_pixels(processed)
-    areas = draw_counts(image, reference=reference, detected=detected)
-    panels = draw_panels(image, segmentation=processed.segmentation, reference=reference)
+    reference, detected = processed.reference, detected_pixels(processed)
+    areas = draw_side_by_side([Side(processed=processed)])
+    panels = draw_panels(processed.pixels, segmentation=processed.segmentation, reference=reference)
     tinted = overlay_counts(processed)
     evaluated = [(k, one) for k, one in enumerate(reference.objects) if one.status is Status.EVALUATED]
     return FrameView(
@@ -278,10 +192,10 @@ def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
         panels=figure_uri(panels, scale=_PANELS_SCALE),
         close_ups={one.track_id: _close_up(tinted, one, frame_name(reference)) for _, one in evaluated},
         objects={
-            one.track_id: _object_evidence(pipeline, processed, missed=(reference.labels == k + 1) & ~detected)
+            one.track_id: facts_of_missed(pipeline, processed, missed=(reference.labels == k + 1) & ~detected)
             for k, one in evaluated
         },
-        evidence=_frame_evidence(pipeline, processed),
+        facts=_facts_of_false(pipeline, processed),
     )
 
 
@@ -302,24 +216,23 @@ def _close_up(tinted: NDArray[np.uint8], target: ReferenceObject, name: str) -> 
     return jpeg_uri(captioned(np.asarray(larger, dtype=np.uint8), [name]))
 
 
-def _object_evidence(
-    pipeline: FramePipeline, processed: ProcessedFrame, *, missed: NDArray[np.bool_]
-) -> ObjectEvidence:
-    height, width = missed.shape
+def facts_of_missed(pipeline: FramePipeline, processed: ProcessedFrame, *, missed: NDArray[np.bool_]) -> dict[str, str]:
+    """Facts `OF_OBJECT` of the pixels of an object that were missed, (H, W) bool; "" without any."""
+    segmentation, (height, width) = processed.segmentation, missed.shape
     rays_vehicle = _rays_vehicle(pipeline, missed)
-    likelihood, cell = processed.segmentation.likelihood, processed.segmentation.cell_size_px
-    v, u = np.nonzero(missed)
-    of_missed = np.empty(0) if likelihood is None else likelihood[v // cell, u // cell]
-    return ObjectEvidence(
-        undefined=_mean(processed.segmentation.undefined_at(width, height)[missed]),
-        blind_band=_mean(_along_travel(pipeline, processed, rays_vehicle)),
-        above_horizon=_mean(rays_vehicle[:, 2] > 0),
-        likelihood=float(np.median(of_missed)) if of_missed.size else math.nan,
-        threshold=processed.segmentation.threshold,
-    )
+    shares = [
+        segmentation.undefined_at(width, height)[missed],
+        _along_travel(pipeline, processed, rays_vehicle),
+        rays_vehicle[:, 2] > 0,
+    ]
+    facts = dict(zip(OF_OBJECT, map(_share, shares), strict=False))
+    if segmentation.likelihood is not None and segmentation.threshold is not None and missed.any():
+        v, u = (axis // segmentation.cell_size_px for axis in np.nonzero(missed))
+        facts["likelihood"] = f"{np.median(segmentation.likelihood[v, u]):.2g} ({segmentation.threshold:.2g})"
+    return facts
 
 
-def _frame_evidence(pipeline: FramePipeline, processed: ProcessedFrame) -> FrameEvidence:
+def _facts_of_false(pipeline: FramePipeline, processed: ProcessedFrame) -> dict[str, str]:
     reference = processed.reference
     false = pixel_classes(reference, detected=detected_pixels(processed)) == PixelClass.FALSE_POSITIVE
     stationary = np.zeros(false.shape, dtype=np.uint8)
@@ -327,10 +240,8 @@ def _frame_evidence(pipeline: FramePipeline, processed: ProcessedFrame) -> Frame
         if one.status is Status.STATIC and one.polygon is not None and not one.polygon.is_empty:
             outlines = [np.round(get_coordinates(part.exterior)).astype(np.int32) for part in get_parts(one.polygon)]
             cv2.fillPoly(stationary, outlines, 1)
-    return FrameEvidence(
-        below_horizon=_mean(_rays_vehicle(pipeline, false)[:, 2] < 0),
-        static_objects=_mean(stationary[false] > 0),
-    )
+    shares = _rays_vehicle(pipeline, false)[:, 2] < 0, stationary[false] > 0
+    return dict(zip(OF_IMAGE, map(_share, shares), strict=True))
 
 
 def _rays_vehicle(pipeline: FramePipeline, area: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -354,8 +265,9 @@ def _along_travel(
     return along
 
 
-def _mean(flags: NDArray[np.bool_]) -> float:
-    return float(flags.mean()) if flags.size else math.nan
+def _share(flags: NDArray[np.bool_]) -> str:
+    """Share of true flags; "" without any flag."""
+    return _percent(float(flags.mean())) if flags.size else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -373,7 +285,7 @@ class Card:
     """
 
     element: str
-    key: FrameKey
+    key: ImageKey
     title: str
     facts: Mapping[str, str]
     view: FrameView | None
@@ -381,7 +293,7 @@ class Card:
     close_up: str = ""
 
     @property
-    def told(self) -> str:
+    def facts_line(self) -> str:
         """The facts as a line."""
         return ", ".join(f"{heading} {text}" for heading, text in self.facts.items() if text)
 
@@ -437,10 +349,10 @@ def worst_cases(run: StoredRun, *, most: int, pictures: bool, progress: Progress
     names = run.protocol.reference.categories if run.category is None else (run.category,)
     objects = worst_objects(run.objects, [Category(name) for name in names], most=most)
     images = worst_frames(run.frames, most=most) if run.category is None else []
-    views: dict[FrameKey, FrameView] = {}
+    views: dict[ImageKey, FrameView] = {}
     problems: list[str] = []
     if pictures:
-        keys = {frame_key(row) for rows in (*objects.values(), images) for row in rows}
+        keys = {image_key(row) for rows in (*objects.values(), images) for row in rows}
         views, problems = view_frames(run, keys, progress=progress)
     return WorstCases(
         objects={
@@ -452,23 +364,23 @@ def worst_cases(run: StoredRun, *, most: int, pictures: bool, progress: Progress
     )
 
 
-def _object_card(element: str, row: Row, views: Mapping[FrameKey, FrameView]) -> Card:
-    track, view = row["track_id"], views.get(frame_key(row))
+def _object_card(element: str, row: Row, views: Mapping[ImageKey, FrameView]) -> Card:
+    track, view = row["track_id"], views.get(image_key(row))
     return Card(
         element=element,
-        key=frame_key(row),
+        key=image_key(row),
         title=f"{row['object_class']} “{track}”, {_image(row)}",
-        facts=object_facts(row, view.objects.get(track) if view else None),
+        facts=object_facts(row, view.objects.get(track, {}) if view else {}),
         view=view,
         track=track,
         close_up=view.close_ups.get(track, "") if view else "",
     )
 
 
-def _image_card(element: str, row: Row, views: Mapping[FrameKey, FrameView]) -> Card:
-    view = views.get(frame_key(row))
-    facts = image_facts(row, view.evidence if view else None)
-    return Card(element=element, key=frame_key(row), title=_image(row), facts=facts, view=view)
+def _image_card(element: str, row: Row, views: Mapping[ImageKey, FrameView]) -> Card:
+    view = views.get(image_key(row))
+    facts = image_facts(row, view.facts if view else {})
+    return Card(element=element, key=image_key(row), title=_image(row), facts=facts, view=view)
 
 
 def _image(row: Row) -> str:

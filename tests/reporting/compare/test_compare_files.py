@@ -41,14 +41,13 @@ def test_all_forms_carry_the_same_numbers(folders, tmp_path):
     # Seven recordings lose one image of four; of the others (20 + r) % are found.
     difference = sum(0.2 + r / 100 for r in range(8) for k in range(4) if r == 7 or k != 1) / 32 - 0.5
     stored = json.loads((tmp_path / "compare.json").read_text())["comparisons"][0]
-    (of_row,) = [r for r in stored["rows"] if r["name"] == "crossing"]
-    cell = of_row["metrics"]["tpr_all"]
+    (cell,) = [r for r in stored["rows"] if (r["row"], r["metric"]) == ("crossing", "tpr_all")]
     assert cell["difference"] == float(row["difference"]) == pytest.approx(difference)
-    assert cell["ci95"] == [float(row["ci95_low"]), float(row["ci95_high"])]
+    assert (cell["ci95_low"], cell["ci95_high"]) == (float(row["ci95_low"]), float(row["ci95_high"]))
     assert cell["p_holm"] == float(row["p_holm"])
     assert cell["verdict"] == row["verdict"] == "worse"
     assert (
-        f"| Crossing | 32 | 8 | 50.0 | {50 + 100 * difference:.1f} | {points(difference)} |"
+        f"| TPR, all | Crossing | worse | 8 | 50.0 | {50 + 100 * difference:.1f} | {points(difference)} |"
         in (tmp_path / "compare.md").read_text()
     )
     changed = list(csv.DictReader(io.StringIO((tmp_path / "object_changes.csv").read_text())))
@@ -75,8 +74,14 @@ def test_markdown_says_what_is_better_and_what_is_worse(folders, tmp_path):
         "**new against old, over everything: better: False-positive coverage. worse: IoU, all; TPR, all; Detection"
         in text
     )
-    assert "By category: worse: Crossing (TPR, all), Crossing (IoU, all), Crossing (Detection at 50 %)" in text
-    assert "too few recordings for a verdict in at least one metric, 6 are needed: Preceding (3)" in text
+    for metric in ("TPR, all", "IoU, all", "Detection at 50 %"):
+        assert f"| {metric} | Crossing | worse | 8 |" in text
+        assert f"| {metric} | Preceding | too few recordings | 3 |" in text
+    assert "6 recordings with cases of both runs" in text
+    assert "| TPR, all | Preceding | too few recordings | 3 | 50.0 |" in text
+    assert "| TPR, all | Preceding | 12 | 3 | 50.0 |" in text, "among all metrics too"
+    assert "| Overtaking | 0 |" in text
+    assert "n/a" not in text[: text.index("All metrics")], "kinds without object-frames are not judged"
     assert "| vehicle 'crossing', crossing, 4.0 m (drive-0, front, 100 ms) | 50.0 | 0.0 |" in text
     assert "| (drive-0, front, 0 ms) | 1.0 | 0.0 |" in text, "fewer false positives"
     lines = [line for line in text.splitlines() if line.startswith("|")]
@@ -93,8 +98,8 @@ def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_
         pq.write_table(MASKS_SCHEMA.empty_table(), folder / MASKS)
     comparisons, _ = write_comparison(folders, tmp_path)
     remarks = [comparison.remarks for comparison in comparisons]
-    assert all(remark.startswith("no pictures: nowhere.yaml") for (remark,) in remarks)
-    assert "no pictures: nowhere.yaml" in (tmp_path / "compare.md").read_text()
+    assert all(remark.startswith("no picture: nowhere.yaml") for (remark,) in remarks)
+    assert "no picture: nowhere.yaml" in (tmp_path / "compare.md").read_text()
 
 
 def test_old_pictures_go_and_other_files_stay(folders, tmp_path):
@@ -110,8 +115,11 @@ def test_the_terminal_table_fits(folders):
     comparison = compare_runs(read_comparable(folders))[0]
     shown = printed(terminal_report(comparison), width=100)
     assert "…" not in shown
-    for word in ("new (after) against old (before)", "Crossing", "False positives", "worse", "-21.9", "few: 3"):
+    assert "(Holm) \n" in shown, "the last column is whole"
+    for word in ("new (after) against old (before)", "Crossing", "False positives"[:5], "worse", "-28.7", "<0.001"):
         assert word in shown
+    lines = [line.split() for line in shown.splitlines()]
+    assert ["Preceding", "too", "few", "3", "50.0", "15.8", "-34.2"] in lines
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Which frames are shown, and what was measured of them."""
 
-import math
-from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -9,12 +8,14 @@ import pytest
 
 from bench.evaluation import CoverageCurve
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
+from bench.records.segmentation import Segmentation
 from bench.reference import Category
 from bench.reporting.page.charts import coverage_points
 from bench.reporting.page.worst import (
+    OF_IMAGE,
+    OF_OBJECT,
     Card,
-    FrameEvidence,
-    ObjectEvidence,
+    facts_of_missed,
     image_facts,
     object_facts,
     worst_frames,
@@ -65,47 +66,65 @@ def test_images_of_different_recordings_first():
 
 ROW = {"coverage": 0.2, "range_m": 4.0, "points": 12, "region_px": 400, "polygon_px": 1000, "speed_mps": 4.8,
        "ego_speed_mps": 5.0}  # fmt: skip
-SEEN = ObjectEvidence(undefined=0.7, blind_band=0.6, above_horizon=math.nan, likelihood=2e-4, threshold=6e-4)
 
 
 def test_what_was_measured_of_an_object_is_said():
-    assert object_facts(ROW, SEEN) == {
+    seen = {"undefined": "70 %", "near travel": "60 %", "likelihood": "0.0002 (0.0006)"}
+    assert object_facts(ROW, seen) == {
         "found": "20 %", "range": "4.0 m", "lidar points": "12", "size": "400 px", "hidden": "60 %",
         "speed": "4.8 m/s", "ego vehicle": "5.0 m/s", "undefined": "70 %", "near travel": "60 %",
         "above horizon": "", "likelihood": "0.0002 (0.0006)",
     }  # fmt: skip
+    assert {name for name, text in object_facts(ROW, {}).items() if not text} == set(OF_OBJECT)
 
 
-def test_what_needs_the_image_or_a_threshold_is_not_said_without_it():
-    of_image = ("undefined", "near travel", "above horizon", "likelihood")
-    without = object_facts(ROW, None)
-    assert {name for name, text in without.items() if not text} == set(of_image)
-    for changes in ({"threshold": None}, {"likelihood": math.nan}):
-        assert object_facts(ROW, replace(SEEN, **changes))["likelihood"] == ""
+def frame_of(likelihood, *, threshold=6e-4):
+    """A camera that looks up at every pixel and drives straight ahead, in cells of two pixels."""
+    model = SimpleNamespace(unproject=lambda pixels: (np.tile([1.0, 0.0, 1.0], (len(pixels), 1)), None))
+    pose = SimpleNamespace(rotation=np.eye(3))
+    pipeline = SimpleNamespace(camera=SimpleNamespace(model=model, vehicle_from_camera=pose))
+    found = Segmentation(cell_size_px=2, mask=np.zeros((2, 2), bool), likelihood=likelihood, threshold=threshold)
+    step = SimpleNamespace(translation_m=np.array([0.0, 0.0, 1.0]))
+    return pipeline, SimpleNamespace(segmentation=found, given=SimpleNamespace(current_from_previous=[step]))
+
+
+def test_what_the_image_shows_of_the_missed_pixels():
+    missed = np.zeros((4, 4), dtype=bool)
+    missed[0] = True
+    cells = np.array([[1e-4, 3e-4], [9e-4, 9e-4]], dtype=np.float32)
+    facts = facts_of_missed(*frame_of(cells), missed=missed)
+    assert facts == {
+        "undefined": "0 %",
+        "near travel": "0 %",
+        "above horizon": "100 %",
+        "likelihood": "0.0002 (0.0006)",
+    }
+    assert not any(facts_of_missed(*frame_of(cells), missed=~missed & missed).values()), "nothing was missed"
+    for of_method in (frame_of(cells, threshold=None), frame_of(None, threshold=None)):
+        assert not facts_of_missed(*of_method, missed=missed).get("likelihood")
 
 
 def test_what_was_measured_of_an_image_is_said():
     counts = {"fp_px": 100, "fp_largest_px": 20, "fp_unattached_px": 90, "fp_by_cause": {"epipolar": 70, "height": 30},
               "coverage": 0.5, "fp_components": 7, "ego_speed_mps": 5.0}  # fmt: skip
-    evidence = FrameEvidence(below_horizon=0.9, static_objects=0.0)
-    assert image_facts(counts, evidence) == {
+    assert image_facts(counts, dict(zip(OF_IMAGE, ("90 %", "0 %"), strict=True))) == {
         "wrongly marked": "50 %", "patches": "7", "largest": "20 %", "at objects": "10 %", "cause": "epipolar 70 %",
         "ego vehicle": "5.0 m/s", "below horizon": "90 %", "on stationary": "0 %",
     }  # fmt: skip
-    unknown = image_facts(counts | {"fp_by_cause": None}, None)
+    unknown = image_facts(counts | {"fp_by_cause": None}, {})
     assert {name for name, text in unknown.items() if not text} == {"cause", "below horizon", "on stationary"}
 
 
 def test_the_worst_stand_in_one_table_that_leads_to_their_pictures():
     cards = [
-        Card(element=f"worst-{n}", key=("a", "front", n), title=f"car {n}", view=None, facts=object_facts(row, None))
+        Card(element=f"worst-{n}", key=("a", "front", n), title=f"car {n}", view=None, facts=object_facts(row, {}))
         for n, row in enumerate([ROW, ROW | {"coverage": 0.4}])
     ]
     table = worst_table(cards, title="Crossing", first="object")
     assert [heading.text for heading in table.headings()][:2] == ["object", "found"]
     assert "undefined" not in [heading.text for heading in table.headings()], "of no card"
     assert [(cells[0].link, cells[1].text) for cells in table.cells()] == [("#worst-0", "20 %"), ("#worst-1", "40 %")]
-    assert cards[0].told.startswith("found 20 %, range 4.0 m, lidar points 12, ")
+    assert cards[0].facts_line.startswith("found 20 %, range 4.0 m, lidar points 12, ")
 
 
 def test_the_coverage_curve_has_a_point_where_it_bends():
