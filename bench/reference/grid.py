@@ -131,7 +131,7 @@ def _above_and_below(
     others = np.where(lifts <= BRIDGED_STEPS * usual, order[others], -1)
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
-    return others[:, back], lifts[:, back], usual[back]
+    return others.take(back, axis=1), lifts.take(back, axis=1), usual[back]
 
 
 def _usual_by_elevation(
@@ -172,5 +172,4 @@ def _beside(
     find_beside(keys, azimuth, elevation, most_lift, *limits, found, turns)
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
-    neighbours = np.where(found >= 0, order[found], -1)
-    return neighbours[:, back], turns[:, back]
+    return np.where(found >= 0, order[found], -1).take(back, axis=1), turns.take(back, axis=1)

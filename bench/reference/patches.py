@@ -110,16 +110,16 @@ class Patches:
         linked = self.grid.linked.all(axis=0)
         free = np.flatnonzero(~linked)
         layer = np.where(linked, Layer.SHARED, Layer.FREE)
-        spread = end_spread(self.grid.step_m[:, free], error_m[free]).repeat(2, axis=0)
-        change = np.where(self.grid.linked[:, free], 0.0, self.step[..., free] * spread)
+        spread = end_spread(self.grid.step_m.take(free, axis=1), error_m[free]).repeat(2, axis=0)
+        change = np.where(self.grid.linked.take(free, axis=1), 0.0, self.step.take(free, axis=2) * spread)
         points, reach, bounds = (
-            self.points[:, free],
-            self.reach[..., free],
+            self.points.take(free, axis=1),
+            self.reach.take(free, axis=2),
             self.bounds and Bounds(self.bounds.grounded_m[free], self.bounds.bottom_m, self.bounds.top_m[free]),
         )
         drawn_in, drawn_out = _corners(points, reach - change, bounds), _corners(points, reach + change, bounds)
-        moved = (drawn_out != self.corners[..., free]).any(axis=(0, 1))
-        parts = {Layer.DRAWN_IN: drawn_in, Layer.DRAWN_OUT: drawn_out[..., moved]}
+        moved = (drawn_out != self.corners.take(free, axis=2)).any(axis=(0, 1))
+        parts = {Layer.DRAWN_IN: drawn_in, Layer.DRAWN_OUT: drawn_out.compress(moved, axis=2)}
         if not solid:
             doubtful = ~(self.grid.certain.all(axis=0) & self.unbounded)
             layer[linked & doubtful] = Layer.DOUBTFUL
@@ -130,9 +130,9 @@ class Patches:
     def _certain_corners(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Only between neighbours that leave no doubt, and not beyond a return without such a neighbour on its other
         side, since of a thing as thin as a beam nobody knows how thin it is; nothing is given back."""
-        certain = self.grid.certain[:, rows]
-        reach = np.where(certain, self.reach[..., rows], self.step[..., rows] * 0.5 * certain[OPPOSITE])
-        return _corners(self.points[:, rows], reach, None)
+        certain, reach, step = self.grid.certain.take(rows, axis=1), self.reach, self.step
+        reach = np.where(certain, reach.take(rows, axis=2), step.take(rows, axis=2) * 0.5 * certain[OPPOSITE])
+        return _corners(self.points.take(rows, axis=1), reach, None)
 
 
 def surface_patches(
@@ -206,7 +206,7 @@ def draw(
     patches_px = np.ascontiguousarray(exposure.project(corners.reshape(3, -1).T).T).reshape(2, 4, -1)
     seen = np.isfinite(patches_px[0]).all(axis=0)
     if not seen.all():
-        patches_px, layer = patches_px[..., seen], layer[seen]
+        patches_px, layer = patches_px.compress(seen, axis=2), layer[seen]
     return count_patches(patches_px, layer, layers=layers, width=camera.width, height=camera.height)
 
 
@@ -256,7 +256,8 @@ def without_slits(covered: NDArray[np.bool_], *, solid: bool = False) -> NDArray
     Returns:
         (rows + 2, columns + 2) bool, a pixel more on every side.
     """
-    closed = cv2.morphologyEx(np.pad(covered, 1).view(np.uint8), cv2.MORPH_CLOSE, SLIT)
+    padded = cv2.copyMakeBorder(covered.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, SLIT)
     if solid:
         outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         cv2.drawContours(closed, outlines, -1, 1, cv2.FILLED)
