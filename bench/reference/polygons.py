@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
 
 from bench.records.reference import Outline
 
@@ -25,14 +28,14 @@ def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Outl
     rings, tree = cv2.findContours(fine, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     if not len(rings):
         return None
-    outlines = [shapely.linearrings(ring[:, 0] / 2 - 0.25 + corner) for ring in rings]
+    outlines: list[Any] = [shapely.linearrings(ring[:, 0] / 2 - 0.25 + corner) for ring in rings]
     parents = tree[0, :, 3].tolist()
-    parts = [
+    parts: list[Polygon] = [
         shapely.polygons(outline, [outlines[hole] for hole, parent in enumerate(parents) if parent == number] or None)
         for number, outline in enumerate(outlines)
         if parents[number] < 0
     ]
-    return parts[0] if len(parts) == 1 else shapely.multipolygons(parts)
+    return parts[0] if len(parts) == 1 else MultiPolygon(parts)
 
 
 def _without_touching_corners(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
