@@ -27,7 +27,7 @@ from bench.harness.perf import measure as measure_stages
 from bench.harness.provenance import library_versions
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
-from benchmarks import large_run, masks, parallel, projections, staging
+from benchmarks import large_run, masks, parallel, projections, references, staging
 from benchmarks.enlarged import enlarge
 
 Row = Sequence[object]
@@ -90,6 +90,16 @@ def stages(asked: Asked) -> str:
         ["aim", "1.15", "2.0"],
     ]
     return table([f"{found['Farnebäck'].images} images of 640 x 480", *found], rows)
+
+
+def reference(asked: Asked) -> str:
+    """Reference by each protocol."""
+    opened = (handle.open() for handle in open_dataset(load_card(str(asked.card))))
+    found = references.milliseconds(opened, ("paper-v1", "surface-v1"))
+    ratio = found["surface-v1"] / found["paper-v1"]
+    rows: list[Row] = [[name, ms] for name, ms in found.items()]
+    rows.append(["**surface-v1 / paper-v1** (aim: 2)", f"**{ratio:.2f}**"])
+    return table(["reference", "ms per image"], rows)
 
 
 def projection(_: Asked) -> str:
@@ -195,6 +205,7 @@ def _part_of(card: Path, place: Path, *, images: int, size: tuple[int, int] | No
 
 SECTIONS: dict[str, tuple[str, Callable[[Asked], str]]] = {
     "stages": ("From file to counts, against the flow alone", stages),
+    "reference": ("Reference by protocol", reference),
     "projection": ("Lenses against `cv2.fisheye` and a loop", projection),
     "masks": ("Masks against `pycocotools`", overlaps),
     "reports": ("Reports", reports),

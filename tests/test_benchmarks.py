@@ -11,7 +11,7 @@ from bench.harness.frames import FramePipeline
 from bench.harness.perf import measure
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
-from benchmarks import masks, parallel, projections
+from benchmarks import masks, parallel, projections, references
 from benchmarks.enlarged import enlarge
 from benchmarks.turns import best_seconds
 from tests.support.lenses import LENSES
@@ -78,6 +78,12 @@ def test_stages_are_timed_beside_any_flow(tiny_card):
     assert {"decode", "ego-motion", "method", "reference", "counts"} <= set(report.stage_ms)
     assert report.ratio > 1.0
     assert sum(report.stage_ms.values()) <= report.total_ms * 1.01
+
+
+def test_references_are_timed_by_each_protocol(tiny_card):
+    opened = (handle.open() for handle in open_dataset(load_card(str(tiny_card))))
+    found = references.milliseconds(opened, ("paper-v1", "surface-v1"))
+    assert all(found[name] > 0.0 for name in ("paper-v1", "surface-v1"))
 
 
 def test_an_enlarged_drive_opens_and_sees_the_same(tiny_card, tmp_path):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import shapely
 from shapely import Polygon
@@ -63,6 +66,7 @@ class ReferenceBuilder:
             return mask_reference(image, exposure, settings=self.settings)
         scanned = [self._scanned(annotated, exposure) for annotated in self._annotations.at(image.timestamp_ns)]
         scanned.sort(key=lambda one: (one.distance_m, one.annotated.track.track_id))  # nearest first
+        scanned = without_needless_bands(scanned)
         regions = [self._region(one) for one in scanned]
         found = [reference_object(one, region) for one, region in zip(scanned, regions, strict=True)]
         return exposure.frame(*compose(found, regions, self.valid))
@@ -97,7 +101,7 @@ class ReferenceBuilder:
         if not scanned.has_enough_returns:
             return annotated_region(scanned)
         region = self._kind.region(scanned)
-        return region if region is None or self.settings.outline is None else with_band(region, scanned)
+        return region if region is None or scanned.settings.outline is None else with_band(region, scanned)
 
     def geometry(self, track_id: str, image: ImageRef) -> ObjectGeometry:
         """An object's lidar points and outline at exposure; to look at, not to score.
@@ -119,6 +123,14 @@ class ReferenceBuilder:
             outline_m=np.asarray(hull.exterior.coords)[:-1] if isinstance(hull, Polygon) else np.empty((0, 2)),
             pixels=scanned.pixels[np.isfinite(scanned.pixels[:, 0])],
         )
+
+
+def without_needless_bands(scanned: Sequence[ScannedObject]) -> list[ScannedObject]:
+    """The objects of an image, nearest first, without unknown bands for static ones that hide nothing but each other:
+    of these only the polygon counts."""
+    last = max((number for number, one in enumerate(scanned) if not one.annotated.static), default=-1)
+    plain = [replace(one, settings=replace(one.settings, outline=None)) for one in scanned[last + 1 :]]
+    return [*scanned[: last + 1], *plain]
 
 
 def annotated_region(scanned: ScannedObject) -> Region | None:

@@ -131,7 +131,7 @@ def _above_and_below(
     others = np.where(lifts <= BRIDGED_STEPS * usual, order[others], -1)
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
-    return others[:, back], lifts[:, back], usual[back]
+    return others.take(back, axis=1), lifts.take(back, axis=1), usual[back]
 
 
 def _usual_by_elevation(
@@ -162,22 +162,14 @@ def _beside(
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """To the left and to the right, (2, N), the return of nearest elevation in the next column, else in the one after
     it, and the angles to them."""
+    from bench.reference.loops import find_beside  # loads a compiler, which only these kinds of regions need
+
     keys = np.floor(azimuth / column_step) * ROW_KEY + elevation
     order = np.argsort(keys, kind="stable")
     keys, azimuth, elevation, most_lift = keys[order], azimuth[order], elevation[order], most_lift[order]
     found, turns = np.full((2, len(order)), -1, dtype=np.intp), np.full((2, len(order)), np.inf)
+    limits = column_step / 4, BRIDGED_STEPS * column_step, ROW_KEY
+    find_beside(keys, azimuth, elevation, most_lift, *limits, found, turns)
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
-    for number, side in enumerate((1, -1)):
-        asked = np.arange(len(order))
-        for columns in (1, 2):
-            here_u, here_v, least = azimuth[asked], elevation[asked], most_lift[asked]
-            position = np.searchsorted(keys, keys[asked] + side * columns * ROW_KEY)
-            for other in (np.maximum(position - 1, 0), np.minimum(position, len(order) - 1)):
-                turn, lift = (azimuth[other] - here_u) * side, np.abs(elevation[other] - here_v)
-                better = (turn > column_step / 4) & (turn <= BRIDGED_STEPS * column_step) & (lift < least)
-                nearer = asked[better]
-                found[number, nearer], turns[number, nearer] = order[other[better]], turn[better]
-                least = np.where(better, lift, least)
-            asked = np.flatnonzero(found[number] < 0)
-    return found[:, back], turns[:, back]
+    return np.where(found >= 0, order[found], -1).take(back, axis=1), turns.take(back, axis=1)

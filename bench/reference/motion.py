@@ -165,6 +165,12 @@ class ObjectAtExposure:
     smooth_world_mps: NDArray[np.float64]
     moving: bool
 
+    @property
+    def static(self) -> bool:
+        """It stands, and the data set says neither that it moves nor that its motion is unclear."""
+        stated = self.state.category is not None or self.state.unclear
+        return not (stated or self.moving) and bool(np.isfinite(self.smooth_world_mps).all())
+
 
 class AnnotationIndex:
     """Finds the objects of an exposure among all annotations of a recording, in time order or not.

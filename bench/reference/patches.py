@@ -26,7 +26,7 @@ from bench.reference.grid import DOWN, LEFT, RIGHT, UP, Grid
 SLIT = np.ones((3, 3), dtype=np.uint8)  # closes what is a pixel wide: finer than a beam
 MARGIN_PX = 4  # beyond the image, so that its border does not cut the outline
 TALL, WIDE = [UP, UP, DOWN, DOWN], [LEFT, RIGHT, RIGHT, LEFT]  # sides that meet at each corner
-OPPOSITE, NEXT_CORNER = [RIGHT, LEFT, DOWN, UP], [1, 2, 3, 0]
+OPPOSITE = [RIGHT, LEFT, DOWN, UP]
 
 
 class Bounds(NamedTuple):
@@ -110,16 +110,16 @@ class Patches:
         linked = self.grid.linked.all(axis=0)
         free = np.flatnonzero(~linked)
         layer = np.where(linked, Layer.SHARED, Layer.FREE)
-        spread = end_spread(self.grid.step_m[:, free], error_m[free]).repeat(2, axis=0)
-        change = np.where(self.grid.linked[:, free], 0.0, self.step[..., free] * spread)
+        spread = end_spread(self.grid.step_m.take(free, axis=1), error_m[free]).repeat(2, axis=0)
+        change = np.where(self.grid.linked.take(free, axis=1), 0.0, self.step.take(free, axis=2) * spread)
         points, reach, bounds = (
-            self.points[:, free],
-            self.reach[..., free],
+            self.points.take(free, axis=1),
+            self.reach.take(free, axis=2),
             self.bounds and Bounds(self.bounds.grounded_m[free], self.bounds.bottom_m, self.bounds.top_m[free]),
         )
         drawn_in, drawn_out = _corners(points, reach - change, bounds), _corners(points, reach + change, bounds)
-        moved = (drawn_out != self.corners[..., free]).any(axis=(0, 1))
-        parts = {Layer.DRAWN_IN: drawn_in, Layer.DRAWN_OUT: drawn_out[..., moved]}
+        moved = (drawn_out != self.corners.take(free, axis=2)).any(axis=(0, 1))
+        parts = {Layer.DRAWN_IN: drawn_in, Layer.DRAWN_OUT: drawn_out.compress(moved, axis=2)}
         if not solid:
             doubtful = ~(self.grid.certain.all(axis=0) & self.unbounded)
             layer[linked & doubtful] = Layer.DOUBTFUL
@@ -130,9 +130,9 @@ class Patches:
     def _certain_corners(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Only between neighbours that leave no doubt, and not beyond a return without such a neighbour on its other
         side, since of a thing as thin as a beam nobody knows how thin it is; nothing is given back."""
-        certain = self.grid.certain[:, rows]
-        reach = np.where(certain, self.reach[..., rows], self.step[..., rows] * 0.5 * certain[OPPOSITE])
-        return _corners(self.points[:, rows], reach, None)
+        certain, reach, step = self.grid.certain.take(rows, axis=1), self.reach, self.step
+        reach = np.where(certain, reach.take(rows, axis=2), step.take(rows, axis=2) * 0.5 * certain[OPPOSITE])
+        return _corners(self.points.take(rows, axis=1), reach, None)
 
 
 def surface_patches(
@@ -156,7 +156,8 @@ def surface_patches(
     points = np.ascontiguousarray(points_world.T)
     left, above = np.moveaxis((world_from_sensor @ grid.step_sensor.reshape(3, -1)).reshape(3, 2, -1), 1, 0)
     step = np.stack([left, -left, above, -above], axis=1)
-    reach = np.where(grid.linked, points[:, grid.neighbours] - points[:, None], step * 0.5)
+    ways = points.take(grid.neighbours, axis=1) - points[:, None]
+    reach = np.where(grid.linked, ways, step * 0.5)
     plain = _corners(points, reach, None)
     corners = plain if bounds is None else bounds.extend(plain)
     unbounded = (corners[2] == plain[2]).all(axis=0)
@@ -166,7 +167,10 @@ def surface_patches(
 
 
 def _corners(points: NDArray[np.float64], reach: NDArray[np.float64], bounds: Bounds | None) -> NDArray[np.float64]:
-    corners = reach[:, TALL] + reach[:, WIDE] + points[:, None]
+    corners = np.empty_like(reach)
+    for corner, (tall, wide) in enumerate(zip(TALL, WIDE, strict=True)):
+        np.add(reach[:, tall], reach[:, wide], out=corners[:, corner])
+    corners += points[:, None]
     return corners if bounds is None else bounds.extend(corners)
 
 
@@ -189,7 +193,7 @@ def end_spread(step_m: NDArray[np.float64], error_m: NDArray[np.float64]) -> NDA
 
 def draw(
     corners: NDArray[np.float64], exposure: Exposure, layer: NDArray[np.intp] | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """As `count_patches`, of patches, (3, 4, N) float64, m, world frame, that the lens can see whole.
 
     Args:
@@ -199,20 +203,17 @@ def draw(
     """
     camera, layers = exposure.camera.model, 1 if layer is None else len(Layer)
     layer = np.zeros(corners.shape[2], dtype=np.intp) if layer is None else layer
-    patches_px = exposure.project(corners.reshape(3, -1).T).T.reshape(2, 4, -1)
+    patches_px = np.ascontiguousarray(exposure.project(corners.reshape(3, -1).T).T).reshape(2, 4, -1)
     seen = np.isfinite(patches_px[0]).all(axis=0)
     if not seen.all():
-        patches_px, layer = patches_px[..., seen], layer[seen]
+        patches_px, layer = patches_px.compress(seen, axis=2), layer[seen]
     return count_patches(patches_px, layer, layers=layers, width=camera.width, height=camera.height)
 
 
 def count_patches(
     patches_px: NDArray[np.float64], layer: NDArray[np.intp], *, layers: int, width: int, height: int
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Count the convex patches that hold each pixel's centre, in one pass over all edges.
-
-    Every edge adds one to the pixels right of it where it runs down and subtracts one where it runs up, with all
-    patches oriented the same way. Layers are drawn one below another.
 
     Args:
         patches_px: (2, 4, N) float64, px, u and v of the corners in order, finite.
@@ -222,39 +223,26 @@ def count_patches(
         height: of the image, px.
 
     Returns:
-        counts: (layers, rows, columns) float64, whole numbers, of a window that may reach a few pixels beyond the
-            image.
+        counts: (layers, rows, columns) int32, of a window that may reach a few pixels beyond the image.
         corner: (2,) int64, (u, v) of the window's first pixel.
     """
+    from bench.reference.loops import count_layers  # loads a compiler, which only these kinds of regions need
+
     if not patches_px.shape[2]:
-        return np.zeros((layers, 0, 0)), np.zeros(2, dtype=np.int64)
+        return np.zeros((layers, 0, 0), dtype=np.int32), np.zeros(2, dtype=np.int64)
     beyond = np.array([width, height]) + MARGIN_PX
     low = np.clip(np.floor(patches_px.min(axis=(1, 2))), -MARGIN_PX, beyond).astype(np.int64)
     high = np.clip(np.ceil(patches_px.max(axis=(1, 2))) + 1, -MARGIN_PX, beyond).astype(np.int64)
     columns, rows = (high - low).tolist()
-    u, v = patches_px - low[:, None, None]
-    orientation = np.sign((u[2] - u[0]) * (v[3] - v[1]) - (v[2] - v[0]) * (u[3] - u[1]))
-    first = np.clip(np.ceil(v), 0, rows) + layer * rows  # row of pixels at or below each corner
-    v += layer * rows
-    falls = (first[NEXT_CORNER] - first).ravel()
-    edges = np.flatnonzero(falls)  # those that cross the centres of a row
-    falls, signs = falls[edges], np.tile(orientation, 4)[edges]
-    start_u, start_v = u.ravel()[edges], v.ravel()[edges]
-    slope = (u[NEXT_CORNER].ravel()[edges] - start_u) / (v[NEXT_CORNER].ravel()[edges] - start_v)
-    upper = (first.ravel()[edges] + np.minimum(falls, 0)).astype(np.int64)
-    count = np.abs(falls).astype(np.int64)
-    row = np.repeat(upper - np.cumsum(count) + count, count) + np.arange(count.sum())
-    crossing_u = np.repeat(slope, count) * row + np.repeat(start_u - start_v * slope, count)
-    column = np.clip(np.ceil(crossing_u), 0, columns).astype(np.int64)
-    signs = np.repeat(signs * np.sign(falls), count)
-    changes = np.bincount(row * (columns + 1) + column, weights=signs, minlength=layers * rows * (columns + 1))
-    counts = np.cumsum(changes)  # each row's changes add up to zero, so that the next one starts anew
-    return np.asarray(counts.reshape(layers, rows, columns + 1)[..., :columns]), low
+    counts = np.zeros((layers, rows, columns + 1), dtype=np.int32)
+    u, v = np.subtract(patches_px, low[:, None, None], order="C")
+    count_layers(u, v, layer, counts)
+    return counts[..., :columns], low
 
 
-def union(counts: NDArray[np.float64], layers: Sequence[int] = (0,)) -> NDArray[np.bool_]:
+def union(counts: NDArray[np.int32], layers: Sequence[int] = (0,)) -> NDArray[np.bool_]:
     """(rows, columns) bool, the pixels of some layers, from `count_patches`."""
-    return np.asarray(np.add.reduce([counts[layer] for layer in layers]) != 0)
+    return np.asarray(sum(counts[layer] for layer in layers) != 0)
 
 
 def without_slits(covered: NDArray[np.bool_], *, solid: bool = False) -> NDArray[np.bool_]:
@@ -268,7 +256,8 @@ def without_slits(covered: NDArray[np.bool_], *, solid: bool = False) -> NDArray
     Returns:
         (rows + 2, columns + 2) bool, a pixel more on every side.
     """
-    closed = cv2.morphologyEx(np.pad(covered, 1).view(np.uint8), cv2.MORPH_CLOSE, SLIT)
+    padded = cv2.copyMakeBorder(covered.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, SLIT)
     if solid:
         outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         cv2.drawContours(closed, outlines, -1, 1, cv2.FILLED)

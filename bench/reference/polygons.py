@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
@@ -25,10 +28,10 @@ def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Outl
     rings, tree = cv2.findContours(fine, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     if not len(rings):
         return None
-    outlines = [ring[:, 0] / 2 - 0.25 + corner for ring in rings]
+    outlines: list[Any] = [shapely.linearrings(ring[:, 0] / 2 - 0.25 + corner) for ring in rings]
     parents = tree[0, :, 3].tolist()
-    parts = [
-        Polygon(outline, [outlines[hole] for hole, parent in enumerate(parents) if parent == number])
+    parts: list[Polygon] = [
+        shapely.polygons(outline, [outlines[hole] for hole, parent in enumerate(parents) if parent == number] or None)
         for number, outline in enumerate(outlines)
         if parents[number] < 0
     ]

@@ -241,7 +241,7 @@ class ScannedObject:
         outermost = (self.grid.neighbours < 0).any(axis=0)
         beams = normalise(self.world_from_sensor.rotate(self.points_sensor[outermost]))
         ways = beams * way_out_m(self.cluster.points_world[outermost], beams, self.parts_world)[:, None]
-        corners = self.patches.corners[..., outermost]
+        corners = self.patches.corners.compress(outermost, axis=2)
         if not corners.size:
             return None
         following = np.roll(corners, -1, axis=1)  # above, right, below, left: from corner to corner

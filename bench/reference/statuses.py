@@ -49,8 +49,7 @@ def _status(
 ) -> tuple[Status, IgnoreReason | None]:
     """Evaluated, static, or ignored for the first reason that applies."""
     annotated, settings = scanned.annotated, scanned.settings
-    stationary = annotated.state.category is None and not annotated.moving
-    if category is not None and not annotated.state.unclear and stationary:
+    if annotated.static:
         return Status.STATIC, None
     certain_px = 0 if region is None else int(np.count_nonzero(region.core))
     reasons = {

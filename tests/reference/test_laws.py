@@ -12,7 +12,8 @@ import pytest
 
 from bench.evaluation.counts import count_frame
 from bench.records.reference import Limb
-from bench.reference import OutlineErrors, ReferenceBuilder, ReferenceFrame, Status
+from bench.reference import OutlineErrors, ReferenceBuilder, ReferenceFrame, Status, build
+from bench.reference.bands import with_band
 from tests.reference.drives import MS, Box, circle, drive, with_settings
 
 SEEDS = range(12)
@@ -99,15 +100,31 @@ def test_every_annotated_object_ends_in_one_way(frame):
         assert (item.reason is not None) == (item.status is Status.IGNORED)
 
 
-def test_the_order_of_the_annotations_changes_nothing(recording, settings, frame):
+def assert_same_reference(one, other):
     """Bit by bit, ignored region included."""
-    turned = frame_of(replace(recording, tracks=recording.tracks[::-1]), settings)
-    np.testing.assert_array_equal(turned.labels, frame.labels)
-    np.testing.assert_array_equal(turned.ignored, frame.ignored)
-    for one, other in zip(frame.objects, turned.objects, strict=True):
-        assert (one.track_id, one.status, one.reason, one.category, one.region_px, one.unknown_px) == (
-            other.track_id, other.status, other.reason, other.category, other.region_px, other.unknown_px
+    np.testing.assert_array_equal(one.labels, other.labels)
+    np.testing.assert_array_equal(one.ignored, other.ignored)
+    for mine, its in zip(one.objects, other.objects, strict=True):
+        assert (mine.track_id, mine.status, mine.reason, mine.category, mine.region_px, mine.unknown_px) == (
+            its.track_id, its.status, its.reason, its.category, its.region_px, its.unknown_px
         )  # fmt: skip
+        assert mine.polygon == its.polygon
+        assert mine.polygon_px == its.polygon_px
+
+
+def test_the_order_of_the_annotations_changes_nothing(recording, settings, frame):
+    assert_same_reference(frame_of(replace(recording, tracks=recording.tracks[::-1]), settings), frame)
+
+
+def test_bands_of_static_objects_behind_all_others_are_left_out_and_change_nothing(recordings, monkeypatch):
+    banded = []
+    monkeypatch.setattr(build, "with_band", lambda region, one: banded.append(one) or with_band(region, one))
+    frames = [frame_of(recording, "unknown bands") for recording in recordings]
+    needed = len(banded)
+    monkeypatch.setattr(build, "without_needless_bands", lambda scanned: scanned)
+    for recording, frame in zip(recordings, frames, strict=True):
+        assert_same_reference(frame_of(recording, "unknown bands"), frame)
+    assert 0 < needed < len(banded) - needed
 
 
 def test_the_reference_against_itself(frame):

@@ -2,14 +2,14 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import numba
 import numpy as np
 import pytest
 
-from bench.synthesis.imaging.kernels import CACHE, SOURCES, compiled
 from bench.synthesis.imaging.textures import LEVELS, SIZE, TextureAtlas, atlas_at, texture_atlas
 
 
-@compiled
+@numba.njit(error_model="numpy")
 def fill(
     u: np.ndarray, v: np.ndarray, level: np.ndarray, image: np.ndarray, layout: np.ndarray, found: np.ndarray
 ) -> None:
@@ -54,10 +54,3 @@ def test_texture_turns_smooth_with_distance() -> None:
     spreads = [sample(atlas, u, v, np.full_like(u, level)).std() for level in range(LEVELS)]
     assert spreads[0] == pytest.approx(1.0, abs=0.15)
     assert all(b < a for a, b in pairwise(spreads))
-
-
-def test_cached_machine_code_belongs_to_the_sources_as_they_are() -> None:
-    """By itself numba would take it again when a file changes that the function's own file imports."""
-    sample(texture_atlas(3), *np.zeros((3, 1), dtype=np.float32))
-    assert CACHE.name.endswith(SOURCES[:16])
-    assert list(CACHE.rglob("*fill*.nbi"))

@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.machine_code import compiled, inlined
 from bench.synthesis.imaging.faces import PLAIN
-from bench.synthesis.imaging.kernels import compiled, corner_weights, inlined
+from bench.synthesis.imaging.kernels import corner_weights
 from bench.synthesis.imaging.lens import Lens
 from bench.synthesis.imaging.visibility import NOTHING
 from bench.synthesis.scenario import SensorSpec

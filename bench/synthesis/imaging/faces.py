@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.kernels import compiled
+from bench.machine_code import compiled
 from bench.synthesis.imaging.textures import SIZE
 from bench.synthesis.mesh import COLUMN_OF, Mesh
 

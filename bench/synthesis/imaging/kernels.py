@@ -1,52 +1,13 @@
-"""Loops over pixels and triangles as machine code that is cached for the next process, and what these loops share.
-
-Without fast-math and threads, so that every run gives the same bytes; floating-point division by zero gives infinity.
-
-Loops over pixels hand many arrays around and make none; counting references to each array costs more than the work
-(three times, for shading), so compiled functions count none: they own nothing that could be freed.
-"""
+"""Weights and look-ups that loops over pixels and triangles share; compiled into those that call them."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
-from platformdirs import user_cache_path
 
-Function = TypeVar("Function", bound=Callable[..., object])
-
-# Cached machine code holds functions and constants of other files too, while numba looks at the function's own file
-# only: so there is a cache folder for each state of all of them.
-_FILES = sorted(Path(__file__).parent.glob("*.py"))
-SOURCES = hashlib.sha256(b"".join(path.read_bytes() for path in _FILES)).hexdigest()
-_BESIDE = Path(__file__).parent / "__pycache__"
-_WRITABLE = os.access(_BESIDE if _BESIDE.exists() else _BESIDE.parent, os.W_OK)
-# Beside a package that an administrator installed its user writes nothing.
-CACHE = (_BESIDE if _WRITABLE else user_cache_path("fisheye-bench", appauthor=False)) / f"numba-{SOURCES[:16]}"
-
-
-def compiled(function: Function) -> Function:
-    """Compile a function that makes no arrays, on its first call."""
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
-    config: Any = numba.config
-    before, config.CACHE_DIR = config.CACHE_DIR, str(CACHE)
-    try:
-        return cast(Function, numba.njit(cache=True, **options)(function))
-    except (RuntimeError, OSError):  # no folder may be written: compile in every process
-        return cast(Function, numba.njit(**options)(function))
-    finally:
-        config.CACHE_DIR = before
-
-
-def inlined(function: Function) -> Function:
-    """Compile a function into those that call it, which spares them handing over its arguments."""
-    return cast(Function, numba.njit(nogil=True, error_model="numpy", inline="always")(function))
+from bench.machine_code import inlined
 
 
 @inlined

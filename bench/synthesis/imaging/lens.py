@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, ray_grid
 from bench.geometry import normalise
-from bench.synthesis.imaging.kernels import compiled, inlined
+from bench.machine_code import compiled, inlined
 
 CHART = 513  # nodes along a side of the chart of all directions; odd, so that the chart's creases fall on nodes
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.machine_code import compiled, inlined
 from bench.synthesis.imaging.faces import (
     ALBEDO,
     CONTRAST,
@@ -27,7 +28,7 @@ from bench.synthesis.imaging.faces import (
     STEP_V,
     TEXEL_LOG2,
 )
-from bench.synthesis.imaging.kernels import compiled, corner_weights, inlined, share_below
+from bench.synthesis.imaging.kernels import corner_weights, share_below
 from bench.synthesis.imaging.lamps import BEAM_FOCAL, GLOW_BY_NIGHT, MIDDLE_COLUMN, MIDDLE_ROW, WHITE_LUX, Lamps
 from bench.synthesis.imaging.lens import TILE_PX
 from bench.synthesis.imaging.shadow_maps import HeightMap, height_at, lit_share

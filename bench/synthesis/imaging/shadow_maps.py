@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.kernels import bilinear, compiled, inlined, share_below
+from bench.machine_code import compiled, inlined
+from bench.synthesis.imaging.kernels import bilinear, share_below
 from bench.synthesis.scene import Lighting
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)

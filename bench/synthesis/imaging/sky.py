@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.kernels import inlined
+from bench.machine_code import inlined
 from bench.synthesis.imaging.textures import SIZE, atlas_at, quick_log2
 
 ZERO, ONE, TWO, LEAST = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(1e-6)

@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.kernels import bilinear, inlined
+from bench.machine_code import inlined
+from bench.synthesis.imaging.kernels import bilinear
 
 SIZE = 1024  # texels along one period of the texture
 LEVELS = 9  # 1024 down to 4 texels

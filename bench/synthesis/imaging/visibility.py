@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.synthesis.imaging.kernels import compiled, inlined
+from bench.machine_code import compiled, inlined
 from bench.synthesis.imaging.lens import BLOCK_PX, REGION_PX, TILE_PX, Lens, chart_pixel
 
 SMALL = 0.3  # chord of the longest edge on the unit sphere, of triangles that are looked for by their corners

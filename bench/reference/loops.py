@@ -1,0 +1,92 @@
+"""Loops over patches and returns as machine code; imported on use, since loading the compiler takes a while."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.machine_code import compiled, inlined
+
+
+@inlined
+def _cell(position_px: float, most: int) -> int:
+    """First pixel at or beyond a position, clamped to 0 and `most`."""
+    return int(min(max(0.0, np.ceil(position_px)), most))
+
+
+@compiled
+def count_layers(
+    u: NDArray[np.float64], v: NDArray[np.float64], layer: NDArray[np.intp], counts: NDArray[np.int32]
+) -> None:
+    """Count the convex patches that hold each pixel's centre.
+
+    Every edge adds one to the pixels right of it where it runs down and subtracts one where it runs up, with all
+    patches oriented the same way.
+
+    Args:
+        u: (4, N) float64, px, of the corners in order, from the window's first pixel.
+        v: (4, N), likewise.
+        layer: (N,) intp, of each patch.
+        counts: (layers, rows, columns + 1) int32, zeros, to be filled; the last column is none of the window's.
+    """
+    layers, rows, columns = counts.shape
+    for k in range(len(layer)):
+        area = (u[2, k] - u[0, k]) * (v[3, k] - v[1, k]) - (v[2, k] - v[0, k]) * (u[3, k] - u[1, k])
+        if area == 0.0:
+            continue
+        for corner in range(4):
+            following = (corner + 1) % 4
+            start_u, start_v, end_v = u[corner, k], v[corner, k], v[following, k]
+            first, last = _cell(start_v, rows), _cell(end_v, rows)  # rows of pixels at or below the ends
+            if first == last:
+                continue
+            slope = (u[following, k] - start_u) / (end_v - start_v)
+            at_zero = start_u - start_v * slope
+            sign = 1 if (area > 0.0) == (last > first) else -1
+            for row in range(min(first, last), max(first, last)):
+                counts[layer[k], row, _cell(slope * row + at_zero, columns - 1)] += sign
+    for number in range(layers):
+        for row in range(rows):
+            for column in range(1, columns):
+                counts[number, row, column] += counts[number, row, column - 1]
+
+
+@compiled
+def find_beside(
+    keys: NDArray[np.float64],
+    azimuth: NDArray[np.float64],
+    elevation: NDArray[np.float64],
+    most_lift: NDArray[np.float64],
+    least_turn: float,
+    most_turn: float,
+    column_key: float,
+    found: NDArray[np.intp],
+    turns: NDArray[np.float64],
+) -> None:
+    """Find the return of nearest elevation in the next column, else in the one after it.
+
+    Args:
+        keys: (N,) float64, ascending, the column times `column_key` plus the elevation.
+        azimuth: (N,) float64, rad.
+        elevation: (N,) float64, rad.
+        most_lift: (N,) float64, rad, neighbours differ by less.
+        least_turn: rad, neighbours are further.
+        most_turn: rad, and no further.
+        column_key: between columns.
+        found: (2, N) intp, -1, to be filled: to the left and to the right.
+        turns: (2, N) float64, rad, infinite, to be filled: angles to them.
+    """
+    last = len(keys) - 1
+    for number, side in enumerate((1, -1)):
+        for columns in (1, 2):
+            position = 0
+            for k in range(last + 1):
+                while position <= last and keys[position] < keys[k] + side * columns * column_key:
+                    position += 1
+                least = most_lift[k]
+                if columns == 2 and found[number, k] >= 0:
+                    continue
+                for other in (max(position - 1, 0), min(position, last)):
+                    turn, lift = (azimuth[other] - azimuth[k]) * side, abs(elevation[other] - elevation[k])
+                    if least_turn < turn <= most_turn and lift < least:
+                        found[number, k], turns[number, k], least = other, turn, lift
