@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bench.lidar import cloud_files
-from bench.synthesis.mesh import EMBREEX
+from bench.synthesis.rays import EMBREEX
 from tests.support.clouds import write_points
 
 pytestmark = [

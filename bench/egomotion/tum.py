@@ -56,21 +56,28 @@ def read_tum(path: Path) -> Trajectory:
 
 
 def write_tum(
-    path: Path, *, timestamps_ns: NDArray[np.int64], rotations: Rotation, positions_m: NDArray[np.float64]
+    path: Path,
+    *,
+    timestamps_ns: NDArray[np.int64],
+    rotations: Rotation,
+    positions_m: NDArray[np.float64],
+    decimals: int | None = None,
 ) -> None:
-    """Write poses in TUM form; numbers keep every digit.
+    """Write poses in TUM form.
 
     Args:
         path: the file, overwritten.
         timestamps_ns: (N,) int64.
         rotations: N rotations, world_from_vehicle.
         positions_m: (N, 3) float64, m.
+        decimals: of positions and quaternions; None for every digit.
     """
     lines = ["# " + " ".join(COLUMNS)]
-    quaternions_xyzw = rotations.as_quat(canonical=True, scalar_first=False)
-    for time_ns, position_m, xyzw in zip(timestamps_ns, positions_m, quaternions_xyzw, strict=True):
-        numbers = " ".join(repr(float(value)) for value in (*position_m, *xyzw))
-        lines.append(f"{_seconds_text(int(time_ns))} {numbers}")
+    poses = np.hstack([positions_m, rotations.as_quat(canonical=True, scalar_first=False)])
+    if decimals is not None:
+        poses = np.round(poses, decimals) + 0.0  # 0 has no sign
+    for time_ns, pose in zip(timestamps_ns, poses.tolist(), strict=True):
+        lines.append(f"{_seconds_text(int(time_ns))} {' '.join(map(repr, pose))}")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from bench.evaluation import headlines
 from bench.evaluation.sums import ALL_MOVING, FRAMES
-from bench.gate.verdict import Outcome, Row, Verdict, row_text, value_text
+from bench.gate.verdict import Check, Outcome, Row, Verdict, row_text, value_text
 
 NOTABLE = (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED)
 
@@ -68,7 +68,13 @@ def change_lines(verdict: Verdict) -> list[str]:
         return []
     told = {check.name.removesuffix("_digest") for check in verdict.failed_checks}
     lines = [f"changed: {change.what}: {change.text}" for change in verdict.changes if change.what not in told]
+    lines += [f"note: {check.message}" for check in verdict.checks if _is_note(check)]
     return [*lines, f"as in the baseline: {', '.join(verdict.unchanged) or 'nothing'}"]
+
+
+def _is_note(check: Check) -> bool:
+    """The reference is another one, and yet no reason to fail."""
+    return check.name == "reference_digest" and check.outcome is Outcome.SUSPECT
 
 
 def worst_line(verdict: Verdict) -> str:

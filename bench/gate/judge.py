@@ -18,6 +18,7 @@ from bench.evaluation.rows import EVALUATED
 from bench.evaluation.sums import ALL_MOVING, FRAMES, name_slice
 from bench.gate.baseline import RunSums
 from bench.gate.changes import LISTED, changes
+from bench.gate.rendered import small_difference
 from bench.gate.tolerances import Tolerance, Tolerances
 from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict
 from bench.harness.manifest import Aspect, Manifest, differences
@@ -57,6 +58,10 @@ def data_checks(baseline: RunSums, run: RunSums, pairs: Pairs, *, tolerances: To
     def texts(*aspects: Aspect) -> list[str]:
         return [one.text for one in found if one.aspect in aspects]
 
+    told, of_reference = [f"{_other_reference(pairs)}; {text}" for text in texts(Aspect.REFERENCE)], Outcome.FAILED
+    rendered = told and texts(Aspect.DATA) and tolerances.changed_data == "report"
+    if rendered and (small := small_difference(baseline.sums, run.sums)):
+        told, of_reference = [small], Outcome.SUSPECT
     return (
         _check("failures", list(run.failures), "the run has {count} failures: {listed}"),
         _check(
@@ -67,12 +72,23 @@ def data_checks(baseline: RunSums, run: RunSums, pairs: Pairs, *, tolerances: To
         ),
         _check(
             "reference_digest",
-            [f"{_other_reference(pairs)}; {text}" for text in texts(Aspect.REFERENCE)],
+            told,
             "reference changed: {listed}",
+            outcome=of_reference,
         ),
-        _check("counts", list(_count_differences(baseline, run)), "reference changed: {listed}"),
-        _check("cases", list(_case_differences(baseline, run, pairs)), "metrics are over other cases: {listed}"),
-        _check("metrics", list(_missing(baseline, run, pairs)), "in the baseline, but not in the run: {listed}"),
+        _check("counts", list(_count_differences(baseline, run)), "reference changed: {listed}", outcome=of_reference),
+        _check(
+            "cases",
+            list(_case_differences(baseline, run, pairs)),
+            "metrics are over other cases: {listed}",
+            outcome=of_reference,
+        ),
+        _check(
+            "metrics",
+            list(_missing(baseline, run, pairs)),
+            "in the baseline, but not in the run: {listed}",
+            outcome=of_reference,
+        ),
         _check(
             "method",
             texts(Aspect.METHOD, Aspect.SETTINGS, Aspect.METHOD_CODE),

@@ -116,7 +116,7 @@ class RigidTransform:
 
     @property
     def quaternion_wxyz(self) -> NDArray[np.float64]:
-        """(4,) float64, unit quaternion with w >= 0."""
+        """(4,) float64, unit quaternion, see `quaternions_wxyz`."""
         return quaternions_wxyz(self.rotation)
 
     @property
@@ -157,6 +157,10 @@ def quaternions_wxyz(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
         rotations: (..., 3, 3) float64, proper and orthonormal.
 
     Returns:
-        (..., 4) float64, w >= 0.
+        (..., 4) float64; the first of the four that is not 0 to twelve digits is positive, so that the sign of half
+            a turn, whose w is 0, is no matter of the last bit.
     """
-    return np.asarray(Rotation.from_matrix(rotations).as_quat(canonical=True, scalar_first=True))
+    wxyz = np.asarray(Rotation.from_matrix(rotations).as_quat(scalar_first=True))
+    rounded = np.round(wxyz, 12)
+    first = (rounded != 0).argmax(axis=-1)[..., None]
+    return wxyz * np.sign(np.take_along_axis(rounded, first, axis=-1))

@@ -31,10 +31,11 @@ class RecordingWriter:
 
     Args:
         root: folder of the recording; its name is the recording's.
+        decimals: of numbers in annotations, poses, bus signals and true calibration; None for every digit.
     """
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, root: Path, *, decimals: int | None = None) -> None:
+        self.root, self._decimals = root, decimals
 
     def header(
         self,
@@ -113,7 +114,8 @@ class RecordingWriter:
     ) -> None:
         """Write `egomotion.csv`, one row per time; gear "R" or -1 is reverse, and the speed counts backwards."""
         lines = ["timestamp_ns,speed_mps,yaw_rate_radps" + ("" if gear is None else ",gear")]
-        for i, (time_ns, speed, rate) in enumerate(zip(timestamps_ns, speed_mps, yaw_rate_radps, strict=True)):
+        speeds, rates = (_rounded(np.asarray(x).tolist(), self._decimals) for x in (speed_mps, yaw_rate_radps))
+        for i, (time_ns, speed, rate) in enumerate(zip(timestamps_ns, speeds, rates, strict=True)):
             last = "" if gear is None else f",{gear[i]}"
             lines.append(f"{int(time_ns)},{float(speed)!r},{float(rate)!r}{last}")
         write_text(self.root / "egomotion.csv", "\n".join(lines) + "\n")
@@ -136,7 +138,10 @@ class RecordingWriter:
         """
         path = self.root / "truth" / "poses.csv" if truth else self.root / "poses.csv"
         with replacing(path) as temporary:
-            write_tum(temporary, timestamps_ns=timestamps_ns, rotations=rotations, positions_m=positions_m)
+            write_tum(
+                temporary, timestamps_ns=timestamps_ns, rotations=rotations, positions_m=positions_m,
+                decimals=self._decimals,
+            )  # fmt: skip
 
     def true_calibration(self, *, cameras: Mapping[str, MountedCamera], vehicle_from_lidar: RigidTransform) -> None:
         """Write `truth/calibration.json`: where the sensors of a synthetic recording sit, which no method sees.
@@ -149,7 +154,7 @@ class RecordingWriter:
             "vehicle_from_camera": {name: _mounting(camera.vehicle_from_camera) for name, camera in cameras.items()},
             "vehicle_from_lidar": _mounting(vehicle_from_lidar),
         }
-        write_text(self.root / "truth" / "calibration.json", _json(mountings))
+        write_text(self.root / "truth" / "calibration.json", _json(_rounded(mountings, self._decimals)))
 
     def annotations(self, tracks: Sequence[Track], *, timestamps_ns: Iterable[int] = ()) -> None:
         """Write `annotations.json`.
@@ -158,7 +163,8 @@ class RecordingWriter:
             tracks: objects with their states.
             timestamps_ns: further times at which the scene was annotated, also where it held nothing.
         """
-        write_annotations(self.root / "annotations.json", tracks, timestamps_ns=timestamps_ns)
+        path = self.root / "annotations.json"
+        write_annotations(path, tracks, timestamps_ns=timestamps_ns, decimals=self._decimals)
 
     def _camera(self, name: str, camera: MountedCamera) -> dict[str, Any]:
         size = camera.model.width, camera.model.height
@@ -179,24 +185,41 @@ class RecordingWriter:
         }
 
 
-def write_annotations(path: Path, tracks: Sequence[Track], *, timestamps_ns: Iterable[int] = ()) -> None:
+def write_annotations(
+    path: Path, tracks: Sequence[Track], *, timestamps_ns: Iterable[int] = (), decimals: int | None = None
+) -> None:
     """Write tracks as an annotation file.
 
     Args:
         path: the file.
         tracks: objects with their states.
         timestamps_ns: further times at which the scene was annotated, also where it held nothing.
+        decimals: of numbers; None for every digit.
 
     Raises:
         DataError: what `read_annotations` would refuse to read back; nothing is written.
     """
     document = annotation_document(tracks, timestamps_ns)
     validated(AnnotationFile, document, file=path)
-    write_text(path, _json(document))
+    write_text(path, _json(_rounded(document, decimals)))
 
 
 def _mounting(transform: RigidTransform) -> dict[str, Any]:
     return Mounting.of(transform).model_dump()
+
+
+def _rounded(values: Any, decimals: int | None) -> Any:
+    """A document with every float rounded, so that 0 has no sign; as it is where `decimals` is None."""
+    if decimals is None:
+        return values
+    match values:
+        case float():
+            return round(values, decimals) + 0.0
+        case dict():
+            return {key: _rounded(value, decimals) for key, value in values.items()}
+        case list() | tuple():
+            return [_rounded(value, decimals) for value in values]
+    return values
 
 
 def _json(values: Any) -> str:

@@ -17,8 +17,8 @@ from bench.cameras import ray_grid
 from bench.egomotion import camera_motion
 from bench.geometry import RigidTransform, RoadPlane, cross, dot
 from bench.records.recording import MountedCamera
-from bench.synthesis.mesh import RayScene
 from bench.synthesis.placement import FIRST_IMAGE_NS
+from bench.synthesis.rays import RayScene
 from bench.synthesis.scene import Scene
 
 # What is met this little before a point does not hide it: single precision, and a lane marking on the road below it.
@@ -117,7 +117,7 @@ class ExactFlowCaster:
     def _world_from_camera(self, timestamp_ns: int) -> RigidTransform:
         return self._world_from_vehicle(timestamp_ns) @ self._camera.vehicle_from_camera
 
-    def _cast(self, moment: _Moment, directions: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    def _cast(self, moment: _Moment, directions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Distances in lengths of the directions, and rows of `moment.corners_m`."""
         origins_m = np.broadcast_to(moment.world_from_camera.translation_m, directions.shape)
         hits = self._static.cast(directions, origins_m)

@@ -1,18 +1,16 @@
-"""Triangles with a surface: the solids that everything is built from, and the rays that hit them."""
+"""Triangles with a surface: the solids that everything is built from."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cache
-from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
 from bench.geometry import RigidTransform, cross, dot, normalise
-from bench.lidar.cloud_files import open3d
 
 AXES_BESIDE = np.array([[1, 2], [0, 2], [0, 1]])[:, None, :]  # the two axes that are not the k-th
 # The box around (-1, -1, -1) to (1, 1, 1); its faces, each anticlockwise from outside.
@@ -310,85 +308,3 @@ def ring(middle_m: ArrayLike, radius_m: float, thickness_m: float, surface: Surf
 def _doubled_areas_m2(corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
     sides = cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
     return np.asarray(np.linalg.norm(sides, axis=1))
-
-
-EMBREEX = find_spec("embreex") is not None  # there is no wheel for Linux on arm64 and macOS on Intel
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Hits:
-    """The first triangle that each ray meets.
-
-    Attributes:
-        distances_m: (N,) float32, in lengths of the ray's direction; infinite where it meets nothing.
-        triangles: (N,) int64, row of the triangle; anything where it meets nothing.
-        normals: (N, 3) float32, unit length; anything where it meets nothing.
-    """
-
-    distances_m: NDArray[np.float32]
-    triangles: NDArray[np.int64]
-    normals: NDArray[np.float32]
-
-
-class RayScene:
-    """Triangles, ready to be hit: Embree, by its wheel where there is one, else as open3d holds it.
-
-    Args:
-        corners_m: (T, 3, 3), m; the frame of the rays.
-    """
-
-    def __init__(self, corners_m: NDArray[np.float64]) -> None:
-        corners = np.ascontiguousarray(corners_m, dtype=np.float32)
-        self._intersect = (_embreex_scene if EMBREEX else _open3d_scene)(corners)
-
-    def cast(self, directions: NDArray[np.floating], origins_m: NDArray[np.floating] | None = None) -> Hits:
-        """Follow rays.
-
-        Args:
-            directions: (N, 3), any length.
-            origins_m: (N, 3), m; None for the origin.
-        """
-        origins = np.zeros_like(directions) if origins_m is None else origins_m
-        return self._intersect(origins.astype(np.float32, copy=False), directions.astype(np.float32, copy=False))
-
-
-Intersect = Callable[[NDArray[np.float32], NDArray[np.float32]], Hits]  # of origins and directions, (N, 3) each
-
-
-def _embreex_scene(corners: NDArray[np.float32]) -> Intersect:
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
-    scene = EmbreeScene()
-    TriangleMesh(scene, corners)
-
-    def intersect(origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
-        found = scene.run(origins, directions, output=1)
-        normals = found["Ng"]
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.float32(1e-30))
-        return Hits(
-            distances_m=np.where(found["primID"] < 0, np.float32(np.inf), found["tfar"]),
-            triangles=found["primID"].astype(np.int64),
-            normals=normals,
-        )
-
-    return intersect
-
-
-def _open3d_scene(corners: NDArray[np.float32]) -> Intersect:
-    library = open3d()
-    scene = library.t.geometry.RaycastingScene(nthreads=1)  # a worker process is one thread
-    vertices = corners.reshape(-1, 3)
-    rows = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
-    scene.add_triangles(library.core.Tensor(vertices), library.core.Tensor(rows))
-
-    def intersect(origins: NDArray[np.float32], directions: NDArray[np.float32]) -> Hits:
-        rays = np.concatenate([origins, directions], axis=1)
-        found = scene.cast_rays(library.core.Tensor(rays), nthreads=1)
-        return Hits(
-            distances_m=found["t_hit"].numpy(),
-            triangles=found["primitive_ids"].numpy().astype(np.int64),
-            normals=found["primitive_normals"].numpy(),
-        )
-
-    return intersect

@@ -23,7 +23,7 @@ from bench.synthesis.reading import read_scenario
 from bench.synthesis.recorder import render_recording
 from bench.synthesis.scenario import RecordingSpec, Scenario
 
-GENERATOR_VERSION = 6  # raise it whenever the same scenario gives other bytes
+GENERATOR_VERSION = 7  # raise it whenever the same scenario gives other bytes
 MANIFEST = "synthesis.json"
 UNFINISHED = ".unfinished"
 

@@ -21,6 +21,7 @@ from bench.synthesis.scene import Actor, Scene, build_scene
 # Between true poses a reader moves with constant twist. Measured over hard braking, bends and a bump of 5 cm at up to
 # 50 km/h, that is off by at most 2e-5 rad (0.004 px) and 0.06 mm at 200 Hz, four times as much at 100 Hz.
 TRUTH_INTERVAL_NS = 5_000_000
+DECIMALS = 7  # of m, rad and quaternions that are written: beyond any sensor, before what depends on the processor
 
 
 def write_motion(scenario: Scenario, spec: RecordingSpec, scene: Scene, writer: RecordingWriter) -> None:
@@ -48,7 +49,8 @@ def render_recording(scenario: Scenario, spec: RecordingSpec, root: Path) -> Non
         spec: the recording.
         root: its folder, whose name is free; nothing of an older recording may lie in it.
     """
-    scene, writer, rig = build_scene(scenario, spec), RecordingWriter(root), mounted_rig(scenario, spec)
+    scene, rig = build_scene(scenario, spec), mounted_rig(scenario, spec)
+    writer = RecordingWriter(root, decimals=DECIMALS)
     for camera in rig.cameras.values():
         write_images(scenario, spec, scene, camera=camera, writer=writer)
     write_sweeps(scenario, spec, scene, vehicle_from_lidar=rig.vehicle_from_lidar, writer=writer)

@@ -1,4 +1,8 @@
-"""Lidar sweeps: every column of beams at its own time, so that motion smears points as in a real sensor."""
+"""Lidar sweeps: every column of beams at its own time, so that motion smears points as in a real sensor.
+
+All of it is computed in double precision, and rounded where it is stored: to 1/256 m and to 32 intensities. The last
+bits of a product or an exponential depend on the processor; those of double precision decide a rounding once in 10^11.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.geometry import RigidTransform
+from bench.geometry import RigidTransform, dot
 from bench.lidar import LidarSweep
 from bench.recordings import RecordingWriter
 from bench.synthesis.draws import named_rng
 from bench.synthesis.driving.ego import own_body
 from bench.synthesis.driving.motion import EgoMotion
-from bench.synthesis.mesh import COLUMN_OF, Mesh, RayScene
+from bench.synthesis.mesh import COLUMN_OF, Mesh
 from bench.synthesis.placement import FIRST_IMAGE_NS
+from bench.synthesis.rays import RayScene, depths_m
 from bench.synthesis.scenario import LidarSpec, RecordingSpec, Scenario
 from bench.synthesis.scene import Actor, Scene
 
@@ -32,11 +37,11 @@ class Beams:
 
     Attributes:
         offsets_ns: (C,) int64, time of each column after the middle of the revolution.
-        rays_lidar: (C, 64, 3) float32, unit length, lidar frame.
+        rays_lidar: (C, 64, 3) float64, unit length, lidar frame.
     """
 
     offsets_ns: NDArray[np.int64]
-    rays_lidar: NDArray[np.float32]
+    rays_lidar: NDArray[np.float64]
 
 
 def revolution(spec: LidarSpec) -> Beams:
@@ -52,7 +57,7 @@ def revolution(spec: LidarSpec) -> Beams:
     lifts = np.broadcast_to(np.sin(elevations), (len(fractions), len(BEAMS_DEG)))
     return Beams(
         offsets_ns=np.rint(fractions * SECOND_NS / spec.rotation_hz).astype(np.int64),
-        rays_lidar=np.stack([flat * np.cos(azimuths), flat * np.sin(azimuths), lifts], axis=-1).astype(np.float32),
+        rays_lidar=np.stack([flat * np.cos(azimuths), flat * np.sin(azimuths), lifts], axis=-1),
     )
 
 
@@ -71,17 +76,17 @@ class Echoes:
         within_m: surfaces further away are not seen.
 
     Attributes:
-        ranges_m: (N,) float32; infinite where there is none.
-        cosines: (N,) float32, of the angle between ray and surface normal.
-        albedos: (N,) float32.
-        mirrors: (N,) float32, as `Surface.mirror`.
+        ranges_m: (N,) float64; infinite where there is none.
+        cosines: (N,) float64, of the angle between ray and surface normal.
+        albedos: (N,) float64.
+        mirrors: (N,) float64, as `Surface.mirror`.
         panes: (N,) bool, whether it is a pane of glass.
     """
 
     def __init__(self, rays: int, within_m: float) -> None:
-        self._within_m = np.float32(within_m)
-        self.ranges_m = np.full(rays, np.inf, dtype=np.float32)
-        self.cosines, self.albedos, self.mirrors = np.zeros((3, rays), dtype=np.float32)
+        self._within_m = within_m
+        self.ranges_m = np.full(rays, np.inf)
+        self.cosines, self.albedos, self.mirrors = np.zeros((3, rays))
         self.panes = np.zeros(rays, dtype=bool)
 
     def add(
@@ -90,8 +95,8 @@ class Echoes:
         surfaces: NDArray[np.float64],
         *,
         rows: NDArray[np.intp],
-        rays: NDArray[np.float32],
-        origins_m: NDArray[np.float32],
+        rays: NDArray[np.float64],
+        origins_m: NDArray[np.float64],
     ) -> None:
         """Cast some of the rays on a further scene and keep what is nearer.
 
@@ -110,13 +115,13 @@ class Echoes:
             nearer, faces = nearer[~sky[faces]], faces[~sky[faces]]
         into = rows[nearer]
         self.ranges_m[into] = hits.distances_m[nearer]
-        self.cosines[into] = np.abs(np.einsum("ni,ni->n", hits.normals[nearer], rays[nearer]))
+        self.cosines[into] = np.abs(dot(hits.normals[nearer], rays[nearer]))
         self.albedos[into] = surfaces[faces, COLUMN_OF["albedo"]]
         self.mirrors[into] = surfaces[faces, COLUMN_OF["mirror"]]
         self.panes[into] = _are_panes(surfaces)[faces]
 
-    def reflectances(self) -> NDArray[np.float32]:
-        """(N,) float32: the share of the light that is scattered back, before the distance weakens it.
+    def reflectances(self) -> NDArray[np.float64]:
+        """(N,) float64: the share of the light that is scattered back, before the distance weakens it.
 
         Lambert's cosine of what the surface scatters; a mirroring coat lets less light in and out the flatter it is
         hit (Schlick's approximation of Fresnel's equations).
@@ -147,14 +152,13 @@ def detected(
         found: (N,) bool.
         intensities: (N,) float32 in [0, 1], the faded reflectance, in 32 steps.
     """
-    faded = echoes.reflectances() * np.exp(
-        np.float32(FADING) * rng.standard_normal(len(echoes.ranges_m), dtype=np.float32)
-    )
-    dusty = rng.random(len(faded), dtype=np.float32) < np.float32(spec.pane_returns) * echoes.cosines
+    speckle = rng.standard_normal(len(echoes.ranges_m), dtype=np.float32).astype(np.float64)
+    faded = echoes.reflectances() * np.exp(FADING * speckle)
+    dusty = rng.random(len(faded), dtype=np.float32) < spec.pane_returns * echoes.cosines
     found = np.isfinite(echoes.ranges_m)
-    found[found] = faded[found] >= np.float32(spec.weakest_return_per_m2) * echoes.ranges_m[found] ** 2
+    found[found] = faded[found] >= spec.weakest_return_per_m2 * echoes.ranges_m[found] ** 2
     found &= dusty | ~echoes.panes
-    return found, np.rint(np.minimum(faded, 1.0) * np.float32(STEPS - 1)) / np.float32(STEPS - 1)
+    return found, (np.rint(np.minimum(faded, 1.0) * (STEPS - 1)) / (STEPS - 1)).astype(np.float32)
 
 
 RESOLUTION_M = 1 / 256  # of stored coordinates: 1 mm rms beside 20 mm of range noise; a power of two packs well
@@ -188,7 +192,8 @@ class LidarScanner:
         ego: EgoMotion,
     ) -> None:
         self._spec, self._actors, self._ego = spec, actors, ego
-        self._world, self._static = world, RayScene(world.corners_m)
+        self._world, self._static = world, RayScene(world.corners_m, depths_m(world))
+        self._depths_m = [depths_m(actor.body.mesh) for actor in actors]
         self._vehicle_from_lidar = vehicle_from_lidar
         self._beams = revolution(spec)
         own = RayScene(own_body.moved(vehicle_from_lidar.inverse()).corners_m)
@@ -205,22 +210,21 @@ class LidarScanner:
         offsets_ns, rays_lidar = self._beams.offsets_ns, self._beams.rays_lidar
         times_ns = time_ns + offsets_ns
         ego = self._ego.at(times_ns)
-        rotations = (ego.rotations @ self._vehicle_from_lidar.rotation).astype(np.float32)
-        rays_world = rays_lidar @ rotations.transpose(0, 2, 1)
+        rays_world = rays_lidar @ (ego.rotations @ self._vehicle_from_lidar.rotation).transpose(0, 2, 1)
         origins_m = ego.rotations @ self._vehicle_from_lidar.translation_m + ego.positions_m
         rays = rays_world.reshape(-1, 3)
         echoes = Echoes(len(rays), self._spec.max_range_m)
-        ray_origins_m = np.repeat(origins_m.astype(np.float32), rays_world.shape[1], axis=0)
+        ray_origins_m = np.repeat(origins_m, rays_world.shape[1], axis=0)
         everything = np.arange(len(rays))
         echoes.add(self._static, self._world.surfaces, rows=everything, rays=rays, origins_m=ray_origins_m)
-        for actor in self._actors:
-            _add_actor(echoes, actor, times_ns, rays_world, origins_m)
+        for actor, actor_depths_m in zip(self._actors, self._depths_m, strict=True):
+            _add_actor(echoes, actor, actor_depths_m, times_ns, rays_world, origins_m)
         found, intensities = detected(echoes, self._spec, rng)
-        noise_m = rng.standard_normal(len(found), dtype=np.float32) * np.float32(self._spec.range_noise_m)
+        noise_m = rng.standard_normal(len(found), dtype=np.float32) * self._spec.range_noise_m
         rows = np.flatnonzero(found & self._free)
         points = rays_lidar.reshape(-1, 3)[rows] * (echoes.ranges_m + noise_m)[rows, None]
         columns, rings = np.divmod(rows, rays_lidar.shape[1])
-        rounded = np.rint(points / np.float32(RESOLUTION_M)) * np.float32(RESOLUTION_M)
+        rounded = (np.rint(points / RESOLUTION_M) * RESOLUTION_M).astype(np.float32)
         return LidarSweep(
             timestamp_ns=timestamp_ns,
             points_lidar=np.asfortranarray(rounded),  # x, y and z apart take a fifth less on disk
@@ -233,34 +237,35 @@ class LidarScanner:
 def _add_actor(
     echoes: Echoes,
     actor: Actor,
+    body_depths_m: NDArray[np.float64],
     times_ns: NDArray[np.int64],
-    rays_world: NDArray[np.float32],
+    rays_world: NDArray[np.float64],
     origins_m: NDArray[np.float64],
 ) -> None:
     """Cast the rays that may meet an actor, each taken into the actor's frame at its own time."""
     poses, (speeds_mps, _) = actor.path.at(times_ns), actor.path.signals(times_ns)
     origins_object = np.einsum("cji,cj->ci", poses.rotations, origins_m - poses.positions_m)
     middle_m = np.array([0.0, 0.0, actor.body.size_m[2] / 2])
-    near = _may_meet(origins_object - middle_m, rays_world @ poses.rotations.astype(np.float32), actor.body.size_m)
+    near = _may_meet(origins_object - middle_m, rays_world @ poses.rotations, actor.body.size_m)
     columns, _ = np.divmod(rows := np.flatnonzero(near), rays_world.shape[1])
-    rays = np.einsum("nji,nj->ni", poses.rotations[columns], rays_world.reshape(-1, 3)[rows]).astype(np.float32)
+    rays = np.einsum("nji,nj->ni", poses.rotations[columns], rays_world.reshape(-1, 3)[rows])
     for block in _blocks(times_ns[columns]):
         distance_m, speed_mps = (float(values[columns[block]].mean()) for values in (poses.distances_m, speeds_mps))
         echoes.add(
-            RayScene(actor.body.corners_at(distance_m, speed_mps=speed_mps)),
+            RayScene(actor.body.corners_at(distance_m, speed_mps=speed_mps), body_depths_m),
             actor.body.mesh.surfaces,
             rows=rows[block],
             rays=rays[block],
-            origins_m=origins_object[columns[block]].astype(np.float32),
+            origins_m=origins_object[columns[block]],
         )
 
 
 def _may_meet(
-    origins_m: NDArray[np.float64], rays: NDArray[np.float32], size_m: NDArray[np.float64]
+    origins_m: NDArray[np.float64], rays: NDArray[np.float64], size_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Rays, (C, 64), that pass the ball around the box of a body, seen from its middle."""
-    along = (rays @ origins_m.astype(np.float32)[:, :, None])[..., 0]
-    away = np.asarray((origins_m**2).sum(axis=1) - (size_m**2).sum() / 4, dtype=np.float32)[:, None]
+    along = (rays @ origins_m[:, :, None])[..., 0]
+    away = ((origins_m**2).sum(axis=1) - (size_m**2).sum() / 4)[:, None]
     return np.asarray((away <= along**2) & ((along <= 0) | (away <= 0)))
 
 

@@ -7,6 +7,7 @@ import pytest
 from bench.errors import UsageError
 from bench.evaluation.summary import ProtocolOfRun
 from bench.gate import Outcome, load_tolerances
+from bench.gate.brief import change_lines
 from tests.gate.factories import RULES, changed, one, scored, sums, verdict_of
 from tests.support.manifests import method_of_run
 
@@ -169,3 +170,42 @@ def test_a_long_list_is_cut_with_its_count():
 def test_another_data_set_split_or_protocol_is_refused(changes, told):
     with pytest.raises(UsageError, match=told):
         verdict_of(one([0.5] * 6), changed(one([0.5] * 6), **changes))
+
+
+def rendered_elsewhere(pixels=0.0, rebinned=0.0, static=0.0):
+    """Baseline and run of other data and another reference: in the first of six recordings that much is otherwise."""
+
+    def made(pixels, rebinned, static, **changes):
+        drives = sums([0.5] * 6, cases=40)
+        slices = {
+            "frames": {"recall": {**sums([0.5] * 6, cases=20_000), "drive-0": (10_000.0, 20_000.0 + pixels)}},
+            "all_moving": {"tracks": drives, "tpr_all": drives},
+            "range_m=[2, 4)": {"tracks": {**drives, "drive-0": (20.0, 40.0 - rebinned)}},
+            "range_m=[4, 6)": {"tracks": {**drives, "drive-0": (20.0, 40.0 + rebinned)}},
+            "status=static": {"annotated": {"drive-0": (20.0 + static, 20.0 + static)}},
+        }
+        return scored(slices, **changes)
+
+    return made(0, 0, 0), made(pixels, rebinned, static, data="x" * 64, reference="x" * 64)
+
+
+def test_a_reference_that_differs_by_what_a_processor_tips_is_noted():
+    found, verdict = check(*rendered_elsewhere(20, 1), "reference_digest", load_tolerances("rendered-v1"))
+    assert (found.outcome, verdict.passed) == (Outcome.SUSPECT, True)
+    told = "differ in 1 of 6 recordings, by at most 0.1 %, and 1 of 240 object-frames lie in another bin; the metrics"
+    assert told in found.message
+    assert any(told in line for line in change_lines(verdict))
+
+
+@pytest.mark.parametrize("changes", [{"pixels": 21}, {"pixels": -21}, {"rebinned": 3}, {"static": 1}])
+def test_a_reference_that_differs_by_more_fails(changes):
+    found, verdict = check(*rendered_elsewhere(**changes), "reference_digest", load_tolerances("rendered-v1"))
+    assert (found.outcome, verdict.passed) == (Outcome.FAILED, False)
+    assert found.message.startswith("reference changed: ")
+
+
+def test_no_difference_of_the_reference_is_small_where_the_data_are_the_same_or_stay():
+    before, after = rendered_elsewhere(1)
+    same_data = changed(after, data=before.manifest.dataset.data)
+    assert check(before, same_data, "reference_digest", load_tolerances("rendered-v1"))[0].outcome is Outcome.FAILED
+    assert check(before, after, "reference_digest")[0].outcome is Outcome.FAILED

@@ -11,7 +11,7 @@ import pytest
 
 from bench.errors import UsageError
 from bench.lidar import cloud_files, open3d, read_points
-from bench.synthesis import mesh
+from bench.synthesis import rays
 
 PACKAGE = Path(__file__).parents[2] / "bench"
 
@@ -53,15 +53,11 @@ def test_rays_meet_the_same_by_embreex_and_open3d():
     rng = np.random.default_rng(7)
     corners = rng.normal(size=(60, 3, 3)).astype(np.float32)
     origins, directions = rng.normal(size=(2, 500, 3)).astype(np.float32)
-    if not mesh.EMBREEX:
+    if not rays.EMBREEX:
         pytest.skip("embreex has no wheel here")
-    ours, other = (make(corners)(origins, directions) for make in (mesh._embreex_scene, mesh._open3d_scene))
-    hit = np.isfinite(ours.distances_m)
-    assert 100 < hit.sum() < 450
-    np.testing.assert_array_equal(hit, np.isfinite(other.distances_m))
-    np.testing.assert_allclose(ours.distances_m, other.distances_m, rtol=1e-4)
-    np.testing.assert_array_equal(ours.triangles[hit], other.triangles[hit])
-    np.testing.assert_allclose(ours.normals[hit], other.normals[hit], atol=1e-5)
+    ours, other = (make(corners)(origins, directions) for make in (rays._embreex_scene, rays._open3d_scene))
+    assert 100 < (ours >= 0).sum() < 450
+    np.testing.assert_array_equal(ours, other)
 
 
 def test_no_other_file_imports_it():

@@ -14,6 +14,7 @@ from bench.synthesis import read_scenario, synthesize
 from bench.synthesis.driving.bus import BusReport, bus_report
 from bench.synthesis.driving.ego import mounted_rig
 from bench.synthesis.driving.path import SECOND_NS, Path, driven_path
+from bench.synthesis.recorder import DECIMALS
 from bench.synthesis.scenario import BusSpec
 
 PERFECT = {
@@ -122,6 +123,7 @@ def test_odometry_of_the_paper_reads_the_report() -> None:
     assert driven.matrix == pytest.approx(true.matrix, abs=1e-4)
 
 
+WRITTEN = 3 * 10.0**-DECIMALS
 REAL = """
 vehicle:
   suspension: {road_class: B}
@@ -146,8 +148,8 @@ def test_the_recording_states_the_nominal_calibration_and_the_truth_the_true_one
             (exact, rig.cameras, rig.vehicle_from_lidar),
         ):
             mounting = opened.cameras["front"].vehicle_from_camera
-            assert mounting.matrix == pytest.approx(cameras["front"].vehicle_from_camera.matrix, abs=1e-12)
-            assert opened.vehicle_from_lidar.matrix == pytest.approx(lidar.matrix, abs=1e-12)
+            assert mounting.matrix == pytest.approx(cameras["front"].vehicle_from_camera.matrix, abs=WRITTEN)
+            assert opened.vehicle_from_lidar.matrix == pytest.approx(lidar.matrix, abs=WRITTEN)
             assert opened.cameras["front"].road.height_m == pytest.approx(mounting.translation_m[2])
         assert recorded.cameras["front"].vehicle_from_camera.translation_m.tolist() == [3.7, 0.0, 0.66]
         off = recorded.cameras["front"].vehicle_from_camera.inverse() @ exact.cameras["front"].vehicle_from_camera

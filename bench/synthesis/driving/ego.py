@@ -12,7 +12,8 @@ from bench.cameras import camera_from_parameters, ray_grid
 from bench.geometry import RigidTransform, RoadPlane
 from bench.records.recording import MountedCamera
 from bench.synthesis.draws import named_rng
-from bench.synthesis.mesh import Mesh, RayScene, Surface, box, convex, joined, slab, tube
+from bench.synthesis.mesh import Mesh, Surface, box, convex, joined, slab, tube
+from bench.synthesis.rays import RayScene
 from bench.synthesis.scenario import CalibrationSpec, CameraSpec, RecordingSpec, Scenario
 
 # Seen from above, x forward: a compact car of 4.7 m by 1.8 m with its origin below the rear axle.

@@ -93,7 +93,7 @@ class Lens:
         along_u: (H, W, 3) float32, change of the ray from pixel to pixel to the right.
         along_v: (H, W, 3) float32, the same downwards.
         across: (2, 3, H, W) float32: times a small change of a ray it gives the change of its pixel.
-        off_axis_cos: (H, W) float32, cosine of the angle between the ray and the optical axis.
+        off_axis_cos: (H, W) float64, cosine of the angle between the ray and the optical axis.
         chart: (CHART, CHART, 2) float32, the pixel of every direction, see `direction_chart`.
         chart_error_px: how far the chart is off at most.
         px_per_rad: the largest there is.
@@ -110,7 +110,7 @@ class Lens:
     along_u: NDArray[np.float32]
     along_v: NDArray[np.float32]
     across: NDArray[np.float32]
-    off_axis_cos: NDArray[np.float32]
+    off_axis_cos: NDArray[np.float64]
     chart: NDArray[np.float32]
     chart_error_px: float
     px_per_rad: float
@@ -138,7 +138,7 @@ def lens_of(camera: CameraModel) -> Lens:
         along_u=along_u.astype(np.float32),
         along_v=along_v.astype(np.float32),
         across=_across(along_u, along_v),
-        off_axis_cos=rays[..., 2].astype(np.float32),
+        off_axis_cos=rays[..., 2],
         chart=chart,
         chart_error_px=chart_error_px(chart, rays_by_axis, grid.valid),
         px_per_rad=float(1.0 / narrowest),

@@ -93,5 +93,5 @@ def _noise(rng: np.random.Generator) -> NDArray[np.float32]:
         factor = SIZE // points
         fine = cv2.resize(lattice, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
         octave = fine[4 * factor : -4 * factor, 4 * factor : -4 * factor]
-        total += octave / octave.std() * (points / OCTAVES[0]) ** COARSE_FADE
-    return np.asarray(total / total.std(), dtype=np.float32)
+        total += octave / octave.std(dtype=np.float64) * (points / OCTAVES[0]) ** COARSE_FADE
+    return np.asarray(total / total.std(dtype=np.float64), dtype=np.float32)

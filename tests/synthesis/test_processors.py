@@ -1,0 +1,89 @@
+"""A recording has the same bytes on every processor: libraries are told to use the instructions of another one."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.synthesis.mesh import Mesh, Surface, joined, quads
+from bench.synthesis.rays import RayScene, depths_m
+from tests.synthesis.conftest import MINIATURE
+from tests.synthesis.test_production import contents
+from tests.synthesis.test_rendered_files import REAL
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from bench.synthesis import rays, synthesize
+rays.EMBREEX = rays.EMBREEX and "open3d" not in sys.argv
+synthesize(Path(sys.argv[1]), Path(sys.argv[2]), workers=1)
+"""
+FOUND = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])  # beyond what every processor has
+ELSEWHERE = {
+    "NumPy without AVX-512": {"NPY_DISABLE_CPU_FEATURES": " ".join(name for name in FOUND if name != "X86_V3")},
+    "NumPy without AVX": {"NPY_DISABLE_CPU_FEATURES": " ".join(FOUND)},
+    "BLAS of 2008": {"OPENBLAS_CORETYPE": "Nehalem"},
+    "BLAS of Zen": {"OPENBLAS_CORETYPE": "Zen"},
+    "C library without FMA": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX2,-AVX,-FMA"},
+    "OpenCV without AVX": {"OPENCV_CPU_DISABLE": "AVX512-SKX,AVX512-ICL,AVX512F,AVX2,FMA3,AVX"},
+}
+
+
+def rendered(folder: Path, *words: str, **environment: str) -> dict[str, bytes]:
+    """Every file of a small scenario, rendered in a process of its own."""
+    folder.mkdir(exist_ok=True)
+    (folder / "scenario.yaml").write_text(REAL + MINIATURE)
+    command = [sys.executable, "-c", PROGRAM, str(folder / "scenario.yaml"), str(folder / "out"), *words]
+    subprocess.run(command, env=os.environ | environment, check=True)
+    return contents(folder / "out")
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    files = rendered(tmp_path_factory.mktemp("here"))
+    assert len([name for name in files if "/lidar/" in name]) == 6
+    return files
+
+
+def differing(one: dict[str, bytes], other: dict[str, bytes]) -> list[str]:
+    assert one.keys() == other.keys()
+    return [name for name in one if one[name] != other[name]]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="switches of x86-64")
+@pytest.mark.parametrize("switches", ELSEWHERE.values(), ids=ELSEWHERE.keys())
+def test_same_bytes_with_the_instructions_of_another_processor(
+    switches: dict[str, str], here: dict[str, bytes], tmp_path: Path
+) -> None:
+    assert differing(here, rendered(tmp_path, **switches)) == []
+
+
+@pytest.mark.slow
+def test_same_bytes_by_the_embree_of_open3d(here: dict[str, bytes], tmp_path: Path) -> None:
+    assert differing(here, rendered(tmp_path, "open3d")) == []
+
+
+def facing_west(x_m: float, albedo: float) -> Mesh:
+    return quads([[x_m, 5, 0], [x_m, -5, 0], [x_m, -5, 5], [x_m, 5, 5]], Surface(albedo=albedo, contrast=0.0))
+
+
+def test_of_faces_that_lie_on_each_other_the_first_is_met() -> None:
+    layers = joined([facing_west(30.1, 0.5), facing_west(30.1, 0.2), facing_west(30.1, 0.8), facing_west(30.2, 0.1)])
+    assert depths_m(layers) == pytest.approx(np.repeat([0.0, 2e-4, 4e-4, 0.0], 2))
+    rng = np.random.default_rng(3)
+    rays = np.column_stack([np.ones(2000), *rng.uniform(-0.08, 0.08, (2, 2000))])
+    hits = RayScene(layers.corners_m, depths_m(layers)).cast(rays, np.tile([0.0, 0.0, 2.5], (2000, 1)))
+    assert set(hits.triangles) == {0, 1}
+    assert hits.distances_m == pytest.approx(30.1, abs=1e-12)  # not less by how deep they are for Embree
+
+
+def test_faces_side_by_side_or_of_one_look_lie_at_no_depth() -> None:
+    beside = quads([[30.1, 15, 0], [30.1, 5, 0], [30.1, 5, 5], [30.1, 15, 5]], Surface(albedo=0.2, contrast=0.0))
+    assert not depths_m(joined([facing_west(30.1, 0.5), facing_west(30.1, 0.5), beside])).any()
