@@ -257,7 +257,7 @@ def _end_with(parent: Any) -> None:
     os._exit(1)
 
 
-@lru_cache(maxsize=1)  # a method may keep things between tasks
+@lru_cache(maxsize=1)
 def _function(call: bytes) -> Any:
     return pickle.loads(call)
 

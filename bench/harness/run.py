@@ -39,6 +39,7 @@ from bench.harness.tasks import PlannedRecording, RunSpec, ScoredUnit, UnitTask,
 from bench.harness.unit import Part, Unit
 from bench.harness.unit_files import UnitStore
 from bench.methods import Scorable
+from bench.methods.contract import own_copy
 from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, RecordingHandle, open_dataset
 
 SERIAL = SerialExecutor()
@@ -220,6 +221,7 @@ def _begin(requests: Sequence[RunRequest], held: ExitStack, *, shared: bool) -> 
         own = getattr(first, name)
         if any(getattr(one, name) is not own and getattr(one, name) != own for one in requests[1:]):
             raise UsageError(f"expected runs that differ in protocol and folder alone, got several of {name}")
+    own_copy(first.method)  # an error of it belongs before all work
     method_code = MethodCode.of(first.method)
     manifests = {request.out: request.manifest(method_code) for request in requests}
     for request in requests:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,11 +126,35 @@ class Scorable:
 
 
 class Method(Scorable, ABC):
-    """A segmentation method: a subclass gives a `name` and `segment`, and overrides what else differs."""
+    """A segmentation method: a subclass gives a `name` and `segment`, and overrides what else differs.
+
+    Each unit of work, some hundred consecutive images of a camera, is segmented by a copy of the object of its own:
+    what a method notes on itself reaches no other unit, and one that needs the past says so (`longest_history`). What
+    is expensive to load belongs in a function of its module with `functools.lru_cache`, by the digest of the file.
+    """
 
     @abstractmethod
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the current image into moving and static cells."""
+
+
+Copied = TypeVar("Copied", bound=Scorable)
+
+
+def own_copy(method: Copied) -> Copied:
+    """A copy of a method as it was built, so that no unit of work finds what another one left.
+
+    Raises:
+        UsageError: it holds what cannot be copied.
+    """
+    try:
+        return deepcopy(method)
+    except Exception as error:  # whatever its attributes raise
+        raise UsageError(
+            f"method {method.name!r}: expected an object of {type(method).__name__} that can be copied, since each unit "
+            f"of work gets its own, got {describe_error(error)}; load what cannot be copied, such as a session, when "
+            f"it is used first, or in a function of the module with functools.lru_cache"
+        ) from error
 
 
 class FlowMethod(Method):
