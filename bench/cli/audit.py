@@ -50,7 +50,7 @@ def audit(
     begins again.
     """
     from bench.audit import audit_sources, read_misses, read_polygons, run_audit
-    from bench.cli.request import chosen, local_executor
+    from bench.cli.request import chosen, worker_processes
     from bench.methods import FlowMethod, build_method
     from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
     from bench.reporting.audit_tables import audit_tables, for_terminal
@@ -73,7 +73,7 @@ def audit(
             out=folder,
             split=split,
             recordings=recordings,
-            executor=local_executor(workers),
+            executor=worker_processes(workers),
             progress=report,
         )
     files = list(write_audit_files(folder))
@@ -95,7 +95,7 @@ def _rank(
 ) -> None:
     """Rank methods by every reference, write tables and picture, print the tables and the paths."""
     from bench.audit.ranking import run_ranking
-    from bench.cli.request import local_executor
+    from bench.cli.request import worker_processes
     from bench.recordings import load_card
     from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
     from bench.reporting.audit_tables import for_terminal
@@ -110,7 +110,7 @@ def _rank(
             out=folder,
             split=split,
             recordings=recordings,
-            executor=local_executor(workers),
+            executor=worker_processes(workers),
             progress=report,
         )
     files = write_ranking_files(folder)

@@ -1,12 +1,15 @@
 """The same inputs give the same result, whatever else was computed before, beside it, or in other processes."""
 
+import subprocess
+
 import pytest
 from remembering import Remembering
 
 from bench.errors import UsageError
 from bench.execution import ProcessExecutor, SerialExecutor
 from tests.support.runs import bytes_of
-from tests.support.troubled_runs import score
+from tests.support.processes import PATIENCE_S
+from tests.support.troubled_runs import command, environment, score
 
 pytestmark = pytest.mark.slow
 
@@ -34,3 +37,11 @@ def test_a_method_that_cannot_be_copied_is_refused_before_anything_is_written(ti
     with method.open_file, pytest.raises(UsageError, match=r"object of Remembering that can be copied.*TypeError"):
         score(tiny_card, tmp_path / "run", method=method)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_method_that_ends_its_process_does_not_end_the_command_as_a_success(tiny_card, tmp_path):
+    words = command(tiny_card, tmp_path / "run", "--method", "leaving:Leaving", "--workers", 1)
+    ended = subprocess.run(words, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
+    assert ended.returncode == 2, ended.stdout
+    assert "its process ended without a result" in ended.stderr
+    assert not (tmp_path / "run/summary.json").exists()
