@@ -22,7 +22,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from bench.atomic import replacing, write_bytes
+from bench.atomic import is_temporary, replacing, write_bytes
 from bench.errors import DataError, OutputError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, add_image_maps
 from bench.harness.digests import digest_of
@@ -30,6 +30,7 @@ from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.harness.unit import Unit, UnitTables
 
 FOLDER, SUFFIX = "units", ".unit"
+UNIT_NAME = re.compile(r"[A-Za-z0-9_.-]+-[0-9]{8,}-[0-9a-f]{64}\.unit")
 OBJECTS, FRAMES, MAPS, STATUS = "objects.parquet", "frames.parquet", "maps.npz", "status.json"
 TABLES = {OBJECTS: OBJECTS_SCHEMA, FRAMES: FRAMES_SCHEMA, MASKS: MASKS_SCHEMA}
 ROW_GROUP_ROWS = {OBJECTS: 64_000, FRAMES: 64_000, MASKS: 128}  # a mask is looked up alone, and takes some kB
@@ -115,10 +116,10 @@ class UnitStore:
             raise OutputError(file, got=error.got, hint=hint) from error
 
     def keep_only(self, units: Mapping[Unit, str]) -> None:
-        """Remove what is not of these units, by digest."""
+        """Remove other units, and what a killed process left half written."""
         names = {self.file(unit, digest).name for unit, digest in units.items()}
-        for file in (self.run / FOLDER).glob("*"):
-            if file.name not in names and file.is_file():
+        for file in (self.run / FOLDER).iterdir():
+            if file.name not in names and (UNIT_NAME.fullmatch(file.name) or is_temporary(file.name)):
                 file.unlink(missing_ok=True)
 
     def join(self, units: Mapping[Unit, str], out: Path, *, maps_name: str) -> tuple[str, ...]:
