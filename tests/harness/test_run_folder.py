@@ -190,12 +190,16 @@ def test_a_process_that_is_killed_between_the_steps_of_the_renaming_leaves_one_w
     assert not list(finished.glob(".*"))
 
 
+def write_extra(*folders: Path) -> None:
+    for folder in folders:
+        (folder / "extra.json").write_text(folder.name)
+
+
 def test_what_comes_during_a_run_is_neither_replaced_nor_removed(finished):
     """A file of a result's name stops it, and one of another name stays."""
-    with pytest.raises(DataError, match=r"got extra\.json, which came during the run; move it"):
-        with held_run_folder(finished), new_results(finished) as results:
-            for folder in (results, finished):
-                (folder / "extra.json").write_text(folder.name)
+    told = r"got extra\.json, which came during the run; move it"
+    with pytest.raises(DataError, match=told), held_run_folder(finished), new_results(finished) as results:
+        write_extra(results, finished)
     assert (finished / "extra.json").read_text() == finished.name
     (finished / "extra.json").unlink()
     with held_run_folder(finished), new_results(finished) as results:

@@ -14,8 +14,8 @@ from bench.errors import UsageError
 from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import read_run
 from bench.harness.digests import MethodCode
-from tests.support.runs import ALL, NONE, bytes_of
 from tests.support.processes import PATIENCE_S
+from tests.support.runs import ALL, NONE, bytes_of
 from tests.support.troubled_runs import call, command, environment, score
 
 pytestmark = pytest.mark.slow

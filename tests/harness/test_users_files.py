@@ -1,4 +1,4 @@
-"""Nothing that a run did not write is ever changed or removed, whatever lies in its folder and whenever it is killed."""
+"""Nothing that a run did not write is ever changed or removed, whatever lies in its folder or interrupts it."""
 
 import json
 import random

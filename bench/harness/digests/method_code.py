@@ -27,6 +27,7 @@ from bench.errors import DataError, UsageError
 from bench.harness.digests.content import METHOD_PACKAGES, digest_of, source_digest
 from bench.harness.digests.loaded_code import changed_here, refuse_stale_bytecode
 from bench.methods import Scorable
+from bench.methods.contract import refuse_unfit
 
 PROGRAM = ("__main__", "__mp_main__")  # no module imports it
 
@@ -76,7 +77,7 @@ class MethodCode:
             DataError: a file changed since this process loaded it.
         """
         kind = type(method)
-        _refuse_settings(method)
+        refuse_unfit(method)
         modules = _own_modules(kind.__module__, held=_held_modules(method))
         files = [
             *(
@@ -179,17 +180,8 @@ def _sha256(path: Path, *_: int) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _refuse_settings(method: Scorable) -> None:
-    try:
-        digest_of(method.settings())
-    except TypeError as error:
-        raise UsageError(f"method {method.name!r}: settings(): {error}") from error
-
-
 def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
     """Name and path of every file that a method lists in `files`, folders walked."""
-    if isinstance(method.files, str | bytes | Path) or not isinstance(method.files, Iterable):
-        raise UsageError(f"method {method.name!r}: files: expected a sequence of paths, got {method.files!r}")
     for entry in method.files:
         path = Path(entry)
         if path.is_file():
