@@ -194,7 +194,10 @@ def _print_cost(made: Provenance) -> None:
             f"{step} found {work.steps_found.get(step, 0)}, computed {work.steps_computed.get(step, 0)}"
             for step in steps
         )
+        changed = ", ".join(f"{name} ({count})" for name, count in work.changed.items())
         note(
-            f"{work.workers} processes; units computed {work.units_computed}, found done {work.units_reused}"
+            f"{work.workers} processes; units computed {work.units_computed}"
+            + (f", since these changed: {changed}" if changed else "")
+            + f", found done {work.units_reused}"
             + (f"; cache: {cached}" if cached else "")
         )

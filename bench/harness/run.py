@@ -197,7 +197,7 @@ class ScoredPart:
         return [recording.failure for recording in self.recordings if recording.failure is not None] + failed
 
     def provenance(self, run: Path, *, images: int, unrepeatable: tuple[str, ...] = ()) -> Provenance:
-        """How the results in the folder of a run came about, so far."""
+        """Provenance of the results in the folder of a run, so far."""
         results = list(self.results.values())
         computed = [unit for unit, result in self.results.items() if run in result.computed]
         return provenance_since(
@@ -209,6 +209,7 @@ class ScoredPart:
                 units_computed=len(computed),
                 units_reused=len(self.digests(run)) - len(computed),
                 images_computed=sum(unit.stop - unit.start for unit in computed),
+                changed=_sum(dict.fromkeys(result.changed, 1) for result in results),
                 steps_found=_sum(result.steps_found for result in results),
                 steps_computed=_sum(result.steps_computed for result in results),
             ),
@@ -409,7 +410,7 @@ def _write_results(results: Path, request: RunRequest, scored: ScoredPart, manif
 
 
 def _caveats(request: RunRequest) -> str:
-    """What a reader has to know of the data, errors of what the method was told included."""
+    """Caveats for a reader of the results: those of the data, and errors of the method's input."""
     told = [f"{name} {error:g}" for name, error in request.input_errors.named.items()]
     errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
     return "\n".join(part for part in (request.card.content.caveats, errors) if part)

@@ -226,7 +226,7 @@ def own_copy(method: Copied) -> Copied:
     except Exception as error:  # whatever its attributes raise
         raise UsageError(
             f"method {method.name!r}: expected an object of {type(method).__name__} that can be copied, since each "
-            f"unit of work gets its own, got {describe_error(error)}; load what cannot be copied, such as a session, when "
+            f"unit has its own, got {describe_error(error)}; load what cannot be copied, such as a session, when "
             f"it is used first, or in a function of the module with functools.lru_cache"
         ) from error
 

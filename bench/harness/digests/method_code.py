@@ -275,7 +275,7 @@ _DYNAMIC_IMPORT = re.compile(r"""import_module\(\s*["']([\w.]+)["']""")
 
 @cache
 def _named_in(module: str, source: Path, _: str) -> frozenset[str]:
-    """What the import statements of a file with this digest name."""
+    """Names in the import statements of a file with this digest."""
     found = set[str]()
     holder = module if source.name == "__init__.py" else module.rpartition(".")[0]
     text = source.read_text(encoding="utf-8", errors="replace")
