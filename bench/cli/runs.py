@@ -196,8 +196,7 @@ def _print_cost(made: Provenance) -> None:
         )
         changed = ", ".join(f"{name} ({count})" for name, count in work.changed.items())
         note(
-            f"{work.workers} processes; units computed {work.units_computed}"
-            + (f", since these changed: {changed}" if changed else "")
-            + f", found done {work.units_reused}"
+            f"{work.workers} processes; units computed {work.units_computed}, found done {work.units_reused}"
+            + (f"; computed again since these changed: {changed}" if changed else "")
             + (f"; cache: {cached}" if cached else "")
         )

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass, is_dataclass
+from functools import partial
 from pathlib import Path, PurePath
 from typing import Any, Literal, Protocol, TypeVar
 
@@ -162,7 +163,7 @@ def refuse_unfit(method: Scorable) -> None:
         UsageError: names the class and the attribute.
     """
     for name, (expected, fits) in _KINDS.items():
-        value = _attribute(method, name, lambda name=name: getattr(method, name))
+        value = _attribute(method, name, partial(getattr, method, name))
         if not fits(value):
             raise UsageError(f"method {_called(method)}: {name}: expected {expected}, got {_shown(value)}")
     settings = _attribute(method, "settings()", method.settings)
