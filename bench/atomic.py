@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import stat
 import sys
 from collections.abc import Iterator
@@ -40,7 +41,7 @@ def replacing(path: Path) -> Iterator[Path]:
         OutputError: the folder cannot be made, the file not be written, or something else than a file is in its way.
     """
     make_folder(path.parent)
-    temporary = path.with_name(f".{path.stem[:60]}.{uuid4().hex}{path.suffix}")
+    temporary = path.with_name(temporary_name(path.stem, path.suffix))
     try:
         if path.exists() and not path.is_file():  # as root one could put a file in the place of /dev/null
             raise OutputError(path, got="a folder or device that is there")
@@ -52,6 +53,19 @@ def replacing(path: Path) -> Iterator[Path]:
         raise
     finally:
         _remove(temporary)
+
+
+TEMPORARY = re.compile(r"\..{1,60}\.[0-9a-f]{32}(\..*)?")
+
+
+def temporary_name(stem: str, suffix: str = "") -> str:
+    """A new name of something half written; hidden, with the suffix of what it becomes."""
+    return f".{stem[:60]}.{uuid4().hex}{suffix}"
+
+
+def is_temporary(name: str) -> bool:
+    """True for a name that `temporary_name` made."""
+    return TEMPORARY.fullmatch(name) is not None
 
 
 def write_bytes(path: Path, content: bytes) -> None:

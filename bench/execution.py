@@ -11,11 +11,11 @@ import pickle
 import signal
 import traceback
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from threading import Thread, current_thread, main_thread
 from typing import Any, Protocol, Self, TypeVar
@@ -27,6 +27,8 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 ATTEMPTS = 3  # of a task whose process ends while it computes it
+LOOK_S = 0.5  # between looks whether the processes at work are still there
+END_S = 5.0  # for a process without a task to end
 SAFE_PATH = "PYTHONSAFEPATH"
 
 
@@ -159,7 +161,7 @@ class ProcessExecutor:
         try:
             begin()
             while busy:
-                for pipe in wait([*busy]):
+                for pipe in _answered(busy):
                     worker, task = busy[pipe]
                     answer = worker.answer()
                     del busy[pipe]
@@ -177,6 +179,15 @@ class ProcessExecutor:
         finally:
             _end([worker for worker, _ in busy.values()], now=True)
         return ended
+
+
+def local_executor(workers: int) -> TaskExecutor:
+    """The executor of this machine: this process alone, or processes beside it.
+
+    Args:
+        workers: how many tasks at a time.
+    """
+    return SerialExecutor() if workers <= 1 else ProcessExecutor(workers=workers)
 
 
 class _Worker:
@@ -198,11 +209,24 @@ class _Worker:
 
     def answer(self) -> Any:
         """Wait for the result of its task and the error, one of them None; None when it has ended."""
+        if not (self.process.is_alive() or self.pipe.poll()):
+            return None
         try:
             content = self.pipe.recv_bytes()
         except (EOFError, OSError):
             return None
         return pickle.loads(content)
+
+
+def _answered(busy: Mapping[Any, tuple[_Worker, object]]) -> Sequence[Any]:
+    """Wait for workers that have answered, or ended; their pipes.
+
+    A pipe alone does not tell that its worker ended: processes that the task started hold it open, too.
+    """
+    while True:
+        ended = [pipe for pipe, (worker, _) in busy.items() if not worker.process.is_alive()]
+        if found := wait([*busy], timeout=0 if ended else LOOK_S) or ended:
+            return found
 
 
 def _end(workers: Sequence[_Worker], *, now: bool = False) -> None:
@@ -212,6 +236,8 @@ def _end(workers: Sequence[_Worker], *, now: bool = False) -> None:
             worker.process.kill()
         worker.pipe.close()
     for worker in workers:
+        worker.process.join(END_S)
+        worker.process.kill()  # a library may wait for processes of its own
         worker.process.join()
 
 
@@ -250,6 +276,8 @@ def _work(pipe: Connection, safe_path: str | None) -> None:
     with suppress(EOFError, OSError):
         while True:
             pipe.send_bytes(_answer(pipe.recv_bytes()))
+    for child in active_children():  # a pool that a task left open, for which Python would wait
+        child.terminate()
 
 
 def _end_with(parent: Any) -> None:
@@ -257,7 +285,7 @@ def _end_with(parent: Any) -> None:
     os._exit(1)
 
 
-@lru_cache(maxsize=1)  # a method may keep things between tasks
+@lru_cache(maxsize=1)
 def _function(call: bytes) -> Any:
     return pickle.loads(call)
 

@@ -76,5 +76,9 @@ def describe_error(error: BaseException) -> str:
         for call in traceback.extract_tb(error.__traceback__)[1:]
         if not call.filename.startswith("<frozen ")
     ]
-    told = " ".join(f"{type(error).__name__}: {error}".split())
+    try:
+        message = str(error)
+    except Exception:  # noqa: BLE001 - of a class of foreign code
+        message = "its message cannot be read"
+    told = " ".join(f"{type(error).__name__}: {message}".split())
     return f"{told} ({' > '.join(calls[-SHOWN_CALLS:])})" if calls else told

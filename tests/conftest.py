@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from bench.execution import local_executor
 from bench.synthesis import synthesize
 
 settings.register_profile(
@@ -46,6 +47,7 @@ def _one_worker() -> Iterator[None]:
     """Commands that are called in this process start no others unless they are told to: that takes seconds."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("bench.cli.request.usable_cores", lambda: 1)
+        patched.setattr("bench.cli.request.ProcessExecutor", lambda *, workers: local_executor(workers))
         yield
 
 

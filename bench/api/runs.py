@@ -15,7 +15,7 @@ import pyarrow as pa
 from bench.api.datasets import render_if_missing
 from bench.errors import BenchError, UsageError
 from bench.evaluation import ObjectMetrics, Protocol, load_protocol
-from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor
+from bench.execution import local_executor
 from bench.harness import RunRequest, RunSummary, build_scorable, read_run, read_tables, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.harness.oracles import require_scorable
@@ -124,9 +124,8 @@ def run(
         overwrite=overwrite,
     )
     render_if_missing(request.card, workers=workers)
-    executor: TaskExecutor = SerialExecutor() if workers == 1 else ProcessExecutor(workers=workers)
     stored = None if cache is None else CacheFolder(folder=Path(cache))
-    asked = replace(request, executor=executor, cache=stored, progress=progress)
+    asked = replace(request, executor=local_executor(workers), cache=stored, progress=progress)
     summary = run_benchmark(asked, finish=_write_report)
     return Run(folder=request.out, summary=summary)
 

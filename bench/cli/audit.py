@@ -100,12 +100,12 @@ def _compute(
 ) -> Found:
     """Audit recordings, which are rendered where they are not there, into a folder."""
     from bench.atomic import output_folder
-    from bench.cli.request import local_executor, render_if_synthetic
+    from bench.cli.request import render_if_synthetic, worker_processes
 
     with output_folder(folder):
         render_if_synthetic(card)
         with interruptible(LEFT), progress_bar(title, "recordings") as report:
-            executor = local_executor(workers)
+            executor = worker_processes(workers)
             return compute(card, out=folder, split=split, recordings=recordings, executor=executor, progress=report)
 
 

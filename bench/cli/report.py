@@ -27,6 +27,7 @@ def report(
 ) -> None:
     """Write one page to read, from disk and without a network: metrics, charts, the worst cases."""
     from bench.api.runs import run_folder
+    from bench.harness.run_folder import add_own_files
     from bench.reference import Category
     from bench.reporting.page.build import write_page
     from bench.reporting.page.charts import write_figures
@@ -40,4 +41,6 @@ def report(
         page = write_page(folder, category=kind, out=out, other=other, pictures=pictures, progress=progress)
     for problem in page.problems:
         say(f"pictures missing: {problem}", style="yellow")
-    note_files((page.file, *write_figures(folder, category=kind)))
+    files = (page.file, *write_figures(folder, category=kind))
+    add_own_files(folder, files)
+    note_files(files)

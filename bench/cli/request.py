@@ -10,7 +10,7 @@ from bench.api.runs import run_requests
 from bench.cli.console import detail, note
 from bench.cli.progress import interruptible, progress_bar
 from bench.errors import UsageError
-from bench.execution import ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
+from bench.execution import ProcessExecutor, TaskExecutor, usable_cores
 from bench.harness import RunRequest
 from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
@@ -48,7 +48,7 @@ class Computing:
             DataError: no such cluster.
         """
         if self.scheduler is None:
-            return local_executor(self.workers)
+            return worker_processes(self.workers)
         if self.workers is not None:
             raise UsageError("--workers: expected none beside --scheduler, whose workers are started apart")
         local = card.root if card.remote_root is None else None
@@ -67,14 +67,13 @@ class Computing:
         return None if self.no_cache else CacheFolder(folder=self.cache or default_folder())
 
 
-def local_executor(workers: int | None) -> TaskExecutor:
-    """Processes of this machine.
+def worker_processes(workers: int | None) -> TaskExecutor:
+    """Processes of this machine beside that of the command, so that no method ends it without a word.
 
     Args:
         workers: how many; None for one per core.
     """
-    count = workers or usable_cores()
-    return SerialExecutor() if count == 1 else ProcessExecutor(workers=count)
+    return ProcessExecutor(workers=workers or usable_cores())
 
 
 def scoring_requests(

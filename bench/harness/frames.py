@@ -18,7 +18,7 @@ from bench.harness.cache import StepCache
 from bench.harness.oracles import exact_mask, is_oracle
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Scorable, Segmentation, UnansweredImage, ask_method
-from bench.methods.contract import not_derived
+from bench.methods.contract import not_derived, own_copy
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image, read_truth
 from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
 from bench.reference import ReferenceBuilder, ReferenceFrame
@@ -56,6 +56,7 @@ class FramePipeline:
     """Processes the images of one camera of a recording; holds as many images as the method looks back.
 
     Whatever a method is given is a copy: nothing that it does to it reaches the reference, the cache or later images.
+    The method is a copy, too: what it notes on itself ends with the pipeline.
 
     Args:
         recording: the drive.
@@ -84,7 +85,7 @@ class FramePipeline:
         self._further = tuple(
             ReferenceBuilder(recording, camera, other.reference_settings(), beside=self.references) for other in further
         )
-        self._method = method
+        self._method = own_copy(method)
         self._clock = clock or StageClock()
         self._steps = steps
         self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}

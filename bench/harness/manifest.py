@@ -89,7 +89,7 @@ class CodeOfRun(_Part):
 
 
 class Manifest(_Part):
-    """What decides the results of a run.
+    """Everything that decides the results of a run.
 
     Attributes:
         dataset: the data.
@@ -167,12 +167,12 @@ class Difference:
 
     @property
     def comparable(self) -> bool:
-        """Whether results still compare; of another reference they do on the images where both agree."""
+        """True if results still compare; of another reference they do on the images where both agree."""
         return self.aspect not in _INCOMPARABLE
 
     @property
     def of_the_request(self) -> bool:
-        """Whether another run was asked for; code and data may change from one start of a run to the next."""
+        """True if another run was asked for; code and data may change from one start of a run to the next."""
         return self.aspect in _OF_THE_REQUEST and self.name != PREDICTIONS_DIGEST
 
 
@@ -264,7 +264,7 @@ def _code(before: Manifest, after: Manifest) -> Iterator[Difference]:
 
 
 def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    """Which have other data; nothing where a side does not say."""
+    """Name the recordings with other data; nothing where a side does not say."""
     if not (was and now):
         return
     common = was.keys() & now.keys()

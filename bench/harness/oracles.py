@@ -20,7 +20,7 @@ from bench.cameras import ray_grid
 from bench.errors import DataError, UsageError
 from bench.harness.wrong_masks import grown, merged, reshaped, shifted, with_ghost, with_shadow
 from bench.methods import Method, Scorable, Segmentation, build_method, known_methods
-from bench.methods.contract import not_derived
+from bench.methods.contract import not_derived, refuse_unfit
 from bench.methods.registry import build
 from bench.recordings import ImageRef, Recording, read_truth
 from bench.reference import ReferenceFrame, Status
@@ -214,5 +214,6 @@ def require_scorable(value: object) -> Scorable:
         UsageError: an object of a class that does not derive from `Method`.
     """
     if isinstance(value, Method) or is_oracle(value):
+        refuse_unfit(value)
         return value
     raise UsageError(not_derived(type(value).__name__))

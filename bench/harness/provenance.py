@@ -15,7 +15,7 @@ from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from time import perf_counter
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 import bench
 from bench.recordings import Recording
@@ -41,6 +41,7 @@ class Work(BaseModel):
         workers: processes.
         units_computed: units of work that were scored.
         units_reused: units whose stored result was right already.
+        changed: of the scored units, how many were stored with another content of what decides them, by its name.
         images_computed: images of the scored units.
         steps_found: images of which a step was found in the cache, by step.
         steps_computed: images of which a step was looked for in the cache and had to be computed, by step.
@@ -54,6 +55,7 @@ class Work(BaseModel):
     images_computed: int
     steps_found: dict[str, int]
     steps_computed: dict[str, int]
+    changed: dict[str, int] = Field(default_factory=dict)
 
 
 class Provenance(BaseModel):

@@ -39,6 +39,8 @@ from bench.harness.tasks import PlannedRecording, RunSpec, ScoredUnit, UnitTask,
 from bench.harness.unit import Part, Unit
 from bench.harness.unit_files import UnitStore
 from bench.methods import Scorable
+from bench.methods.contract import own_copy
+from bench.plain_text import listed
 from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, RecordingHandle, open_dataset
 
 SERIAL = SerialExecutor()
@@ -128,10 +130,11 @@ def run_protocols(requests: Sequence[RunRequest], *, finish: Finish | None = Non
     summaries = []
     handles = requests[0].recordings()  # before anything is written
     with ExitStack() as held:
-        manifests = _begin(requests, held, shared=False)
+        method_code = _method_code(requests[0])
+        manifests = _begin(requests, held, method_code, shared=False)
         with ExitStack() as replaced:
             folders = {request.out: replaced.enter_context(new_results(request.out)) for request in requests}
-            scored = _score(requests, handles, Part(), manifests)
+            scored = _score(requests, handles, Part(), manifests, method_code)
             for request in requests:
                 summary = _write_results(folders[request.out], request, scored, manifests[request.out])
                 if finish is not None:
@@ -156,7 +159,8 @@ def score_part(requests: Sequence[RunRequest], part: Part) -> ScoredPart:
     """
     handles = requests[0].recordings()
     with ExitStack() as held:
-        return _score(requests, handles, part, _begin(requests, held, shared=True))
+        method_code = _method_code(requests[0])
+        return _score(requests, handles, part, _begin(requests, held, method_code, shared=True), method_code)
 
 
 @dataclass(kw_only=True)
@@ -193,7 +197,7 @@ class ScoredPart:
         return [recording.failure for recording in self.recordings if recording.failure is not None] + failed
 
     def provenance(self, run: Path, *, images: int, unrepeatable: tuple[str, ...] = ()) -> Provenance:
-        """How the results in the folder of a run came about, so far."""
+        """Provenance of the results in the folder of a run, so far."""
         results = list(self.results.values())
         computed = [unit for unit, result in self.results.items() if run in result.computed]
         return provenance_since(
@@ -205,6 +209,7 @@ class ScoredPart:
                 units_computed=len(computed),
                 units_reused=len(self.digests(run)) - len(computed),
                 images_computed=sum(unit.stop - unit.start for unit in computed),
+                changed=_sum(dict.fromkeys(result.changed, 1) for result in results),
                 steps_found=_sum(result.steps_found for result in results),
                 steps_computed=_sum(result.steps_computed for result in results),
             ),
@@ -213,14 +218,32 @@ class ScoredPart:
         )
 
 
-def _begin(requests: Sequence[RunRequest], held: ExitStack, *, shared: bool) -> dict[Path, Manifest]:
+def _method_code(request: RunRequest) -> MethodCode:
+    """The code of the method of a run that begins.
+
+    Raises:
+        UsageError: the method cannot be copied for each unit, or other processes cannot import it.
+    """
+    own_copy(request.method)
+    method_code = MethodCode.of(request.method)
+    if method_code.unidentified and not isinstance(request.executor, SerialExecutor):
+        raise UsageError(
+            f"method {request.method.name!r}: expected code that other processes can import, got "
+            f"{method_code.unidentified}, which this process defined or changed; put it into a file, or score with one "
+            f"worker"
+        )
+    return method_code
+
+
+def _begin(
+    requests: Sequence[RunRequest], held: ExitStack, method_code: MethodCode, *, shared: bool
+) -> dict[Path, Manifest]:
     """Hold the folders of runs and note of what run each is; the manifests by folder."""
     first = requests[0]
     for name in (part.name for part in fields(RunRequest) if part.name not in ("protocol", "out")):
         own = getattr(first, name)
         if any(getattr(one, name) is not own and getattr(one, name) != own for one in requests[1:]):
             raise UsageError(f"expected runs that differ in protocol and folder alone, got several of {name}")
-    method_code = MethodCode.of(first.method)
     manifests = {request.out: request.manifest(method_code) for request in requests}
     for request in requests:
         held.enter_context(held_run_folder(request.out, shared=shared))
@@ -233,6 +256,7 @@ def _score(
     handles: Sequence[RecordingHandle],
     part: Part,
     manifests: Mapping[Path, Manifest],
+    method_code: MethodCode,
 ) -> ScoredPart:
     """Open recordings, score the units of a part and store them."""
     asked = requests[0]
@@ -240,7 +264,7 @@ def _score(
         asked.cache.prepare()
     spec = RunSpec(
         method=asked.method,
-        method_code=MethodCode.of(asked.method),
+        method_code=method_code,
         settings=all_settings(manifests[asked.out].method),
         protocols={request.out: request.protocol for request in requests},
         cache=asked.cache,
@@ -366,6 +390,9 @@ def _write_results(results: Path, request: RunRequest, scored: ScoredPart, manif
     outlines = [recording.vehicle_outline_m for recording in scored.recordings if recording.vehicle_outline_m]
     digests = {one.name: one.digest for one in scored.recordings if one.digest is not None}
     unrepeatable = unrepeatable_code(MethodCode.of(request.method))
+    if not metrics.images.evaluated and not problems:
+        reasons = [f"{problem} ({count})" for problem, count in metrics.images.problems.items()]
+        failures.append(f"no image was scored; {listed(reasons)}" if reasons else "no image was scored")
     finished = {"reference": reference_digest(objects, frames), "sums": sums_digest(results)}
     summary = RunSummary(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
@@ -383,7 +410,7 @@ def _write_results(results: Path, request: RunRequest, scored: ScoredPart, manif
 
 
 def _caveats(request: RunRequest) -> str:
-    """What a reader has to know of the data, errors of what the method was told included."""
+    """Caveats for a reader of the results: those of the data, and errors of the method's input."""
     told = [f"{name} {error:g}" for name, error in request.input_errors.named.items()]
     errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
     return "\n".join(part for part in (request.card.content.caveats, errors) if part)

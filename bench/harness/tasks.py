@@ -108,6 +108,7 @@ class ScoredUnit:
     Attributes:
         digests: names of its results by folder of the run; none where it failed.
         computed: folders for which it was computed, not found done.
+        changed: what made it be computed again where another result was stored, by name; see `deciding_digests`.
         contents: of the files to store, by folder; empty where the worker has stored them.
         failure: why there is no result; None where there is one.
         seconds: by stage, of the pass that the protocols share.
@@ -118,6 +119,7 @@ class ScoredUnit:
 
     digests: Mapping[Path, str] = field(default_factory=dict)
     computed: Set[Path] = frozenset()
+    changed: Set[str] = frozenset()
     contents: Mapping[Path, bytes] = field(default_factory=dict)
     failure: str | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -158,6 +160,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
     digests: dict[Path, str] = {}
     contents: dict[Path, bytes] = {}
     computed: list[Path] = []
+    changed: frozenset[str] = frozenset()
     failure = None
     try:
         with clock.stage("open"):
@@ -170,6 +173,8 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
             digests = {run: digest for run, digest in names.items() if _is_stored(task, run, digest)}
         due = [run for run in names if run not in digests]
         if due:
+            if task.stored is None:
+                changed = frozenset().union(*(UnitStore(run=run).changed(unit, decided_by[run]) for run in due))
             steps = None
             if spec.cache is not None:
                 steps = StepCache(
@@ -196,6 +201,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
     return ScoredUnit(
         digests=digests,
         computed=frozenset(computed),
+        changed=changed,
         contents=contents,
         failure=failure,
         seconds=dict(clock.seconds),

@@ -11,7 +11,8 @@ import io
 import json
 import re
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -22,7 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from bench.atomic import read_regular, replacing, write_bytes
+from bench.atomic import is_temporary, read_regular, replacing, write_bytes
 from bench.errors import DataError, OutputError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, add_image_maps
 from bench.harness.digests import digest_of
@@ -30,6 +31,7 @@ from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.harness.unit import Unit, UnitTables
 
 FOLDER, SUFFIX = "units", ".unit"
+UNIT_NAME = re.compile(r"[A-Za-z0-9_.-]+-[0-9]{8,}-[0-9a-f]{64}\.unit")
 OBJECTS, FRAMES, MAPS, STATUS = "objects.parquet", "frames.parquet", "maps.npz", "status.json"
 TABLES = {OBJECTS: OBJECTS_SCHEMA, FRAMES: FRAMES_SCHEMA, MASKS: MASKS_SCHEMA}
 ROW_GROUP_ROWS = {OBJECTS: 64_000, FRAMES: 64_000, MASKS: 128}  # a mask is looked up alone, and takes some kB
@@ -101,6 +103,16 @@ class UnitStore:
         found = (name.removeprefix(prefix).removesuffix(suffix) for name in names)
         return frozenset(digest for digest in found if self.holds(unit, digest))
 
+    def changed(self, unit: Unit, decided_by: Mapping[str, str]) -> frozenset[str]:
+        """Names of what was another when the stored result of a unit came about; none without such a result."""
+        prefix = self.file(unit, "").name[: -len(SUFFIX)]
+        others = []
+        for file in (self.run / FOLDER).glob(f"{prefix}*{SUFFIX}"):
+            with suppress(DataError):
+                status, _ = _read(file, file.name.removeprefix(prefix).removesuffix(SUFFIX))
+                others.append({name for name in decided_by if status.decided_by.get(name) != decided_by[name]})
+        return frozenset(min(others, key=len, default=()))
+
     def write(self, unit: Unit, digest: str, content: bytes) -> None:
         """Store a unit, by one rename.
 
@@ -115,10 +127,10 @@ class UnitStore:
             raise OutputError(file, got=error.got, hint=hint) from error
 
     def keep_only(self, units: Mapping[Unit, str]) -> None:
-        """Remove what is not of these units, by digest."""
+        """Remove other units, and what a killed process left half written."""
         names = {self.file(unit, digest).name for unit, digest in units.items()}
-        for file in (self.run / FOLDER).glob("*"):
-            if file.name not in names and file.is_file():
+        for file in (self.run / FOLDER).iterdir():
+            if file.name not in names and (UNIT_NAME.fullmatch(file.name) or is_temporary(file.name)):
                 file.unlink(missing_ok=True)
 
     def join(self, units: Mapping[Unit, str], out: Path, *, maps_name: str) -> tuple[str, ...]:
@@ -135,34 +147,40 @@ class UnitStore:
         Raises:
             DataError: a unit is not stored, or damaged.
         """
-        ordered = sorted(units, key=lambda unit: (unit.recording, unit.camera, unit.start))
-        stored = [(self.file(unit, units[unit]), units[unit]) for unit in ordered]
-        for name, schema in TABLES.items():
-            with replacing(out / name) as temporary:
-                _concatenate(stored, name, schema, temporary)
         maps: tuple[ImageMap, ...] = ()
         problems: list[str] = []
-        for file, digest in stored:
-            status, files = _read(file, digest)
-            problems += status.problems
-            if MAPS in files:  # a unit without a scored image has none
-                maps = add_image_maps([*maps, *load_image_maps(file, io.BytesIO(files[MAPS]))])
+        with ExitStack() as held:
+            tables = {name: held.enter_context(_joined_table(out, name)) for name in TABLES}
+            for unit in sorted(units, key=lambda unit: (unit.recording, unit.camera, unit.start)):
+                file = self.file(unit, units[unit])
+                status, files = _read(file, units[unit])
+                problems += status.problems
+                for name, add in tables.items():
+                    add(files[name])
+                if MAPS in files:  # a unit without a scored image has none
+                    maps = add_image_maps([*maps, *load_image_maps(file, io.BytesIO(files[MAPS]))])
         write_image_maps(out / maps_name, maps)
         return tuple(problems)
 
 
-def _concatenate(stored: Sequence[tuple[Path, str]], name: str, schema: pa.Schema, out: Path) -> None:
-    """Join tables, some units at a time; many small row groups would cost every reader memory."""
-    with pq.ParquetWriter(out, schema, compression="zstd") as writer:
-        waiting: list[pa.Table] = []
-        for file, digest in stored:
-            _, files = _read(file, digest)
-            waiting.append(pq.read_table(io.BytesIO(files[name]), schema=schema))
-            if sum(len(table) for table in waiting) >= ROW_GROUP_ROWS[name]:
-                writer.write_table(pa.concat_tables(waiting).combine_chunks())
-                waiting = []
-        if waiting:
+@contextmanager
+def _joined_table(out: Path, name: str) -> Iterator[Callable[[bytes], None]]:
+    """Write a table of parts that are added, some at a time: many small row groups would cost every reader memory."""
+    waiting: list[pa.Table] = []
+    with replacing(out / name) as temporary, pq.ParquetWriter(temporary, TABLES[name], compression="zstd") as writer:
+
+        def write() -> None:
             writer.write_table(pa.concat_tables(waiting).combine_chunks())
+            waiting.clear()
+
+        def add(content: bytes) -> None:
+            waiting.append(pq.read_table(io.BytesIO(content), schema=TABLES[name]))
+            if sum(len(table) for table in waiting) >= ROW_GROUP_ROWS[name]:
+                write()
+
+        yield add
+        if waiting:
+            write()
 
 
 def _read(file: Path, digest: str) -> tuple[UnitStatus, Mapping[str, bytes]]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import asdict, dataclass, is_dataclass
-from pathlib import Path
-from typing import Any, Literal, Protocol
+from functools import partial
+from pathlib import Path, PurePath
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,11 +127,109 @@ class Scorable:
 
 
 class Method(Scorable, ABC):
-    """A segmentation method: a subclass gives a `name` and `segment`, and overrides what else differs."""
+    """A segmentation method: a subclass gives a `name` and `segment`, and overrides what else differs.
+
+    Each unit of work, some hundred consecutive images of a camera, is segmented by a copy of the object of its own:
+    what a method notes on itself reaches no other unit, and one that needs the past says so (`longest_history`). What
+    is expensive to load belongs in a function of its module with `functools.lru_cache`, by the digest of the file.
+    """
 
     @abstractmethod
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the current image into moving and static cells."""
+
+
+_KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
+    "name": ("some text", lambda value: isinstance(value, str) and bool(value.strip())),
+    "history": ("a whole number of images", lambda value: type(value) is int and value >= 0),
+    "longest_history": ("a whole number of images", lambda value: type(value) is int and value >= 0),
+    "colour": ("True or False", lambda value: isinstance(value, bool)),
+    "reads_images": ("True or False", lambda value: isinstance(value, bool)),
+    "files": (
+        "a sequence of paths",
+        lambda value: (
+            isinstance(value, Sequence)
+            and not isinstance(value, str | bytes)
+            and all(isinstance(entry, str | Path) for entry in value)
+        ),
+    ),
+}
+
+
+def refuse_unfit(method: Scorable) -> None:
+    """Refuse a method whose attributes or settings are not what the contract asks for.
+
+    Raises:
+        UsageError: names the class and the attribute.
+    """
+    for name, (expected, fits) in _KINDS.items():
+        value = _attribute(method, name, partial(getattr, method, name))
+        if not fits(value):
+            raise UsageError(f"method {_called(method)}: {name}: expected {expected}, got {_shown(value)}")
+    settings = _attribute(method, "settings()", method.settings)
+    if not isinstance(settings, Mapping):
+        raise UsageError(
+            f"method {_called(method)}: settings(): expected a dictionary of values by name, got {_shown(settings)}"
+        )
+    for place, value in _unstorable("", settings):
+        raise UsageError(
+            f"method {_called(method)}: settings(): {place}: expected numbers, text, None, and lists and dictionaries "
+            f"of them, got {_shown(value)} of type {type(value).__name__}; convert it, for example by float()"
+        )
+
+
+def _attribute(method: Scorable, name: str, read: Callable[[], Any]) -> Any:
+    try:
+        return read()
+    except BenchError:
+        raise
+    except Exception as error:  # whatever a property of the method raises
+        raise UsageError(f"method of class {type(method).__name__}: {name}: {describe_error(error)}") from error
+
+
+def _called(method: Scorable) -> str:
+    return f"{_shown(method.name)} of class {type(method).__name__}"
+
+
+def _shown(value: object) -> str:
+    try:
+        return repr(value)
+    except Exception:  # noqa: BLE001 - of the method's own class
+        return f"a {type(value).__name__}"
+
+
+def _unstorable(place: str, value: object) -> Iterator[tuple[str, object]]:
+    """Values among settings that no file of a run could hold, with their dotted names."""
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            if type(name) is str:
+                yield from _unstorable(f"{place}.{name}".strip("."), inner)
+            else:
+                yield f"{place} {_shown(name)}".strip(), name
+    elif isinstance(value, list | tuple):
+        for number, inner in enumerate(value):
+            yield from _unstorable(f"{place}[{number}]", inner)
+    elif isinstance(value, np.generic) or not isinstance(value, str | int | float | PurePath | None):
+        yield place, value
+
+
+Copied = TypeVar("Copied", bound=Scorable)
+
+
+def own_copy(method: Copied) -> Copied:
+    """A copy of a method as it was built, so that no unit of work finds what another one left.
+
+    Raises:
+        UsageError: it holds what cannot be copied.
+    """
+    try:
+        return deepcopy(method)
+    except Exception as error:  # whatever its attributes raise
+        raise UsageError(
+            f"method {method.name!r}: expected an object of {type(method).__name__} that can be copied, since each "
+            f"unit has its own, got {describe_error(error)}; load what cannot be copied, such as a session, when "
+            f"it is used first, or in a function of the module with functools.lru_cache"
+        ) from error
 
 
 class FlowMethod(Method):

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 from bench.errors import BenchError, UnknownNameError, UsageError
-from bench.methods.contract import Method, Scorable, not_derived
+from bench.methods.contract import Method, Scorable, not_derived, refuse_unfit
 from bench.plug_ins import describe_error, imported, known_targets
 
 Kind = TypeVar("Kind", bound=Scorable)
@@ -82,7 +82,7 @@ def build(name: str, target: str, base: type[Kind], parameters: Mapping[str, obj
     """
     kind = _class(name, target, base)
     try:
-        return kind(**(parameters or {}))
+        built = kind(**(parameters or {}))
     except TypeError as error:
         takes = ", ".join(inspect.signature(kind).parameters) or "no parameters"
         raise UsageError(f"method {name!r} takes {takes}; {error}") from error
@@ -92,6 +92,8 @@ def build(name: str, target: str, base: type[Kind], parameters: Mapping[str, obj
         raise UsageError(
             f"method {name!r} cannot be built with {dict(parameters or {})}; {describe_error(error)}"
         ) from error
+    refuse_unfit(built)
+    return built
 
 
 def _class(name: str, target: str, base: type[Kind]) -> type[Kind]:

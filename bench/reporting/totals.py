@@ -39,8 +39,10 @@ def cost_lines(made: Provenance) -> Iterator[str]:
             f"{step} found {work.steps_found.get(step, 0)}, computed {work.steps_computed.get(step, 0)}"
             for step in steps
         )
+        changed = ", ".join(f"{name} ({count})" for name, count in work.changed.items())
         yield (
             f"{work.workers} processes; units computed {work.units_computed}, found done {work.units_reused}"
+            + (f"; computed again since these changed: {changed}" if changed else "")
             + (f"; cache: {cached}" if cached else "")
         )
 

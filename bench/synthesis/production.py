@@ -18,7 +18,7 @@ from typing import Any
 
 from bench.atomic import folder_lock, make_folder, write_text
 from bench.errors import DataError, UsageError
-from bench.execution import FailedTask, ProcessExecutor, SerialExecutor, TaskExecutor, usable_cores
+from bench.execution import FailedTask, local_executor, usable_cores
 from bench.synthesis.reading import read_scenario
 from bench.synthesis.recorder import render_recording
 from bench.synthesis.scenario import RecordingSpec, Scenario
@@ -31,8 +31,7 @@ Progress = Callable[[int, int], None]
 
 
 def _rendered(scenario: Scenario, specs: list[RecordingSpec], out: Path, workers: int) -> Iterator[RecordingSpec]:
-    processes = min(workers, len(specs))
-    executor: TaskExecutor = SerialExecutor() if processes <= 1 else ProcessExecutor(workers=processes)
+    executor = local_executor(min(workers, len(specs)))
     with executor, closing(executor.compute(partial(_produce, scenario=scenario, out=out), specs)) as results:
         for spec, outcome in results:
             if isinstance(outcome, FailedTask):

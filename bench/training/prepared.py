@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bench.api.datasets import Frame, open_dataset
 from bench.atomic import make_folder, replacing, write_text
 from bench.errors import DataError
-from bench.execution import FailedTask, ProcessExecutor, SerialExecutor, TaskExecutor
+from bench.execution import FailedTask, local_executor
 from bench.methods.learned import inputs
 from bench.recordings import load_card
 from bench.training.pairs import Part, drives_of, pairs_of
@@ -71,8 +71,7 @@ def prepare(
     make_folder(place)
     missing = [name for name in names if not _index(place, name).is_file()]
     progress(len(names) - len(missing), len(names))
-    executor: TaskExecutor = SerialExecutor() if workers == 1 else ProcessExecutor(workers=workers)
-    with executor:
+    with local_executor(workers) as executor:
         done = executor.compute(partial(_prepare_drive, dataset=dataset, place=place), missing)
         for count, (name, outcome) in enumerate(done, start=len(names) - len(missing) + 1):
             if isinstance(outcome, FailedTask):

@@ -6,7 +6,10 @@ import signal
 import sys
 import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
+from typing import ClassVar
 
 import cv2
 import scipy.linalg
@@ -152,3 +155,17 @@ class Heavy:
 
     def __call__(self, number):
         return number
+
+
+class Pools:
+    """Processes that a task starts and leaves open."""
+
+    held: ClassVar[list[ProcessPoolExecutor]] = []
+
+
+def square_in_a_pool(end, number):
+    Pools.held.append(ProcessPoolExecutor(1, mp_context=get_context("fork")))
+    squared = Pools.held[-1].submit(pow, number, 2).result()
+    if end:
+        os._exit(0)
+    return squared

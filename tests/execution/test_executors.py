@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import sys
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 
@@ -124,6 +124,22 @@ def test_processes_that_are_killed_while_they_have_nothing_to_do_are_replaced(tm
         for _, pid in list(executor.compute(partial(jobs.wait_for_both, tmp_path), [1, 2])):
             os.kill(pid, signal.SIGKILL)
         assert dict(executor.compute(jobs.squared, NUMBERS)) == SQUARES
+
+
+@pytest.mark.parametrize("end", [False, True])
+def test_a_pool_that_a_task_leaves_open_keeps_nobody_waiting(tmp_path, end):
+    """Neither at the end of the work, nor when the process that opened it ends at once."""
+    body = f"""
+done = dict(ProcessExecutor(workers=1).compute(partial(jobs.square_in_a_pool, {end}), [3]))
+assert (str(done[3])[:29] == "FailedTask(reason='its proces") if {end} else (done == {{3: 9}}), done
+"""
+    program = started(tmp_path, body)
+    try:
+        assert program.wait(PATIENCE_S) == 0
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(program.pid, signal.SIGKILL)
+        program.communicate()
 
 
 def test_every_library_keeps_to_one_thread():

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ import pytest
 from bench.api.runs import RUNS, default_folder, non_default_settings
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
+from bench.harness import RunRequest, read_run, run_benchmark
 from bench.harness.run_folder import held_run_folder, new_results
 from bench.methods import build_method
 from bench.recordings import load_card
@@ -84,19 +85,54 @@ def test_a_mistake_in_the_command_destroys_nothing(finished, tiny_card, monkeypa
     assert everything_in(finished) == before
 
 
-def test_overwriting_leaves_nothing_of_the_former_experiment_and_keeps_what_is_the_users(
-    finished, tiny_card, monkeypatch, tmp_path
-):
-    (finished / "notes.txt").write_text("mine")
+def test_overwriting_leaves_nothing_of_the_former_experiment(finished, tiny_card, monkeypatch, tmp_path):
     assert {"index.html", "pictures/crossing/panels.png"} <= everything_in(finished).keys()
     options = ("--method", "nothing", "--no-pictures", "--workers", 1)
     assert call(monkeypatch, "run", tiny_card, *options, "--out", finished, "--overwrite") == 0
     assert call(monkeypatch, "run", tiny_card, *options, "--out", tmp_path / "fresh") == 0
     found, fresh = everything_in(finished), everything_in(tmp_path / "fresh")
-    assert found.pop("notes.txt") == b"mine"
     assert found.keys() == fresh.keys()
     assert bytes_of(finished) == bytes_of(tmp_path / "fresh")
-    assert not list(tmp_path.glob(".*"))
+
+
+FOREIGN = {
+    "notes.txt": lambda place: place.write_text("mine"),
+    "table.csv": lambda place: (place.unlink(), place.symlink_to(place.with_name("elsewhere")))[0],
+    "pictures/mine.png": lambda place: place.write_text("mine"),
+    "units/mine.txt": lambda place: place.write_text("mine"),
+    "units/a-00000001.unit": lambda place: place.write_text("mine"),
+    "maps.npz": lambda place: place.write_text("mine"),
+    "documents": lambda place: place.symlink_to("/usr"),
+    "empty": Path.mkdir,
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+@pytest.mark.parametrize("options", [(), ("--overwrite",)], ids=" ".join)
+def test_a_folder_with_what_no_run_wrote_is_refused_at_once(finished, tiny_card, monkeypatch, capsys, name, options):
+    (finished.parent / "elsewhere").write_text("mine")
+    FOREIGN[name](finished / name)
+    before = everything_in(finished)
+    monkeypatch.setattr("bench.harness.run._score", None)
+    words = ("run", tiny_card, "--method", "nothing", "--no-pictures", "--out", finished, "--workers", 1, *options)
+    assert call(monkeypatch, *words) == 2
+    shown = capsys.readouterr().err
+    assert f"got one with {name}, which this program did not write" in shown
+    assert "--out" in shown
+    assert everything_in(finished) == before
+    assert (finished.parent / "elsewhere").read_text() == "mine"
+
+
+def test_the_working_folder_itself_may_be_that_of_the_run(tiny_card, tmp_path, monkeypatch):
+    """Its own name never changes, so that it may be a mount point, too."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    inode = Path().stat().st_ino
+    for method, options in (("everything", ()), ("nothing", ("--overwrite",))):
+        words = ("run", tiny_card, "--method", method, "--no-pictures", "--out", ".", "--workers", 1, *options)
+        assert call(monkeypatch, *words) == 0
+        assert read_run(Path()).manifest.method.name == method
+    assert (Path().stat().st_ino, (tmp_path / "here").stat().st_ino) == (inode, inode)
 
 
 def test_results_that_cannot_be_finished_do_not_appear(finished, tiny_card):
@@ -112,63 +148,71 @@ def test_results_that_cannot_be_finished_do_not_appear(finished, tiny_card):
             finish=finish,
         )
     assert everything_in(finished) == before
-    assert not list(finished.parent.glob(".*"))
+    assert not list(finished.glob(".*"))
 
 
-@pytest.mark.parametrize("killed_at", range(5))
+@pytest.mark.parametrize("killed_at", range(6))
 def test_a_process_that_is_killed_between_the_steps_of_the_renaming_leaves_one_whole_run(
     finished, monkeypatch, killed_at
 ):
-    """Steps: each work folder moves, what is the user's moves, the old results go, the new ones come."""
+    """Steps: the list of what comes, three files that come, the list of what is there."""
 
     class KilledError(BaseException):
         pass
 
-    (finished / "notes.txt").write_text("mine")
     units = sorted(file.name for file in (finished / "units").iterdir())
-    rename, left = Path.rename, [killed_at]
+    replace, left = Path.replace, [killed_at]
 
     def counted(self, target):
-        left[0] -= 1
-        if left[0] < 0:
-            raise KilledError
-        return rename(self, target)
+        if Path(target).parent in {finished, finished / "pictures"}:
+            left[0] -= 1
+            if left[0] < 0:
+                raise KilledError
+        return replace(self, target)
 
-    with monkeypatch.context() as patched:
-        patched.setattr(Path, "rename", counted)
-        try:
-            with held_run_folder(finished), new_results(finished) as results:
-                (results / "summary.json").write_text("new")
-        except KilledError:
-            killed = True
-        else:
-            killed = False
-    assert killed == (killed_at < 4)
+    with monkeypatch.context() as patched, suppress(KilledError):
+        patched.setattr(Path, "replace", counted)
+        patched.setattr(shutil, "rmtree", lambda *_, **__: None)  # as of a process that is no more
+        with held_run_folder(finished), new_results(finished) as results:
+            for name in ("summary.json", "table.md"):
+                (results / name).write_text("new")
+            (results / "pictures").mkdir()
+            (results / "pictures/new.png").write_text("new")
+    assert (left[0] < 0) == (killed_at < 5)
     with held_run_folder(finished):
         pass
     new = (finished / "summary.json").read_text() == "new"
-    assert new == (killed_at >= 3), "from the last but one step on the new results are whole"
+    assert new == (killed_at >= 1), "once they are listed the new results are whole"
     assert (finished / "index.html").exists() == (not new)
-    assert (finished / "notes.txt").read_text() == "mine"
+    assert (finished / "pictures/crossing").exists() == (not new)
+    assert (finished / "pictures/new.png").exists() == new
     assert sorted(file.name for file in (finished / "units").iterdir()) == units
-    assert not list(finished.parent.glob(".*"))
+    assert not list(finished.glob(".*"))
 
 
-def test_what_a_run_wrote_is_never_covered_by_what_was_there(finished):
-    """Neither by an old cost, nor by a file of the same name that nobody knows."""
-    for name in ("cost.json", "extra.json"):
-        (finished / name).write_text("old")
+def write_extra(*folders: Path) -> None:
+    for folder in folders:
+        (folder / "extra.json").write_text(folder.name)
+
+
+def test_what_comes_during_a_run_is_neither_replaced_nor_removed(finished):
+    """A file of a result's name stops it, and one of another name stays."""
+    told = r"got extra\.json, which came during the run; move it"
+    with pytest.raises(DataError, match=told), held_run_folder(finished), new_results(finished) as results:
+        write_extra(results, finished)
+    assert (finished / "extra.json").read_text() == finished.name
+    (finished / "extra.json").unlink()
     with held_run_folder(finished), new_results(finished) as results:
-        (results / "extra.json").write_text("new")
-    assert (finished / "extra.json").read_text() == "new"
+        shutil.rmtree(finished / "pictures")
+        (finished / "pictures").symlink_to(finished.parent / "pictures")
+        (finished.parent / "pictures/crossing").mkdir(parents=True)
+        (finished.parent / "pictures/crossing/panels.png").write_text("mine")
+        (finished / "notes.txt").write_text("mine")
+        (results / "summary.json").write_text("new")
+    assert (finished / "summary.json").read_text() == "new"
+    assert (finished / "notes.txt").read_text() == "mine"
+    assert (finished.parent / "pictures/crossing/panels.png").read_text() == "mine"
     assert not (finished / "cost.json").exists(), "the cost of other results"
-
-
-def test_a_folder_that_was_removed_by_hand_stays_removed(finished):
-    """What a killed process had begun beside it does not take its place."""
-    finished.rename(finished.with_name(".run.new"))
-    with held_run_folder(finished):
-        assert not (finished / "summary.json").exists()
 
 
 def test_the_default_folder_tells_settings_protocol_and_split_apart(tiny_card):
@@ -228,4 +272,4 @@ def test_kills_at_random_instants_and_then_the_same_as_without(tiny_card, tmp_pa
     assert call(monkeypatch, *words(out, 1)) == 0
     assert bytes_of(out) == expected
     assert everything_in(out).keys() == everything_in(calm).keys()
-    assert not list(tmp_path.glob(".*"))
+    assert not list(out.glob(".*"))

@@ -9,6 +9,7 @@ import pytest
 
 from bench.cameras import ray_grid
 from bench.errors import UnknownNameError, UsageError
+from bench.harness.oracles import require_scorable
 from bench.methods import METHODS, FlowMethod, Method, build_method, describe_method, known_methods
 from bench.records.segmentation import segmentation_fault
 from tests.support.board_scene import HEIGHT, STEP, WIDTH, crossing, frame
@@ -112,6 +113,12 @@ class Own(Bare):
         self.level, self.inner, self.kept_to_itself = level, inner, forgotten
 
 
+class Whole(Own):
+    def __init__(self, level: int = 3, inner: Inner = Inner(), *, forgotten: str = "") -> None:  # noqa: B008
+        super().__init__(level, inner)
+        self.forgotten = forgotten
+
+
 def test_settings_are_the_parameters_of_the_constructor():
     method = Own(level=7)
     with pytest.raises(UsageError, match=r"attribute 'forgotten' .* set self\.forgotten, or write settings\(\)"):
@@ -121,7 +128,9 @@ def test_settings_are_the_parameters_of_the_constructor():
 
 
 def test_a_parameter_that_the_constructor_does_not_take_is_refused():
-    place = f"{__name__}:Own"
+    with pytest.raises(UsageError, match="attribute 'forgotten'"):
+        build_method(f"{__name__}:Own")
+    place = f"{__name__}:Whole"
     assert build_method(place, {"level": 4}).level == 4
     with pytest.raises(UsageError, match=r"takes level, inner, forgotten; .*'levle'"):
         build_method(place, {"levle": 4})
@@ -149,3 +158,50 @@ def test_a_class_that_does_not_derive_from_method_is_refused():
         build_method("bench.methods:Method")
     with pytest.raises(UsageError, match="derived from bench"):
         build_method("bench.harness.oracles:ReferenceItself")
+
+
+class _SilentError(Exception):
+    def __str__(self):
+        raise ValueError("no message")
+
+
+def _raise():
+    raise _SilentError
+
+
+UNFIT = {
+    "name": (("name", 7), "method 7 of class Unfit: name: expected some text, got 7"),
+    "no name": (("name", ""), "method '' of class Unfit: name: expected some text, got ''"),
+    "history": (("history", 1.5), "history: expected a whole number of images, got 1.5"),
+    "negative history": (("history", -1), "history: expected a whole number of images, got -1"),
+    "history as text": (("longest_history", "2"), "longest_history: expected a whole number of images, got '2'"),
+    "colour": (("colour", "no"), "colour: expected True or False, got 'no'"),
+    "reads_images": (("reads_images", None), "reads_images: expected True or False, got None"),
+    "files": (("files", [None]), r"files: expected a sequence of paths, got \[None\]"),
+    "one file": (("files", "weights"), "files: expected a sequence of paths, got 'weights'"),
+    "numpy": (("settings", lambda: {"a": {"b": np.float64(1)}}), r"settings\(\): a\.b: expected numbers, .*float64"),
+    "array": (("settings", lambda: {"a": [np.zeros(1)]}), r"settings\(\): a\[0\]: expected numbers, .*ndarray"),
+    "number as name": (("settings", lambda: {1: 2}), r"settings\(\): 1: expected numbers"),
+    "none": (("settings", lambda: None), r"settings\(\): expected a dictionary of values by name, got None"),
+    "list": (("settings", lambda: [1]), r"settings\(\): expected a dictionary of values by name, got \[1\]"),
+    "raises": (("settings", _raise), r"class Unfit: settings\(\): _SilentError: its message cannot be read"),
+}
+
+
+@pytest.mark.parametrize("case", UNFIT)
+def test_an_attribute_that_is_not_what_the_contract_asks_for_is_named_with_its_class(case, monkeypatch):
+    class Unfit(Method):
+        name = "unfit"
+
+        def __init__(self):
+            setattr(self, *attribute)
+
+        def segment(self, frame):
+            raise NotImplementedError
+
+    attribute, told = UNFIT[case]
+    monkeypatch.setattr(f"{__name__}.Unfit", Unfit, raising=False)
+    with pytest.raises(UsageError, match=told):
+        build_method(f"{__name__}:Unfit")
+    with pytest.raises(UsageError, match=told):
+        require_scorable(Unfit())

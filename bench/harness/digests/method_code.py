@@ -25,10 +25,11 @@ from uuid import uuid4
 
 from bench.errors import DataError, UsageError
 from bench.harness.digests.content import METHOD_PACKAGES, digest_of, source_digest
+from bench.harness.digests.loaded_code import changed_here, refuse_stale_bytecode
 from bench.methods import Scorable
+from bench.methods.contract import refuse_unfit
 
 PROGRAM = ("__main__", "__mp_main__")  # no module imports it
-PROMPT = "typed at a prompt"  # code without a file; nothing tells two states of it apart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,12 +58,15 @@ class MethodCode:
         files: its own modules and the files that it reads.
         libraries: (distribution, version) of what its own modules name beside this package.
         own_code: digest of this package's code that every method uses.
+        unidentified: what of it no file holds, as a class of a notebook's cell; "" mostly. Two states of it cannot be
+            told apart, so that the digest is a new one each time it is taken: results of it are never found done.
     """
 
     place: str
     files: tuple[CodeFile, ...]
     libraries: tuple[tuple[str, str], ...]
     own_code: str
+    unidentified: str = ""
 
     @classmethod
     def of(cls, method: Scorable) -> MethodCode:
@@ -73,8 +77,8 @@ class MethodCode:
             DataError: a file changed since this process loaded it.
         """
         kind = type(method)
-        _refuse_settings(method)
-        modules = _own_modules(kind.__module__)
+        refuse_unfit(method)
+        modules = _own_modules(kind.__module__, held=_held_modules(method))
         files = [
             *(
                 CodeFile(name=name, path=path, sha256=_first_met(name, path), module=True)
@@ -85,12 +89,13 @@ class MethodCode:
                 for name, path in _listed_files(method)
             ),
         ]
-        typed = kind.__module__ not in modules and not _of_bench(kind.__module__)
+        unidentified = _unidentified(kind, modules)
         method_code = cls(
             place=f"{kind.__module__}:{kind.__qualname__}",
             files=tuple(files),
             libraries=_libraries(modules),
-            own_code=f"{PROMPT}: {_PROCESS}" if typed else source_digest(METHOD_PACKAGES),
+            own_code=uuid4().hex if unidentified else source_digest(METHOD_PACKAGES),
+            unidentified=unidentified,
         )
         method_code.refuse_change()
         return method_code
@@ -116,7 +121,8 @@ class MethodCode:
             DataError: this process loaded another state of a module, or one that the run did not begin with, or a file
                 changed since.
         """
-        here = _own_modules(self.place.partition(":")[0])
+        names = frozenset(file.name for file in self.files if file.module)
+        here = _own_modules(self.place.partition(":")[0], held=names)
         for file in self.files:
             if file.module and file.name not in here:
                 continue  # what this process has not loaded decides nothing in it
@@ -136,7 +142,6 @@ class MethodCode:
             raise DataError(here[name], expected="code that is loaded when the run begins", got=got, hint=hint)
 
 
-_PROCESS = uuid4().hex
 _met: dict[str, tuple[ModuleSpec | None, str]] = {}  # digests of sources when this process met the module first
 _begun: dict[str, frozenset[str]] = {}  # by digest, the modules that were loaded when it was checked first
 
@@ -146,7 +151,17 @@ def _first_met(name: str, path: Path) -> str:
     spec = getattr(sys.modules[name], "__spec__", None)
     if name not in _met or _met[name][0] is not spec:
         _met[name] = spec, _on_disk(path)
+        if path.suffix == ".py":
+            refuse_stale_bytecode(sys.modules[name], path, _met[name][1])
     return _met[name][1]
+
+
+def _unidentified(kind: type, modules: Mapping[str, Path]) -> str:
+    """Name of code of a method that is not as a file has it; "" where all of it is."""
+    if kind.__module__ not in modules and not _of_bench(kind.__module__):
+        return f"{kind.__module__}.{kind.__qualname__}"
+    sources = ((sys.modules[name], path) for name, path in modules.items() if path.suffix == ".py")
+    return next(filter(None, (changed_here(module, path, _on_disk(path)) for module, path in sources)), "")
 
 
 def _on_disk(path: Path) -> str:
@@ -165,17 +180,8 @@ def _sha256(path: Path, *_: int) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _refuse_settings(method: Scorable) -> None:
-    try:
-        digest_of(method.settings())
-    except TypeError as error:
-        raise UsageError(f"method {method.name!r}: settings(): {error}") from error
-
-
 def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
     """Name and path of every file that a method lists in `files`, folders walked."""
-    if isinstance(method.files, str | bytes | Path) or not isinstance(method.files, Iterable):
-        raise UsageError(f"method {method.name!r}: files: expected a sequence of paths, got {method.files!r}")
     for entry in method.files:
         path = Path(entry)
         if path.is_file():
@@ -187,11 +193,26 @@ def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
             raise UsageError(f"method {method.name!r}: files: expected a file or folder, got no such path {entry!r}")
 
 
-def _own_modules(module: str) -> dict[str, Path]:
+def _held_modules(method: Scorable) -> frozenset[str]:
+    """Names of modules that a method's attributes are of, or name: it may have imported them when it was built."""
+    held = [value for one in getattr(method, "__dict__", {}).values() for value in _parts_of(one)]
+    of = (getattr(value, "__module__", None) or getattr(type(value), "__module__", None) for value in held)
+    named = (value if isinstance(value, str) else getattr(value, "__name__", None) for value in held)
+    return frozenset(name for name in (*of, *named) if isinstance(name, str))
+
+
+def _parts_of(value: object) -> Iterable[object]:
+    if isinstance(value, Mapping):
+        return value.values()
+    return value if isinstance(value, list | tuple | set) else (value,)
+
+
+def _own_modules(module: str, *, held: frozenset[str] = frozenset()) -> dict[str, Path]:
     """Sources of the loaded modules that make a method, by name; none for a class of this package.
 
     Args:
         module: of the method's class. The package that holds it counts wherever it lies.
+        held: names of further modules that count.
     """
     if _of_bench(module):
         return {}
@@ -203,7 +224,7 @@ def _own_modules(module: str) -> dict[str, Path]:
         if source is not None and name.partition(".")[0] == package:
             found[name] = Path(source)
         elif source is not None and not (_of_bench(name) or name in PROGRAM or _is_library(source)):
-            others[name] = Path(source)
+            (found if name in held else others)[name] = Path(source)
     new = found
     while new:
         named = _named(new)
@@ -254,7 +275,7 @@ _DYNAMIC_IMPORT = re.compile(r"""import_module\(\s*["']([\w.]+)["']""")
 
 @cache
 def _named_in(module: str, source: Path, _: str) -> frozenset[str]:
-    """What the import statements of a file with this digest name."""
+    """Names in the import statements of a file with this digest."""
     found = set[str]()
     holder = module if source.name == "__init__.py" else module.rpartition(".")[0]
     text = source.read_text(encoding="utf-8", errors="replace")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -35,11 +35,13 @@ class Weights:
         file: the ONNX file.
         channels: that it takes, in this order.
         threshold: score above which a cell moves: the best on the validation drives.
+        sha256: of the ONNX file, hexadecimal.
     """
 
     file: Path
     channels: tuple[str, ...]
     threshold: float
+    sha256: str
 
     @classmethod
     def read(cls, file: Path) -> Weights:
@@ -67,7 +69,7 @@ class Weights:
             )
         if unknown := [name for name in channels if name not in ALL_CHANNELS]:
             raise DataError(card, field="channels", expected="channels of this version", got=", ".join(unknown))
-        return cls(file=file, channels=channels, threshold=threshold)
+        return cls(file=file, channels=channels, threshold=threshold, sha256=digest)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,20 +141,24 @@ class LearnedMethod(Method):
     def _trained(self) -> Weights:
         return Weights.read(self.files[0])
 
-    @cached_property
+    @property
     def _session(self) -> Any:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 3
-        try:
-            return onnxruntime.InferenceSession(
-                self._trained.file.read_bytes(), options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # ONNX Runtime raises its own kinds for damaged files
-            raise DataError(self._trained.file, expected="an ONNX network", got=str(error).splitlines()[0]) from error
+        return _session(self._trained.file, self._trained.sha256)
 
     def __getstate__(self) -> dict[str, object]:
         return self.settings()  # a session cannot travel to other processes; they open their own
 
     def __setstate__(self, settings: dict[str, object]) -> None:
         self.__dict__.update(settings)
+
+
+@lru_cache(maxsize=1)  # copies of the method for units of work share it
+def _session(file: Path, _: str) -> Any:
+    """The network of a file with this digest, in one thread."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    try:
+        return onnxruntime.InferenceSession(file.read_bytes(), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # ONNX Runtime raises its own kinds for damaged files
+        raise DataError(file, expected="an ONNX network", got=str(error).splitlines()[0]) from error

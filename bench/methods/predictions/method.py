@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -115,6 +116,9 @@ class PredictedMotion(Method):
         return Segmentation(
             cell_size_px=size_px, mask=mask, likelihood=cells, likelihood_is_score=True, threshold=self.threshold
         )
+
+    def __deepcopy__(self, _: dict[int, object]) -> PredictedMotion:
+        return copy(self)  # it holds what it read of files, and nothing that depends on images before
 
     def _indexed(self) -> PredictionIndex:
         if self._index is None:

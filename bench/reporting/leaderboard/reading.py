@@ -9,6 +9,7 @@ from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
 
+from bench.atomic import is_temporary
 from bench.errors import BenchError, DataError
 from bench.evaluation import find_metric, summary_of
 from bench.evaluation.rows import CommonImages
@@ -184,7 +185,7 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     """
     if not folder.is_dir():
         raise DataError(folder, expected="a folder of runs", got="no such folder")
-    found = {file.parent for file in folder.rglob("summary.json")}
+    found = {file.parent for file in folder.rglob("summary.json") if not is_temporary(file.parent.name)}
     found |= {units.parent for units in folder.rglob(UNITS) if units.is_dir()}
     found = {run for run in found if run.parent == folder or not (run.parent / TABLE_OF_SWEEP).is_file()}
     if not found:

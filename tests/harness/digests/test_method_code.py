@@ -143,7 +143,9 @@ def test_files_that_are_no_list_of_paths_are_refused(tmp_path):
 def test_settings_that_cannot_be_told_apart_are_refused():
     method = Listing([])
     method.settings = lambda: {"callable": object()}  # type: ignore[method-assign]
-    with pytest.raises(UsageError, match=r"method 'listing': settings\(\)"):
+    with pytest.raises(
+        UsageError, match=r"method 'listing' of class Listing: settings\(\): callable: expected numbers"
+    ):
         MethodCode.of(method)
 
 

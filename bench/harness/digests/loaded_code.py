@@ -1,0 +1,93 @@
+"""Comparison of a loaded module with its source: stale bytecode, and what was changed in the process since."""
+
+from __future__ import annotations
+
+import ast
+import marshal
+import sys
+from collections.abc import Iterator
+from functools import cache
+from importlib.util import MAGIC_NUMBER
+from pathlib import Path
+from types import FunctionType, ModuleType
+
+from bench.errors import DataError
+
+
+def refuse_stale_bytecode(module: ModuleType, path: Path, sha256: str) -> None:
+    """Refuse a module whose bytecode Python takes for that of its source, by time and size, though it is of another.
+
+    Args:
+        module: as it is loaded.
+        path: of its source.
+        sha256: of the source's content.
+
+    Raises:
+        DataError: it is.
+    """
+    cached = getattr(module, "__cached__", None)
+    if cached is None or not Path(cached).is_file():
+        return
+    content, state = Path(cached).read_bytes(), path.stat()
+    flags, seconds, size = (int.from_bytes(content[place : place + 4], "little") for place in (4, 8, 12))
+    by_time = not flags and (seconds, size) == (int(state.st_mtime) & 0xFFFFFFFF, state.st_size & 0xFFFFFFFF)
+    if content[:4] == MAGIC_NUMBER and by_time and marshal.loads(content[16:]) != _compiled(path, sha256):
+        hint = "remove that file, and start again"
+        raise DataError(path, expected="bytecode of this source", got=f"that of another one, in {cached}", hint=hint)
+
+
+def changed_here(module: ModuleType, path: Path, sha256: str) -> str | None:
+    """Name of something in a module that this process changed after it was loaded; None where nothing shows.
+
+    Args:
+        module: as it is loaded.
+        path: of its source.
+        sha256: of the source's content.
+    """
+    for name, value in _constants(path, sha256).items():
+        if repr(getattr(module, name, None)) != repr(value):
+            return f"{module.__name__}.{name}"
+    for name, function in _functions(module):
+        if _is_typed(function):
+            return f"{module.__name__}.{name}"
+    return None
+
+
+@cache
+def _compiled(path: Path, _: str) -> object:
+    return compile(path.read_bytes(), path, "exec", dont_inherit=True)
+
+
+@cache
+def _constants(path: Path, _: str) -> dict[str, object]:
+    """Values that the source gives to names of the module once, but for those that its functions change."""
+    tree = ast.parse(path.read_bytes())
+    changed = {name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names}
+    names = [node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+    found: dict[str, object] = {}
+    for statement in tree.body:
+        targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
+        for target in targets:
+            if isinstance(target, ast.Name) and names.count(target.id) == 1 and target.id not in changed:
+                try:
+                    found[target.id] = ast.literal_eval(statement.value)  # type: ignore[attr-defined]
+                except (ValueError, TypeError, AttributeError):
+                    continue  # it is computed
+    return found
+
+
+def _functions(module: ModuleType) -> Iterator[tuple[str, FunctionType]]:
+    """Functions of a module and of its own classes, by name."""
+    for name, value in list(vars(module).items()):
+        own = isinstance(value, type) and value.__module__ == module.__name__
+        inside = {f"{name}.{part}": held for part, held in vars(value).items()} if own else {name: value}
+        for inner, held in inside.items():
+            held = getattr(held, "__wrapped__", getattr(held, "__func__", getattr(held, "fget", held)))
+            if isinstance(held, FunctionType):
+                yield inner, held
+
+
+def _is_typed(function: FunctionType) -> bool:
+    """True for a function of no file: typed at a prompt, or in a notebook's cell."""
+    module = sys.modules.get(function.__module__ or "")
+    return module is not None and getattr(module, "__file__", None) is None and not hasattr(module, "__path__")
