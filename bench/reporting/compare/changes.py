@@ -22,6 +22,7 @@ from bench.evaluation import (
     headlines,
     holm,
 )
+from bench.evaluation.comparison import SIGNIFICANCE
 from bench.evaluation.definitions import false_share, image_metrics, object_metrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings
@@ -31,8 +32,6 @@ from bench.harness.manifest import Aspect, differences
 from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
 from bench.reporting.formats import chance_of
 from bench.reporting.stored_run import StoredRun
-
-SIGNIFICANCE = 0.05
 
 
 class Verdict(StrEnum):
