@@ -1,4 +1,4 @@
-"""What differs between a run and its baseline beside the scores, and how to compare them image by image."""
+"""Differences between a run and its baseline beside the scores, and how to compare them image by image."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Change:
 
 
 def changes(baseline: Manifest, run: Manifest) -> tuple[Change, ...]:
-    """What changed, in the order of `OF_ITSELF`; what is not named is as it was."""
+    """List what changed, in the order of `OF_ITSELF`; what is not named is as it was."""
     texts: dict[str, list[str]] = {}
     for one in differences(baseline, run):
         texts.setdefault(_TOLD_AS.get(one.aspect, str(one.aspect)), []).append(one.text)
@@ -58,7 +58,7 @@ def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[
 
 
 def _why_not_again(baseline: Manifest, run: Manifest) -> str:
-    """Why no command makes the baseline's run again; "" where one does."""
+    """Reason that no command makes the baseline's run again; "" where one does."""
     if baseline.dataset.data != run.dataset.data:
         return "it is of other data"
     was, now = baseline.code, run.code

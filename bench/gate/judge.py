@@ -1,4 +1,4 @@
-"""From baseline, run and tolerances to the verdict: a pure function, a layer on the comparison of their sums."""
+"""Verdict on a run by baseline and tolerances: a pure function, a layer on the comparison of their sums."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Pairs = dict[Key, pd.DataFrame]  # the sums of baseline and run by recording
 
 
 def incomparable_reason(baseline: Manifest, run: Manifest) -> tuple[str, str] | None:
-    """Why the two cannot be compared at all, and what to do instead; None where they can."""
+    """Reason that the two cannot be compared at all, and what to do instead; None where they can."""
     split = f"--split {baseline.dataset.split}" if baseline.dataset.split is not None else "no --split"
     protocol = baseline.protocol.name
     rules = f"--protocol {protocol}" if protocol != run.protocol.name else f"{protocol} as it was for the baseline"
@@ -116,7 +116,7 @@ def _count_differences(baseline: RunSums, run: RunSums) -> Iterator[str]:
 
 
 def _counts(sums: pd.DataFrame) -> dict[tuple[str, str], int]:
-    """Of slice and unit, what the reference alone decides: objects by slice and by status, images by status."""
+    """Numbers by slice and unit that the reference alone decides: objects by slice and by status, images by status."""
     counts: Counter[tuple[str, str]] = Counter()
     for breakdown, name, metric, above, below in sums[[*SLICE, "numerator", "denominator"]].itertuples(index=False):
         called = name_slice(breakdown, name)
@@ -218,7 +218,7 @@ def _p_of_loss(key: Key, change: PairedChange) -> float | None:
 
 
 def judgeable(run: RunSums, *, tolerances: Tolerances) -> tuple[str, str]:
-    """What a run can judge as a baseline: "67 of 238 metrics can be judged", and why it is none; "" where some are."""
+    """Count what a run can judge as a baseline: "67 of 238 metrics can be judged", and why it is none; "" where some are."""
     rows = judge(run, run, tolerances=tolerances).rows
     judged = sum(row.outcome is not Outcome.NOT_JUDGED for row in rows)
     counted = f"{judged} of {len(rows)} metrics can be judged"
@@ -279,7 +279,7 @@ def _judge_metric(
 
 
 def _why_suspect(low: float, p_holm: float | None) -> str:
-    """Why a loss beyond what is tolerated may be chance, or decides nothing; "" where it is neither."""
+    """Reason that a loss beyond what is tolerated may be chance, or decides nothing; "" where it is neither."""
     if low <= 0:
         return "worse than tolerated, but the interval includes no change"
     if p_holm is None:
@@ -290,7 +290,7 @@ def _why_suspect(low: float, p_holm: float | None) -> str:
 def _why_not_judged(
     key: Key, change: PairedChange, pairs: Pairs, tolerances: Tolerances, rule: Tolerance | None
 ) -> str:
-    """Why a metric cannot be judged; "" when it can."""
+    """Reason that a metric cannot be judged; "" when it can."""
     breakdown, name, metric = key
     if rule is None:
         return "no tolerance is stated"

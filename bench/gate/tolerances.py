@@ -32,7 +32,7 @@ MetricName = Annotated[str, AfterValidator(_metric)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance:
-    """What a metric of a slice may lose.
+    """Largest loss of a metric of a slice that is tolerated.
 
     Attributes:
         absolute: in the metric's own unit, 0.01 for one percentage point of a ratio.
@@ -50,7 +50,7 @@ class Tolerance:
 
 
 class Override(FileModel):
-    """What a file changes of a tolerance; None leaves what is there."""
+    """Change of a tolerance by a file; None leaves what is there."""
 
     absolute: NotNegative | None = None
     relative: NotNegative | None = None

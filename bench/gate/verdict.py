@@ -16,7 +16,7 @@ NOTHING_JUDGED = (
 
 
 class Outcome(StrEnum):
-    """How a metric of a slice, or a check of the data, came out.
+    """Result of a metric of a slice, or of a check of the data.
 
     FAILED: worse than tolerated and beyond chance, of a metric that decides; or a check that fails.
     SUSPECT: worse than tolerated, but it may be chance, or the metric decides nothing; or a check that is reported.
@@ -150,7 +150,7 @@ class Verdict:
 
     @property
     def why_none(self) -> str:
-        """Why there is no verdict; "" where there is one."""
+        """Reason that there is no verdict; "" where there is one."""
         return "" if self.judged else self.refusal or NOTHING_JUDGED
 
     @property
@@ -161,7 +161,7 @@ class Verdict:
 
     @property
     def unchanged(self) -> tuple[str, ...]:
-        """What is as in the baseline; settings of another method are no settings of this one."""
+        """Aspects that are as in the baseline; settings of another method are no settings of this one."""
         changed = {change.what for change in self.changes}
         changed |= {"settings"} if "method" in changed else set()
         return tuple(what for what in OF_ITSELF if what not in changed)
@@ -211,7 +211,7 @@ def interval_text(metric: str, interval: tuple[float, float] | None) -> str:
 
 
 def allowed_text(metric: str, allowed: float) -> str:
-    """What is tolerated: "1.5 pt", "4.50", "" for NaN."""
+    """Text of what is tolerated: "1.5 pt", "4.50", "" for NaN."""
     return _text(metric, allowed, unit=" pt")
 
 
@@ -234,6 +234,6 @@ def row_text(row: Row) -> str:
 
 
 def worst_text(row: Row) -> str:
-    """Where most of a worsening comes from: "most in drive-3"; "" for a row that is not worse than tolerated."""
+    """Recording that most of a worsening comes from: "most in drive-3"; "" for a row that is not worse than tolerated."""
     worse = row.outcome in {Outcome.FAILED, Outcome.SUSPECT}
     return f"most in {row.worst_recording}" if worse and row.worst_recording is not None else ""
