@@ -69,7 +69,7 @@ def own_baseline(run: Manifest) -> Path:
 
 
 def find_baseline(run: Manifest) -> Path:
-    """Folder that a run is judged by unless another folder is named: its own baseline, else one that the package ships."""
+    """Folder that a run is judged by unless another is named: its own baseline, else one that the package ships."""
     own = own_baseline(run)
     shipped = shipped_folder("baselines") / own.name
     return shipped if shipped.is_dir() and not own.is_dir() else own

@@ -28,7 +28,7 @@ def overall_rows(verdict: Verdict) -> list[Row]:
 
 
 def main_rows(verdict: Verdict) -> list[Row]:
-    """Rows that failed, are suspect or improved, of the other metrics over everything and by kind of motion, worst first."""
+    """Other rows over everything and by kind of motion that failed, are suspect or improved, worst first."""
     shown = {(row.slice_name, row.metric) for row in overall_rows(verdict)}
     rows = [row for outcome in NOTABLE for row in verdict.rows_with(outcome) if not is_overlapping(row)]
     return [row for row in rows if (row.slice_name, row.metric) not in shown]

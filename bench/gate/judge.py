@@ -218,7 +218,7 @@ def _p_of_loss(key: Key, change: PairedChange) -> float | None:
 
 
 def judgeable(run: RunSums, *, tolerances: Tolerances) -> tuple[str, str]:
-    """Count what a run can judge as a baseline: "67 of 238 metrics can be judged", and why it is none; "" where some are."""
+    """Count what a run can judge as a baseline: "67 of 238 metrics can be judged", and why none; "" for some."""
     rows = judge(run, run, tolerances=tolerances).rows
     judged = sum(row.outcome is not Outcome.NOT_JUDGED for row in rows)
     counted = f"{judged} of {len(rows)} metrics can be judged"

@@ -234,6 +234,6 @@ def row_text(row: Row) -> str:
 
 
 def worst_text(row: Row) -> str:
-    """Recording that most of a worsening comes from: "most in drive-3"; "" for a row that is not worse than tolerated."""
+    """Recording that most of a loss comes from: "most in drive-3"; "" for a row that is not worse than tolerated."""
     worse = row.outcome in {Outcome.FAILED, Outcome.SUSPECT}
     return f"most in {row.worst_recording}" if worse and row.worst_recording is not None else ""
