@@ -6,12 +6,13 @@ and one that nests deeply ends in a traceback. Here the tree is measured before 
 
 from __future__ import annotations
 
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from bench.errors import DataError
+from bench.errors import DataError, UnknownNameError
 
 # libyaml where PyYAML was built with it, ten times as fast.
 LOADER: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -89,3 +90,52 @@ def _size(node: yaml.Node, known: dict[int, int]) -> int:
         parts += node.value if isinstance(node, yaml.SequenceNode) else []
         known[id(node)] = 1 + sum(_size(part, known) for part in parts)
     return known[id(node)]
+
+
+def known_rules(folder: Traversable) -> tuple[str, ...]:
+    """Names of the YAML files that the package ships in a folder."""
+    return tuple(sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml")))
+
+
+def read_rules(name_or_path: str | Path, *, shipped: Traversable, kind: str) -> tuple[dict[str, Any], Path]:
+    """Read a file of rules: one of the package by name, or any other by its path.
+
+    A file with `based_on: NAME`, of the package, takes over what it does not say itself, key by key at every level.
+
+    Args:
+        name_or_path: of the file.
+        shipped: folder of the package's files.
+        kind: of the rules, for messages.
+
+    Returns:
+        values: all of them.
+        file: where they came from.
+
+    Raises:
+        UnknownNameError: neither a name nor a file.
+        DataError: not readable, not YAML with keys, or based on what the package does not have.
+    """
+    known = known_rules(shipped)
+    packaged = isinstance(name_or_path, str) and name_or_path in known
+    file = Path(str(shipped / f"{name_or_path}.yaml")) if packaged else Path(name_or_path)
+    if not packaged and not file.is_file():
+        raise UnknownNameError(kind, str(name_or_path), known)
+    try:
+        text = (shipped / file.name if packaged else file).read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(file, expected="a readable text file", got=" ".join(str(error).split())) from error
+    values = parse_yaml(text, file=file)
+    if not isinstance(values, dict):
+        raise DataError(file, expected="keys and values", got=type(values).__name__)
+    if "based_on" not in values:
+        return values, file
+    base, own = values["based_on"], {key: value for key, value in values.items() if key != "based_on"}
+    if base not in known:
+        raise DataError(file, field="based_on", expected=f"one of {', '.join(known)}", got=repr(base))
+    return _merged(read_rules(base, shipped=shipped, kind=kind)[0], own), file
+
+
+def _merged(base: Any, own: Any) -> Any:
+    if not (isinstance(base, dict) and isinstance(own, dict)):
+        return own
+    return base | {key: _merged(base.get(key), value) for key, value in own.items()}

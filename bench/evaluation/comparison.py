@@ -27,6 +27,7 @@ from bench.evaluation.intervals import (
 from bench.evaluation.rows import EVALUATED, OBJECT, Rows, as_source, group_recordings, merge_rows, sort_rows
 from bench.evaluation.sums import KEY, TERMS
 
+SIGNIFICANCE = 0.05  # of p-values corrected after Holm
 SLICE = ["breakdown", "slice", "metric"]
 SIDES = ("_before", "_after")
 

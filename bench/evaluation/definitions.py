@@ -22,6 +22,7 @@ from bench.errors import UnknownNameError
 from bench.evaluation.intervals import MEAN, MEAN_CHANGE, RATIO, RATIO_CHANGE, Bounds
 
 OBJECT_FRAMES, IMAGE_FRAMES = "object-frames", "image-frames"
+HALF_A_POINT = (0.005, 0.02)  # tolerated of metrics that are small as a rule
 DETECTION, CHANCE, CAUSE = "detection_rate_", "chance_", "false_positives_by_"  # before a level in percent, or a cause
 HALF = 0.5  # of an object, the level of the headline
 Terms = Callable[[pd.DataFrame], "pd.Series[Any]"]
@@ -42,6 +43,8 @@ class Definition:
         bounds: a ratio in [0, 1], or a mean without an upper end.
         headline: among the few that say whether a run is better.
         cases_by_method: whether its cases depend on what the method detects; of others on the reference alone.
+        tolerated: what the gate lets it lose, in its own unit and as a share of the baseline's value, the larger of the
+            two; None for one that is not judged.
         field: in its part of `summary.json`, where it is called otherwise.
     """
 
@@ -55,6 +58,7 @@ class Definition:
     bounds: Bounds = RATIO
     headline: bool = False
     cases_by_method: bool = False
+    tolerated: tuple[float, float] | None = (0.01, 0.02)
     field: str = ""
 
     @property
@@ -123,9 +127,10 @@ OF_OBJECTS = (
              "Mean coverage of the detected object-frames, the paper's wording.", cases_by_method=True),
     _objects("tpr_all", "TPR, all", coverage, one, "Mean coverage of all object-frames.", headline=True),
     _objects("iou", "IoU, all", intersection_over_union, one,
-             "Mean IoU of all object-frames, an undetected one having 0.", headline=True),
+             "Mean IoU of all object-frames, an undetected one having 0.", headline=True, tolerated=HALF_A_POINT),
     _objects("iou_detected", "IoU, detected", lambda r: intersection_over_union(r).where(detected(r), 0), detected,
-             "Mean IoU of the detected object-frames, which compares with the paper.", cases_by_method=True),
+             "Mean IoU of the detected object-frames, which compares with the paper.",
+             cases_by_method=True, tolerated=HALF_A_POINT),
 )  # fmt: skip
 UNKNOWN = _objects(
     "unknown_share", "Unknown", lambda r: r["unknown_px"] / (r["tp"] + r["fn"] + r["unknown_px"]), one,
@@ -146,28 +151,29 @@ CEILINGS = (
 FALSE_POSITIVES = (
     _images("false_positive_coverage", "False-positive coverage", false_share, one,
             "Mean share of the image that is detected outside of all objects and of I.",
-            higher_is_better=False, headline=True, field="coverage"),
+            higher_is_better=False, headline=True, tolerated=HALF_A_POINT, field="coverage"),
     _images("false_positive_coverage_valid", "False positives of the valid pixels",
             lambda r: (r["fp_px"] / r["valid_px"]).where(r["valid_px"] > 0, 0), lambda r: r["valid_px"] > 0,
-            "The same as a share of V.", higher_is_better=False, field="coverage_valid"),
+            "The same as a share of V.", higher_is_better=False, tolerated=HALF_A_POINT, field="coverage_valid"),
     _images("false_positive_frame_rate", "Frames with a large false positive",
             lambda r: r["fp_large_components"] > 0, one,
             "Share of images that have a false-positive component of more pixels than the protocol states.",
             higher_is_better=False, field="frame_rate"),
     _images("false_positive_components", "Components per frame", lambda r: r["fp_components"], one,
             "Mean number of false-positive components of an image.",
-            higher_is_better=False, bounds=MEAN, field="components_per_frame"),
+            higher_is_better=False, bounds=MEAN, tolerated=(1.0, 0.05), field="components_per_frame"),
 )  # fmt: skip
 SEGMENTATION = (
     _images("segmentation_iou", "IoU, pixels", lambda r: r["tp_px"], lambda r: r["tp_px"] + r["fp_px"] + r["fn_px"],
             "IoU of the moving class from pixel counts summed over all images, outside of I.",
-            cases_by_method=True, field="iou"),
+            cases_by_method=True, tolerated=HALF_A_POINT, field="iou"),
     _images("precision", "Precision", lambda r: r["tp_px"], lambda r: r["tp_px"] + r["fp_px"],
-            "Share of the detected pixels, outside of I, that are right.", cases_by_method=True),
+            "Share of the detected pixels, outside of I, that are right.",
+            cases_by_method=True, tolerated=HALF_A_POINT),
     _images("recall", "Recall", lambda r: r["tp_px"], lambda r: r["tp_px"] + r["fn_px"],
             "Share of the moving pixels that are detected."),
     _images("f1", "F1", lambda r: 2 * r["tp_px"], lambda r: 2 * r["tp_px"] + r["fp_px"] + r["fn_px"],
-            "Harmonic mean of precision and recall.", cases_by_method=True),
+            "Harmonic mean of precision and recall.", cases_by_method=True, tolerated=None),
 )  # fmt: skip
 # Numbers that stand in the same sums, as a numerator; `tracks` are objects, over their object-frames.
 COUNTS = ("tracks", "annotated", "images")

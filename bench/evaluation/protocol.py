@@ -13,8 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from bench.errors import DataError, UnknownNameError
-from bench.plain_yaml import parse_yaml
+from bench.plain_yaml import known_rules, read_rules
 from bench.records.reference import Category, Limb, MotionSettings, OutlineErrors, ReferenceSettings, RegionKindName
 
 
@@ -180,33 +179,22 @@ class Protocol(_Part):
         return round(self.scoring.chance_lag_s * 1e9)
 
 
+_SHIPPED = resources.files("bench.evaluation") / "protocols"
+
+
 def known_protocols() -> tuple[str, ...]:
     """Names of the protocols in the package."""
-    folder = resources.files("bench.evaluation") / "protocols"
-    return tuple(sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml")))
+    return known_rules(_SHIPPED)
 
 
 def load_protocol(name_or_path: str | Path) -> Protocol:
-    """Read a protocol of the package by name, or any other by the path of its YAML file.
+    """Read a protocol of the package by name, or any other by the path of its YAML file, which may be `based_on` one.
 
     Raises:
         UnknownNameError: neither a name nor a file.
         DataError: the file is not a protocol; the message names the field.
     """
-    if isinstance(name_or_path, str) and name_or_path in known_protocols():
-        file = resources.files("bench.evaluation") / "protocols" / f"{name_or_path}.yaml"
-        return _parse(file.read_text("utf-8"), str(file))
-    path = Path(name_or_path)
-    if not path.is_file():
-        raise UnknownNameError("protocol", str(name_or_path), known_protocols())
-    try:
-        return _parse(path.read_text("utf-8"), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(path, expected="a readable text file", got=" ".join(str(error).split())) from error
-
-
-def _parse(text: str, file: str) -> Protocol:
-    content = parse_yaml(text, file=file)
+    content, file = read_rules(name_or_path, shipped=_SHIPPED, kind="protocol")
     try:
         return Protocol.model_validate(content)
     except ValidationError:

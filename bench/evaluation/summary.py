@@ -23,7 +23,7 @@ from bench.evaluation.definitions import (
 from bench.evaluation.intervals import ratio_interval
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import EVALUATED, Rows
-from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, cameras_of, frame_slices, object_slices, sum_run
+from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, cameras_of, frame_breakdowns, object_breakdowns, sum_run
 from bench.records.reference import IgnoreReason, Status
 
 # 0/0 is NaN in memory and null in JSON.
@@ -260,8 +260,8 @@ def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
             for name, own in found.items()
         }
 
-    objects = {breakdown: of_objects(breakdown, names) for breakdown, names in object_slices(protocol, cameras).items()}
-    frames = {breakdown: of_frames(breakdown, names) for breakdown, names in frame_slices(protocol, cameras).items()}
+    objects = {name: of_objects(name, slices) for name, (slices, _) in object_breakdowns(protocol, cameras).items()}
+    frames = {name: of_frames(name, slices) for name, (slices, _) in frame_breakdowns(protocol, cameras).items()}
     causes = sorted(metric.removeprefix(CAUSE) for split, _, metric in ratios if split == FRAMES and CAUSE in metric)
     return Summary(
         protocol=ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest),

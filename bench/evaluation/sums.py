@@ -12,7 +12,7 @@ status and reason, all images by status, problem and camera, and the tracks of e
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -35,7 +35,7 @@ FRAME_COLUMNS = (
     *IMAGE, "ego_speed_mps", "status", "problem", "width", "height", "valid_px", "tp_px", "fn_px", "fp_px",
     "fp_components", "fp_large_components", "fp_by_cause",
 )  # fmt: skip
-Breakdowns = Mapping[str, "pd.Series[str]"]
+Breakdown = tuple[Sequence[str], Callable[[pd.DataFrame], "pd.Series[str]"]]
 
 
 def bin_names(edges: Sequence[float]) -> tuple[str, ...]:
@@ -53,23 +53,41 @@ def name_slice(breakdown: str, name: str) -> str:
     return name if breakdown in {CATEGORY, ALL_MOVING, FRAMES} else f"{breakdown}={name}"
 
 
-def object_slices(protocol: Protocol, cameras: Sequence[str]) -> dict[str, Sequence[str]]:
-    """All slices of object-frames by breakdown, also those without rows."""
+def _whole(name: str) -> Breakdown:
+    return [name], lambda rows: pd.Series(name, rows.index)
+
+
+def _named(column: str, names: Iterable[str]) -> Breakdown:
+    return [*names], lambda rows: rows[column]
+
+
+def _binned(column: str, edges: Sequence[float]) -> Breakdown:
+    return bin_names(edges), lambda rows: name_bins(rows[column], edges)
+
+
+def object_breakdowns(protocol: Protocol, cameras: Sequence[str] = ()) -> dict[str, Breakdown]:
+    """Breakdowns of object-frames: all slices, also those without rows, and a function that names the slice of a row.
+
+    Args:
+        protocol: that the run was made with.
+        cameras: of the run, where the names of all slices are needed.
+    """
     bins = protocol.bins
     return {
-        CATEGORY: [*map(str, protocol.reference.categories)],
-        ALL_MOVING: [ALL_MOVING],
-        "object_class": protocol.reference.classes,
-        "range_m": bin_names(bins.range_m),
-        "ego_speed_mps": bin_names(bins.ego_speed_mps),
-        "camera": cameras,
-        "points": bin_names(bins.points),
+        CATEGORY: _named("category", map(str, protocol.reference.categories)),
+        ALL_MOVING: _whole(ALL_MOVING),
+        "object_class": _named("object_class", protocol.reference.classes),
+        "range_m": _binned("range_m", bins.range_m),
+        "ego_speed_mps": _binned("ego_speed_mps", bins.ego_speed_mps),
+        "camera": _named("camera", cameras),
+        "points": _binned("points", bins.points),
     }
 
 
-def frame_slices(protocol: Protocol, cameras: Sequence[str]) -> dict[str, Sequence[str]]:
-    """All slices of image-frames by breakdown, also those without rows."""
-    return {FRAMES: [FRAMES], "ego_speed_mps": bin_names(protocol.bins.ego_speed_mps), "camera": cameras}
+def frame_breakdowns(protocol: Protocol, cameras: Sequence[str] = ()) -> dict[str, Breakdown]:
+    """Breakdowns of image-frames; see `object_breakdowns`."""
+    speeds = _binned("ego_speed_mps", protocol.bins.ego_speed_mps)
+    return {FRAMES: _whole(FRAMES), "ego_speed_mps": speeds, "camera": _named("camera", cameras)}
 
 
 def cameras_of(sums: pd.DataFrame) -> list[str]:
@@ -128,16 +146,7 @@ def sum_objects(objects: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     rows = objects[objects["status"] == EVALUATED]
     known = rows["category"].isin([*map(str, protocol.reference.categories)])
     assert (known & rows["object_class"].isin(protocol.reference.classes)).all(), "evaluated rows are of the protocol"
-    bins = protocol.bins
-    breakdowns = {
-        CATEGORY: rows["category"],
-        ALL_MOVING: pd.Series(ALL_MOVING, rows.index),
-        "object_class": rows["object_class"],
-        "range_m": name_bins(rows["range_m"], bins.range_m),
-        "ego_speed_mps": name_bins(rows["ego_speed_mps"], bins.ego_speed_mps),
-        "camera": rows["camera"],
-        "points": name_bins(rows["points"], bins.points),
-    }
+    breakdowns = {name: of(rows) for name, (_, of) in object_breakdowns(protocol).items()}
     metrics = object_metrics(
         protocol.scoring.detection_levels,
         unknown_bands=protocol.reference.unknown_band is not None,
@@ -152,17 +161,13 @@ def sum_frames(frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     """Reduce images of whole recordings; see `sum_rows`."""
     assert not frames.duplicated(IMAGE).any(), f"{IMAGE} names each row once"
     rows = frames[frames["status"] == EVALUATED]
-    breakdowns = {
-        FRAMES: pd.Series(FRAMES, rows.index),
-        "ego_speed_mps": name_bins(rows["ego_speed_mps"], protocol.bins.ego_speed_mps),
-        "camera": rows["camera"],
-    }
+    breakdowns = {name: of(rows) for name, (_, of) in frame_breakdowns(protocol).items()}
     metrics = image_metrics(sorted({cause for px in rows["fp_by_cause"] for cause in px}))
     ledger = _count(frames, "images", ("status", "problem", "camera"))
     return pd.concat([_sum(rows, metrics, breakdowns), ledger], ignore_index=True)
 
 
-def _sum(rows: pd.DataFrame, metrics: Sequence[Definition], breakdowns: Breakdowns) -> pd.DataFrame:
+def _sum(rows: pd.DataFrame, metrics: Sequence[Definition], breakdowns: Mapping[str, pd.Series[str]]) -> pd.DataFrame:
     terms = {(m.name, term): getattr(m, term)(rows).astype(np.float64) for m in metrics for term in TERMS}
     wide = pd.DataFrame(terms, index=rows.index)
     assert np.isfinite(wide.to_numpy()).all(), "every evaluated row has a number for each metric"

@@ -3,15 +3,13 @@
 Run and baseline are a table of sums and a manifest each. They are compared as `compare` compares runs
 (`bench.evaluation.compare_sums`); the verdict by tolerances is a layer on that.
 
-A metric fails when it is worse than tolerated, by more than max(absolute, relative * baseline), **and** the 95 %
-interval of the paired change, by recording (`bench.evaluation.comparison`), excludes no change. Worse than
-tolerated with an interval that includes no change is suspect: it is reported and fails nothing. A slice with too few
-cases or recordings is reported, not judged. Before the metrics it is checked that both runs measured the same things: a
-score over fewer objects is not a better score.
-
-A change that touches few of a slice's recordings cannot exclude no change: where k of n equal recordings change by the
-same, the difference is sqrt(k (n - 1) / (n - k)) standard errors, beyond Student's limit only from k = 4 on. So a data
-set needs at least six recordings of whatever the gate shall guard, and four that show a fault.
+A metric fails when it is worse than tolerated, by more than max(absolute, relative * baseline), **and** that is more
+than chance: the 95 % interval of the paired change (`bench.evaluation.comparison`) excludes no change, and the p-value
+of a loss, corrected after Holm for the rows that decide, is at most 5 %. Those are the headlines over everything and by
+kind of motion, unless the tolerances say otherwise. All else that is worse than tolerated is suspect: it is reported
+and fails nothing, but for methods without noise, whose tolerances say so. A slice with too few cases or recordings is
+reported, not judged. Before the metrics it is checked that both runs measured the same things: a score over fewer
+objects is not a better score. docs/gate.md has false alarms and power.
 
 Modules: `tolerances` (the rules, versioned files), `baseline` (sums and manifest of a run, stored), `changes` (what
 differs beside the scores), `judge` (the checks, and the verdict on each metric), `verdict` (the result, and how its

@@ -1,4 +1,4 @@
-"""What the gate compares: the sums of a run and its manifest. The same two files, committed, are a baseline."""
+"""Input of the gate: the sums of a run and its manifest. The same two files, committed, are a baseline."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ def read_run_sums(run: Path) -> RunSums:
 
 
 def own_baseline(run: Manifest) -> Path:
-    """Where the baseline of a run lies unless another folder is named, below the working folder."""
+    """Folder of a run's own baseline unless another folder is named, below the working folder."""
     words = [run.dataset.name, *([] if run.protocol.name == USUAL_PROTOCOL else [run.protocol.name])]
     return BASELINES / "-".join(words)
 
 
 def find_baseline(run: Manifest) -> Path:
-    """What a run is judged by unless another folder is named: its own baseline, else one that the package ships."""
+    """Folder that a run is judged by unless another is named: its own baseline, else one that the package ships."""
     own = own_baseline(run)
     shipped = shipped_folder("baselines") / own.name
     return shipped if shipped.is_dir() and not own.is_dir() else own

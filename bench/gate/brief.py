@@ -17,7 +17,7 @@ NOTABLE = (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED)
 
 
 def is_overlapping(row: Row) -> bool:
-    """Of a breakdown, whose object-frames are in other rows too."""
+    """Tell whether a row is of a breakdown, whose object-frames are in other rows too."""
     return "=" in row.slice_name
 
 
@@ -28,14 +28,14 @@ def overall_rows(verdict: Verdict) -> list[Row]:
 
 
 def main_rows(verdict: Verdict) -> list[Row]:
-    """What failed, is suspect or improved of the other metrics over everything and by kind of motion, worst first."""
+    """Other rows over everything and by kind of motion that failed, are suspect or improved, worst first."""
     shown = {(row.slice_name, row.metric) for row in overall_rows(verdict)}
     rows = [row for outcome in NOTABLE for row in verdict.rows_with(outcome) if not is_overlapping(row)]
     return [row for row in rows if (row.slice_name, row.metric) not in shown]
 
 
 def folded_lines(verdict: Verdict) -> list[str]:
-    """What the breakdowns say, and how many metrics were not judged, a line each."""
+    """Lines of what the breakdowns say, and of how many metrics were not judged."""
     lines = []
     for outcome in NOTABLE:
         rows = [row for row in verdict.rows_with(outcome) if is_overlapping(row)]
@@ -50,7 +50,7 @@ def folded_lines(verdict: Verdict) -> list[str]:
 
 
 def not_judged_line(verdict: Verdict) -> str:
-    """How many metrics were not judged; "" where all were. The JSON has the reason for each."""
+    """Number of metrics that were not judged; "" where all were. The JSON has the reason for each."""
     count = len(verdict.rows_with(Outcome.NOT_JUDGED))
     return f"not judged: {count} metrics, for too few cases or recordings, or by the tolerances" if count else ""
 
@@ -78,7 +78,7 @@ def _is_note(check: Check) -> bool:
 
 
 def worst_line(verdict: Verdict) -> str:
-    """Where most of the worst loss comes from; "" where nothing is worse than tolerated."""
+    """Recordings that most of the worst loss comes from; "" where nothing is worse than tolerated."""
     worse = (Outcome.FAILED, Outcome.SUSPECT)
     groups: Sequence[Sequence[Row]] = (overall_rows(verdict), main_rows(verdict), verdict.rows)
     for rows in groups:

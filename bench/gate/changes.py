@@ -1,4 +1,4 @@
-"""What differs between a run and its baseline beside the scores, and how to compare them image by image."""
+"""Differences between a run and its baseline beside the scores, and how to compare them image by image."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.evaluation.protocol import known_protocols
-from bench.harness.manifest import Aspect, CodeOfRun, Manifest, differences
+from bench.harness.manifest import Aspect, Manifest, differences
 
 SHOWN_DIGEST = 12  # characters of a digest that are shown
 LISTED = 4  # differences that a message lists
@@ -30,7 +30,7 @@ class Change:
 
 
 def changes(baseline: Manifest, run: Manifest) -> tuple[Change, ...]:
-    """What changed, in the order of `OF_ITSELF`; what is not named is as it was."""
+    """List what changed, in the order of `OF_ITSELF`; what is not named is as it was."""
     texts: dict[str, list[str]] = {}
     for one in differences(baseline, run):
         texts.setdefault(_TOLD_AS.get(one.aspect, str(one.aspect)), []).append(one.text)
@@ -52,22 +52,20 @@ def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[
     words = ["fisheye-bench", "run", run.dataset.card, *baseline.method.options(), "--protocol", protocol]
     words += ["--split", baseline.dataset.split] if baseline.dataset.split is not None else []
     again = shlex.join([*words, "--out", BASELINE_RUN, "--no-pictures"])
-    commit = _clean_commit(baseline.code)
-    place = f", the first in a checkout of {commit[:SHOWN_DIGEST]}" if commit != _clean_commit(run.code) else ""
+    commit = baseline.code.commit
+    place = f", the first in a checkout of {commit[:SHOWN_DIGEST]}" if commit and commit != run.code.commit else ""
     return f"compare image by image{place}:", again, shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])
 
 
-def _clean_commit(code: CodeOfRun) -> str:
-    return (code.commit or "").rstrip("+")
-
-
 def _why_not_again(baseline: Manifest, run: Manifest) -> str:
-    """Why no command makes the baseline's run again; "" where one does."""
+    """Reason that no command makes the baseline's run again; "" where one does."""
     if baseline.dataset.data != run.dataset.data:
         return "it is of other data"
     was, now = baseline.code, run.code
     if (was.commit is None and now.commit is not None) or (was.commit is None and was.version != now.version):
         return f"it is of version {was.version}, of an unknown commit"
+    if was.commit is not None and was.commit.endswith("+") and was.commit != now.commit:
+        return f"it is of changed files on top of commit {was.commit[:SHOWN_DIGEST].rstrip('+')}"
     one, two = baseline.method, run.method
     own_code = one.place is not None and not one.place.startswith("bench.")
     if own_code and one.name == two.name and one.code_digest != two.code_digest:

@@ -1,4 +1,4 @@
-"""From baseline, run and tolerances to the verdict: a pure function, a layer on the comparison of their sums."""
+"""Verdict on a run by baseline and tolerances: a pure function, a layer on the comparison of their sums."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from typing import Any
 import pandas as pd
 
 from bench.errors import UsageError
-from bench.evaluation import PairedChange, find_metric
-from bench.evaluation.comparison import SLICE, compare_pairs, pair_sums
+from bench.evaluation import Definition, PairedChange, find_metric, holm, paired_change
+from bench.evaluation.comparison import SIGNIFICANCE, SLICE, pair_sums
 from bench.evaluation.definitions import SEGMENTATION
-from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.rows import EVALUATED
 from bench.evaluation.sums import ALL_MOVING, FRAMES, name_slice
 from bench.gate.baseline import RunSums
@@ -34,7 +33,7 @@ Pairs = dict[Key, pd.DataFrame]  # the sums of baseline and run by recording
 
 
 def incomparable_reason(baseline: Manifest, run: Manifest) -> tuple[str, str] | None:
-    """Why the two cannot be compared at all, and what to do instead; None where they can."""
+    """Reason that the two cannot be compared at all, and what to do instead; None where they can."""
     split = f"--split {baseline.dataset.split}" if baseline.dataset.split is not None else "no --split"
     protocol = baseline.protocol.name
     rules = f"--protocol {protocol}" if protocol != run.protocol.name else f"{protocol} as it was for the baseline"
@@ -133,7 +132,7 @@ def _count_differences(baseline: RunSums, run: RunSums) -> Iterator[str]:
 
 
 def _counts(sums: pd.DataFrame) -> dict[tuple[str, str], int]:
-    """Of slice and unit, what the reference alone decides: objects by slice and by status, images by status."""
+    """Numbers by slice and unit that the reference alone decides: objects by slice and by status, images by status."""
     counts: Counter[tuple[str, str]] = Counter()
     for breakdown, name, metric, above, below in sums[[*SLICE, "numerator", "denominator"]].itertuples(index=False):
         called = name_slice(breakdown, name)
@@ -204,28 +203,46 @@ def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict
     paired = pair_sums(baseline.sums, run.sums)
     groups: Iterable[tuple[Any, pd.DataFrame]] = paired.groupby(SLICE, sort=False)
     pairs: Pairs = {key: part for key, part in groups}  # noqa: C416 (`dict` would ask pandas for its keys)
-    compared: Iterable[tuple[Any, Any]] = compare_pairs(paired).to_dict("index").items()
     return Verdict(
         baseline=baseline.manifest,
         run=run.manifest,
         tolerances=f"{tolerances.name} version {tolerances.version}",
         changes=changes(baseline.manifest, run.manifest),
         checks=data_checks(baseline, run, pairs, tolerances=tolerances),
-        rows=tuple(_judge_metric(key, PairedChange.of(row), pairs, tolerances) for key, row in compared),
+        rows=judge_rows(pairs, tolerances=tolerances),
     )
 
 
+def judge_rows(pairs: Pairs, *, tolerances: Tolerances) -> tuple[Row, ...]:
+    """Judge every metric of every slice; of those that decide, the chance that one is worse by chance alone counts."""
+    changed = {key: paired_change(part, within=find_metric(key[2]).change_bounds) for key, part in pairs.items()}
+    rules = {key: tolerances.tolerance(name_slice(*key[:2]), key[2]) for key in pairs}
+    reasons = {key: _why_not_judged(key, change, pairs, tolerances, rules[key]) for key, change in changed.items()}
+    deciding = [key for key, rule in rules.items() if rule and rule.decides and not reasons[key]]
+    by_chance = dict(zip(deciding, holm([_p_of_loss(key, changed[key]) for key in deciding]), strict=True))
+    return tuple(
+        _judge_metric(key, change, rules[key], reasons[key], by_chance.get(key), pairs[key], tolerances)
+        for key, change in changed.items()
+    )
+
+
+def _p_of_loss(key: Key, change: PairedChange) -> float | None:
+    """One-sided: of no loss against a loss, since no gain fails."""
+    if change.p_value is None:
+        return None
+    return change.p_value / 2 if find_metric(key[2]).improvement(change.difference) < 0 else 1 - change.p_value / 2
+
+
 def judgeable(run: RunSums, *, tolerances: Tolerances) -> tuple[str, str]:
-    """What a run can judge as a baseline: "67 of 238 metrics can be judged", and why it is none; "" where some are."""
+    """Count what a run can judge as a baseline: "67 of 238 metrics can be judged", and why none; "" for some."""
     rows = judge(run, run, tolerances=tolerances).rows
     judged = sum(row.outcome is not Outcome.NOT_JUDGED for row in rows)
     counted = f"{judged} of {len(rows)} metrics can be judged"
     if judged:
         return counted, ""
     recordings = max((row.change.recordings for row in rows), default=0)
-    needed = max(tolerances.min_recordings, FEWEST_RECORDINGS)
-    if recordings < needed:
-        return counted, f": {recordings} recordings, {needed} needed"
+    if recordings < tolerances.min_recordings:
+        return counted, f": {recordings} recordings, {tolerances.min_recordings} needed"
     reasons = Counter(row.reason for row in rows)
     return counted, f": {reasons.most_common(1)[0][0]}"
 
@@ -242,41 +259,57 @@ def refuse(run: Manifest | None, *, tolerances: Tolerances, reason: str) -> Verd
     return Verdict(baseline=None, run=run, tolerances=rules, changes=(), checks=(), rows=(), refusal=reason)
 
 
-def _judge_metric(key: Key, change: PairedChange, pairs: Pairs, tolerances: Tolerances) -> Row:
-    slice_name, metric = name_slice(*key[:2]), key[2]
-    tolerance = tolerances.tolerance(slice_name, metric)
-    worsening = tolerance.worsening(change.difference) if tolerance else math.nan
-    allowed = tolerance.allowed(change.before) if tolerance else math.nan
-
-    reason = "no tolerance is stated"
-    if tolerance:
-        reason = _why_not_judged(key, change, pairs, tolerances) if tolerance.judged else "the tolerances say so"
-    outcome = Outcome.NOT_JUDGED if reason or not tolerance else _outcome(change, tolerance, worsening, allowed)
-    if outcome is Outcome.SUSPECT:
-        reason = "worse than tolerated, but the interval includes no change"
+def _judge_metric(
+    key: Key,
+    change: PairedChange,
+    rule: Tolerance | None,
+    why_not_judged: str,
+    p_holm: float | None,
+    pairs: pd.DataFrame,
+    tolerances: Tolerances,
+) -> Row:
+    metric = find_metric(key[2])
+    worsening = -metric.improvement(change.difference)
+    allowed = rule.allowed(change.before) if rule else math.nan
+    low, high = sorted(-metric.improvement(end) for end in change.ci95 or (0.0, 0.0))  # None: no recording changed
+    outcome, reason = Outcome.PASSED, why_not_judged
+    if why_not_judged:
+        outcome = Outcome.NOT_JUDGED
+    elif worsening > allowed + ROUNDING:
+        reason = _why_suspect(low, p_holm)
+        certain = not reason or (p_holm is not None and tolerances.suspect == "fail")
+        outcome = Outcome.FAILED if certain else Outcome.SUSPECT
+    elif worsening < -allowed - ROUNDING and high < 0:
+        outcome = Outcome.IMPROVED
     return Row(
-        slice_name=slice_name,
-        metric=metric,
+        slice_name=name_slice(*key[:2]),
+        metric=metric.name,
         outcome=outcome,
         reason=reason,
         change=change,
+        p_holm=p_holm,
         worsening=worsening,
         allowed=allowed,
-        worst_recordings=_worst_recordings(pairs[key], tolerance) if tolerance else (),
+        worst_recordings=_worst_recordings(pairs, metric),
     )
 
 
-def _outcome(change: PairedChange, tolerance: Tolerance, worsening: float, allowed: float) -> Outcome:
-    # No interval of six recordings or more: none of them changed.
-    low, high = sorted(tolerance.worsening(end) for end in change.ci95 or (0.0, 0.0))
-    if worsening > allowed + ROUNDING:
-        return Outcome.FAILED if low > 0 else Outcome.SUSPECT
-    return Outcome.IMPROVED if worsening < -allowed - ROUNDING and high < 0 else Outcome.PASSED
+def _why_suspect(low: float, p_holm: float | None) -> str:
+    """Reason that a loss beyond what is tolerated may be chance, or decides nothing; "" where it is neither."""
+    if low <= 0:
+        return "worse than tolerated, but the interval includes no change"
+    if p_holm is None:
+        return "worse than tolerated, but this row decides nothing"
+    return "" if p_holm <= SIGNIFICANCE else f"worse than tolerated, but one of several: p = {p_holm:.2f} after Holm"
 
 
-def _why_not_judged(key: Key, change: PairedChange, pairs: Pairs, tolerances: Tolerances) -> str:
-    """Why a metric cannot be judged; "" when it can."""
+def _why_not_judged(
+    key: Key, change: PairedChange, pairs: Pairs, tolerances: Tolerances, rule: Tolerance | None
+) -> str:
+    """Reason that a metric cannot be judged; "" when it can."""
     breakdown, name, metric = key
+    if rule is None:
+        return "no tolerance is stated"
     if not change.cases_before and change.cases_after:
         return "not in the baseline"
     cases = min(change.cases_before, change.cases_after)
@@ -285,18 +318,17 @@ def _why_not_judged(key: Key, change: PairedChange, pairs: Pairs, tolerances: To
         cases = 0 if images is None else int(min(images[BEFORE].sum(), images[AFTER].sum()))
     if cases < tolerances.min_cases:
         return f"{cases} {'case' if cases == 1 else 'cases'}, {tolerances.min_cases} are needed"
-    needed = max(tolerances.min_recordings, FEWEST_RECORDINGS)
-    if change.recordings < needed:
+    if change.recordings < tolerances.min_recordings:
         unit = "recording" if change.recordings == 1 else "recordings"
-        return f"cases of both in {change.recordings} {unit}, {needed} are needed"
+        return f"cases of both in {change.recordings} {unit}, {tolerances.min_recordings} are needed"
     return ""
 
 
-def _worst_recordings(pairs: pd.DataFrame, tolerance: Tolerance) -> tuple[RecordingChange, ...]:
+def _worst_recordings(pairs: pd.DataFrame, metric: Definition) -> tuple[RecordingChange, ...]:
     """The recordings whose own worsening weighs most, the worst first."""
     shared = pairs[(pairs[BEFORE] > 0) & (pairs[AFTER] > 0)]
     was, now = shared["numerator_before"] / shared[BEFORE], shared["numerator_after"] / shared[AFTER]
-    weights = (now - was).map(tolerance.worsening) * shared[BEFORE]
+    weights = -(now - was).map(metric.improvement) * shared[BEFORE]
     ranked = shared.assign(was=was, now=now, weight=weights).sort_values(
         ["weight", "recording"], ascending=[False, True]
     )

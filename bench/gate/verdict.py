@@ -11,15 +11,15 @@ from bench.gate.changes import OF_ITSELF, Change
 from bench.harness.manifest import Manifest
 
 NOTHING_JUDGED = (
-    "nothing was judged; a verdict needs metrics with a tolerance and cases in enough recordings, in baseline and run"
+    "nothing was judged; a verdict needs metrics that decide, with cases in enough recordings, in baseline and run"
 )
 
 
 class Outcome(StrEnum):
-    """How a metric of a slice, or a check of the data, came out.
+    """Result of a metric of a slice, or of a check of the data.
 
-    FAILED: worse than tolerated, and the interval excludes no change; or a check that fails.
-    SUSPECT: worse than tolerated, but the interval does not exclude no change; or a check that is only reported.
+    FAILED: worse than tolerated and beyond chance, of a metric that decides; or a check that fails.
+    SUSPECT: worse than tolerated, but it may be chance, or the metric decides nothing; or a check that is reported.
     IMPROVED: better by more than the tolerance, and the interval excludes no change.
     PASSED: within tolerance.
     NOT_JUDGED: for a stated reason.
@@ -72,7 +72,8 @@ class Row:
         outcome: of the metric.
         reason: one line; empty where the numbers say it all.
         change: before, after, interval.
-        worsening: how much worse, negative for better; NaN without a value or a direction.
+        p_holm: p-value of a loss against none, corrected for the number of metrics that decide; None for the others.
+        worsening: how much worse, negative for better; NaN without a value.
         allowed: the largest worsening that is tolerated; NaN without a tolerance or a baseline.
         worst_recordings: those that contribute most to the worsening, the worst first; none where none got worse.
     """
@@ -82,6 +83,7 @@ class Row:
     outcome: Outcome
     reason: str
     change: PairedChange
+    p_holm: float | None
     worsening: float
     allowed: float
     worst_recordings: tuple[RecordingChange, ...]
@@ -94,7 +96,7 @@ class Row:
     @property
     def severity(self) -> float:
         """Worsening in units of what is tolerated."""
-        if math.isnan(self.worsening):
+        if math.isnan(self.worsening) or math.isnan(self.allowed):
             return -math.inf
         return self.worsening / self.allowed if self.allowed > 0 else math.copysign(math.inf, self.worsening)
 
@@ -143,12 +145,12 @@ class Verdict:
 
     @property
     def judged(self) -> bool:
-        """A metric was judged, or a check failed: where neither is so, nothing is known of the run."""
-        return bool(self.failed_checks) or any(row.outcome is not Outcome.NOT_JUDGED for row in self.rows)
+        """A metric decides, or a check failed: where neither is so, nothing is known of the run."""
+        return bool(self.failed_checks) or any(row.p_holm is not None for row in self.rows)
 
     @property
     def why_none(self) -> str:
-        """Why there is no verdict; "" where there is one."""
+        """Reason that there is no verdict; "" where there is one."""
         return "" if self.judged else self.refusal or NOTHING_JUDGED
 
     @property
@@ -159,7 +161,7 @@ class Verdict:
 
     @property
     def unchanged(self) -> tuple[str, ...]:
-        """What is as in the baseline; settings of another method are no settings of this one."""
+        """Aspects that are as in the baseline; settings of another method are no settings of this one."""
         changed = {change.what for change in self.changes}
         changed |= {"settings"} if "method" in changed else set()
         return tuple(what for what in OF_ITSELF if what not in changed)
@@ -209,7 +211,7 @@ def interval_text(metric: str, interval: tuple[float, float] | None) -> str:
 
 
 def allowed_text(metric: str, allowed: float) -> str:
-    """What is tolerated: "1.5 pt", "4.50", "" for NaN."""
+    """Text of what is tolerated: "1.5 pt", "4.50", "" for NaN."""
     return _text(metric, allowed, unit=" pt")
 
 
@@ -232,6 +234,6 @@ def row_text(row: Row) -> str:
 
 
 def worst_text(row: Row) -> str:
-    """Where most of a worsening comes from: "most in drive-3"; "" for a row that is not worse than tolerated."""
+    """Recording that most of a loss comes from: "most in drive-3"; "" for a row that is not worse than tolerated."""
     worse = row.outcome in {Outcome.FAILED, Outcome.SUSPECT}
     return f"most in {row.worst_recording}" if worse and row.worst_recording is not None else ""

@@ -21,7 +21,6 @@ from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 from bench.atomic import write_bytes, write_text
 from bench.errors import UsageError
 from bench.gate.brief import (
-    NOTABLE,
     change_lines,
     check_lines,
     is_overlapping,
@@ -224,7 +223,7 @@ STYLES: dict[Outcome, Style] = {
 }
 CAPTION = (
     "Recs: recordings with cases of both. Percent and percentage points; components per image. Suspect: worse than "
-    "tolerated, but the interval includes no change."
+    "tolerated, but it may be chance, or the metric decides nothing."
 )
 
 
@@ -235,8 +234,8 @@ def head_lines(verdict: Verdict) -> list[Paragraph]:
 
 
 def full_rows(verdict: Verdict) -> list[Row]:
-    """Every row that failed, is suspect or improved, worst first, then those within tolerance."""
-    return [row for outcome in (*NOTABLE, Outcome.PASSED) for row in verdict.rows_with(outcome)]
+    """Every row: those that failed, are suspect or improved, worst first, those within tolerance, those not judged."""
+    return [row for outcome in Outcome for row in verdict.rows_with(outcome)]
 
 
 def full_lines(verdict: Verdict) -> list[Paragraph]:
@@ -288,6 +287,7 @@ def _json_row(row: Row) -> dict[str, object]:
         "difference": change.difference,
         "difference_ci95": change.ci95,
         "p_value": change.p_value,
+        "p_holm": row.p_holm,
         "worsening": row.worsening,
         "allowed": row.allowed,
         "cases_before": change.cases_before,

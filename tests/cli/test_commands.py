@@ -11,6 +11,7 @@ import bench
 from bench.cli.app import app
 from bench.errors import UsageError
 from bench.methods.settings import parse_settings
+from tests.support.changed_data import without_scenario
 from tests.support.commands import call, error_line
 
 COMMANDS = {
@@ -59,7 +60,7 @@ def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_ca
     import shutil
 
     folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
-    (folder / tiny_card.name).write_text((folder / tiny_card.name).read_text().replace("scenario:", "source:"))
+    without_scenario(folder / tiny_card.name)
     (folder / "data" / "tiny" / "standing" / "egomotion.csv").unlink()
     status = call(monkeypatch, "run", folder / tiny_card.name, "--out", tmp_path / "run", "--no-pictures")
     shown = capsys.readouterr().out

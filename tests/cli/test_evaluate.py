@@ -14,6 +14,7 @@ from pycocotools import mask as coco
 from bench.harness import read_run, read_tables
 from bench.recordings import load_card, open_dataset
 from tests.cli.predictions import CAMERA, images_of, write_map, write_maps
+from tests.support.changed_data import without_scenario
 from tests.support.commands import call
 
 METHOD_COLUMNS = {"undefined_px", "fp_by_cause"}  # what only a method that runs can tell
@@ -431,7 +432,7 @@ def test_a_name_in_a_list_is_never_a_path(evaluate, images, masks, tmp_path):
 def test_images_are_not_read_for_masks(evaluate, masks, tiny_card, tmp_path):
     folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
     card = folder / tiny_card.name
-    card.write_text(card.read_text().replace("scenario:", "source:"))
+    without_scenario(card)
     for handle in open_dataset(load_card(str(card))):
         for image in handle.open().images[CAMERA]:
             image.path.write_bytes(b"")

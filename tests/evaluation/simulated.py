@@ -16,11 +16,11 @@ Draw = Callable[[np.random.Generator, int], tuple[Column, Column]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """What a figure may be taken over.
+    """What a metric may be taken over.
 
     Attributes:
         draw: numerators and denominators of n recordings with cases.
-        truth: the figure of infinitely many recordings.
+        truth: the metric of infinitely many recordings.
         within: possible values.
     """
 
@@ -61,11 +61,11 @@ def coverage(mean: float, spread: float, *, sigma: float = 0.8) -> Scenario:
     return Scenario(draw=drawn, truth=mean)
 
 
-def skewed(mean: float, sigma: float, within: Bounds) -> Scenario:
+def skewed(mean: float, sigma: float, within: Bounds, *, spread: float = 0.8) -> Scenario:
     """False-positive coverage, or components per image: log-normal over recordings."""
 
     def drawn(draw: np.random.Generator, n: int) -> tuple[Column, Column]:
-        x = sizes(draw, n)
+        x = sizes(draw, n, spread)
         own = mean * np.exp(draw.normal(-(sigma**2) / 2, sigma, n))
         return x * own * draw.gamma(x / 4, 4 / x), x
 
@@ -132,5 +132,7 @@ SCENARIOS = {
     "IoU 30 %, sizes very unequal (1.2)": coverage(0.3, 0.1, sigma=1.2),
     "false-positive coverage 2 %, sigma 0.5": skewed(0.02, 0.5, RATIO),
     "false-positive coverage 2 %, sigma 0.8": skewed(0.02, 0.8, RATIO),
+    "false-positive coverage, equal images, 0.5": skewed(0.02, 0.5, RATIO, spread=0.0),
+    "false-positive coverage, equal images, 0.8": skewed(0.02, 0.8, RATIO, spread=0.0),
     "components per image, sigma 0.8": skewed(20.0, 0.8, MEAN),
 }

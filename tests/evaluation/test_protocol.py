@@ -119,3 +119,13 @@ def test_what_is_no_protocol_at_all_is_refused(tmp_path: Path, text: str) -> Non
     file.write_text(text, "utf-8")
     with pytest.raises(DataError, match=r"mine\.yaml"):
         load_protocol(file)
+
+
+def test_an_own_protocol_says_only_what_differs_from_a_shipped_one(tmp_path: Path) -> None:
+    own = {"based_on": "surface-v1", "name": "ours", "version": 1, "reference": {"range_limit_m": 12.0}}
+    found, base = load_protocol(write(tmp_path / "ours.yaml", own)), load_protocol("surface-v1")
+    reference = base.reference.model_copy(update={"range_limit_m": 12.0})
+    assert found == base.model_copy(update={"name": "ours", "version": 1, "reference": reference})
+    assert found.digest != base.digest
+    with pytest.raises(DataError, match=r"mine\.yaml: based_on: expected one of .*, got 'paper-v9'"):
+        load_protocol(write(tmp_path / "mine.yaml", {"based_on": "paper-v9"}))

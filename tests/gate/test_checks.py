@@ -8,7 +8,7 @@ from bench.errors import UsageError
 from bench.evaluation.summary import ProtocolOfRun
 from bench.gate import Outcome, load_tolerances
 from bench.gate.brief import change_lines
-from tests.gate.factories import RULES, changed, one, scored, sums, verdict_of
+from tests.gate.factories import ALL_DECIDE, RULES, changed, one, scored, sums, verdict_of
 from tests.support.manifests import method_of_run
 
 COUNTS = {
@@ -79,7 +79,7 @@ def test_as_many_cases_of_other_recordings_fail():
 
 
 def test_metrics_over_detections_may_change_their_cases():
-    _, verdict = check(one([0.5] * 6, metric="tpr"), one([0.5] * 6, metric="tpr", cases=8), "cases")
+    _, verdict = check(one([0.5] * 6, metric="tpr"), one([0.5] * 6, metric="tpr", cases=8), "cases", ALL_DECIDE)
     assert verdict.passed
 
 

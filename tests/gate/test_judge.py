@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.evaluation import sum_run
-from bench.gate import Outcome, RunSums, judge, load_tolerances
+from bench.gate import Outcome, RunSums, judge
 from tests.evaluation.runs import PAPER, random_run
-from tests.gate.factories import RULES, one, scored, sums, verdict_of
+from tests.gate.factories import ALL_DECIDE, RULES, TOLERATED, one, scored, sums, verdict_of
 
 
 def outcome(before, after, **options):
@@ -43,6 +43,45 @@ def test_a_loss_in_one_of_six_recordings_is_suspect_and_fails_nothing():
 def test_four_recordings_of_many_are_enough_to_exclude_no_change_and_three_are_not():
     assert outcome([0.5] * 20, [0.3] * 6 + [0.5] * 16) is Outcome.FAILED
     assert outcome([0.5] * 20, [0.3] * 3 + [0.5] * 17) is Outcome.SUSPECT
+
+
+LOSS = [0.5] * 4 + [0.47, 0.46, 0.45, 0.44]  # p = 0.0413, one-sided half of it
+
+
+def with_other_kinds(values, kinds):
+    slices = {f"kind-{k}": {"tpr_all": sums([0.5] * 8)} for k in range(kinds)}
+    return scored(slices | {"crossing": {"tpr_all": sums(values)}})
+
+
+@pytest.mark.parametrize(("others", "expected"), [(0, Outcome.FAILED), (1, Outcome.FAILED), (2, Outcome.SUSPECT)])
+def test_the_more_rows_decide_the_clearer_a_loss_must_be(others, expected):
+    verdict = verdict_of(with_other_kinds([0.5] * 8, others), with_other_kinds(LOSS, others))
+    row = next(row for row in verdict.rows if row.slice_name == "crossing")
+    assert row.outcome is expected
+    assert row.p_holm == pytest.approx(0.0413 / 2 * (others + 1), abs=2e-4)
+    assert row.change.p_value == pytest.approx(0.0413, abs=2e-4)
+    assert verdict.passed == (expected is Outcome.SUSPECT)
+    if expected is Outcome.SUSPECT:
+        assert row.reason == "worse than tolerated, but one of several: p = 0.06 after Holm"
+
+
+def test_rows_that_decide_nothing_count_for_nothing():
+    def run(values):
+        others = {f"range_m=[{k}, {k + 1})": {"tpr_all": sums([0.5] * 8)} for k in range(20)}
+        return scored(others | {"crossing": {"tpr_all": sums(values), "detection_rate_10": sums(values)}})
+
+    rows = {(row.slice_name, row.metric): row for row in verdict_of(run([0.5] * 8), run(LOSS)).rows}
+    assert rows["crossing", "tpr_all"].outcome is Outcome.FAILED
+    assert rows["crossing", "detection_rate_10"].outcome is Outcome.SUSPECT
+    assert [row.p_holm is None for row in rows.values()].count(False) == 1
+
+
+def test_where_equal_inputs_give_equal_results_a_loss_beyond_what_is_tolerated_fails_by_itself():
+    strict = RULES.model_copy(update={"suspect": "fail"})
+    before, after = one([0.5] * 6), one([0.5] * 5 + [0.0])
+    assert verdict_of(before, after).passed
+    assert not verdict_of(before, after, strict).passed
+    assert verdict_of(before, one([0.5] * 5 + [0.45]), strict).passed  # 0.8 points of all, 1 tolerated
 
 
 def test_lower_is_better_where_the_file_says_so():
@@ -80,7 +119,8 @@ def test_a_metric_over_pixels_counts_its_images():
         counted = {"false_positive_coverage": {"drive-0": (0.0, images)}}
         return scored({"frames": {"precision": sums([value] * 6, cases=5000)} | counted})
 
-    few, many = (verdict_of(with_images(0.9, images), with_images(0.1, images)).rows for images in (9.0, 10.0))
+    runs = ((with_images(0.9, images), with_images(0.1, images)) for images in (9.0, 10.0))
+    few, many = (verdict_of(*pair, ALL_DECIDE).rows for pair in runs)
     assert {row.metric: row.outcome for row in few}["precision"] is Outcome.NOT_JUDGED
     assert {row.metric: row.outcome for row in many}["precision"] is Outcome.FAILED
 
@@ -97,7 +137,8 @@ def drawn(seed: int, **options: int) -> RunSums:
 
 def test_every_metric_of_a_run_has_a_tolerance_and_every_tolerance_a_metric():
     rows = verdict_of(drawn(1), drawn(1)).rows
-    assert {row.metric for row in rows} == {*RULES.metrics, "f1"}  # F1 follows from precision and recall
+    assert {row.metric for row in rows if not math.isnan(row.allowed)} == {*TOLERATED}
+    assert {row.metric for row in rows} == {*TOLERATED, "f1"}  # F1 follows from precision and recall
 
 
 @settings(max_examples=5, deadline=None)  # each judges some 150 metrics
@@ -114,12 +155,12 @@ def test_a_run_never_fails_against_itself(seed):
 @given(
     before=st.lists(st.floats(0, 1), min_size=6, max_size=9),
     loss=st.floats(0.0, 1.0),
-    metric=st.sampled_from(sorted(RULES.metrics)),
+    metric=st.sampled_from(TOLERATED),
 )
 def test_what_fails_is_worse_than_tolerated_and_beyond_doubt(before, loss, metric):
     after = [max(0.0, value - loss * (number % 3)) for number, value in enumerate(before)]
     runs = [scored({"crossing": {metric: sums(values)}}) for values in (before, after)]
-    (row,) = judge(*runs, tolerances=load_tolerances()).rows
+    (row,) = judge(*runs, tolerances=ALL_DECIDE).rows
     assert not math.isnan(row.worsening)
     if row.change.ci95 is None:
         assert before == pytest.approx(after, abs=1e-10)
@@ -129,7 +170,7 @@ def test_what_fails_is_worse_than_tolerated_and_beyond_doubt(before, loss, metri
         assert low > 0 or high < 0
     if row.outcome is Outcome.SUSPECT:
         assert row.worsening > row.allowed
-        assert low <= 0 <= high
+        assert low <= 0 <= high or row.p_holm > 0.05
 
 
 def test_empty_sums_are_nan_and_not_judged():

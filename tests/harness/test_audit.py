@@ -18,6 +18,7 @@ from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.checked_json import with_digest
+from tests.support.changed_data import without_scenario
 from tests.support.commands import call
 
 pytestmark = pytest.mark.slow
@@ -152,7 +153,7 @@ def test_another_method_is_scored_but_not_explained(tiny_card: Path, tmp_path: P
 
 def test_without_a_scenario_there_is_no_exact_flow(tiny_card: Path, tmp_path: Path):
     card = copied(tiny_card, tmp_path)
-    card.write_text(card.read_text().replace("scenario:", "source:"))
+    without_scenario(card)
     found = audited(card, tmp_path / "out", recordings=1)
     assert "names no scenario" in found.left_out
     assert found.polygons
@@ -161,7 +162,7 @@ def test_without_a_scenario_there_is_no_exact_flow(tiny_card: Path, tmp_path: Pa
 
 def test_without_masks_there_is_nothing_to_compare(tiny_card: Path, tmp_path: Path):
     card = copied(tiny_card, tmp_path)
-    card.write_text(card.read_text().replace("scenario:", "source:"))
+    without_scenario(card)
     for folder in (card.parent / "data" / "tiny").glob("*/truth/front"):
         shutil.rmtree(folder)
     with pytest.raises(DataError, match=r"expected rendered masks .* audit a rendered data set"):
@@ -185,7 +186,7 @@ def test_a_scene_that_was_not_rendered_is_refused(tiny_card: Path, tmp_path: Pat
 
 def test_images_that_cannot_be_used_are_reported(tiny_card: Path, tmp_path: Path):
     card = copied(tiny_card, tmp_path)
-    card.write_text(card.read_text().replace("scenario:", "source:"))
+    without_scenario(card)
     image = sorted((card.parent / "data" / "tiny" / "crossing" / "truth" / "front").iterdir())[2]
     image.write_bytes(image.read_bytes()[:100])
     found = audited(card, tmp_path / "out", split="moving")

@@ -45,6 +45,7 @@ from bench.reporting.audit_ranking import (
     ranking_tables,
 )
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
+from tests.support.changed_data import without_scenario
 from tests.support.commands import call
 
 WRONG = (ExactMasks(shape="hull"), ExactMasks(grow_px=4), ExactMasks(drop_share=0.5))
@@ -340,7 +341,7 @@ def test_a_single_method_or_one_twice_is_refused(tiny_card: Path, tmp_path: Path
 @pytest.mark.slow
 def test_without_masks_there_is_nothing_to_rank_by(tiny_card: Path, tmp_path: Path):
     card = shutil.copytree(tiny_card.parent, tmp_path / "datasets") / tiny_card.name
-    card.write_text(card.read_text().replace("scenario:", "source:"))
+    without_scenario(card)
     for folder in (card.parent / "data" / "tiny").glob("*/truth/front"):
         shutil.rmtree(folder)
     with pytest.raises(DataError, match=r"expected rendered masks .* audit a rendered data set"):
@@ -350,7 +351,7 @@ def test_without_masks_there_is_nothing_to_rank_by(tiny_card: Path, tmp_path: Pa
 @pytest.mark.slow
 def test_an_image_that_cannot_be_used_is_left_out_for_all(tiny_card: Path, tmp_path: Path):
     card = shutil.copytree(tiny_card.parent, tmp_path / "datasets") / tiny_card.name
-    card.write_text(card.read_text().replace("scenario:", "source:"))
+    without_scenario(card)
     image = sorted((card.parent / "data" / "tiny" / "crossing" / "truth" / "front").iterdir())[2]
     image.write_bytes(image.read_bytes()[:100])
     found = ranked(card, tmp_path / "out", "nothing,everything", split="moving")

@@ -22,6 +22,9 @@ class Greedy(Method):
     def __init__(self):
         self.seen = []
 
+    def __deepcopy__(self, memo):
+        return self  # the test looks at what the copy of a unit saw
+
     def segment(self, frame):
         assert len(frame.images) == len(frame.timestamps_ns) == len(frame.current_from_previous) + 1
         self.seen.append(len(frame.images))

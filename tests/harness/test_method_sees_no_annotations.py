@@ -17,6 +17,9 @@ class Spy(Method):
     def __init__(self):
         self.seen = []
 
+    def __deepcopy__(self, memo):
+        return self  # the test looks at what the copy of a unit saw
+
     def segment(self, frame):
         self.seen.append(frame)
         return Segmentation(cell_size_px=1, mask=np.zeros(frame.valid.shape, bool))

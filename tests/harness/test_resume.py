@@ -174,7 +174,7 @@ def test_a_damaged_entry_of_the_cache_is_computed_again(own_card, tmp_path):
 
 def test_units_of_another_cut_or_data_set_do_not_stay(own_card, tmp_path):
     score(own_card, tmp_path / "run")
-    (tmp_path / "run" / "units" / "former-front-00000000.unit").write_text("{}")
+    (tmp_path / "run" / "units" / f"former-front-00000000-{'0' * 64}.unit").write_text("{}")
     score(own_card, tmp_path / "run")
     assert not list((tmp_path / "run" / "units").glob("former*"))
 

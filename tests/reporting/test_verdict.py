@@ -21,7 +21,7 @@ from bench.reporting.verdict import (
     to_junit,
     to_markdown,
 )
-from tests.gate.factories import one, scored, sums, verdict_of
+from tests.gate.factories import ALL_DECIDE, one, scored, sums, verdict_of
 from tests.reporting.printed import printed
 from tests.support.manifests import method_of_run
 
@@ -35,7 +35,7 @@ def mixed():
         "points=[30, 100)": {"tpr_all": sums([0.5])},
     }
     after = {
-        "crossing": {"tpr_all": sums([0.5] * 6), "iou": sums([0.4] * 6)},
+        "crossing": {"tpr_all": sums([0.48, 0.5, 0.52] * 2), "iou": sums([0.4] * 6)},
         "overtaking": {"tpr_all": sums([0.5] * 5 + [0.0]), "iou": sums([0.5] * 6)},
         "points=[30, 100)": {"tpr_all": sums([0.5])},
     }
@@ -45,8 +45,8 @@ def mixed():
 @pytest.fixture(scope="module")
 def many():
     """Thirty failures, the later the worse."""
-    before = {f"slice-{k:02d}": {"tpr_all": sums([0.9] * 6)} for k in range(30)}
-    after = {f"slice-{k:02d}": {"tpr_all": sums([0.8 - 0.02 * k] * 6)} for k in range(30)}
+    before = {f"slice-{k:02d}": {"tpr_all": sums([0.9] * 14)} for k in range(30)}
+    after = {f"slice-{k:02d}": {"tpr_all": sums([0.8 - 0.02 * k] * 14)} for k in range(30)}
     return verdict_of(scored(before), scored(after))
 
 
@@ -114,7 +114,7 @@ def one_fault():
     settings = {"weights": {"epipolar": 0.5}, "threshold": 6e-4}
     base = scored(before)
     method = base.manifest.method.model_copy(update={"settings": settings})
-    return verdict_of(base, scored(after, method=method, commit="decade"))
+    return verdict_of(base, scored(after, method=method, commit="decade"), ALL_DECIDE)
 
 
 def test_a_fault_that_fails_many_rows_is_one_annotation_a_slice(one_fault):
@@ -150,6 +150,12 @@ def test_the_first_lines_say_what_changed_what_was_lost_and_where(one_fault):
     [
         ({}, {}, "compare image by image:"),
         ({}, {"commit": "decade"}, "compare image by image, the first in a checkout of c0ffee:"),
+        ({}, {"commit": "c0ffee+"}, "compare image by image, the first in a checkout of c0ffee:"),
+        (
+            {"commit": "c0ffee+"},
+            {"commit": "decade"},
+            "no command makes the baseline's run again: it is of changed files on top of commit c0ffee",
+        ),
         ({"commit": None}, {"commit": None}, "compare image by image:"),
         ({"commit": None}, {}, "no command makes the baseline's run again: it is of version 1, of an unknown commit"),
         ({}, {"data": "x" * 64}, "no command makes the baseline's run again: it is of other data"),
@@ -191,7 +197,7 @@ def test_annotations_escape_what_would_start_another_command(mixed):
     before, after = (scored({"points=[1, 2)": {"tpr_all": sums([v] * 6)}}) for v in (0.9, 0.1))
     assert (
         "1 metrics failed in 1 of their slices, the worst: tpr_all of points=[1, 2): 90.0 %25"
-        in to_annotations(verdict_of(before, after))[0]
+        in to_annotations(verdict_of(before, after, ALL_DECIDE))[0]
     )
     (named,) = to_annotations(verdict_of(*(scored({"a:b,c": {"tpr_all": sums([v] * 6)}}) for v in (0.9, 0.1))))
     assert named.startswith("::error title=gate%3A a%3Ab%2Cc::")
@@ -258,6 +264,8 @@ def test_the_terminal_shows_failures_first_and_why_not_judged(mixed):
     assert order == sorted(order)
     assert "within" not in shown
     assert folded_lines(mixed) == ["not judged: 1 metrics, for too few cases or recordings, or by the tolerances"]
-    assert "within" in printed([row_table(full_rows(mixed))])
+    whole = printed([row_table(full_rows(mixed))])
+    assert "within" in whole
+    assert "points=[30, 100)" in next(line for line in whole.splitlines() if line.startswith("not judged"))
     told = [line.text for line in full_lines(mixed)]
     assert "not judged: 1 metrics, cases of both in 1 recording, 6 are needed: points=[30, 100)" in told

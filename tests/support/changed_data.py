@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from pathlib import Path
 
 import cv2
@@ -77,3 +78,8 @@ DAMAGES = {
     "empty": lambda file: file.write_bytes(b""),
     "gone": Path.unlink,
 }
+
+
+def without_scenario(card: Path) -> None:
+    """Let a card's data be as they are: what is changed in them is not rendered again."""
+    card.write_text(re.sub("scenario:.*\n", "", card.read_text()))

@@ -32,6 +32,14 @@ recordings:
       - {name: rider, kind: cyclist, position_m: [7, 1.5], heading_deg: 0, speed_mps: 4}
 """
 
+REAL = "vehicle: {suspension: {road_class: B}, bus: {}, calibration: {}}\n"
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """All files of the recordings below a folder."""
+    paths = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
 
 @pytest.fixture
 def scenario_file(tmp_path: Path) -> Path:

@@ -13,9 +13,7 @@ import pytest
 
 from bench.synthesis.mesh import Mesh, Surface, joined, quads
 from bench.synthesis.rays import RayScene, depths_m
-from tests.synthesis.conftest import MINIATURE
-from tests.synthesis.test_production import contents
-from tests.synthesis.test_rendered_files import REAL
+from tests.synthesis.conftest import MINIATURE, REAL, contents
 
 PROGRAM = """
 import sys

@@ -14,15 +14,9 @@ from bench.errors import DataError, UsageError
 from bench.synthesis import Scenario, production, read_scenario, synthesize
 from bench.synthesis.production import MANIFEST
 from bench.synthesis.scenario import RecordingSpec
-from tests.synthesis.conftest import MINIATURE
+from tests.synthesis.conftest import MINIATURE, contents
 
 pytestmark = pytest.mark.slow
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """All files of the recordings below a folder."""
-    paths = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
 @pytest.fixture

@@ -8,17 +8,17 @@ from scipy.spatial.transform import Rotation
 
 from bench.recordings import Cuboid, ObjectState, Recording, open_native, read_truth
 from bench.synthesis import synthesize
+from tests.synthesis.conftest import MINIATURE, REAL
 
 NOISE_M = 0.02
 
 
-IDEAL, REAL = "", "vehicle: {suspension: {road_class: B}, bus: {}, calibration: {}}\n"
+IDEAL = ""
 
 
 @pytest.fixture(scope="module", params=[IDEAL, REAL], ids=["ideal", "real"])
 def recordings(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[Recording]:
     """As recorded by an ideal car, and by a real one whose exact poses and calibration are read."""
-    from tests.synthesis.conftest import MINIATURE
 
     folder, source = tmp_path_factory.mktemp("scene"), "recorded" if request.param == IDEAL else "exact"
     (folder / "scenario.yaml").write_text(request.param + MINIATURE)

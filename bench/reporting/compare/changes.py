@@ -21,6 +21,7 @@ from bench.evaluation import (
     headlines,
     holm,
 )
+from bench.evaluation.comparison import SIGNIFICANCE
 from bench.evaluation.definitions import false_share, image_metrics, object_metrics
 from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings, merge_rows
 from bench.evaluation.summary import NO_CASES, Metric, take_ratios
@@ -29,8 +30,6 @@ from bench.harness.manifest import Aspect, differences
 from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
 from bench.reporting.formats import LABELS, chance_of
 from bench.reporting.stored_run import StoredRun, pick
-
-SIGNIFICANCE = 0.05
 
 
 class Verdict(StrEnum):
