@@ -5,9 +5,9 @@ import sys
 from pathlib import Path
 
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
+from tests.support.runs import run_one
 
 PAGE = Path(__file__).parents[1] / "docs/your-method.md"
 
@@ -18,10 +18,8 @@ def test_the_example_method_can_be_pasted(tiny_card, tmp_path, monkeypatch):
     (tmp_path / "my_method.py").write_text(example, "utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     method = build_method("my_method:FrameDifference", {"threshold": 20.0})
-    summary = run_benchmark(
-        RunRequest(
-            card=load_card(str(tiny_card)), method=method, protocol=load_protocol("paper-v1"), out=tmp_path / "run"
-        )
+    summary = run_one(
+        card=load_card(str(tiny_card)), method=method, protocol=load_protocol("paper-v1"), out=tmp_path / "run"
     )
     assert summary.manifest.method.name == "my-frame-difference"
     assert summary.images.evaluated == 12

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.api.runs import run_requests
-from bench.harness import RunRequest, RunSummary, run_protocols
+from bench.api.runs import run_request
+from bench.harness import RunRequest, RunSummary, run_benchmark
 from bench.harness.perf import method_cost, read_cost, write_cost
 from bench.methods import known_methods
 from bench.methods.settings import parse_settings, split_methods
@@ -69,10 +69,10 @@ def _competitor(name: str, settings: list[str], card: DatasetCard) -> Competitor
     return Competitor(name=name, settings=tuple(settings), timed=name in known_methods() or ":" in name)
 
 
-def competitor_requests(
+def competitor_request(
     card: DatasetCard, competitor: Competitor, *, protocols: Sequence[str], runs: Path
-) -> list[RunRequest]:
-    """Assemble the runs of a method, one for each protocol, as `bench.api.runs.run_requests`.
+) -> RunRequest:
+    """Assemble the runs of a method, one for each protocol, as `bench.api.runs.run_request`.
 
     Args:
         card: the data set.
@@ -81,19 +81,20 @@ def competitor_requests(
         runs: folder of runs; those of the data set go into one below it that is called as the data set.
     """
     settings, out = parse_settings(competitor.settings), runs / card.name / competitor.folder
-    return run_requests(card, competitor.name, settings=settings, protocols=protocols, out=out, overwrite=True)
+    return run_request(card, competitor.name, settings=settings, protocols=protocols, out=out, overwrite=True)
 
 
-def score_competitor(requests: Sequence[RunRequest], *, timed: bool) -> list[RunSummary]:
+def score_competitor(request: RunRequest, *, timed: bool) -> dict[Path, RunSummary]:
     """Score one method, time it, and write the page of the run that is ranked.
 
     Args:
-        requests: its runs, one for each protocol.
+        request: its runs, one for each protocol.
         timed: measure its cost, where the run's folder does not hold it.
     """
-    first, cost = requests[0], None
+    cost = None
     if timed:
-        cost = method_cost(first.card, first.method, protocol=first.protocol, known=read_cost(first.out))
+        run, rules = next(iter(request.runs.items()))
+        cost = method_cost(request.card, request.method, protocol=rules, known=read_cost(run))
 
     def finish(results: Path, summary: RunSummary) -> None:
         if cost is not None:
@@ -101,4 +102,4 @@ def score_competitor(requests: Sequence[RunRequest], *, timed: bool) -> list[Run
         if summary.protocol.name == RANKING_PROTOCOL:
             write_page(results, pictures=False)
 
-    return run_protocols(requests, finish=finish)
+    return run_benchmark(request, finish=finish)

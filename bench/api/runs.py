@@ -113,7 +113,7 @@ def run(
         UsageError: settings that the method does not take, or beside an object; an input error that is no number.
         DataError: nothing of the data set could be used, or `out` holds another run.
     """
-    (request,) = run_requests(
+    request = run_request(
         dataset,
         method,
         settings=settings,
@@ -126,11 +126,11 @@ def run(
     render_if_missing(request.card, workers=workers)
     stored = None if cache is None else CacheFolder(folder=Path(cache))
     asked = replace(request, executor=local_executor(workers), cache=stored, progress=progress)
-    summary = run_benchmark(asked, finish=_write_report)
-    return Run(folder=request.out, summary=summary)
+    ((folder, summary),) = run_benchmark(asked, finish=_write_report).items()
+    return Run(folder=folder, summary=summary)
 
 
-def run_requests(
+def run_request(
     dataset: str | Path | DatasetCard,
     method: str | Scorable,
     *,
@@ -141,7 +141,7 @@ def run_requests(
     out: str | Path | None = None,
     overwrite: bool = False,
     named_by: Iterable[tuple[str, object]] | None = None,
-) -> list[RunRequest]:
+) -> RunRequest:
     """Assemble the runs that are asked for, one for each protocol, computed here one after the other and not cached.
 
     Nothing is rendered or computed yet.
@@ -178,19 +178,15 @@ def run_requests(
     else:
         first = run_folder(out)
         folders = [first, *(Path(f"{first}-{further.name}") for further in rules[1:])]
-    return [
-        RunRequest(
-            card=card,
-            method=chosen,
-            protocol=protocol,
-            out=folder,
-            settings=settings or {},
-            split=split,
-            input_errors=errors,
-            overwrite=overwrite,
-        )
-        for protocol, folder in zip(rules, folders, strict=True)
-    ]
+    return RunRequest(
+        card=card,
+        method=chosen,
+        runs=dict(zip(folders, rules, strict=True)),
+        settings=settings or {},
+        split=split,
+        input_errors=errors,
+        overwrite=overwrite,
+    )
 
 
 def load_run(folder: str | Path) -> Run:

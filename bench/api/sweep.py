@@ -20,7 +20,7 @@ def run_values(
     Values that are done are not computed again.
 
     Args:
-        requests: by value, as `bench.api.runs.run_requests` assembles them; their folders are not used.
+        requests: by value, as `bench.api.runs.run_request` assembles them, each one run; their folders are not used.
         folder: of the sweep.
         progress: called with the values done, fractions allowed, and their number.
 
@@ -33,13 +33,14 @@ def run_values(
     summaries = {}
     with next(iter(requests.values())).executor as executor:  # of all values, so that workers start once
         for number, (value, request) in enumerate(requests.items()):
+            (rules,) = request.runs.values()
             run = replace(
                 request,
-                out=folder / (file_name(value).lstrip(".") or "_"),
+                runs={folder / (file_name(value).lstrip(".") or "_"): rules},
                 executor=executor,
                 progress=part_of(progress, number=number, total=len(requests)),
             )
-            summaries[value] = run_benchmark(run, finish=_write_report)
+            (summaries[value],) = run_benchmark(run, finish=_write_report).values()
     return summaries
 
 

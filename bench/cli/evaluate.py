@@ -51,7 +51,7 @@ def evaluate(
     scheduler: options.Scheduler = None,
 ) -> None:
     """Score masks or scores that any other program wrote, paired with the images by name."""
-    from bench.api.runs import run_requests
+    from bench.api.runs import run_request
     from bench.cli.request import Computing, render_if_synthetic
     from bench.cli.runs import RunReport
     from bench.harness import check_predictions, evaluate_predictions
@@ -78,10 +78,10 @@ def evaluate(
     )
     usual = {"missing": "error", "naming": "auto", "history": 1, "threshold": None}
     chosen = [(option, value) for option, value in method.settings().items() if value != usual.get(option, value)]
-    (request,) = run_requests(
+    request = run_request(
         card, method, protocols=[protocol], split=split, out=out, overwrite=overwrite, named_by=chosen
     )
-    folder = request.out
+    ((folder, rules),) = request.runs.items()
     if card.remote_root is None and not card.root.is_dir():
         render_if_synthetic(card)  # what is there stays as it was when the predictions were made
     with progress_bar(f"reading {predictions}", "recordings") as report:
@@ -91,7 +91,7 @@ def evaluate(
         listed = Path(mkdtemp(prefix="fisheye-bench-")) / PREDICTIONS  # nobody else has a file there
         write_report(listed, checked)
         raise checked.refuse(listed)
-    finished = RunReport(card=card, protocol=request.protocol, pictures=pictures)
+    finished = RunReport(card=card, protocol=rules, pictures=pictures)
     with resumable(folder):
         with progress_bar(f"scoring {called} on {card.name}", "images") as report:
             executor = computing.executor(card, method, reads=[predictions])

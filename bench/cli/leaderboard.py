@@ -85,7 +85,7 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
     Returns:
         How many methods, images, units and recordings could not be used; each method's reason is printed.
     """
-    from bench.api.leaderboard import competitor_requests, competitors, score_competitor
+    from bench.api.leaderboard import competitor_request, competitors, score_competitor
     from bench.cli.request import render_if_synthetic
     from bench.recordings import load_card
 
@@ -95,16 +95,15 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
     protocols = [name.strip() for name in protocol.split(",")]
     for competitor in competitors(card, methods):
         try:
-            requests = computing.equip(competitor_requests(card, competitor, protocols=protocols, runs=runs))
+            request = computing.equip(competitor_request(card, competitor, protocols=protocols, runs=runs))
             with interruptible(left), progress_bar(f"scoring {competitor.name} on {card.name}", "images") as progress:
-                requests = [replace(request, progress=progress) for request in requests]
-                summaries = score_competitor(requests, timed=competitor.timed)
+                summaries = score_competitor(replace(request, progress=progress), timed=competitor.timed)
         except BenchError as error:
             say(f"left out: {card.name}, {competitor.folder}: {error}", style="red")
             failures += 1
             continue
-        failures += max(len(summary.failures) for summary in summaries)
-        work = summaries[0].provenance.work
+        failures += max(len(summary.failures) for summary in summaries.values())
+        work = next(iter(summaries.values())).provenance.work
         computed = 0 if work is None else work.images_computed
         say(f"{card.name}, {competitor.folder}: {computed} images computed, the others were there")
     return failures

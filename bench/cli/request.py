@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bench.api.runs import run_requests
+from bench.api.runs import run_request
 from bench.cli.console import detail, note
 from bench.cli.progress import interruptible, progress_bar
 from bench.errors import UsageError
@@ -56,10 +56,9 @@ class Computing:
         requirements = WorkerRequirements.of(method, reads=(*data, *reads), cache=self.cache_folder)
         return ClusterExecutor.connect(scheduler_address(self.scheduler), requirements)
 
-    def equip(self, requests: Sequence[RunRequest]) -> list[RunRequest]:
-        """Give runs of one data set and method, which exist, their executor and cache."""
-        executor, cache = self.executor(requests[0].card, requests[0].method), self.cache_folder
-        return [replace(request, executor=executor, cache=cache) for request in requests]
+    def equip(self, request: RunRequest) -> RunRequest:
+        """Give runs of data that exist their executor and cache."""
+        return replace(request, executor=self.executor(request.card, request.method), cache=self.cache_folder)
 
     @property
     def cache_folder(self) -> CacheFolder | None:
@@ -76,7 +75,7 @@ def worker_processes(workers: int | None) -> TaskExecutor:
     return ProcessExecutor(workers=workers or usable_cores())
 
 
-def scoring_requests(
+def scoring_request(
     dataset: str,
     method: str,
     *,
@@ -86,8 +85,8 @@ def scoring_requests(
     split: str | None,
     out: str | Path | None,
     overwrite: bool,
-) -> list[RunRequest]:
-    """Assemble the runs that a command line names, one for each protocol; as `bench.api.runs.run_requests`.
+) -> RunRequest:
+    """Assemble the runs that a command line names, one for each protocol; as `bench.api.runs.run_request`.
 
     Args:
         dataset: card, or its name.
@@ -99,7 +98,7 @@ def scoring_requests(
         out: folder of the run; None for the usual one.
         overwrite: replace another run.
     """
-    return run_requests(
+    return run_request(
         dataset,
         method,
         settings=parse_settings(settings),

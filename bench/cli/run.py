@@ -43,10 +43,10 @@ def run(
 
     A run that was interrupted continues where it stopped, by the same command.
     """
-    from bench.cli.request import Computing, render_if_synthetic, scoring_requests
+    from bench.cli.request import Computing, render_if_synthetic, scoring_request
     from bench.harness import Part
 
-    requests = scoring_requests(
+    request = scoring_request(
         dataset,
         method,
         settings=set_,
@@ -57,46 +57,46 @@ def run(
         overwrite=overwrite,
     )
     part = None if shard is None else Part.parse(shard)
-    render_if_synthetic(requests[0].card)
-    requests = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler).equip(requests)
-    failures = _run(requests, dataset=dataset, pictures=pictures) if part is None else _run_part(requests, part)
+    render_if_synthetic(request.card)
+    request = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler).equip(request)
+    failures = _run(request, dataset=dataset, pictures=pictures) if part is None else _run_part(request, part)
     if failures:
         raise typer.Exit(options.FAILURES)
 
 
-def _run(requests: list[RunRequest], *, dataset: str, pictures: bool) -> int:
+def _run(request: RunRequest, *, dataset: str, pictures: bool) -> int:
     """Score, write the reports, print the tables and the paths; return the number of failures."""
     from bench.cli.runs import RunReport
-    from bench.harness import run_protocols
+    from bench.harness import run_benchmark
     from bench.reporting.leaderboard.texts import best_line
 
-    card, out = requests[0].card, requests[0].out
-    reports = {r.protocol.name: RunReport(card=card, protocol=r.protocol, pictures=pictures) for r in requests}
+    card, out = request.card, next(iter(request.runs))
+    reports = {rules.name: RunReport(card=card, protocol=rules, pictures=pictures) for rules in request.runs.values()}
     with resumable(out):
-        with progress_bar(f"scoring {requests[0].method.name} on {card.name}", "images") as progress:
-            summaries = run_protocols(
-                [replace(request, progress=progress) for request in requests],
+        with progress_bar(f"scoring {request.method.name} on {card.name}", "images") as progress:
+            summaries = run_benchmark(
+                replace(request, progress=progress),
                 finish=lambda results, summary: reports[summary.protocol.name].write(results, summary),
             )
-        for summary, request in zip(summaries, requests, strict=True):
-            reports[summary.protocol.name].print(summary, request.out)
+        for run, summary in summaries.items():
+            reports[summary.protocol.name].print(summary, run)
         if card.scenario is None:
             note(f"a run does not validate its data; check them with: fisheye-bench validate {dataset}")
         if best := best_line(LEADERBOARD, dataset=card.name):
             say(best)
-    return max(len(summary.failures) for summary in summaries)
+    return max(len(summary.failures) for summary in summaries.values())
 
 
-def _run_part(requests: list[RunRequest], part: Part) -> int:
+def _run_part(request: RunRequest, part: Part) -> int:
     """Score a part of the units and say what comes next; return the number of failures."""
     from bench.cli.runs import print_cost
     from bench.harness import score_part
 
-    out = requests[0].out
-    with resumable(out), progress_bar(f"scoring part {part} of {requests[0].card.name}", "images") as progress:
-        scored = score_part([replace(request, progress=progress) for request in requests], part)
-    for request in requests:
-        done = f"{len(scored.digests(request.out))} of its {len(scored.units)} units are in {request.out}"
+    out = next(iter(request.runs))
+    with resumable(out), progress_bar(f"scoring part {part} of {request.card.name}", "images") as progress:
+        scored = score_part(replace(request, progress=progress), part)
+    for run in request.runs:
+        done = f"{len(scored.digests(run))} of its {len(scored.units)} units are in {run}"
         say(f"part {part}: {done}, of {scored.units_of_run} in all; the same command without --shard ends the run")
     failures = scored.failures(out)
     print_cost(scored.provenance(out, images=0))

@@ -54,7 +54,7 @@ def sweep(
     """
     from bench.api.sweep import run_values
     from bench.atomic import output_folder
-    from bench.cli.request import Computing, render_if_synthetic, scoring_requests
+    from bench.cli.request import Computing, render_if_synthetic, scoring_request
     from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
 
     if "," in protocol:
@@ -63,7 +63,7 @@ def sweep(
     computing = Computing(workers=workers, cache=cache, no_cache=no_cache)
     requests = {
         value: computing.equip(
-            scoring_requests(
+            scoring_request(
                 dataset,
                 method,
                 settings=settings,
@@ -73,12 +73,13 @@ def sweep(
                 out=out,
                 overwrite=overwrite,
             )
-        )[0]
+        )
         for value, (settings, input_errors) in choices.items()
     }
     first = next(iter(requests.values()))
+    (rules,) = first.runs.values()
     folder = SWEEPS / _usual_name([*(set_ or []), *(input_error or [])], first, setting) if out is None else out
-    title = f"{setting} of {first.method.name} on {first.card.name} by {first.protocol.name}"
+    title = f"{setting} of {first.method.name} on {first.card.name} by {rules.name}"
     about = METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else ""
     with output_folder(folder):
         render_if_synthetic(first.card)
@@ -129,4 +130,5 @@ def _usual_name(assigned: Sequence[str], request: RunRequest, setting: str) -> s
 
     pairs = (text.partition("=") for text in assigned)
     fixed = [(name, value) for name, _, value in pairs if name != setting]
-    return f"{default_folder(request.card, request.method.name, fixed, request.protocol, request.split).name}-{setting}"
+    (rules,) = request.runs.values()
+    return f"{default_folder(request.card, request.method.name, fixed, rules, request.split).name}-{setting}"

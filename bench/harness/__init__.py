@@ -9,7 +9,7 @@ from bench.harness.frames import FramePipeline, ProcessedFrame
 from bench.harness.oracles import build_scorable, scorable_methods
 from bench.harness.predicted import PredictionReport, check_predictions, evaluate_predictions
 from bench.harness.provenance import Provenance
-from bench.harness.run import RunRequest, run_benchmark, run_protocols, score_part
+from bench.harness.run import RunRequest, run_benchmark, score_part
 from bench.harness.run_folder import run_name
 from bench.harness.stored import (
     RunSummary,
@@ -43,7 +43,6 @@ __all__ = [
     "read_tables",
     "run_benchmark",
     "run_name",
-    "run_protocols",
     "scorable_methods",
     "score_part",
 ]

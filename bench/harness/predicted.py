@@ -122,12 +122,12 @@ def evaluate_predictions(request: RunRequest, report: PredictionReport, *, finis
     """Score predictions and store the run, with the report as `predictions.json` in it.
 
     Args:
-        request: the run; its method is the one whose folder was gone through.
+        request: one run; its method is the one whose folder was gone through.
         report: of that folder.
         finish: see `run_benchmark`.
 
     Raises:
-        DataError: the data set is not there, nothing of it could be used, or `out` holds something that is no run.
+        DataError: the data set is not there, nothing of it could be used, or the folder holds something that is no run.
     """
 
     def finished(results: Path, summary: RunSummary) -> None:
@@ -135,7 +135,8 @@ def evaluate_predictions(request: RunRequest, report: PredictionReport, *, finis
         if finish is not None:
             finish(results, summary)
 
-    return run_benchmark(request, finish=finished)
+    (summary,) = run_benchmark(request, finish=finished).values()
+    return summary
 
 
 def write_report(file: Path, report: PredictionReport) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -52,17 +52,16 @@ Finish = Callable[[Path, RunSummary], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunRequest:
-    """A run that is asked for: what is scored, where the results go, how they are computed.
+    """Runs of a method that are asked for: what is scored, where the results go, how they are computed.
 
     Attributes:
         card: the data set.
         method: to be scored.
-        protocol: the rules.
-        out: folder of the run.
+        runs: the folder of each run, and the protocol that it is scored by; at least one.
         settings: of the method, as they were asked for.
         split: of the data set; None for all of it.
         input_errors: injected into the method's input; the reference keeps the true calibration and ego-motion.
-        overwrite: replace another run in `out`.
+        overwrite: replace other runs in the folders.
         executor: computes the units; the result does not depend on it.
         cache: where flow, likelihood and reference are stored for other runs; None to store nothing.
         progress: called with the images done and their number, which is 0 while none is known and estimated while
@@ -71,8 +70,7 @@ class RunRequest:
 
     card: DatasetCard
     method: Scorable
-    protocol: Protocol
-    out: Path
+    runs: Mapping[Path, Protocol]
     settings: Mapping[str, object] = field(default_factory=dict)
     split: str | None = None
     input_errors: InputErrors = NO_INPUT_ERRORS
@@ -85,13 +83,13 @@ class RunRequest:
         """The recordings to be scored, with the input errors."""
         return [replace(handle, input_errors=self.input_errors) for handle in open_dataset(self.card, self.split)]
 
-    def manifest(self, method_code: MethodCode) -> Manifest:
-        """The manifest of the run, as far as it is known before it begins.
+    def manifest(self, rules: Protocol, method_code: MethodCode) -> Manifest:
+        """The manifest of the run by one protocol, as far as it is known before it begins.
 
         Args:
+            rules: of `runs`.
             method_code: of the method.
         """
-        rules = self.protocol
         errors = dict(self.input_errors.named)
         return Manifest(
             dataset=DatasetOfRun(name=self.card.name, card=str(self.card.file), split=self.split, input_errors=errors),
@@ -101,66 +99,61 @@ class RunRequest:
         ).as_read()
 
 
-def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> RunSummary:
-    """Score a method by one protocol; see `run_protocols`."""
-    return run_protocols([request], finish=finish)[0]
-
-
-def run_protocols(requests: Sequence[RunRequest], *, finish: Finish | None = None) -> list[RunSummary]:
+def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> dict[Path, RunSummary]:
     """Score a method on a data set by one or several protocols, in one pass over the images, and store each run.
 
-    Units that are stored in `out` are done: what an interrupted run, or parts of this one, computed is not computed
-    again while all that it depends on is the same: protocol, method, settings, code, and the content of the files that
-    they read. The results of an older run in `out` stay as they are until all of the new ones take their place at once.
+    Units that are stored in the folder of a run are done: what an interrupted run, or parts of this one, computed is
+    not computed again while all that it depends on is the same: protocol, method, settings, code, and the content of
+    the files that they read. The results of an older run stay as they are until all of the new ones take their place
+    at once.
 
     Args:
-        requests: at least one; they may differ in protocol and folder.
+        request: the runs.
         finish: called for each run with the folder of the new results, before they take their place, and the summary;
             writes what else belongs to them, for example tables and pictures.
 
     Returns:
-        The summaries, also stored as `summary.json`. Recordings, units and images that could not be used are listed
-        in `failures`; the metrics are of the rest.
+        The summaries by folder, also stored as `summary.json`. Recordings, units and images that could not be used are
+        listed in `failures`; the metrics are of the rest.
 
     Raises:
-        DataError: the data set is not there, nothing of it could be used, `out` holds another run or something that is
-            no run or is in use by another one, or there is no space for the results.
-        UsageError: requests that differ in something else.
+        DataError: the data set is not there, nothing of it could be used, a folder holds another run or something that
+            is no run or is in use by another one, or there is no space for the results.
+        UsageError: the method cannot be copied for each unit, or other processes cannot import it.
     """
-    summaries = []
-    handles = requests[0].recordings()  # before anything is written
+    handles = request.recordings()  # before anything is written
+    summaries = {}
     with ExitStack() as held:
-        method_code = _method_code(requests[0])
-        manifests = _begin(requests, held, method_code, shared=False)
+        method_code = _method_code(request)
+        manifests = _begin(request, held, method_code, shared=False)
         with ExitStack() as replaced:
-            folders = {request.out: replaced.enter_context(new_results(request.out)) for request in requests}
-            scored = _score(requests, handles, Part(), manifests, method_code)
-            for request in requests:
-                summary = _write_results(folders[request.out], request, scored, manifests[request.out])
+            folders = {run: replaced.enter_context(new_results(run)) for run in request.runs}
+            scored = _score(request, handles, Part(), manifests, method_code)
+            for run, results in folders.items():
+                summaries[run] = _write_results(results, request, run, scored, manifests[run])
                 if finish is not None:
-                    finish(folders[request.out], summary)
-                summaries.append(summary)
-        for request in requests:
-            UnitStore(run=request.out).keep_only(scored.digests(request.out))
+                    finish(results, summaries[run])
+        for run in request.runs:
+            UnitStore(run=run).keep_only(scored.digests(run))
     return summaries
 
 
-def score_part(requests: Sequence[RunRequest], part: Part) -> ScoredPart:
-    """Score a part of a run's units and store them; `run_protocols` finds them done.
+def score_part(request: RunRequest, part: Part) -> ScoredPart:
+    """Score a part of the units of runs and store them; `run_benchmark` finds them done.
 
     Parts may work at the same time, in one folder; from others, the folders `units/` are copied together.
 
     Args:
-        requests: see `run_protocols`.
+        request: the runs.
         part: which units.
 
     Raises:
-        DataError, UsageError: as `run_protocols`, but for a part of which nothing could be used.
+        DataError, UsageError: as `run_benchmark`, but for a part of which nothing could be used.
     """
-    handles = requests[0].recordings()
+    handles = request.recordings()
     with ExitStack() as held:
-        method_code = _method_code(requests[0])
-        return _score(requests, handles, part, _begin(requests, held, method_code, shared=True), method_code)
+        method_code = _method_code(request)
+        return _score(request, handles, part, _begin(request, held, method_code, shared=True), method_code)
 
 
 @dataclass(kw_only=True)
@@ -235,45 +228,37 @@ def _method_code(request: RunRequest) -> MethodCode:
     return method_code
 
 
-def _begin(
-    requests: Sequence[RunRequest], held: ExitStack, method_code: MethodCode, *, shared: bool
-) -> dict[Path, Manifest]:
+def _begin(request: RunRequest, held: ExitStack, method_code: MethodCode, *, shared: bool) -> dict[Path, Manifest]:
     """Hold the folders of runs and note of what run each is; the manifests by folder."""
-    first = requests[0]
-    for name in (part.name for part in fields(RunRequest) if part.name not in ("protocol", "out")):
-        own = getattr(first, name)
-        if any(getattr(one, name) is not own and getattr(one, name) != own for one in requests[1:]):
-            raise UsageError(f"expected runs that differ in protocol and folder alone, got several of {name}")
-    manifests = {request.out: request.manifest(method_code) for request in requests}
-    for request in requests:
-        held.enter_context(held_run_folder(request.out, shared=shared))
-        begin_run(request.out, manifests[request.out], overwrite=request.overwrite)
+    manifests = {run: request.manifest(rules, method_code) for run, rules in request.runs.items()}
+    for run, manifest in manifests.items():
+        held.enter_context(held_run_folder(run, shared=shared))
+        begin_run(run, manifest, overwrite=request.overwrite)
     return manifests
 
 
 def _score(
-    requests: Sequence[RunRequest],
+    request: RunRequest,
     handles: Sequence[RecordingHandle],
     part: Part,
     manifests: Mapping[Path, Manifest],
     method_code: MethodCode,
 ) -> ScoredPart:
     """Open recordings, score the units of a part and store them."""
-    asked = requests[0]
-    if asked.cache is not None:
-        asked.cache.prepare()
+    if request.cache is not None:
+        request.cache.prepare()
     spec = RunSpec(
-        method=asked.method,
+        method=request.method,
         method_code=method_code,
-        settings=all_settings(manifests[asked.out].method),
-        protocols={request.out: request.protocol for request in requests},
-        cache=asked.cache,
+        settings=all_settings(next(iter(manifests.values())).method),
+        protocols=request.runs,
+        cache=request.cache,
     )
-    scored = ScoredPart(workers=asked.executor.workers)
-    tally = _Tally(asked.progress, recordings=len(handles))
-    with asked.executor:
-        for batch in _batches(handles, asked.executor.workers):
-            opened = _plan(spec, asked.executor, batch, tally)
+    scored = ScoredPart(workers=request.executor.workers)
+    tally = _Tally(request.progress, recordings=len(handles))
+    with request.executor:
+        for batch in _batches(handles, request.executor.workers):
+            opened = _plan(spec, request.executor, batch, tally)
             planned = [unit for recording in opened for unit in recording.units]
             units = part.of(planned, before=scored.units_of_run)
             scored.opening_s += sum(recording.seconds for recording in opened)
@@ -281,11 +266,11 @@ def _score(
             scored.units_of_run += len(planned)
             scored.units += units
             tally.count(len(opened), sum(unit.stop - unit.start for unit in units))
-            for unit, result in _score_units(spec, asked.executor, batch, units):
+            for unit, result in _score_units(spec, request.executor, batch, units):
                 scored.results[unit] = result
                 tally.add(unit)
-    if asked.cache is not None:
-        asked.cache.evict()
+    if request.cache is not None:
+        request.cache.evict()
     return scored
 
 
@@ -370,13 +355,13 @@ def _score_units(
             yield unit, replace(scored, contents={})
 
 
-def _write_results(results: Path, request: RunRequest, scored: ScoredPart, manifest: Manifest) -> RunSummary:
+def _write_results(results: Path, request: RunRequest, run: Path, scored: ScoredPart, manifest: Manifest) -> RunSummary:
     """Reduce the stored units of a run to its tables, its sums and its summary.
 
     Raises:
         DataError: a unit is damaged, or nothing could be used.
     """
-    run, protocol = request.out, request.protocol
+    protocol = request.runs[run]
     units, failures = scored.digests(run), scored.failures(run)
     if not units:
         got = "; ".join(failures) or "no image to score"

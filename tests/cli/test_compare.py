@@ -8,10 +8,10 @@ import pytest
 
 from bench.api.leaderboard import competitors
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card
 from tests.support.commands import call, error_line
+from tests.support.runs import run_one
 
 
 @pytest.fixture(scope="module")
@@ -23,13 +23,11 @@ def runs(tiny_card, tmp_path_factory):
         ("nothing", "nothing", "paper-v1"),
         ("extended", "nothing", "extended-v1"),
     ):
-        run_benchmark(
-            RunRequest(
-                card=load_card(tiny_card),
-                method=build_method(method),
-                protocol=load_protocol(protocol),
-                out=folder / name,
-            )
+        run_one(
+            card=load_card(tiny_card),
+            method=build_method(method),
+            protocol=load_protocol(protocol),
+            out=folder / name,
         )
     return folder
 
@@ -128,7 +126,7 @@ def test_the_leaderboard_scores_what_is_not_there_and_bounds_it(monkeypatch, cap
         "exact-flow": "oracle",
         "spherical": "method",
     }
-    of_image = {name: entry["figures"]["all_moving"]["false_positive_coverage"][0] for name, entry in found.items()}
+    of_image = {name: entry["values"]["all_moving"]["false_positive_coverage"][0] for name, entry in found.items()}
     assert of_image["truth"] < of_image["exact-flow"] < of_image["spherical"]
     assert found["spherical"]["cost"][0] > 0
     assert (found["truth"]["cost"], found["exact-flow"]["cost"]) == (None, None)

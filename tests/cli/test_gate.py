@@ -12,7 +12,7 @@ from junitparser import JUnitXml
 
 from bench.evaluation import load_protocol
 from bench.gate import find_baseline, read_run_sums, write_baseline
-from bench.harness import RunRequest, code_state, read_run, run_benchmark
+from bench.harness import code_state, read_run
 from bench.harness.digests import MethodCode
 from bench.harness.stored import write_summary
 from bench.methods import build_method
@@ -20,6 +20,7 @@ from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
 from tests.support.commands import call, error_line
 from tests.support.manifests import manifest
+from tests.support.runs import run_one
 
 
 @pytest.fixture(scope="module")
@@ -36,19 +37,13 @@ def runs(tiny_card, tmp_path_factory) -> dict[str, Path]:
             head = json.loads((again / "recording.json").read_text())
             (again / "recording.json").write_text(json.dumps(head | {"name": again.name}))
     card, protocol = load_card(str(data / tiny_card.name)), load_protocol("paper-v1")
-    few = run_benchmark(
-        RunRequest(
-            card=load_card(str(tiny_card)), method=build_method("spherical"), protocol=protocol, out=folder / "few"
-        )
+    few = run_one(
+        card=load_card(str(tiny_card)), method=build_method("spherical"), protocol=protocol, out=folder / "few"
     )
     assert few.images.evaluated
     for name in ("spherical", "nothing"):
-        run_benchmark(RunRequest(card=card, method=build_method(name), protocol=protocol, out=folder / name))
-    run_benchmark(
-        RunRequest(
-            card=card, method=build_method("nothing"), protocol=load_protocol("extended-v1"), out=folder / "extended"
-        )
-    )
+        run_one(card=card, method=build_method(name), protocol=protocol, out=folder / name)
+    run_one(card=card, method=build_method("nothing"), protocol=load_protocol("extended-v1"), out=folder / "extended")
     write_baseline(read_run_sums(folder / "spherical"), folder / "baseline", allow_dirty=True)
     return {path.stem: path for path in folder.iterdir()}
 

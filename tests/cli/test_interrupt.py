@@ -10,12 +10,11 @@ import pytest
 from troubled import Troubled
 
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
 from bench.recordings import load_card
 from tests.harness.conftest import trouble
 from tests.support.commands import called_here
 from tests.support.processes import PATIENCE_S, alive, group_lives, pids, until
-from tests.support.runs import bytes_of
+from tests.support.runs import bytes_of, run_one
 from tests.support.troubled_runs import calm, environment
 
 pytestmark = pytest.mark.slow
@@ -72,7 +71,7 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, calm, tm
     until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
     assert not (out / "summary.json").exists()
     (trouble / "standing.wait").unlink()
-    again = run_benchmark(RunRequest(card=card, out=out, **options))
+    again = run_one(card=card, out=out, **options)
     assert (again.provenance.work.units_computed, again.provenance.work.units_reused) == (1, 2)
     assert bytes_of(out) == bytes_of(calm)
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.harness.cluster.dask_processes import METHODS, command, dask_processes
 from tests.support.commands import call
 from tests.support.object_storage import bucket, object_server, remote_card
+from tests.support.runs import run_one
 
 pytestmark = pytest.mark.slow
 
@@ -34,11 +34,7 @@ def _elsewhere(monkeypatch, tmp_path):
 def local(tiny_card, tmp_path) -> Path:
     """A run of the same data on disk."""
     out = tmp_path / "local"
-    run_benchmark(
-        RunRequest(
-            card=load_card(tiny_card), method=build_method("nothing"), protocol=load_protocol("paper-v1"), out=out
-        )
-    )
+    run_one(card=load_card(tiny_card), method=build_method("nothing"), protocol=load_protocol("paper-v1"), out=out)
     return out
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
 from bench.methods import Method, build_method
 from bench.recordings import load_card
 from bench.synthesis import synthesize
 from tests.gate.drives import CARD, SCENARIO
+from tests.support.runs import run_one
 
 Run = Callable[[Method, Path], Path]
 
@@ -26,7 +26,7 @@ def gated_card(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(card: Path, out: Path, method: Method | None = None) -> Path:
     chosen = method or build_method("spherical")
-    run_benchmark(RunRequest(card=load_card(str(card)), method=chosen, protocol=load_protocol("paper-v1"), out=out))
+    run_one(card=load_card(str(card)), method=chosen, protocol=load_protocol("paper-v1"), out=out)
     return out
 
 

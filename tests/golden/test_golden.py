@@ -7,20 +7,17 @@ from pathlib import Path
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, read_tables, run_benchmark
+from bench.harness import read_tables
 from bench.methods import build_method
 from bench.recordings import load_card
+from tests.support.runs import run_one
 
 GOLDEN = Path(__file__).with_name("tiny.json")
 RELATIVE = 0.02  # libraries on other processors may round a pixel away
 
 
 def counts(card: Path, out: Path) -> dict[str, dict[str, int]]:
-    run_benchmark(
-        RunRequest(
-            card=load_card(str(card)), method=build_method("spherical"), protocol=load_protocol("paper-v1"), out=out
-        )
-    )
+    run_one(card=load_card(str(card)), method=build_method("spherical"), protocol=load_protocol("paper-v1"), out=out)
     objects, frames = read_tables(out)
     sums: dict[str, dict[str, int]] = defaultdict(lambda: defaultdict(int))
     for row in objects.to_pylist():

@@ -14,12 +14,12 @@ from bench.audit import AuditSummary, Compensation, Scoring, read_audit, read_po
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor
-from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.checked_json import with_digest
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
+from tests.support.runs import run_one
 
 pytestmark = pytest.mark.slow
 
@@ -57,9 +57,7 @@ def test_everything_is_audited(audit: AuditSummary):
 
 
 def test_scores_against_lidar_polygons_are_the_benchmark(audit: AuditSummary, tiny_card: Path, tmp_path: Path):
-    run = run_benchmark(
-        RunRequest(card=load_card(tiny_card), method=build_method("spherical"), protocol=PAPER, out=tmp_path / "run")
-    )
+    run = run_one(card=load_card(tiny_card), method=build_method("spherical"), protocol=PAPER, out=tmp_path / "run")
     assert audit.not_seen == 0
     found = audit.scores[Scoring.LIDAR]
     assert found.categories == run.categories

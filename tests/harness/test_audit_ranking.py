@@ -29,7 +29,6 @@ from bench.errors import DataError, UnknownNameError, UsageError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor
 from bench.geometry import RigidTransform
-from bench.harness import RunRequest, run_benchmark
 from bench.harness.oracles import ExactMasks
 from bench.methods import MethodInput, build_method
 from bench.methods.spherical.method import SphericalMethod
@@ -47,6 +46,7 @@ from bench.reporting.audit_ranking import (
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
+from tests.support.runs import run_one
 
 WRONG = (ExactMasks(shape="hull"), ExactMasks(grow_px=4), ExactMasks(drop_share=0.5))
 ANY = [Prediction(name=name, method=build_method(name)) for name in ("everything", "nothing", "frame-difference")]
@@ -312,10 +312,8 @@ def test_the_exact_masks_are_perfect_by_themselves(ranking: RankingSummary):
 @pytest.mark.slow
 def test_a_method_scores_as_in_a_run(ranking: RankingSummary, tiny_card: Path, tmp_path: Path):
     for name in ("spherical", "background-subtraction"):
-        run = run_benchmark(
-            RunRequest(
-                card=load_card(tiny_card), method=build_method(name), protocol=load_protocol(PAPER), out=tmp_path / name
-            )
+        run = run_one(
+            card=load_card(tiny_card), method=build_method(name), protocol=load_protocol(PAPER), out=tmp_path / name
         )
         every, false = ranking.rows[-2:]
         assert every.cases == run.all_moving.object_frames

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import FramePipeline, RunRequest, plan_units, read_tables, run_benchmark
+from bench.harness import FramePipeline, plan_units, read_tables
 from bench.methods import Method, Segmentation, build_method
 from bench.recordings import load_card, open_dataset, read_image
+from tests.support.runs import run_one
 
 PROTOCOL = load_protocol("paper-v1")
 
@@ -81,9 +82,7 @@ def test_a_gap_shortens_what_is_seen(own_card):
 @pytest.mark.parametrize("name", ["background-subtraction", "spherical-sparse"])
 def test_chunks_give_the_same_masks(tiny_card, tmp_path, monkeypatch, name):
     def rows(out):
-        run_benchmark(
-            RunRequest(card=load_card(str(tiny_card)), method=build_method(name), protocol=PROTOCOL, out=tmp_path / out)
-        )
+        run_one(card=load_card(str(tiny_card)), method=build_method(name), protocol=PROTOCOL, out=tmp_path / out)
         key = lambda row: (row["recording"], row["timestamp_ns"], row.get("track_id") or "")  # noqa: E731
         return [sorted(table.to_pylist(), key=key) for table in read_tables(tmp_path / out)]
 

@@ -3,12 +3,13 @@
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, read_run, read_tables, run_benchmark
+from bench.harness import read_run, read_tables
 from bench.harness.cache import CacheFolder
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.harness.misbehaving import FAULTS, Misbehaving
+from tests.support.runs import run_one
 from tests.support.troubled_runs import call
 
 pytestmark = pytest.mark.slow
@@ -37,7 +38,7 @@ FAULTY = {
 
 def score(card, out, *, method, cache=None):
     kept = None if cache is None else CacheFolder(folder=cache)
-    return run_benchmark(RunRequest(card=load_card(str(card)), method=method, protocol=PAPER, out=out, cache=kept))
+    return run_one(card=load_card(str(card)), method=method, protocol=PAPER, out=out, cache=kept)
 
 
 def test_every_fault_is_tried():
@@ -73,6 +74,7 @@ def test_the_command_ends_with_2(tiny_card, tmp_path, fault):
     done = call(tiny_card, out, "--method", place, "--set", f"fault={fault}", "--workers", "2")
     assert done.returncode == 2, done.stdout + done.stderr
     assert f"misbehaving-{fault}" in done.stdout + done.stderr
+    assert (out / "summary.json").exists(), done.stdout + done.stderr
     assert read_run(out).images.evaluated == 0
 
 

@@ -11,12 +11,13 @@ from bench.cli import main
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
-from bench.harness import FramePipeline, RunRequest, build_scorable, read_run, run_benchmark, scorable_methods
+from bench.harness import FramePipeline, build_scorable, read_run, scorable_methods
 from bench.harness.oracles import ExactMasks, ReferenceItself, moving_instances
 from bench.harness.wrong_masks import merged, with_ghost
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card, open_dataset, read_truth
 from tests.evaluation.frames import picture
+from tests.support.runs import run_one
 
 
 def call(monkeypatch, *words) -> int:
@@ -55,14 +56,12 @@ def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protoc
 
 def test_regions_with_unknown_bands_are_the_same_in_one_process_and_in_two(tiny_card, tmp_path):
     for name, executor in (("one", SerialExecutor()), ("two", ProcessExecutor(workers=2))):
-        run_benchmark(
-            RunRequest(
-                card=load_card(str(tiny_card)),
-                method=build_scorable("reference"),
-                protocol=load_protocol("surface-v1"),
-                out=tmp_path / name,
-                executor=executor,
-            )
+        run_one(
+            card=load_card(str(tiny_card)),
+            method=build_scorable("reference"),
+            protocol=load_protocol("surface-v1"),
+            out=tmp_path / name,
+            executor=executor,
         )
     for file in ("objects.parquet", "frames.parquet"):
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
@@ -71,13 +70,11 @@ def test_regions_with_unknown_bands_are_the_same_in_one_process_and_in_two(tiny_
 
 def test_it_compares_with_methods_on_the_same_images(tiny_card, tmp_path):
     digests = {
-        run_benchmark(
-            RunRequest(
-                card=load_card(str(tiny_card)),
-                method=build_scorable(name),
-                protocol=load_protocol("paper-v1"),
-                out=tmp_path / name,
-            )
+        run_one(
+            card=load_card(str(tiny_card)),
+            method=build_scorable(name),
+            protocol=load_protocol("paper-v1"),
+            out=tmp_path / name,
         ).manifest.reference
         for name in ("reference", "nothing", "background-subtraction", "spherical-sparse")
     }
@@ -171,7 +168,7 @@ def test_neighbours_are_one_with_their_common_hull():
 def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_path):
     def scored():
         request = {"card": load_card(str(own_card)), "method": build_scorable("truth"), "out": tmp_path / "run"}
-        return run_benchmark(RunRequest(protocol=load_protocol("paper-v1"), **request))
+        return run_one(protocol=load_protocol("paper-v1"), **request)
 
     summary = scored()
     assert summary.manifest.method.settings["sees_the_truth"] is True

@@ -27,8 +27,8 @@ COUNT = 3
 
 def score_of_part(card: Path, out: Path, number: int, *, count=COUNT, settings=None, protocol=PAPER, overwrite=False):
     method = build_method("spherical", settings or {})
-    request = RunRequest(card=load_card(str(card)), method=method, protocol=protocol, out=out, overwrite=overwrite)
-    return score_part([request], Part(number=number, count=count))
+    request = RunRequest(card=load_card(str(card)), method=method, runs={out: protocol}, overwrite=overwrite)
+    return score_part(request, Part(number=number, count=count))
 
 
 def work_of(summary) -> tuple[int, int]:

@@ -17,7 +17,6 @@ from bench.harness import (
     read_run,
     read_tables,
     run_benchmark,
-    run_protocols,
     tasks,
 )
 from bench.harness import run as run_module
@@ -26,14 +25,13 @@ from bench.methods import build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card, open_dataset
 from tests.support.manifests import method_of_run
+from tests.support.runs import run_one
 
 PROTOCOL = load_protocol("paper-v1")
 
 
 def run(card: Path, out: Path, method="spherical", **options):
-    return run_benchmark(
-        RunRequest(card=load_card(str(card)), method=build_method(method), protocol=PROTOCOL, out=out, **options)
-    )
+    return run_one(card=load_card(str(card)), method=build_method(method), protocol=PROTOCOL, out=out, **options)
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
@@ -224,20 +222,13 @@ def test_several_protocols_in_one_pass_give_the_runs_that_each_gives_alone(tiny_
     names = ("paper-v1", "surface-v1", "extended-v1")
     for name in names:
         request = {"card": load_card(str(tiny_card)), "method": build_method("spherical")}
-        run_benchmark(RunRequest(protocol=load_protocol(name), out=tmp_path / "alone" / name, **request))
+        run_one(protocol=load_protocol(name), out=tmp_path / "alone" / name, **request)
     asked = []
     segment = SphericalMethod.segment
     monkeypatch.setattr(SphericalMethod, "segment", lambda self, given: asked.append(given) or segment(self, given))
-    together = [
-        RunRequest(
-            card=load_card(str(tiny_card)),
-            method=build_method("spherical"),
-            protocol=load_protocol(name),
-            out=tmp_path / "together" / name,
-        )
-        for name in names
-    ]
-    summaries = run_protocols(together)
+    runs = {tmp_path / "together" / name: load_protocol(name) for name in names}
+    together = RunRequest(card=load_card(str(tiny_card)), method=build_method("spherical"), runs=runs)
+    summaries = [*run_benchmark(together).values()]
     assert [summary.protocol.name for summary in summaries] == list(names)
     assert len(asked) == summaries[0].images.evaluated, "the method is asked once for all of them"
     assert all(summary.provenance.stage_seconds["method"] > 0 for summary in summaries), "the stages are of the pass"
@@ -246,6 +237,6 @@ def test_several_protocols_in_one_pass_give_the_runs_that_each_gives_alone(tiny_
             alone = (tmp_path / "alone" / name / file).read_bytes()
             assert (tmp_path / "together" / name / file).read_bytes() == alone, (name, file)
     # A run that is there already is not computed again beside one that is not.
-    fourth = replace(together[0], protocol=load_protocol("masks-v1"), out=tmp_path / "together" / "masks-v1")
-    again = run_protocols([together[0], fourth])
-    assert [summary.provenance.work.units_reused for summary in again] == [3, 0]
+    one_is_new = {**dict([*runs.items()][:1]), tmp_path / "together" / "masks-v1": load_protocol("masks-v1")}
+    again = run_benchmark(replace(together, runs=one_is_new))
+    assert [summary.provenance.work.units_reused for summary in again.values()] == [3, 0]

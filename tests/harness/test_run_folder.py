@@ -15,13 +15,13 @@ import pytest
 from bench.api.runs import RUNS, default_folder, non_default_settings
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, read_run, run_benchmark
+from bench.harness import read_run
 from bench.harness.run_folder import held_run_folder, new_results
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.support.commands import call
 from tests.support.processes import PATIENCE_S
-from tests.support.runs import bytes_of, score
+from tests.support.runs import bytes_of, run_one, score
 from tests.support.troubled_runs import environment
 
 pytestmark = pytest.mark.slow
@@ -143,8 +143,11 @@ def test_results_that_cannot_be_finished_do_not_appear(finished, tiny_card):
         raise OSError("the disk is full")
 
     with pytest.raises(OSError, match="the disk is full"):
-        run_benchmark(
-            RunRequest(card=load_card(tiny_card), method=build_method("everything"), protocol=PAPER, out=finished),
+        run_one(
+            card=load_card(tiny_card),
+            method=build_method("everything"),
+            protocol=PAPER,
+            out=finished,
             finish=finish,
         )
     assert everything_in(finished) == before

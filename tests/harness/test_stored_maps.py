@@ -8,19 +8,18 @@ import pytest
 
 from bench.errors import DataError
 from bench.evaluation import ImageMap, load_protocol
-from bench.harness import RunRequest, plan_units, read_image_maps, read_tables, run_benchmark
+from bench.harness import plan_units, read_image_maps, read_tables
 from bench.harness.unit_files import load_image_maps, write_image_maps
 from bench.methods import build_method
 from bench.recordings import load_card
+from tests.support.runs import run_one
 
 GRIDS = ("reference_px", "missed_px", "false_px")
 
 
 def run(card: Path, out: Path, method="spherical", **options):
     protocol = load_protocol("paper-v1")
-    return run_benchmark(
-        RunRequest(card=load_card(str(card)), method=build_method(method), protocol=protocol, out=out, **options)
-    )
+    return run_one(card=load_card(str(card)), method=build_method(method), protocol=protocol, out=out, **options)
 
 
 def image_map(camera="front", *, width=20, height=9, seed=0) -> ImageMap:

@@ -7,11 +7,11 @@ import signal
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.support import tiny
 from tests.support.commands import called_here
+from tests.support.runs import run_one
 
 CARD = "name: x\ntitle: x\nadapter: native\nroot: data\nlicence: x\n"
 DRIVE = "data/drive"
@@ -44,7 +44,7 @@ def whole(tmp_path_factory):
     tiny.write_recording(folder / DRIVE)
     (folder / "x.yaml").write_text(CARD)
     request = {"card": load_card(folder / "x.yaml"), "protocol": load_protocol("paper-v1")}
-    run_benchmark(RunRequest(method=build_method("nothing"), out=folder / "runs" / "nothing", **request))
+    run_one(method=build_method("nothing"), out=folder / "runs" / "nothing", **request)
     return folder
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.checked_json import with_digest
 from tests.support.commands import call
+from tests.support.runs import run_one
 
 pytestmark = pytest.mark.slow
 
@@ -52,7 +52,7 @@ def runs(tiny_card, tmp_path_factory) -> list[Path]:
     folders = []
     for name in ("spherical", "nothing"):
         folders.append(tmp_path_factory.mktemp("runs") / name)
-        run_benchmark(RunRequest(card=load_card(tiny_card), method=build_method(name), protocol=PAPER, out=folders[-1]))
+        run_one(card=load_card(tiny_card), method=build_method(name), protocol=PAPER, out=folders[-1])
     return folders
 
 

@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
-from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
+from bench.evaluation import Protocol, load_protocol
+from bench.harness import RunRequest, RunSummary, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.harness.masks import MASKS
 from bench.harness.stored import IMAGE_MAPS, SUMS
@@ -13,6 +13,12 @@ from bench.recordings import load_card
 
 PAPER = load_protocol("paper-v1")
 ONE, ALL, NONE = 1, 3, 0  # units of the small data set that are computed again
+
+
+def run_one(*, protocol: Protocol, out: Path, finish=None, **options) -> RunSummary:
+    """The run by one protocol."""
+    (summary,) = run_benchmark(RunRequest(runs={out: protocol}, **options), finish=finish).values()
+    return summary
 
 
 def score(
@@ -27,10 +33,8 @@ def score(
 ):
     chosen = build_method(method, settings or {})
     kept = None if cache is None else CacheFolder(folder=cache)
-    return run_benchmark(
-        RunRequest(
-            card=load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept, overwrite=overwrite
-        )
+    return run_one(
+        card=load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept, overwrite=overwrite
     )
 
 

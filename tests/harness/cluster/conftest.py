@@ -8,11 +8,12 @@ import pytest
 
 from bench.evaluation import load_protocol
 from bench.execution import SerialExecutor, TaskExecutor
-from bench.harness import RunRequest, RunSummary, run_benchmark
+from bench.harness import RunSummary
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.harness.cluster.dask_processes import METHODS, DaskProcesses, dask_processes
+from tests.support.runs import run_one
 
 Score = Callable[..., RunSummary]
 
@@ -52,10 +53,8 @@ def score(tiny_card: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> S
         if address is not None:
             requirements = WorkerRequirements.of(chosen, reads=(card.root,), cache=None)
             executor = ClusterExecutor.connect(address, requirements, patience_s=patience_s)
-        return run_benchmark(
-            RunRequest(
-                card=card, method=chosen, protocol=load_protocol("paper-v1"), out=tmp_path / out, executor=executor
-            )
+        return run_one(
+            card=card, method=chosen, protocol=load_protocol("paper-v1"), out=tmp_path / out, executor=executor
         )
 
     return scored

@@ -14,7 +14,7 @@ from bench.errors import UsageError
 from bench.evaluation import load_protocol, summarise
 from bench.evaluation.rows import CommonImages, RowsOnImages
 from bench.gate import judge, load_tolerances, read_run_sums
-from bench.harness import RunRequest, read_run, run_benchmark
+from bench.harness import read_run
 from bench.harness.stored import open_tables
 from bench.methods import Method, Segmentation
 from bench.recordings import load_card
@@ -22,6 +22,7 @@ from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.compare.writing import write_comparison
 from bench.reporting.leaderboard.reading import read_leaderboard
+from tests.support.runs import run_one
 from tests.support.stored_files import change_summary
 
 PROTOCOL = load_protocol("paper-v1")
@@ -43,7 +44,7 @@ class Brighter(Method):
 
 
 def run(card, method, out):
-    run_benchmark(RunRequest(card=load_card(str(card)), method=method, protocol=PROTOCOL, out=out))
+    run_one(card=load_card(str(card)), method=method, protocol=PROTOCOL, out=out)
     return out
 
 
@@ -163,9 +164,7 @@ def test_another_annotation_is_refused_with_what_differs(runs, tiny_card, tmp_pa
 
 def test_no_common_image_is_said(runs, tiny_card, tmp_path):
     standing = tmp_path / "standing"
-    run_benchmark(
-        RunRequest(card=load_card(str(tiny_card)), method=Brighter("one", 1), protocol=PROTOCOL, out=standing)
-    )
+    run_one(card=load_card(str(tiny_card)), method=Brighter("one", 1), protocol=PROTOCOL, out=standing)
     frames = pq.read_table(standing / "frames.parquet")
     moved = pa.array((frames["timestamp_ns"].to_numpy() + 1).tolist(), pa.int64())
     pq.write_table(frames.set_column(frames.schema.get_field_index("timestamp_ns"), "timestamp_ns", moved),

@@ -10,11 +10,11 @@ from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 
 from bench.evaluation import load_protocol
-from bench.harness import RunRequest, run_benchmark
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.reporting.page.build import write_page
 from tests.reporting.page.hostile import hostile_run
+from tests.support.runs import run_one
 
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-background-networking",
@@ -27,7 +27,7 @@ def tiny_run(tiny_card, tmp_path_factory) -> Path:
     """A run of the tiny data set; tests that change it copy it first."""
     run = tmp_path_factory.mktemp("runs") / "tiny-run"
     method = build_method("spherical", {"threshold": 5e-4})
-    run_benchmark(RunRequest(card=load_card(tiny_card), method=method, protocol=load_protocol("paper-v1"), out=run))
+    run_one(card=load_card(tiny_card), method=method, protocol=load_protocol("paper-v1"), out=run)
     return run
 
 
