@@ -45,12 +45,22 @@ def changed_here(module: ModuleType, path: Path, sha256: str) -> str | None:
         sha256: of the source's content.
     """
     for name, value in _constants(path, sha256).items():
-        if repr(getattr(module, name, None)) != repr(value):
+        if _canonical(getattr(module, name, None)) != _canonical(value):
             return f"{module.__name__}.{name}"
     for name, function in _functions(module):
         if _is_typed(function):
             return f"{module.__name__}.{name}"
     return None
+
+
+def _canonical(value: object) -> str:
+    """Text that is the same for values that a source may write alike: equal sets may be in another order."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{_canonical(key)}: {_canonical(held)}' for key, held in value.items())}}}"
+    if isinstance(value, list | tuple | set | frozenset):
+        parts = [_canonical(held) for held in value]
+        return f"{type(value).__name__}({', '.join(sorted(parts) if isinstance(value, set | frozenset) else parts)})"
+    return repr(value)
 
 
 @cache

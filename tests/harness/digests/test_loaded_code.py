@@ -1,0 +1,34 @@
+"""What of a module is as its source has it, and what was changed after it was loaded."""
+
+import importlib
+
+import pytest
+
+from bench.harness.digests.loaded_code import changed_here
+
+SOURCE = """
+NAMES = {"run", "gate", "view", "sweep", "audit", "compare", "validate", "report", "leaderboard", "evaluate"}
+BY_NAME = {"sets": {"a", "b", "c", "d", "e"}, "list": [1, 2.0, (True, None)]}
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch, request):
+    name = f"constants_{abs(hash(request.node.name))}"
+    (tmp_path / f"{name}.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return importlib.import_module(name), tmp_path / f"{name}.py"
+
+
+def test_constants_are_as_their_source_has_them_in_whatever_order_a_set_is(module):
+    loaded, path = module
+    loaded.NAMES = {*sorted(loaded.NAMES, reverse=True)}  # an equal set that was filled in another order
+    assert changed_here(loaded, path, "1") is None
+
+
+@pytest.mark.parametrize("change", [{"NAMES": {"run"}}, {"BY_NAME": {"sets": {"a"}}}, {"NAMES": ["run"]}])
+def test_a_constant_that_was_changed_in_the_process_is_named(module, change):
+    loaded, path = module
+    vars(loaded).update(change)
+    (name,) = change
+    assert changed_here(loaded, path, "1") == f"{loaded.__name__}.{name}"
