@@ -88,10 +88,10 @@ def _write(files: dict[str, str], stem: str, name: str) -> None:
         raise UsageError(f"{name!r} is the name of an installed package; take another one")
     folder = resources.files("bench.cli") / "templates"
     texts = {template: (folder / f"{template}.txt").read_text("utf-8") for template in files}
-    taken = {word for template, text in texts.items() if template.endswith(".py") for word in _imported(text)}
-    if _class(name) in taken or _module(name).lower() in taken:
-        raise UsageError(f"{name!r} names something that the new files import; take another one")
     named = {f"my-{stem}": _called(name), f"my_{stem}": _module(name), f"My{stem.title()}": _class(name)}
+    taken = {word for template, text in texts.items() if template.endswith(".py") for word in _imported(text)}
+    if {_class(name), _module(name).lower()} & (taken - named.keys()):
+        raise UsageError(f"{name!r} names something that the new files import; take another one")
 
     def in_users_words(text: str) -> str:
         return re.sub("|".join(named), lambda found: named[found[0]], text)

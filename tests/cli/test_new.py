@@ -90,3 +90,11 @@ def test_nothing_is_written_over(place, monkeypatch, capsys):
     assert "test_mine.py: expected a writable path, got a file that is there already" in (capsys.readouterr().err)
     assert [path.name for path in place.iterdir()] == ["test_mine.py"]
     assert (place / "test_mine.py").read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [("method", "my-method"), ("adapter", "my-adapter"), ("dataset", "my-dataset")]
+)
+def test_the_names_of_the_docs_are_taken(place, monkeypatch, kind, name):
+    assert call(monkeypatch, "new", kind, name) == 0
+    assert any(place.iterdir())
