@@ -126,7 +126,7 @@ def run(
     render_if_missing(request.card, workers=workers)
     stored = None if cache is None else CacheFolder(folder=Path(cache))
     asked = replace(request, executor=local_executor(workers), cache=stored, progress=progress)
-    ((folder, summary),) = run_benchmark(asked, finish=_write_report).items()
+    ((folder, summary),) = run_benchmark(asked, finish=write_report).items()
     return Run(folder=folder, summary=summary)
 
 
@@ -247,7 +247,8 @@ def non_default_settings(method: Scorable, named: str) -> list[tuple[str, object
     return [(name, value) for name, value in method.settings().items() if name not in usual or usual[name] != value]
 
 
-def _write_report(results: Path, _: RunSummary) -> None:
+def write_report(results: Path, _: RunSummary) -> None:
+    """Write the tables and range maps of a run beside its results."""
     write_report_files(results)
 
 

@@ -88,7 +88,9 @@ def evaluate(
         checked = check_predictions(card, method=method, progress=report)
     _print_check(checked)
     if checked.refusal is not None:
-        listed = Path(mkdtemp(prefix="fisheye-bench-")) / PREDICTIONS  # nobody else has a file there
+        listed = (
+            Path(mkdtemp(prefix="fisheye-bench-")) / PREDICTIONS
+        )  # a new folder, so that no file of the user's is replaced
         write_report(listed, checked)
         raise checked.refuse(listed)
     finished = RunReport(card=card, protocol=rules, pictures=pictures)

@@ -49,7 +49,7 @@ def progress_bar(title: str, unit: str) -> Iterator[Callable[[float, int], None]
 
 
 def _shown(title: str, unit: str) -> AbstractContextManager[Show]:
-    """Where progress is shown; it takes what is done, the total, seconds, the rate per second, and seconds left."""
+    """Display of progress: takes what is done, the total, seconds, the rate per second, and seconds left."""
     terminal = Console(stderr=True)
     if verbosity() is Verbosity.QUIET:
         return nullcontext(lambda *_: None)

@@ -134,7 +134,7 @@ def paired_change(pairs: pd.DataFrame, *, within: Bounds = RATIO_CHANGE) -> Pair
     if shared >= FEWEST_RECORDINGS:
         shares = (old[1] / old[1].sum() + new[1] / new[1].sum()) / 2
         found = jackknife(after - before, new_without - old_without, shares=shares)
-        ci95 = found.interval(within) if found.standard_error else interval_without_spread(found, within)
+        ci95 = found.interval(within) if found.standard_error else _interval_of_equal_changes(found, within)
         p_value = found.p_value(within)
     return PairedChange(
         before=before,
@@ -163,7 +163,7 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     return corrected
 
 
-def interval_without_spread(change: Jackknife, within: Bounds) -> tuple[float, float] | None:
+def _interval_of_equal_changes(change: Jackknife, within: Bounds) -> tuple[float, float] | None:
     """The interval of a change that is the same in all recordings, as if one more had none; None for no change."""
     if change.value == 0:
         return None

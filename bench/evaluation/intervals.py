@@ -121,7 +121,7 @@ class Jackknife:
     def interval(self, within: Bounds) -> tuple[float, float] | None:
         """Lower and upper end of the 95 % interval; None where it has no finite end."""
         if self.standard_error == 0 or not within.least < self.value < within.most:
-            return self.interval_without_spread(within)
+            return self._interval_without_spread(within)
         centre = within.unbounded(self.value)
         reach = float(stdtrit(self.degrees, (1 + CONFIDENCE) / 2)) * self.standard_error * within.slope(self.value)
         return within.bounded(centre - reach), within.bounded(centre + reach)
@@ -136,7 +136,7 @@ class Jackknife:
         distance = abs(within.unbounded(self.value) - within.unbounded(of))
         return float(2 * stdtr(self.degrees, -distance / (self.standard_error * within.slope(self.value))))
 
-    def interval_without_spread(self, within: Bounds) -> tuple[float, float] | None:
+    def _interval_without_spread(self, within: Bounds) -> tuple[float, float] | None:
         """Interval of a value that is the same without each recording, or at a bound; None where it is unbounded."""
         if math.isinf(within.most):
             return None

@@ -37,7 +37,7 @@ class RunSums:
         manifest: what they are of.
         sums: table of sums.
         failures: of the run; none in a baseline.
-        unrepeatable: code that nobody else can have again, one line a file; none in a baseline.
+        unrepeatable: unrepeatable code, one line a file; none in a baseline.
     """
 
     manifest: Manifest
@@ -99,7 +99,7 @@ def write_baseline(run: RunSums, folder: Path, *, allow_dirty: bool = False) -> 
     """Store the sums of a run as the baseline.
 
     Raises:
-        UsageError: the folder is that of a run, the run has failures, or it was made by code that nobody else can have,
+        UsageError: the folder is that of a run, the run has failures, or it was made by unrepeatable code,
             changed or untracked or of no distribution, and `allow_dirty` is not set.
     """
     if (folder / SUMMARY).exists():
@@ -116,7 +116,7 @@ def write_baseline(run: RunSums, folder: Path, *, allow_dirty: bool = False) -> 
     if run.unrepeatable and not allow_dirty:
         more = f" and {len(run.unrepeatable) - 1} more" if len(run.unrepeatable) > 1 else ""
         raise UsageError(
-            f"when it ran, the run was of code that nobody else can have: {run.unrepeatable[0]}{more}; "
+            f"when it ran, the run was of unrepeatable code: {run.unrepeatable[0]}{more}; "
             "commit or install it and run again, or say --allow-dirty"
         )
     write_sums(run.sums, folder / SUMS)

@@ -17,7 +17,7 @@ SHOWN = 20
 
 
 def unrepeatable_code(method_code: MethodCode) -> tuple[str, ...]:
-    """List the files of a run's code that nobody else can obtain: of this package, and of the method, one line each.
+    """List the unrepeatable files of a run's code: of this package, and of the method, one line each.
 
     A file is repeatable when it is committed to git unchanged, or when an installed distribution lists it with the
     digest that it has.

@@ -129,8 +129,9 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> dict[
         with ExitStack() as replaced:
             folders = {run: replaced.enter_context(new_results(run)) for run in request.runs}
             scored = _score(request, handles, Part(), manifests, method_code)
+            unrepeatable = unrepeatable_code(method_code)
             for run, results in folders.items():
-                summaries[run] = _write_results(results, request, run, scored, manifests[run])
+                summaries[run] = _write_results(results, request, run, scored, manifests[run], unrepeatable)
                 if finish is not None:
                     finish(results, summaries[run])
         for run in request.runs:
@@ -355,7 +356,14 @@ def _score_units(
             yield unit, replace(scored, contents={})
 
 
-def _write_results(results: Path, request: RunRequest, run: Path, scored: ScoredPart, manifest: Manifest) -> RunSummary:
+def _write_results(
+    results: Path,
+    request: RunRequest,
+    run: Path,
+    scored: ScoredPart,
+    manifest: Manifest,
+    unrepeatable: tuple[str, ...],
+) -> RunSummary:
     """Reduce the stored units of a run to its tables, its sums and its summary.
 
     Raises:
@@ -374,7 +382,6 @@ def _write_results(results: Path, request: RunRequest, run: Path, scored: Scored
     write_protocol(results, protocol)
     outlines = [recording.vehicle_outline_m for recording in scored.recordings if recording.vehicle_outline_m]
     digests = {one.name: one.digest for one in scored.recordings if one.digest is not None}
-    unrepeatable = unrepeatable_code(MethodCode.of(request.method))
     if not metrics.images.evaluated and not problems:
         reasons = [f"{problem} ({count})" for problem, count in metrics.images.problems.items()]
         failures.append(f"no image was scored; {listed(reasons)}" if reasons else "no image was scored")

@@ -276,5 +276,5 @@ def _refuse_change(spec: RunSpec, opened: _Opened, unit: Unit, before: Mapping[P
             opened.recording.root,
             expected="files that stay the same while they are scored",
             got="other content at the end than at the beginning",
-            hint="run again when nobody writes there",
+            hint="run again",
         )

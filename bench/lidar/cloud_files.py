@@ -128,10 +128,8 @@ def read_cloud(path: Path) -> Arrays:
     except (ValueError, IndexError, KeyError, StopIteration):
         raise DataError(path, expected=f"the header of a {path.suffix} file", got="another or none") from None
     if layout.lost:
-        got, hint = (
-            "0, so that their offsets are unknown",
-            "write the cloud again without padding, or without these fields",
-        )
+        hint = "write the cloud again without padding, or without these fields"
+        got = "0, so that their offsets are unknown"
         expected = f"a COUNT of 1 or more for each field before {', '.join(layout.lost)}"
         raise DataError(path, field="COUNT", expected=expected, got=got, hint=hint)
     if not 0 < layout.rows * layout.row_bytes <= LARGEST_BYTES:

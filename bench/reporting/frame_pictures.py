@@ -221,10 +221,8 @@ def write_example_pictures(
         stored = StoredFrames(results, summary, protocol, card=card)
     except BenchError as error:
         return [], [str(error)]
-    frames, made = (
-        example_frames(open_tables(results)[0]),
-        formats.made_by(summary.manifest.method.name, protocol.name),
-    )
+    frames = example_frames(open_tables(results)[0])
+    made = formats.made_by(summary.manifest.method.name, protocol.name)
     for number, (category, key) in enumerate(frames.items(), start=1):
         try:
             folder = results / "pictures" / category.value

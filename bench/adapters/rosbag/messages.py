@@ -129,10 +129,8 @@ def _types(topic: Topic, file: Path) -> Typestore:
     if name in _typestore().fielddefs:
         return _typestore()
     if not 0 < len(topic.definition) <= LONGEST_DEFINITION:
-        got, hint = (
-            f"{len(topic.definition)} characters",
-            "record with MCAP, or with ROS 2 Iron or later, which store the definitions of messages",
-        )
+        hint = "record with MCAP, or with ROS 2 Iron or later, which store the definitions of messages"
+        got = f"{len(topic.definition)} characters"
         raise DataError(
             file,
             field=topic.name,

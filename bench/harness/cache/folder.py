@@ -120,10 +120,8 @@ class CacheFolder:
                 raise DataError(self.folder, expected="an empty folder or a cache", got="other files", hint=hint)
             mark.touch()
         except OSError as error:
-            got, hint = (
-                error.strerror or str(error),
-                "name another folder with --cache, or cache nothing with --no-cache",
-            )
+            hint = "name another folder with --cache, or cache nothing with --no-cache"
+            got = error.strerror or str(error)
             raise DataError(self.folder, expected="a folder for the cache", got=got, hint=hint) from error
 
     def _file(self, step: str, digest: str) -> Path:
