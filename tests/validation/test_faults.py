@@ -1,6 +1,5 @@
 """Each fault is really put into a copy of a clean recording, and it alone is told."""
 
-import csv
 import json
 import shutil
 from dataclasses import replace
@@ -11,8 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep, read_sweep
-from bench.lidar.files import write_sweep
+from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings, open_native
 from bench.validation import Depth, Severity, boxes, occupancy, validate_recording
@@ -20,6 +18,16 @@ from bench.validation.boxes import check_boxes
 from bench.validation.report import BY_EGO_MOTION
 from bench.validation.sweeps import seen_road
 from tests.support import tiny
+from tests.support.planting import (
+    change_boxes,
+    change_bus,
+    change_head,
+    change_json,
+    change_mounting,
+    change_sweep,
+    change_sweeps,
+    sweep_files,
+)
 from tests.validation import drive
 
 
@@ -48,55 +56,6 @@ def error(check):
 
 def warning(check):
     return {(check, Severity.WARNING)}
-
-
-def change_json(file, change):
-    content = json.loads(file.read_text())
-    change(content)
-    file.write_text(json.dumps(content))
-
-
-def change_head(root, change):
-    change_json(root / "recording.json", change)
-
-
-def change_mounting(root, **values):
-    """Change the front camera's mounting in the head."""
-    change_head(root, lambda head: head["cameras"]["front"]["vehicle_from_camera"].update(values))
-
-
-def change_boxes(root, change, *, only=None):
-    """Call `change` with the name, frame number and object data of every annotated state."""
-
-    def each(content):
-        for number, frame in content["openlabel"]["frames"].items():
-            for name, entry in frame["objects"].items():
-                if only is None or name == only:
-                    change(name, int(number), entry["object_data"])
-
-    change_json(root / "annotations.json", each)
-
-
-def change_bus(root, change):
-    with (root / "egomotion.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    for row in rows:
-        change(row)
-    with (root / "egomotion.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def change_sweep(root, index, change):
-    path = sorted((root / "lidar").iterdir())[index]
-    sweep = read_sweep(path, int(path.stem))
-    write_sweep(path, change(sweep))
-
-
-def change_sweeps(root, change):
-    for index in range(drive.SWEEPS):
-        change_sweep(root, index, change)
 
 
 def with_points(points):
@@ -269,17 +228,17 @@ def test_black_images(root):
 
 
 def test_an_empty_sweep(root):
-    change_sweep(root, 3, with_points(lambda points: points[:0]))
+    change_sweep(sweep_files(root)[3], with_points(lambda points: points[:0]))
     assert checks(root) == error("empty-sweep")
 
 
 def test_a_thin_sweep(root):
-    change_sweep(root, 3, with_points(lambda points: points[::50]))
+    change_sweep(sweep_files(root)[3], with_points(lambda points: points[::50]))
     assert checks(root) == warning("thin-sweep")
 
 
 def test_points_that_are_not_finite(root):
-    change_sweep(root, 3, with_points(lambda points: np.where(points > 10, np.nan, points)))
+    change_sweep(sweep_files(root)[3], with_points(lambda points: np.where(points > 10, np.nan, points)))
     (told,) = found(root)
     assert (told.check, told.field) == ("sweep", "points_lidar")
 
@@ -297,7 +256,9 @@ def test_the_sweep_before_it_again(root):
 
 
 def test_lost_returns_at_the_lidar(root):
-    change_sweep(root, 3, with_points(lambda points: np.vstack([points, np.zeros((500, 3), dtype=np.float32)])))
+    change_sweep(
+        sweep_files(root)[3], with_points(lambda points: np.vstack([points, np.zeros((500, 3), dtype=np.float32)]))
+    )
     assert checks(root) == warning("lost-returns")
 
 
@@ -664,7 +625,7 @@ def test_everything_at_once(root):
     (root / "images" / "front" / "late.png").write_bytes(b"")
     (root / "lidar" / "x.npz").write_bytes(b"")
     images(root)[2].write_bytes(b"\x89PNG\r\n\x1a\n")
-    change_sweep(root, 3, with_points(lambda points: points[:0]))
+    change_sweep(sweep_files(root)[3], with_points(lambda points: points[:0]))
     rows = (root / "egomotion.csv").read_text().splitlines()
     rows[5], rows[9] = rows[5].replace("8.0", "fast"), rows[9].replace("0.2", "nan")
     (root / "egomotion.csv").write_text("\n".join(rows) + "\n")
