@@ -1,5 +1,7 @@
 """The adapter of 123D: a drive as a log, written by pyarrow and by the library's own writer, reads as itself."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pyarrow as pa
@@ -8,12 +10,14 @@ import pytest
 from bench.adapters.log123d.adapter import log123d_recordings
 from bench.adapters.log123d.boxes import CLASSES
 from bench.adapters.log123d.rig import CameraHead
+from bench.adapters.log123d.sensors import decode_points
 from bench.cameras import RadialPolynomialCamera, UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.evaluation import load_protocol
 from bench.recordings import load_card, open_dataset, read_image
 from bench.records.recording import OBJECT_CLASSES, Cuboid
 from bench.reference import ReferenceBuilder, Status
+from tests.hostile.files import LAZ_FILES
 from tests.support import log123d, tiny
 
 
@@ -185,6 +189,12 @@ def test_a_damaged_table_is_one_clear_error(native, tmp_path, fault):
     with pytest.raises(DataError, match=message) as found:
         read_all()
     assert file.stem in str(found.value)
+
+
+@pytest.mark.parametrize("what", ["four billion points", "nine million points", "damaged stream", "cut short"])
+def test_compressed_points_that_lie_are_refused_before_they_are_unpacked(what):
+    with pytest.raises(DataError, match=r"drive/lidar\.arrow"):
+        decode_points(LAZ_FILES[what], Path("drive/lidar.arrow"))
 
 
 def test_paths_of_images_stay_inside_the_data_set(native, tmp_path):
