@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel, camera_from_parameters
+from bench.cameras import CameraModel, RollingShutter, camera_from_parameters
 from bench.errors import DataError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings.validation import located
@@ -28,6 +28,7 @@ def mounted_camera(
     ground_height_m: float = 0.0,
     ego_body: NDArray[np.bool_] | None,
     evaluated_size_px: tuple[int, int] | None,
+    rolling_shutter: RollingShutter | None = None,
     file: Path,
     field: str,
 ) -> MountedCamera:
@@ -40,6 +41,7 @@ def mounted_camera(
         ground_height_m: height of the road in the vehicle frame.
         ego_body: as of the camera, at the size of the stored images.
         evaluated_size_px: (width, height); None for as stored.
+        rolling_shutter: as of the camera.
         file: that says where the camera is, for messages.
         field: the same.
 
@@ -55,6 +57,7 @@ def mounted_camera(
         road=road,
         stored_size_px=(model.width, model.height),
         ego_body=ego_body,
+        rolling_shutter=rolling_shutter,
     )
     return scaled_camera(camera, evaluated_size_px)
 
