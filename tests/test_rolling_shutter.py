@@ -17,6 +17,7 @@ from bench.methods.registry import build_method
 from bench.recordings import MountedCamera, Recording, open_native, read_truth
 from bench.reference import visible_region
 from bench.reference.exposure import Exposure
+from bench.reporting.video import SweepViewer
 from bench.synthesis import read_scenario, synthesize
 from bench.synthesis.driving.ego import mounted_rig, own_body
 from bench.synthesis.exact_flow import ExactFlowCaster
@@ -109,6 +110,19 @@ def test_an_image_is_off_by_what_is_driven_between_its_rows(folder: Path) -> Non
     )
     assert np.abs(with_rows).max() < 0.03
     assert abs(at_once[0] - at_once[1]) > 0.2
+
+
+def test_lidar_points_are_drawn_at_their_rows(folder: Path) -> None:
+    found = []
+    for drive in (opened(folder, "straight"), opened(folder, "straight", rolling=False)):
+        image, camera = drive.images["left"][-1], drive.cameras["left"]
+        exposure = Exposure.at(image.timestamp_ns, recording=drive, camera=camera, valid=visible_region(camera))
+        seen = SweepViewer(drive, camera).see(image)
+        assert seen is not None
+        expected = exposure.project(seen.points_world)
+        assert np.allclose(seen.pixels, expected[camera.model.contains(expected)], atol=1e-6)
+        found.append(expected)
+    assert np.nanmax(np.abs(found[0] - found[1])) > 3
 
 
 def test_each_band_shows_the_scene_at_its_own_time(folder: Path) -> None:
