@@ -107,6 +107,7 @@ def _mounted_camera(
         ground_height_m=head.vehicle.ground_height_m,
         ego_body=ego_body,
         evaluated_size_px=size_px,
+        rolling_shutter=entry.rolling_shutter,
         file=file,
         field=f"{field}.vehicle_from_camera",
     )

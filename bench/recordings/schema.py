@@ -6,6 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
 
+from bench.cameras import RollingShutter
+from bench.cameras.rolling_shutter import LONGEST_READOUT_S, ReadoutDirection
 from bench.geometry import RigidTransform
 from bench.recordings.validation import FileModel, SidePx
 
@@ -62,6 +64,18 @@ class VehicleHead(FileModel):
     ground_height_m: float = 0.0
 
 
+class RollingShutterHead(FileModel):
+    """A rolling shutter as files state it; keys as of `RollingShutter`."""
+
+    readout_s: float = Field(gt=0, le=LONGEST_READOUT_S)
+    direction: ReadoutDirection = "down"
+
+    @property
+    def shutter(self) -> RollingShutter:
+        """The shutter that a file states."""
+        return RollingShutter(readout_s=self.readout_s, direction=self.direction)
+
+
 class CameraHead(FileModel):
     """A camera.
 
@@ -70,12 +84,14 @@ class CameraHead(FileModel):
         image_size: width and height of the stored images, px.
         vehicle_from_camera: the mounting.
         ego_body_mask: image in the recording, not 0 where the camera sees its own vehicle; null for nowhere.
+        rolling_shutter: null where all rows are exposed at once.
     """
 
     model: dict[str, Any]
     image_size: tuple[SidePx, SidePx]
     vehicle_from_camera: Mounting
     ego_body_mask: str | None = None
+    rolling_shutter: RollingShutterHead | None = None
 
 
 class LidarHead(FileModel):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -177,11 +178,13 @@ class RecordingWriter:
         if camera.ego_body is not None:
             mask = f"ego_body/{name}.png"
             _write_png(self.root / mask, camera.ego_body.astype(np.uint8) * 255, np.uint8)
+        shutter = {} if camera.rolling_shutter is None else {"rolling_shutter": asdict(camera.rolling_shutter)}
         return {
             "model": {key: value for key, value in parameters.items() if key not in {"width", "height"}},
             "image_size": size,
             "vehicle_from_camera": _mounting(camera.vehicle_from_camera),
             "ego_body_mask": mask,
+            **shutter,
         }
 
 

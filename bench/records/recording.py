@@ -11,7 +11,7 @@ from typing import Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel
+from bench.cameras import CameraModel, RollingShutter
 from bench.egomotion import Trajectory
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
@@ -36,6 +36,7 @@ class MountedCamera:
             card asks for evaluation at another size.
         ego_body: (height, width) bool at the evaluated size, True where the camera sees its own vehicle; None for
             nowhere.
+        rolling_shutter: its readout; None where all rows are exposed at once.
     """
 
     name: str
@@ -44,6 +45,7 @@ class MountedCamera:
     road: RoadPlane
     stored_size_px: tuple[int, int]
     ego_body: NDArray[np.bool_] | None = None
+    rolling_shutter: RollingShutter | None = None
 
 
 class StoredPart(Protocol):
@@ -81,7 +83,7 @@ class ImageRef:
 
     Attributes:
         camera: name of the camera.
-        timestamp_ns: time of exposure (its middle).
+        timestamp_ns: time of exposure (its middle; of a rolling shutter, that of the middle row).
         path: PNG or JPEG file; of an image in a container, a name for messages and predictions, which is no file: the
             container's path, the camera's name and the time.
         truth_path: 16-bit PNG of instance ids, in synthetic recordings; None elsewhere.

@@ -90,7 +90,7 @@ class ReferenceBuilder:
             )
         return ScannedObject(
             annotated=annotated,
-            exposure=exposure,
+            exposure=exposure.of_object(annotated.velocity_world_mps),
             settings=self.settings,
             cluster=cluster,
             placed=placed,
@@ -137,7 +137,8 @@ def annotated_region(scanned: ScannedObject) -> Region | None:
     """Return the region that shows the annotated shape; of an object whose points are named, the hull of these."""
     if not len(scanned.parts_world):
         return ConvexHull().region(scanned)
-    raster = silhouette(scanned.exposure.camera_from_world.apply(scanned.parts_world), scanned.exposure.camera.model)
+    exposure = scanned.exposure
+    raster = silhouette(exposure.seen(exposure.camera_from_world.apply(scanned.parts_world)), exposure.camera.model)
     rows, columns = raster.window
     polygon = trace_polygon(raster.covered, np.array([columns.start, rows.start]))
-    return None if polygon is None else Region.of(polygon, scanned.exposure.in_valid(raster))
+    return None if polygon is None else Region.of(polygon, exposure.in_valid(raster))

@@ -264,8 +264,10 @@ class ScannedObject:
                 if (limit_m != end_m).any():
                     ends = (np.column_stack([corners[:, :2], z]) for z in (limit_m, np.full_like(limit_m, end_m)))
                     found.append(np.concatenate(list(ends)))
+        if not found:
+            return None
         camera_from_sensor = self.exposure.camera_from_world @ self.world_from_sensor
-        return silhouette(camera_from_sensor.apply(np.array(found)), self.exposure.camera.model) if found else None
+        return silhouette(self.exposure.seen(camera_from_sensor.apply(np.array(found))), self.exposure.camera.model)
 
 
 def way_out_m(

@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 
 from bench.adapters.rosbag.adapter import rosbag_recordings
 from bench.adapters.rosbag.rig import Rig, RosbagOptions
-from bench.cameras import camera_from_parameters
+from bench.cameras import RollingShutter, camera_from_parameters
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.harness.digests import RecordingInputs
@@ -365,6 +365,13 @@ def test_the_example_card_shows_a_rig_that_is_one():
     assert camera_from_parameters(parameters.pop("model"), width=1280, height=960, **parameters).width == 1280
     card = load_card(REPOSITORY / "datasets" / "rosbag-example.yaml")
     validated(RosbagOptions, card.content.options, file=card.file)
+
+
+def test_the_rig_states_a_rolling_shutter(tmp_path):
+    rig = rig_with()
+    rig["cameras"]["front"]["rolling_shutter"] = {"readout_s": 0.02, "direction": "up"}
+    camera = opened(bags.data_set(tmp_path, bags.drive(), rig)).cameras["front"]
+    assert camera.rolling_shutter == RollingShutter(readout_s=0.02, direction="up")
 
 
 def test_the_hosts_body_is_a_mask_and_polygons(tmp_path):

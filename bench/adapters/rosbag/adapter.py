@@ -197,6 +197,7 @@ class _Opening:
             ground_height_m=self.rig.vehicle.ground_height_m,
             ego_body=ego_body,
             evaluated_size_px=self.source.options.evaluated_size_px,
+            rolling_shutter=camera.rolling_shutter,
             file=file,
             field=field,
         )
