@@ -14,6 +14,7 @@ import numpy as np
 from bench.errors import DataError
 from bench.recordings import Recording, RecordingHandle
 from bench.recordings.handles import LenientReading
+from bench.validation.annotated import check_annotated
 from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
@@ -60,6 +61,7 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
     (check_coverage, frozenset({"trajectory"}), attrgetter("root")),
     (check_ego_limits, frozenset({"trajectory"}), attrgetter("trajectory.source")),
     (check_path, frozenset({"trajectory"}), attrgetter("trajectory.source")),
+    (check_annotated, frozenset({"annotations"}), annotation_file),
     (check_annotation_times, frozenset({"annotations"}), annotation_file),
     (check_boxes, frozenset({"annotations"}), annotation_file),
     (check_motion, frozenset({"trajectory", "annotations"}), annotation_file),
