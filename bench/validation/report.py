@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import count
 from operator import attrgetter
+from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
 from bench.errors import DataError
 from bench.recordings import Recording, RecordingHandle
 from bench.recordings.handles import LenientReading
+from bench.recordings.validation import FileModel, read_json
 from bench.validation.annotated import check_annotated
 from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
@@ -169,23 +171,63 @@ class ValidationReport:
 
     def as_json(self) -> str:
         """JSON text, one object with a list of findings."""
-        content = {
-            "schema_version": SCHEMA_VERSION,
-            "dataset": self.dataset,
-            "depth": self.depth.value,
-            "errors": self.count(Severity.ERROR),
-            "warnings": self.count(Severity.WARNING),
-            "recordings": [
-                {
-                    "name": recording.name,
-                    "images": {"read": recording.images[0], "all": recording.images[1]},
-                    "sweeps": {"read": recording.sweeps[0], "all": recording.sweeps[1]},
-                }
-                for recording in self.recordings
-            ],
-            "findings": [asdict(finding) for finding in self.findings],
-        }
-        return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+        stored = _StoredReport(
+            schema_version=SCHEMA_VERSION,
+            dataset=self.dataset,
+            depth=self.depth,
+            errors=self.count(Severity.ERROR),
+            warnings=self.count(Severity.WARNING),
+            recordings=tuple(
+                _StoredRecording(name=one.name, images=_StoredCount.of(one.images), sweeps=_StoredCount.of(one.sweeps))
+                for one in self.recordings
+            ),
+            findings=self.findings,
+        )
+        return stored.model_dump_json(indent=1, by_alias=True) + "\n"
+
+
+class _StoredCount(FileModel):
+    read: int
+    every: int = Field(alias="all")
+
+    @classmethod
+    def of(cls, counts: tuple[int, int]) -> _StoredCount:
+        return cls(read=counts[0], all=counts[1])
+
+
+class _StoredRecording(FileModel):
+    name: str
+    images: _StoredCount
+    sweeps: _StoredCount
+
+
+class _StoredReport(FileModel):
+    schema_version: int
+    dataset: str
+    depth: Depth
+    errors: int
+    warnings: int
+    recordings: tuple[_StoredRecording, ...]
+    findings: tuple[Finding, ...]
+
+
+def read_report(file: Path) -> ValidationReport:
+    """Read a report that was stored as JSON.
+
+    Raises:
+        DataError: missing or not a report.
+    """
+    stored = read_json(_StoredReport, file)
+    recordings = [
+        RecordingReport(
+            name=one.name,
+            findings=tuple(finding for finding in stored.findings if finding.recording == one.name),
+            images=(one.images.read, one.images.every),
+            sweeps=(one.sweeps.read, one.sweeps.every),
+        )
+        for one in stored.recordings
+    ]
+    return ValidationReport(dataset=stored.dataset, depth=stored.depth, recordings=tuple(recordings))
 
 
 def validate_dataset(
