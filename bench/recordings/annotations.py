@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from bench.egomotion.time_units import unit_hint
 from bench.errors import DataError
 from bench.geometry import RigidTransform, quaternions_wxyz
 from bench.recordings import openlabel
@@ -115,6 +116,11 @@ def _faults(file: Path) -> tuple[DataError, ...]:
 def _states(content: openlabel.OpenLabel, file: Path, on_error: OnError) -> dict[str, list[ObjectState]]:
     """The states of each object, by time."""
     states: dict[str, list[ObjectState]] = {uid: [] for uid in content.objects}
+    times_ns = [frame.frame_properties.timestamp for frame in content.frames.values()]
+    if len(set(times_ns)) < len(times_ns) and (hint := unit_hint(times_ns)):
+        expected, got = "nanoseconds, each time once", f"{len(times_ns)} frames at {len(set(times_ns))} times"
+        on_error(DataError(file, field="openlabel.frames: timestamp", expected=expected, got=got, hint=hint))
+        return states
     last_ns: dict[str, int] = {}
     for number, frame in sorted(content.frames.items(), key=lambda item: item[1].frame_properties.timestamp):
         timestamp_ns = frame.frame_properties.timestamp

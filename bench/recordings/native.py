@@ -149,7 +149,9 @@ def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], on_error: 
         if path.name.startswith(".") or path.suffix.lower() not in suffixes:
             return None
         if not path.stem.isascii() or not path.stem.isdigit() or int(path.stem) > LATEST_NS:
-            raise DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem))
+            seconds = path.stem.replace(".", "", 1).isdigit() and "." in path.stem
+            hint = "these would be seconds: multiply them by 1000000000" if seconds else ""
+            raise DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem), hint=hint)
         return int(path.stem)
 
     return numbered_files(root, folder, time_ns, on_error, each="time")

@@ -26,6 +26,7 @@ from bench.validation.images import check_images
 from bench.validation.motion import check_motion
 from bench.validation.occupancy import Occupancy
 from bench.validation.sweeps import SweepChecks
+from bench.validation.units import check_length_units, check_time_units
 
 SAMPLED_IMAGES = 40  # of each camera, in pairs of neighbours
 SAMPLED_SWEEPS = 20
@@ -58,6 +59,8 @@ class RecordingReport:
 Check = Callable[[Recording], Iterator[Finding]]
 # Each with the parts of a recording that it cannot do without, and the file of findings that name none.
 CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] = (
+    (check_time_units, frozenset(), attrgetter("root")),
+    (check_length_units, frozenset(), attrgetter("root")),
     (check_calibration, frozenset(), calibration_file),
     (check_clocks, frozenset(), attrgetter("root")),
     (check_coverage, frozenset({"trajectory"}), attrgetter("root")),
@@ -71,6 +74,27 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
 
 EGO_MOTION_CHECKS = frozenset({"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit"})
 BY_EGO_MOTION = frozenset({"object-jump", "object-speed", "heading", "velocity", "empty-box", "tight-box"})
+BY_TIMES = frozenset(
+    {
+        *(
+            "image-times",
+            "ego-motion-missing",
+            "sensor-overlap",
+            "point-times",
+            "annotation-time",
+            "annotation-outside",
+        ),
+    }
+)
+BY_LENGTHS = BY_EGO_MOTION | {
+    *("camera-mounting", "lidar-mounting", "sensor-outside", "sweep-range", "road-height"),
+    *("box-size", "box-grows", "box-height", "object-in-ego", "same-object", "crowded-boxes"),
+}
+CAUSES = (  # what causes it, by which findings that is known, and findings that may follow from it
+    ("the unit of times", frozenset({"time-unit"}), BY_TIMES),
+    ("the unit of lengths", frozenset({"length-unit"}), BY_LENGTHS),
+    ("the ego-motion", EGO_MOTION_CHECKS, BY_EGO_MOTION),
+)
 
 
 def validate_recording(
@@ -104,20 +128,22 @@ def validate_recording(
             findings += check_images(recording, camera, rows[camera], step)
         findings += SweepChecks(recording, occupancy).check(sweep_rows, step)
         findings += occupancy.findings() if occupancy is not None else ()
-    named = _causes_first([replace(finding, recording=handle.name) for finding in findings])
+    named = [replace(finding, recording=handle.name) for finding in findings]
+    for name, causing, following in CAUSES:
+        named = _causes_first(named, name, causing, following)
     ordered = tuple(sorted(named, key=lambda finding: finding.severity != "error"))
     return RecordingReport(name=handle.name, findings=ordered, images=images, sweeps=sweeps)
 
 
-def _causes_first(findings: list[Finding]) -> list[Finding]:
-    """Move findings that rely on a wrong ego-motion to the end, as warnings."""
-    if not any(finding.check in EGO_MOTION_CHECKS and finding.severity is Severity.ERROR for finding in findings):
+def _causes_first(
+    findings: list[Finding], name: str, causing: frozenset[str], following: frozenset[str]
+) -> list[Finding]:
+    """Move findings that may follow from a cause to the end, as warnings; as they are where it is not found."""
+    if not any(finding.check in causing and finding.severity is Severity.ERROR for finding in findings):
         return findings
-    others = [finding for finding in findings if finding.check not in BY_EGO_MOTION]
-    return others + [
-        replace(finding, severity=Severity.WARNING, hint="may follow from the ego-motion: correct that, validate again")
-        for finding in findings
-        if finding.check in BY_EGO_MOTION
+    hint = f"may follow from {name}: correct that, validate again"
+    return [finding for finding in findings if finding.check not in following] + [
+        replace(finding, severity=Severity.WARNING, hint=hint) for finding in findings if finding.check in following
     ]
 
 
