@@ -40,7 +40,7 @@ SWEEP_NS: Span = (1e7, 1e9)  # how long a sweep lasts
 
 def check_time_units(recording: Recording) -> Iterator[Finding]:
     """Times of images, sweeps, ego-motion and annotations."""
-    series = [
+    series: list[tuple[object, str, NDArray[np.int64]]] = [
         (recording.images[camera][0].path.parent, f"names of the images of {camera}", times_of(recording, camera))
         for camera in recording.cameras
         if recording.images[camera]
