@@ -175,6 +175,10 @@ SEGMENTATION = (
     _images("f1", "F1", lambda r: 2 * r["tp_px"], lambda r: 2 * r["tp_px"] + r["fp_px"] + r["fn_px"],
             "Harmonic mean of precision and recall.", cases_by_method=True, tolerated=None),
 )  # fmt: skip
+MARKED = _images("marked", "Marked", lambda r: (r["detected_px"] / r["valid_px"]).where(r["valid_px"] > 0, 0),
+                 lambda r: r["valid_px"] > 0,
+                 "Mean share of V that is detected in images that are not annotated, of which nothing else is known.",
+                 higher_is_better=None)  # fmt: skip
 # Numbers that stand in the same sums, as a numerator; `tracks` are objects, over their object-frames.
 COUNTS = ("tracks", "annotated", "images")
 
@@ -225,7 +229,7 @@ def image_metrics(causes: Iterable[str] = ()) -> tuple[Definition, ...]:
     return (*FALSE_POSITIVES, *SEGMENTATION, *map(cause_metric, causes))
 
 
-FIXED = {metric.name: metric for metric in (*OF_OBJECTS, UNKNOWN, *CEILINGS, *FALSE_POSITIVES, *SEGMENTATION)}
+FIXED = {metric.name: metric for metric in (*OF_OBJECTS, UNKNOWN, *CEILINGS, *FALSE_POSITIVES, *SEGMENTATION, MARKED)}
 
 
 def find_metric(name: str) -> Definition:

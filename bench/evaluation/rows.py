@@ -26,7 +26,7 @@ Row = dict[str, Any]
 
 IMAGE = ["recording", "camera", "timestamp_ns"]
 OBJECT = [*IMAGE, "track_id"]
-EVALUATED = "evaluated"
+EVALUATED, NOT_ANNOTATED = "evaluated", "not_annotated"
 ROWS_AT_ONCE = 100_000  # in memory, unless one recording has more
 _IMAGE_KEY = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_ns", pa.int64())]
 
@@ -78,8 +78,9 @@ _FRAME_COUNTS = (
     "fp_largest_px",
 )
 
-# One row per image. All counts are 0 unless evaluated; `fp_by_cause` is empty for a method that names no causes. The
-# histograms over `bench.evaluation.likelihood.EDGES` are null unless evaluated and where the method has no likelihood.
+# One row per image. All counts are 0 where there is no mask; an image that is not annotated has those of its mask and
+# of V only. `fp_by_cause` is empty for a method that names no causes. The histograms over
+# `bench.evaluation.likelihood.EDGES` are null unless evaluated and where the method has no likelihood.
 FRAMES_SCHEMA = pa.schema(
     [
         *_IMAGE_KEY,
@@ -260,8 +261,9 @@ def object_rows(
 def frame_row(
     reference: ReferenceFrame, counts: FrameCounts, *, undefined_px: int, likelihood: LikelihoodCounts | None = None
 ) -> Row:
-    """The row of `FRAMES_SCHEMA` of an image that was scored."""
-    row = _image_key(reference) | {"ego_speed_mps": reference.ego_speed_mps, "status": "evaluated", "problem": None}
+    """The row of `FRAMES_SCHEMA` of an image that was scored, or has a mask but no annotations to score it by."""
+    status = EVALUATED if reference.annotated else NOT_ANNOTATED
+    row = _image_key(reference) | {"ego_speed_mps": reference.ego_speed_mps, "status": status, "problem": None}
     row |= {name: getattr(counts, name) for name in _FRAME_COUNTS}
     row |= {"undefined_px": undefined_px, "fp_by_cause": sorted(counts.fp_by_cause.items())}
     return row | {

@@ -40,7 +40,7 @@ class SequenceScorer:
         *,
         exact: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Score a frame.
+        """Score a frame; of one that is not annotated, only the pixels of its mask are counted.
 
         Args:
             reference: of the image.
@@ -63,8 +63,11 @@ class SequenceScorer:
             regions=regions,
         )
         self._chance.add(reference, detected)
-        undefined_px, likelihood = self._undefined_px(reference, segmentation), _likelihood(regions, segmentation)
+        undefined_px = self._undefined_px(reference, segmentation)
+        likelihood = _likelihood(regions, segmentation) if reference.annotated else None
         self._frames.append(frame_row(reference, frame, undefined_px=undefined_px, likelihood=likelihood))
+        if not reference.annotated:
+            return
         if self._maps is None:
             self._maps = ImageMapSums(camera=reference.camera, width=width, height=height)
         self._maps.add(regions)

@@ -14,6 +14,7 @@ from bench.evaluation.definitions import (
     CEILINGS,
     COUNTS,
     FALSE_POSITIVES,
+    MARKED,
     SEGMENTATION,
     Definition,
     cause_metric,
@@ -22,7 +23,7 @@ from bench.evaluation.definitions import (
 )
 from bench.evaluation.intervals import ratio_interval
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import EVALUATED, Rows
+from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED, Rows
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, cameras_of, frame_breakdowns, object_breakdowns, sum_run
 from bench.records.reference import IgnoreReason, Status
 
@@ -60,6 +61,9 @@ class Metric(_Part):
     ci95: tuple[float, float] | None
     cases: int
     recordings: int
+
+
+NO_CASES = Metric(value=math.nan, ci95=None, cases=0, recordings=0)
 
 
 class ObjectMetrics(BaseModel):
@@ -152,12 +156,17 @@ class ObjectLedger(_Part):
 
 
 class FrameLedger(_Part):
-    """Numbers of images, by outcome; `problems` counts the failed and skipped ones by their message."""
+    """Numbers of images, by outcome; `problems` counts the failed and skipped ones by their message.
+
+    Attributes:
+        not_annotated: with a mask, but without annotations to score it by.
+    """
 
     images: int
     evaluated: int
     failed: int
     skipped: int
+    not_annotated: int = 0
     problems: dict[str, int]
 
 
@@ -176,6 +185,7 @@ class Summary(_Part):
         false_positive_breakdowns: "ego_speed_mps", "camera" -> bin or name -> row.
         objects: ledger of the annotated objects.
         images: ledger of the images.
+        marked: mean share of V that is detected, over the images that are not annotated.
     """
 
     protocol: ProtocolOfRun
@@ -188,11 +198,20 @@ class Summary(_Part):
     false_positive_breakdowns: dict[str, dict[str, FalsePositiveMetrics]]
     objects: ObjectLedger
     images: FrameLedger
+    marked: Metric = NO_CASES
 
 
 OF_IMAGES = "status", "images"
-NO_CASES = Metric(value=math.nan, ci95=None, cases=0, recordings=0)
 Ratios = dict[tuple[str, str, str], Metric]  # by breakdown, slice and metric
+
+
+def not_annotated(metrics: Summary) -> str:
+    """A sentence on the images that have no scores since they are not annotated; empty without any."""
+    images, marked = metrics.images, 100 * metrics.marked.value
+    if not images.not_annotated:
+        return ""
+    which = f"{images.not_annotated} of {images.images} images are not" if images.evaluated else "Not"
+    return f"{which} annotated: no scores; on average {marked:.1f} % of their valid pixels are marked."
 
 
 def take_ratio(sums: pd.DataFrame, definition: Definition) -> Metric:
@@ -274,6 +293,7 @@ def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
         false_positive_breakdowns=frames,
         objects=_object_ledger(counts),
         images=_frame_ledger(counts),
+        marked=ratios.get((FRAMES, FRAMES, MARKED.name), NO_CASES),
     )
 
 
@@ -304,6 +324,6 @@ def _object_ledger(counts: dict[tuple[str, str, str], int]) -> ObjectLedger:
 def _frame_ledger(counts: dict[tuple[str, str, str], int]) -> FrameLedger:
     found = {name: count for (breakdown, name, metric), count in counts.items() if (breakdown, metric) == OF_IMAGES}
     problems = {name: count for (breakdown, name, _), count in counts.items() if breakdown == "problem"}
-    ended = {name: found.pop(name, 0) for name in (EVALUATED, "failed", "skipped")}
+    ended = {name: found.pop(name, 0) for name in (EVALUATED, "failed", "skipped", NOT_ANNOTATED)}
     assert not found, "every image is scored or accounted for"
     return FrameLedger(images=sum(ended.values()), problems=dict(sorted(problems.items())), **ended)

@@ -21,9 +21,9 @@ import pandas as pd
 
 from bench.atomic import open_regular, write_text
 from bench.errors import BenchError, DataError
-from bench.evaluation.definitions import CAUSE, COUNTS, Definition, find_metric, image_metrics, object_metrics
+from bench.evaluation.definitions import CAUSE, COUNTS, MARKED, Definition, find_metric, image_metrics, object_metrics
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, Rows, read_parts
+from bench.evaluation.rows import EVALUATED, IMAGE, NOT_ANNOTATED, OBJECT, Rows, read_parts
 
 ALL_MOVING, FRAMES, CATEGORY = "all_moving", "frames", "category"
 KEY, TERMS = ["breakdown", "slice", "recording", "metric"], ["numerator", "denominator"]
@@ -32,8 +32,8 @@ OBJECT_COLUMNS = (
     "tp", "fn", "fp", "chance_tp", "unknown_px", "ceiling_tp", "ceiling_fp",
 )  # fmt: skip
 FRAME_COLUMNS = (
-    *IMAGE, "ego_speed_mps", "status", "problem", "width", "height", "valid_px", "tp_px", "fn_px", "fp_px",
-    "fp_components", "fp_large_components", "fp_by_cause",
+    *IMAGE, "ego_speed_mps", "status", "problem", "width", "height", "valid_px", "detected_px", "tp_px",
+    "fn_px", "fp_px", "fp_components", "fp_large_components", "fp_by_cause",
 )  # fmt: skip
 Breakdown = tuple[Sequence[str], Callable[[pd.DataFrame], "pd.Series[str]"]]
 
@@ -163,8 +163,10 @@ def sum_frames(frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     rows = frames[frames["status"] == EVALUATED]
     breakdowns = {name: of(rows) for name, (_, of) in frame_breakdowns(protocol).items()}
     metrics = image_metrics(sorted({cause for px in rows["fp_by_cause"] for cause in px}))
+    unknown = frames[frames["status"] == NOT_ANNOTATED]
+    marked = _sum(unknown, [MARKED], {FRAMES: pd.Series(FRAMES, unknown.index)})
     ledger = _count(frames, "images", ("status", "problem", "camera"))
-    return pd.concat([_sum(rows, metrics, breakdowns), ledger], ignore_index=True)
+    return pd.concat([_sum(rows, metrics, breakdowns), marked, ledger], ignore_index=True)
 
 
 def _sum(rows: pd.DataFrame, metrics: Sequence[Definition], breakdowns: Mapping[str, pd.Series[str]]) -> pd.DataFrame:

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import Protocol, sum_run, summary_of, write_sums
-from bench.evaluation.summary import ProtocolOfRun
+from bench.evaluation.summary import ProtocolOfRun, Summary, not_annotated
 from bench.execution import FailedTask, SerialExecutor, TaskExecutor
 from bench.harness.cache import CacheFolder
 from bench.harness.code_state import unrepeatable_code
@@ -382,7 +382,7 @@ def _write_results(
     write_protocol(results, protocol)
     outlines = [recording.vehicle_outline_m for recording in scored.recordings if recording.vehicle_outline_m]
     digests = {one.name: one.digest for one in scored.recordings if one.digest is not None}
-    if not metrics.images.evaluated and not problems:
+    if not (metrics.images.evaluated or metrics.images.not_annotated or problems):
         reasons = [f"{problem} ({count})" for problem, count in metrics.images.problems.items()]
         failures.append(f"no image was scored; {listed(reasons)}" if reasons else "no image was scored")
     finished = {"reference": reference_digest(objects, frames), "sums": sums_digest(results)}
@@ -390,10 +390,12 @@ def _write_results(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=SCHEMA_VERSION,
         manifest=manifest.with_data(digests).model_copy(update=finished),
-        provenance=scored.provenance(run, images=metrics.images.evaluated, unrepeatable=unrepeatable),
+        provenance=scored.provenance(
+            run, images=metrics.images.evaluated + metrics.images.not_annotated, unrepeatable=unrepeatable
+        ),
         vehicle_outline_m=outlines[-1] if outlines else (),
         failures=(*failures, *problems),
-        caveats=_caveats(request),
+        caveats=_caveats(request, metrics),
         threshold_free=read_threshold_free(results),
         files=file_digests(results),
     )
@@ -401,11 +403,11 @@ def _write_results(
     return summary
 
 
-def _caveats(request: RunRequest) -> str:
-    """Caveats for a reader of the results: those of the data, and errors of the method's input."""
+def _caveats(request: RunRequest, metrics: Summary) -> str:
+    """Caveats for a reader of the results: no annotations, those of the data, and errors of the method's input."""
     told = [f"{name} {error:g}" for name, error in request.input_errors.named.items()]
     errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
-    return "\n".join(part for part in (request.card.content.caveats, errors) if part)
+    return "\n".join(part for part in (not_annotated(metrics), request.card.content.caveats, errors) if part)
 
 
 def _sum(counted: Iterable[Mapping[str, Number]]) -> dict[str, Number]:

@@ -25,7 +25,7 @@ import pyarrow.csv
 import pyarrow.dataset
 
 from bench.atomic import open_regular, write_text
-from bench.errors import DataError
+from bench.errors import DataError, UsageError
 from bench.evaluation import (
     FRAMES_SCHEMA,
     OBJECTS_SCHEMA,
@@ -281,6 +281,16 @@ def read_run(run: Path) -> RunSummary:
     for name, digest in summary.files.items():
         _check(run / name, digest)
     return summary
+
+
+def refuse_unscored(summary: RunSummary, run: Path) -> None:
+    """Refuse a run without scores, of data that are not annotated.
+
+    Raises:
+        UsageError: it has none.
+    """
+    if summary.images.not_annotated and not summary.images.evaluated:
+        raise UsageError(f"{run}: expected a run with scores, got one of data that are not annotated")
 
 
 def _check(file: Path, digest: str) -> None:

@@ -9,6 +9,7 @@ from pydantic import Field, field_validator
 from bench.cameras import RollingShutter
 from bench.cameras.rolling_shutter import LONGEST_READOUT_S, ReadoutDirection
 from bench.geometry import RigidTransform
+from bench.recordings.annotations import Statement
 from bench.recordings.validation import FileModel, SidePx
 
 SCHEMA_VERSION = 1
@@ -128,6 +129,7 @@ class RecordingHead(FileModel):
         licence: of the data.
         frame_interval_ns: nominal time between images.
         conventions: frames and orders of numbers in words, for readers of the file.
+        annotated: "complete", "none", or which times and areas are; null for complete where there are annotations.
     """
 
     schema_version: Literal[1]
@@ -135,6 +137,7 @@ class RecordingHead(FileModel):
     licence: str
     frame_interval_ns: int = Field(gt=0, le=LONGEST_INTERVAL_NS)
     conventions: str = CONVENTIONS
+    annotated: Statement | None = None
     vehicle: VehicleHead
     cameras: dict[Name, CameraHead] = Field(min_length=1)
     lidar: LidarHead

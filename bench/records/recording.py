@@ -228,6 +228,30 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Annotated:
+    """When and where a recording is annotated: every road user that moves there has an object or a mask.
+
+    Elsewhere nobody knows what moves, so nothing is scored: images of other times, and pixels of other areas.
+
+    Attributes:
+        spans_ns: first and last time of each annotated stretch, both included; none where nothing is annotated.
+        left_out_m: outlines on the ground, x and y in the vehicle frame, m, within which nothing is annotated.
+    """
+
+    spans_ns: tuple[tuple[int, int], ...]
+    left_out_m: tuple[tuple[tuple[float, float], ...], ...] = ()
+
+    def covers(self, timestamp_ns: int) -> bool:
+        """Return True where an image of this time can be scored."""
+        return any(first <= timestamp_ns <= last for first, last in self.spans_ns)
+
+
+ALWAYS_NS = (-(2**63), 2**63 - 1)
+COMPLETELY = Annotated(spans_ns=(ALWAYS_NS,))
+NOT_ANNOTATED = Annotated(spans_ns=())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class InputErrors:
     """Errors injected into the input of a method, all 0 by default; perturbed minus true.
 
@@ -282,6 +306,7 @@ class Recording:
         vehicle_from_lidar: mounting of the lidar.
         sweeps: by increasing time.
         tracks: annotated objects.
+        annotated: when and where there would be an object if something moved.
         vehicle_outline_m: (K, 2) float64, the ego vehicle seen from above, vehicle frame, m.
         lidar_from_sensor: where the beams start and the axes about which they turn, in the frame of the points; not the
             identity where a data set gives its points in other axes than the sensor's own, such as the vehicle's.
@@ -298,6 +323,7 @@ class Recording:
     vehicle_from_lidar: RigidTransform
     sweeps: tuple[SweepRef, ...]
     tracks: tuple[Track, ...]
+    annotated: Annotated
     vehicle_outline_m: NDArray[np.float64] = field(
         default_factory=lambda: np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
     )

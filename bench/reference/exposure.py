@@ -153,7 +153,12 @@ class Exposure:
         return pixels
 
     def frame(
-        self, objects: tuple[ReferenceObject, ...], labels: NDArray[np.int32], ignored: NDArray[np.bool_]
+        self,
+        objects: tuple[ReferenceObject, ...],
+        labels: NDArray[np.int32],
+        ignored: NDArray[np.bool_],
+        *,
+        annotated: bool = True,
     ) -> ReferenceFrame:
         """The reference of this image; arguments as its attributes."""
         return ReferenceFrame(
@@ -165,6 +170,7 @@ class Exposure:
             labels=labels,
             ignored=ignored,
             valid=self.valid,
+            annotated=annotated,
         )
 
     def in_valid(self, raster: Raster) -> Raster:

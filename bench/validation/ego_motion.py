@@ -118,6 +118,13 @@ class Reading:
     field: str
     description: str
 
+    @property
+    def remedy(self) -> str:
+        """What to do where this is the right one."""
+        factors = {"the speed": self.speed, "the yaw rate": self.turn}
+        scaled = [f"multiply {name} by {factor:.4g}" for name, factor in factors.items() if factor not in {0.0, 1.0}]
+        return f"check unit and sign: {' and '.join(scaled)}" if scaled else "check unit and sign"
+
 
 DEGREE = float(np.pi / 180)
 STATED = Reading(speed=1.0, turn=1.0, field="", description="as stated")
@@ -126,6 +133,7 @@ READINGS = (
     Reading(speed=3.6, turn=1.0, field="speed", description="m/s read as km/h"),
     Reading(speed=0.44704, turn=1.0, field="speed", description="mph read as m/s"),
     Reading(speed=0.01, turn=1.0, field="speed", description="centimetres read as metres"),
+    Reading(speed=0.001, turn=1.0, field="speed", description="millimetres read as metres"),
     Reading(
         speed=-1.0, turn=1.0, field="gear or sign of the speed", description="the wrong way, forwards for backwards"
     ),
@@ -173,7 +181,7 @@ def check_path(recording: Recording) -> Iterator[Finding]:
             field=best.field,
             expected="a path on which neighbouring lidar sweeps meet",
             got=f"sweeps {100 * means[STATED]:.0f} cm apart; {100 * means[best]:.0f} cm if this is {best.description}",
-            hint="check unit and sign",
+            hint=best.remedy,
             times=len(totals[best]),
         )
 

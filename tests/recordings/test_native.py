@@ -326,9 +326,6 @@ def test_missing_and_doubled_files_are_named(root):
     with pytest.raises(DataError, match=r"expected one of egomotion.csv and poses.csv, got both"):
         open_native(root)
     (root / "poses.csv").unlink()
-    (root / "annotations.json").rename(root / "labels.json")
-    with pytest.raises(DataError, match=r"annotations\.json: expected an annotation file, got no such file"):
-        open_native(root)
     (root / "egomotion.csv").unlink()
     with pytest.raises(DataError, match="got neither"):
         open_native(root)

@@ -245,7 +245,8 @@ def test_points_that_are_not_finite(root):
 
 def test_millimetres(root):
     change_sweeps(root, with_points(lambda points: points * 1000))
-    (told,) = found(root)
+    cause, told = found(root)
+    assert (cause.check, cause.severity) == ("length-unit", Severity.ERROR)
     assert (told.check, told.times) == ("sweep-range", drive.SWEEPS)
 
 
@@ -268,8 +269,9 @@ def test_point_times_in_microseconds(root):
         return LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=sweep.points_lidar, time_offset_ns=offsets_ns)
 
     change_sweeps(root, timed)
-    (told,) = found(root)
-    assert (told.check, told.hint) == ("point-times", "check the unit: expected nanoseconds")
+    cause, told = found(root)
+    assert (cause.check, cause.severity, cause.hint) == ("time-unit", Severity.ERROR, "multiply them by 1000")
+    assert (told.check, told.severity) == ("point-times", Severity.WARNING)
 
 
 def test_a_lidar_mounted_too_low(root):

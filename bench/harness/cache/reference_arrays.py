@@ -26,7 +26,7 @@ PLAIN = tuple(field.name for field in fields(ReferenceObject) if field.name not 
 
 
 def reference_arrays(frame: ReferenceFrame) -> Arrays:
-    """A reference as arrays; without what the reader knows: recording, camera, time and V."""
+    """A reference as arrays; without what the reader knows: recording, camera, time, V and whether it is annotated."""
     objects = [{name: getattr(item, name) for name in PLAIN} for item in frame.objects]
     outlines = [b"" if item.polygon is None else item.polygon.wkb for item in frame.objects]
     return {
@@ -41,7 +41,7 @@ def reference_arrays(frame: ReferenceFrame) -> Arrays:
 
 
 def reference_from_arrays(
-    arrays: Arrays, *, recording: str, camera: str, timestamp_ns: int, valid: NDArray[np.bool_]
+    arrays: Arrays, *, recording: str, camera: str, timestamp_ns: int, valid: NDArray[np.bool_], annotated: bool
 ) -> ReferenceFrame:
     """The reference again, equal in every value.
 
@@ -51,6 +51,7 @@ def reference_from_arrays(
         camera: name.
         timestamp_ns: exposure.
         valid: (H, W) bool, the region V.
+        annotated: of the image.
     """
     ends = np.cumsum(arrays["outline_bytes"]).tolist()
     content = arrays["outlines"].tobytes()
@@ -75,6 +76,7 @@ def reference_from_arrays(
         labels=_unpacked(arrays["labels"]).astype(np.int32),
         ignored=_unpacked(arrays["ignored"]).view(np.bool_),
         valid=valid,
+        annotated=annotated,
     )
 
 

@@ -72,6 +72,7 @@ class StepCache:
             camera=image.camera,
             timestamp_ns=image.timestamp_ns,
             valid=builder.valid,
+            annotated=self.recording.annotated.covers(image.timestamp_ns),
         )
 
 

@@ -21,7 +21,7 @@ from bench.evaluation.rows import (
 )
 from bench.harness import RunSummary
 from bench.harness.manifest import Aspect, all_settings, differences
-from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_digest
+from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_digest, refuse_unscored
 from bench.reporting.stored_run import StoredRun, read_stored_run
 
 if TYPE_CHECKING:
@@ -84,6 +84,8 @@ def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, St
         DataError: a table is damaged.
         UsageError: no image was scored by both, or their references differ on these; says in what.
     """
+    for run in (before, after):
+        refuse_unscored(run.summary, run.folder)
     numbers = [run.summary.images.evaluated for run in (before, after)]
     if before.summary.manifest.reference == after.summary.manifest.reference:
         return before, after, numbers[0]

@@ -18,7 +18,7 @@ from bench.evaluation.sums import ALL_MOVING
 from bench.harness import RunSummary
 from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
-from bench.harness.stored import reference_digest
+from bench.harness.stored import reference_digest, refuse_unscored
 from bench.reporting import formats
 from bench.reporting.compare.runs import (
     differing_settings,
@@ -195,7 +195,9 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     for run in sorted(found):
         name = run.relative_to(folder).as_posix()
         try:
-            sound.append(read_stored_run(run, label=name))
+            stored = read_stored_run(run, label=name)
+            refuse_unscored(stored.summary, run)
+            sound.append(stored)
         except BenchError as error:
             damaged.append((name, str(error)))
     groups: list[Group] = []

@@ -14,6 +14,7 @@ from bench.atomic import write_text
 from bench.evaluation import published
 from bench.reference import Category
 from bench.reporting.document import Block, Folded, Paragraph, environment
+from bench.reporting.findings import run_findings
 from bench.reporting.formats import LABELS
 from bench.reporting.page import tables
 from bench.reporting.page.beside import Beside, beside
@@ -107,6 +108,7 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "computed": made.images if made.work is None else made.work.images_computed,
         "origin": [tables.origin_table(run)],
         "ledger": tables.ledger_tables(found),
+        "findings": run_findings(run.folder),
         "style": _packaged("page.css"),
         "script": _packaged("page.js"),
         "svg": inline_svg,

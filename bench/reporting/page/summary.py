@@ -10,7 +10,7 @@ from enum import StrEnum
 from bench.evaluation import Metric, find_metric
 from bench.evaluation.definitions import IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.summary import ObjectMetrics, Summary
+from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
 from bench.reference import Category
 from bench.reporting.document import Cell, Style, Table
 from bench.reporting.formats import LABELS, chance_of, headline_metrics, metric_cell, percent
@@ -148,7 +148,8 @@ def remarks(found: Summary, kinds: list[Kind]) -> list[Remark]:
         kinds: of it, as the table has them.
     """
     if not kinds:
-        return [Remark(style="", text="No object-frame was evaluated: there is nothing to say of moving objects.")]
+        why = not_annotated(found) or "No object-frame was evaluated: there is nothing to say of moving objects."
+        return [Remark(style="", text=why)]
     said = []
     for standing in Standing:
         named = [f"{kind.label.lower()} {_beside(kind)}" for kind in kinds if kind.standing is standing]

@@ -174,6 +174,7 @@ def ledger_tables(found: Summary) -> list[Table]:
         ["scored", images.evaluated, ""],
         ["skipped", images.skipped, "no image before it to compare with, at the time that is due"],
         ["failed", images.failed, "could not be used"],
+        *([["not annotated", images.not_annotated, "masks without scores"]] if images.not_annotated else []),
         ["all, the sum", images.images, "but the first of each recording, which have no history"],
     ]
     columns = ["outcome", "number", "why"]
