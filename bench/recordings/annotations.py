@@ -29,6 +29,8 @@ from bench.records.recording import (
     Track,
 )
 
+REVIEW_SUFFIX = ".review.json"  # of files beside the annotations, from which they are made
+
 Outline = Of[tuple[tuple[float, float], ...], Field(min_length=3, max_length=1000)]
 
 

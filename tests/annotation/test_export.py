@@ -61,18 +61,18 @@ def test_true_tracks_come_back_from_a_review(drive):
             np.testing.assert_allclose(a.velocity_mps[:2], b.velocity_mps[:2], atol=0.02)
 
 
-def test_only_accepted_tracks_of_a_finished_review_are_written(card, drive, tmp_path):
+def test_only_accepted_tracks_of_a_finished_review_are_written(card, drive, tmp_path, monkeypatch, capsys):
     review = proposed_from(drive)
     out = tmp_path / "out"
     first, *others = (track.id for track in review.tracks)
     file = stored(card, accepted(review, first))
     if others:
-        assert "decision on each track" in error_line(called_here("annotate", "export", card, "--out", out))
+        assert "decision on each track" in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", out)
         review = decide(review, store.Reject(**MADE, tracks=tuple(others)))
     stored(card, accepted(review, first))
-    assert "watched to its end" in error_line(called_here("annotate", "export", card, "--out", out))
+    assert "watched to its end" in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", out)
     stored(card, accepted(review, first).watched(drive.sweeps[0].timestamp_ns, drive.sweeps[1].timestamp_ns))
-    assert "nobody watched" in error_line(called_here("annotate", "export", card, "--out", out))
+    assert "nobody watched" in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", out)
     assert not out.exists()
     stored(card, watched(accepted(review, first), drive))
     ended = called_here("annotate", "export", card, "--out", out, "--labels", "kitti-tracklets")
@@ -127,5 +127,7 @@ def test_the_command_serves_and_ends_with_an_interrupt(card, drive):
     assert applied(store.read_review(file))[0].status == "accepted"
 
 
-def test_without_a_review_the_way_to_one_is_told(card):
-    assert "annotate propose" in error_line(called_here("annotate", "export", card, "--out", card.parent / "out"))
+def test_without_a_review_the_way_to_one_is_told(card, monkeypatch, capsys):
+    (card.parent / "annotations").mkdir()
+    told = error_line(monkeypatch, capsys, "annotate", "export", card, "--out", card.parent / "out")
+    assert "annotate propose" in told
