@@ -102,6 +102,11 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     assert said in ended.stdout + ended.stderr
     assert read_run(run).caveats.startswith(said)
     assert said in (run / "table.md").read_text()
+    baseline = tmp_path / "baseline"
+    assert called_here("gate", run, "--baseline", baseline, "--update", "--allow-dirty").returncode == 0
+    judged = called_here("gate", run, "--baseline", baseline, "--json", tmp_path / "verdict.json")
+    assert said in judged.stdout
+    assert said in (tmp_path / "verdict.json").read_text()
     assert called_here("report", run, "--no-pictures").returncode == 0
     pages = [page.read_text() for page in run.glob("*.html")]
     assert pages
