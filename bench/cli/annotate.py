@@ -13,7 +13,7 @@ from bench.cli.options import Dataset, group
 from bench.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    from bench.recordings import DatasetCard
+    from bench.recordings import DatasetCard, RecordingHandle
 
 app = group("Make annotations of a drive that has none: propose, review, export.")
 
@@ -31,8 +31,8 @@ def reviews_folder(card: DatasetCard, reviews: Path | None) -> Path:
     return reviews or card.annotations or DEFAULT_FOLDER / card.name
 
 
-def chosen_names(card: DatasetCard, recording: str | None) -> list[str]:
-    """Names of a data set's recordings, or the one that is asked for.
+def chosen_recordings(card: DatasetCard, recording: str | None) -> list[RecordingHandle]:
+    """Recordings of a data set, rendered first where it is not, or the one that is asked for.
 
     Raises:
         UnknownNameError: no such recording.
@@ -41,10 +41,10 @@ def chosen_names(card: DatasetCard, recording: str | None) -> list[str]:
     from bench.recordings import open_dataset
 
     render_if_synthetic(card)
-    names = [handle.name for handle in open_dataset(card)]
-    if recording is not None and recording not in names:
-        raise UnknownNameError("recording", recording, names)
-    return names if recording is None else [recording]
+    handles = open_dataset(card)
+    if recording is not None and recording not in {handle.name for handle in handles}:
+        raise UnknownNameError("recording", recording, [handle.name for handle in handles])
+    return [handle for handle in handles if recording in (None, handle.name)]
 
 
 @app.command("review")
@@ -68,7 +68,7 @@ def review(
     from bench.recordings import load_card
 
     card = load_card(dataset)
-    names = chosen_names(card, recording)
+    names = [handle.name for handle in chosen_recordings(card, recording)]
     folder, by = reviews_folder(card, reviews), reviewer or getpass.getuser()
 
     def open_session(name: str) -> Session:
@@ -112,9 +112,9 @@ def export(
     card = load_card(dataset)
     folder = reviews_folder(card, reviews)
     found = []
-    for name in chosen_names(card, recording):
-        file = review_file(folder, name)
-        stored, opened = read_review(file), open_unannotated(card, name)
+    for handle in chosen_recordings(card, recording):
+        file = review_file(folder, handle.name)
+        stored, opened = read_review(file), open_unannotated(card, handle.name)
         if not unreviewed:
             refuse_unfinished(stored, opened, file)
         found.append((opened, to_tracks(stored, opened, unreviewed=unreviewed)))

@@ -145,3 +145,106 @@ def test_boxes_in_the_image_are_where_the_lens_puts_them(browser, server, drive)
         assert (part is not None) == bool(seen)
         if seen:
             np.testing.assert_allclose(np.array(part) * size - 0.5, pixel, atol=0.3)
+
+
+def at_screen(browser, x, y):
+    """Where a point of the world is in the window, px."""
+    return browser.execute_script(
+        "const r = $('bird').getBoundingClientRect(), p = toScreen(arguments[0], arguments[1], r.width, r.height);"
+        "return [Math.round(r.left + p[0]), Math.round(r.top + p[1])]",
+        float(x), float(y),
+    )  # fmt: skip
+
+
+def stroke(browser, points):
+    """Press at the first point of the world, move through the others, lift."""
+    pointer = (actions := ActionChains(browser, duration=20)).w3c_actions.pointer_action
+    first, *others = [at_screen(browser, *point) for point in points]
+    pointer.move_to_location(*first).pointer_down()
+    for point in others:
+        pointer.move_to_location(*point)
+    pointer.pointer_up()
+    actions.perform()
+
+
+def box_of(browser):
+    """Centre, heading and size of the selected box."""
+    return browser.execute_script("const s = stateAt(tracks.get(chosen)); return [...s.row.slice(0, 4), ...s.size]")
+
+
+def test_a_track_is_split_at_a_time_and_merged_again(browser, server, reviews):
+    page(browser, server)
+    name = browser.execute_script(
+        "const t = tracks.get(chosen); seek(nearest(D.times, t.times[t.times.length >> 1])); return chosen"
+    )
+    before = len(applied(stored(reviews)))
+    press(browser, "t")
+    wait_for_decisions(reviews, 1)
+    until(browser, f"return tracks.has('{name}.1')")
+    assert len(applied(stored(reviews))) == before + 1
+    browser.execute_script(f"choose('{name}'); mark('{name}.1')")
+    press(browser, "m")
+    decision = wait_for_decisions(reviews, 2)[-1]
+    assert (decision.action, set(decision.tracks)) == ("merge", {name, f"{name}.1"})
+    assert len(applied(stored(reviews))) == before
+    no_complaints(browser)
+
+
+def test_a_line_across_a_box_splits_it(browser, server, reviews):
+    page(browser, server)
+    browser.execute_script("view.scale = 40; paint()")
+    x, y, _, yaw, length, width, _ = box_of(browser)
+    centre, across = np.array([x, y]), np.array([-np.sin(yaw), np.cos(yaw)]) * (width / 2 + 1.0)
+    press(browser, "p")
+    stroke(browser, [centre + across, centre - across])
+    (decision,) = wait_for_decisions(reviews, 1)
+    assert decision.action == "split_space"
+    halves = [track for track in applied(stored(reviews)) if track.id.startswith(decision.track)]
+    assert sum(track.size_m[0] for track in halves) == pytest.approx(length, abs=0.01)
+
+
+@pytest.mark.parametrize("way", ["lasso", "click"])
+def test_a_missing_object_is_drawn_from_its_points(browser, server, reviews, way):
+    page(browser, server)
+    x, y, *_, length, width, _ = box_of(browser)
+    press(browser, "r")
+    wait_for_decisions(reviews, 1)
+    seen = browser.execute_script(
+        "const [x, y, reach] = arguments, s = sweeps.get(i); let best = null, least = reach;"
+        "for (let j = 0; j < s.n - s.road; j++) { const p = [s.o[0] + s.points[3*j]/100, s.o[1] + s.points[3*j+1]/100],"
+        " d = Math.hypot(p[0] - x, p[1] - y); if (d < least) [best, least] = [p, d]; } return best",
+        x, y, max(length, width),
+    )  # fmt: skip
+    assert seen is not None
+    press(browser, "d")
+    reach = max(length, width) / 2 + 0.4
+    corners = [(x + a * reach, y + b * reach) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    stroke(browser, corners if way == "lasso" else [seen])
+    decision = wait_for_decisions(reviews, 2)[-1]
+    assert decision.action == "draw"
+    until(browser, f"return chosen === '{decision.drawn.id}'")
+    no_complaints(browser)
+
+
+def test_a_side_of_the_box_is_dragged_in_the_view_from_above(browser, server, reviews):
+    page(browser, server)
+    before = box_of(browser)
+    x, y, metre = browser.execute_script(
+        "const s = stateAt(tracks.get(chosen)), f = frameOf('top', s.size), r = $('top').getBoundingClientRect();"
+        "return [r.left + f.w / 2, r.top + f.h / 2 - s.size[1] / 2 * f.k, f.k]"
+    )
+    pointer = (actions := ActionChains(browser, duration=20)).w3c_actions.pointer_action
+    pointer.move_to_location(round(x), round(y)).pointer_down().move_to_location(round(x), round(y) - 9).pointer_up()
+    actions.perform()
+    (decision,) = wait_for_decisions(reviews, 1)
+    assert decision.size_m[1] - before[5] == pytest.approx(9 / metre, abs=0.3 / metre)
+    moved = np.hypot(decision.centre_m[0] - before[0], decision.centre_m[1] - before[1])
+    assert moved == pytest.approx(4.5 / metre, abs=0.3 / metre)  # the other side stays
+
+
+def test_what_cannot_be_stored_is_said(browser, server, reviews):
+    page(browser, server)
+    file = review_file(reviews, DRIVE)
+    file.write_bytes(file.read_bytes() + b"\n")
+    press(browser, "a")
+    assert until(browser, "return $('told').textContent").startswith("Not stored: ")
