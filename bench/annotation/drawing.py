@@ -11,7 +11,7 @@ from shapely import contains_xy
 from shapely.geometry import MultiPoint, Polygon
 
 from bench.annotation.store import BoxState, Position, StoredTrack
-from bench.annotation.views import sweep_points_world
+from bench.annotation.views import GROUND_M, sweep_points_world
 from bench.errors import UsageError
 from bench.recordings import Recording
 from bench.recordings.validation import FileModel
@@ -23,10 +23,10 @@ REACH_M = 0.6  # around where the object is expected, in which its points are lo
 MARGIN_M = 0.08  # between the outermost returns and the side of a box
 LARGEST_SPEED_MPS = 60.0
 STANDING_MPS = 0.5  # below, the heading is that of the outline
-FOLLOWED_PART = 0.25  # of its first points, below which an object is lost
+FOLLOWED_PART = 0.25  # of its points a sweep before, below which an object is lost
 SMALLEST_M = 0.3
 PERSON_M = 1.2  # what is shorter walks
-CYCLIST_M = 2.4
+CYCLIST_M, CYCLIST_WIDE_M = 2.4, 1.2
 
 
 class Lasso(FileModel):
@@ -83,7 +83,7 @@ def _followed(
         area = MultiPoint(expected).convex_hull.buffer(REACH_M)
         seen = _standing(recording, following)
         inside = contains_xy(area, seen[:, 0], seen[:, 1])
-        if inside.sum() < max(FEWEST_POINTS, FOLLOWED_PART * len(start)):
+        if inside.sum() < max(FEWEST_POINTS, FOLLOWED_PART * len(points)):
             return
         moved = (_middle(seen[inside]) - _middle(points)) / step_s
         if np.hypot(*moved) > LARGEST_SPEED_MPS:
@@ -115,6 +115,7 @@ def _fitted(
     for row, (points, yaw) in enumerate(zip(found.values(), yaws, strict=True)):
         own = points @ _axes(yaw)
         lows[row], highs[row] = np.percentile(own, 2, axis=0) - MARGIN_M, np.percentile(own, 98, axis=0) + MARGIN_M
+    lows[:, 2] -= GROUND_M - MARGIN_M  # what stands on the road was left out with it
     size_m = np.maximum(np.percentile(highs - lows, 80, axis=0), SMALLEST_M)
     states = []
     for time_ns, low, high, yaw, velocity in zip(times_ns, lows, highs, yaws, velocities, strict=True):
@@ -130,15 +131,17 @@ def _fitted(
     return StoredTrack(
         id=name,
         source="drawn",
-        object_class=object_class or _guess(float(size_m[0])),
+        object_class=object_class or _guess(float(size_m[0]), float(size_m[1])),
         size_m=tuple(size_m.tolist()),
         points_median=float(np.median([len(points) for points in found.values()])),
         states=tuple(states),
     )
 
 
-def _guess(length_m: float) -> ObjectClass:
-    return "pedestrian" if length_m < PERSON_M else "cyclist" if length_m < CYCLIST_M else "vehicle"
+def _guess(length_m: float, width_m: float) -> ObjectClass:
+    if length_m > CYCLIST_M or width_m > CYCLIST_WIDE_M:
+        return "vehicle"
+    return "pedestrian" if length_m < PERSON_M else "cyclist"
 
 
 def _axes(yaw_rad: float) -> NDArray[np.float64]:

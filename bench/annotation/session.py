@@ -72,7 +72,8 @@ class Session:
             got = repr(self.review.recording)
             raise DataError(self.file, field="recording", expected=repr(recording.name), got=got)
         self._on_disk = _file_state(self.file)
-        self._state = _state_of(self.review)
+        self._proposed = opening(self.review)
+        self._state = self._replayed(self.review)
         self._start_ns = recording.sweeps[0].timestamp_ns
         self._times_ns = np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
 
@@ -191,16 +192,22 @@ class Session:
         with self._lock:
             review = self.review.model_copy(update={"decisions": (*self.review.decisions, decision)})
             undoing = isinstance(decision, Undo | Redo)
-            state = _state_of(review) if undoing else after(self._state, decision)
+            state = self._replayed(review) if undoing else after(self._state, decision)
             if undoing:  # an equal track is the same object, so that only what changed is sent
                 state = {name: self._known(track) for name, track in state.items()}
             self._store(review)
             before, self._state = self._state, state
             return self.changes(before)
 
+    def _replayed(self, review: Review) -> State:
+        state = self._proposed
+        for decision in in_force(review.decisions):
+            state = after(state, decision)
+        return state
+
     def _known(self, track: ReviewedTrack) -> ReviewedTrack:
-        known = self._state.get(track.id)
-        return known if known is not None and self._track(known) == self._track(track) else track
+        known = self._state.get(track.id, track)
+        return known if known is track or self._track(known) == self._track(track) else track
 
     def _store(self, review: Review) -> None:
         if _file_state(self.file) != self._on_disk:
@@ -240,13 +247,6 @@ class Session:
             "rows": np.round(rows, 3).tolist(),
             "keys": [time_ns - self._start_ns for time_ns in track.keys],
         }
-
-
-def _state_of(review: Review) -> State:
-    state = opening(review)
-    for decision in in_force(review.decisions):
-        state = after(state, decision)
-    return state
 
 
 def _told(decision: Decision) -> str:

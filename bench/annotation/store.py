@@ -336,7 +336,7 @@ def write_review(file: Path, review: Review) -> None:
         UsageError: it would be larger than what can be read back.
         OutputError: it cannot be written.
     """
-    content = (review.model_dump_json(indent=1) + "\n").encode()
+    content = (review.model_dump_json() + "\n").encode()
     if len(content) > LARGEST_BYTES:
         raise UsageError(f"{file}: expected a review of at most {LARGEST_BYTES} bytes, got {len(content)}")
     write_bytes(file, content)

@@ -246,5 +246,7 @@ def test_what_cannot_be_stored_is_said(browser, server, reviews):
     page(browser, server)
     file = review_file(reviews, DRIVE)
     file.write_bytes(file.read_bytes() + b"\n")
+    chosen = browser.execute_script("return chosen")
     press(browser, "a")
     assert until(browser, "return $('told').textContent").startswith("Not stored: ")
+    until(browser, f"return tracks.get('{chosen}').status === 'open'")
