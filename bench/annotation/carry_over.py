@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from shapely.geometry import Polygon
 
-from bench.annotation.decisions import Motion, in_force, motion_of
+from bench.annotation.decisions import Motion, after, applied, in_force, motion_of, opening
 from bench.annotation.store import Decision, Draw, Reject, Review, StoredTrack
+from bench.errors import UsageError
 
 LEAST_IOU = 0.5  # of outlines seen from above, added up over time, from which on two tracks are the same
 
@@ -18,8 +19,9 @@ def carry_over(old: Review, new: Review) -> Review:
     """Give new proposals the decisions in force of older ones.
 
     Where a track is the same, by IoU of its boxes over time, its decisions go to the new one. A track that was decided
-    on and has no equal among the new ones is kept as it was, unless it was only rejected. New proposals that a
-    reviewer has drawn already are left out. What was watched stays watched where the data are the same.
+    on is kept as it was, unless it was only rejected, where it has no equal among the new ones, or where a decision
+    cannot be carried out on its equal, such as a split at a time that the new track does not reach. New proposals that
+    a reviewer has drawn already are left out. What was watched stays watched where the data are the same.
 
     Args:
         old: with decisions.
@@ -27,27 +29,60 @@ def carry_over(old: Review, new: Review) -> Review:
 
     Returns:
         `new` with the decisions; those that were taken back are gone.
+
+    Raises:
+        UsageError: old decisions that cannot be carried out, on their own tracks neither.
     """
     decisions = in_force(old.decisions)
-    names = _same(old.tracks, new.tracks)
+    same = _same(old.tracks, new.tracks)
     drawn = [decision.drawn for decision in decisions if isinstance(decision, Draw)]
-    twice = set(_same(drawn, [track for track in new.tracks if track.id not in names.values()]).values())
+    unmatched = [track for track in new.tracks if track.id not in same.values()]
+    known = set(_same(drawn, unmatched).values())
+    while True:
+        carried, names = _carried(old, new.with_tracks(t for t in new.tracks if t.id not in known), decisions, same)
+        refused = _refused(carried)
+        if not refused:
+            return carried
+        replaced = [track_id for track_id in same if names[track_id] in refused]
+        if not replaced:
+            applied(carried)  # raises: the old review could not be carried out either
+        for track_id in replaced:
+            known.add(same.pop(track_id))  # the reviewer's track takes the place of its equal
+
+
+def _carried(
+    old: Review, new: Review, decisions: Sequence[Decision], same: Mapping[str, str]
+) -> tuple[Review, dict[str, str]]:
+    """The new review with old tracks that have no equal, and the names that old tracks have in it."""
+    names = dict(same)
     wanted = {_root(name) for one in decisions if not isinstance(one, Reject) for name in _named(one)}
+    names |= {decision.drawn.id: decision.drawn.id for decision in decisions if isinstance(decision, Draw)}
+    taken = {track.id for track in new.tracks} | set(names.values())
     kept = []
-    taken = {track.id for track in new.tracks} | {track.id for track in drawn}
     for track in old.tracks:
         if track.id in wanted and track.id not in names:
             names[track.id] = next(name for i in range(len(taken) + 1) if (name := _kept_id(track.id, i)) not in taken)
             taken.add(names[track.id])
             kept.append(track.model_copy(update={"id": names[track.id]}))
-    names |= {track.id: track.id for track in drawn}
-    return new.model_copy(
+    carried = new.model_copy(
         update={
-            "tracks": (*(track for track in new.tracks if track.id not in twice), *kept),
+            "tracks": (*new.tracks, *kept),
             "decisions": tuple(told for one in decisions if (told := _renamed(one, names)) is not None),
             "watched_ns": old.watched_ns if old.proposed and old.proposed.data == _data(new) else new.watched_ns,
         }
     )
+    return carried, names
+
+
+def _refused(review: Review) -> set[str]:
+    """Tracks that the first decision that cannot be carried out is about; none where all can."""
+    state = opening(review)
+    for decision in review.decisions:
+        try:
+            state = after(state, decision)
+        except UsageError:
+            return {_root(name) for name in _named(decision)}
+    return set()
 
 
 def tracks_iou(a: StoredTrack, b: StoredTrack) -> float:
@@ -102,7 +137,7 @@ def _renamed(decision: Decision, names: Mapping[str, str]) -> Decision | None:
 
     def renamed(name: str) -> str:
         root, dot, rest = name.partition(".")
-        return f"{names[root]}{dot}{rest}"
+        return f"{names.get(root, root)}{dot}{rest}"
 
     if isinstance(decision, Draw):
         return decision

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -53,7 +52,7 @@ def review(
     recording: Chosen = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="To listen on; 0 for any that is free.")] = 0,
     reviews: Reviews = None,
-    reviewer: Annotated[str | None, typer.Option(help="Who decides; default: the user.")] = None,
+    reviewer: Annotated[str, typer.Option(envvar="USER", help="Who decides, for the log of decisions.")] = "reviewer",
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
 ) -> None:
     """Look at proposals in a page of this machine: accept, reject, correct, draw; ends with Ctrl-C.
@@ -69,10 +68,10 @@ def review(
 
     card = load_card(dataset)
     names = [handle.name for handle in chosen_recordings(card, recording)]
-    folder, by = reviews_folder(card, reviews), reviewer or getpass.getuser()
+    folder = reviews_folder(card, reviews)
 
     def open_session(name: str) -> Session:
-        return Session(open_unannotated(card, name), dataset=card.name, folder=folder, reviewer=by)
+        return Session(open_unannotated(card, name), dataset=card.name, folder=folder, reviewer=reviewer)
 
     with ReviewServer(names, open_session, port=port) as server:
         say(f"reviews: {folder}")

@@ -183,6 +183,23 @@ def test_decisions_go_to_new_proposals_of_the_same_object():
     assert carry_over(old, review_of(data="other sweeps")).watched_ns == ()
 
 
+def test_a_decision_that_a_new_proposal_cannot_take_keeps_the_track_of_the_reviewer():
+    old = decided(
+        review_of(straight("p1"), straight("p2", start=(0, 20))),
+        store.SplitTime(**MADE, track="p1", timestamp_ns=9 * STEP_NS), accept("p1", "p1.1", "p2"),
+    )  # fmt: skip
+    carried = carry_over(old, review_of(straight("p5", states=8), straight("p6", start=(0, 20))))
+    assert {name: (track.status, len(track.motion)) for name, track in by_id(carried).items()} == {
+        "p6": ("accepted", 11), "p1": ("accepted", 9), "p1.1": ("accepted", 2),
+    }  # fmt: skip
+
+
+def test_a_review_that_contradicts_itself_is_refused_when_proposals_are_made_anew():
+    old = review_of(straight("p1")).model_copy(update={"decisions": (accept("nobody"), accept("p1"))})
+    with pytest.raises(UsageError, match="nobody"):
+        carry_over(old, review_of(straight("p5")))
+
+
 def test_what_was_drawn_is_not_proposed_again():
     draw = store.Draw(**MADE, drawn=straight("d1").model_copy(update={"source": "drawn"}))
     carried = carry_over(
