@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from bench.evaluation import find_metric, read_sums
-from bench.evaluation.comparison import SLICE
+from bench.evaluation.comparison import SLICE, Pairs
 from bench.evaluation.definitions import COUNTS
 from bench.gate import Outcome, Tolerances, load_tolerances
-from bench.gate.judge import AFTER, BEFORE, Pairs, judge_rows
+from bench.gate.judge import AFTER, BEFORE, judge_rows
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs" / "gate.md"

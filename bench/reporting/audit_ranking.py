@@ -23,8 +23,9 @@ from bench.audit.ranking import (
     RankingSummary,
     read_ranking,
 )
-from bench.audit.ranking_sums import ALL_MOVING, EXACT, FALSE_POSITIVES, REFERENCES
+from bench.audit.ranking_sums import EXACT, FALSE_POSITIVES, REFERENCES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.sums import ALL_MOVING
 from bench.reference import Category
 from bench.reporting import canvas, document, formats
 from bench.reporting.audit_tables import decimal, sections
