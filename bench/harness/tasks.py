@@ -14,6 +14,7 @@ from bench.evaluation import Protocol
 from bench.harness.cache import CacheFolder, StepCache
 from bench.harness.digests import MethodCode, RecordingInputs, code_digest, digest_of
 from bench.harness.digests.content import UNIT_CODE
+from bench.harness.method_of_run import flat_settings
 from bench.harness.provenance import largest_resident_mb, recording_digest
 from bench.harness.stages import StageClock
 from bench.harness.unit import Unit, plan_units, run_unit
@@ -31,7 +32,7 @@ class RunSpec:
     Attributes:
         method: to be scored.
         method_code: of the method, in the process that started the run.
-        settings: of the method, as it reports them and as they were asked for.
+        settings: of the method, as it reports them and as they were asked for, by dotted name.
         protocols: the rules, each by the folder of its run.
         cache: where cached steps are stored; None to compute everything.
         code: digest of this package's code that decides a unit's result, in the process that started the run.
@@ -45,6 +46,12 @@ class RunSpec:
     cache: CacheFolder | None = None
     code: str = field(default_factory=lambda: code_digest(UNIT_CODE))
     run_id: str = field(default_factory=lambda: uuid.uuid4().hex)
+
+    @property
+    def unreported_settings(self) -> dict[str, object]:
+        """Settings that were asked for and that the method does not report."""
+        reported = flat_settings(self.method.settings())
+        return {name: value for name, value in self.settings.items() if name not in reported}
 
     def refuse_other_code(self) -> None:
         """Refuse to compute with other code than the run began with.
@@ -178,7 +185,11 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
             steps = None
             if spec.cache is not None:
                 steps = StepCache(
-                    folder=spec.cache, recording=opened.recording, inputs=inputs, method_code=spec.method_code
+                    folder=spec.cache,
+                    recording=opened.recording,
+                    inputs=inputs,
+                    method_code=spec.method_code,
+                    unreported=spec.unreported_settings,
                 )
             protocols = [spec.protocols[run] for run in due]
             tables = run_unit(opened.recording, unit, method=spec.method, protocols=protocols, clock=clock, steps=steps)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,17 +25,20 @@ class StepCache:
         recording: the drive.
         inputs: digests of it.
         method_code: of the method whose steps they are.
+        unreported: settings that were asked for and that the method does not report, by name. A method that forgets
+            them there forgets them in the settings of its steps, too.
     """
 
     folder: CacheFolder
     recording: Recording
     inputs: RecordingInputs
     method_code: MethodCode
+    unreported: Mapping[str, object]
 
     @cached_property
-    def code(self) -> str:
-        """Digest of the code and the files that a method's steps depend on."""
-        return digest_of(code_digest(METHOD_PACKAGES), self.method_code.steps_digest)
+    def of_all_images(self) -> str:
+        """Digest of the code, the files and the unreported settings that a method's steps depend on."""
+        return digest_of(code_digest(METHOD_PACKAGES), self.method_code.steps_digest, self.unreported)
 
     def of_image(self, given: MethodInput, images: Sequence[ImageRef], *, colour: bool) -> ImageSteps:
         """The cached steps of a method on an image.
@@ -93,7 +96,7 @@ class ImageSteps:
 
     def __call__(self, step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
         """The step's arrays, from the cache or computed and then stored."""
-        digest = digest_of(self.cache.code, step, settings, self._seen(of))
+        digest = digest_of(self.cache.of_all_images, step, settings, self._seen(of))
         found = self.cache.folder.get(step, digest)
         if found is None:
             found = compute()
