@@ -92,9 +92,9 @@ def _polygon(outline: bytes) -> Outline | None:
 
 
 def _packed(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    return np.frombuffer(zlib.compress(np.packbits(mask), 1), dtype=np.uint8)
+    return np.frombuffer(zlib.compress(np.packbits(mask).tobytes(), 1), dtype=np.uint8)
 
 
 def _unpacked(content: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    bits = np.frombuffer(zlib.decompress(content), dtype=np.uint8)
+    bits = np.frombuffer(zlib.decompress(content.tobytes()), dtype=np.uint8)
     return np.unpackbits(bits, count=math.prod(shape)).reshape(shape).view(np.bool_)
