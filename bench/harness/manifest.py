@@ -12,10 +12,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 import bench
 from bench.evaluation.summary import ProtocolOfRun
+from bench.harness.code_state import package_commit
 from bench.harness.digests import code_digest
 from bench.harness.digests.content import UNIT_CODE
 from bench.harness.method_of_run import MethodOfRun, flat_settings
-from bench.harness.provenance import combined_digest, library_versions, package_commit
+from bench.harness.provenance import combined_digest, library_versions
 from bench.plain_text import listed
 from bench.recordings.checked_json import read_checked, write_checked
 
@@ -75,7 +76,7 @@ class CodeOfRun(_Part):
             version=bench.__version__,
             commit=package_commit(),
             python=platform.python_version(),
-            libraries=library_versions(),
+            libraries=dict(library_versions()),
             digest=code_digest(UNIT_CODE),
         )
 

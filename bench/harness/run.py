@@ -8,6 +8,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from time import perf_counter
 from typing import TypeVar
 
 from bench.errors import DataError, UsageError
@@ -19,7 +20,7 @@ from bench.harness.code_state import unrepeatable_code
 from bench.harness.digests import MethodCode
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, all_settings
 from bench.harness.method_of_run import MethodOfRun
-from bench.harness.provenance import Provenance, Start, Work, largest_resident_mb, provenance_since
+from bench.harness.provenance import Provenance, Work, largest_resident_mb, provenance_since
 from bench.harness.run_folder import begin_run, held_run_folder, new_results
 from bench.harness.stages import Progress
 from bench.harness.stored import (
@@ -168,7 +169,7 @@ class ScoredPart:
         results: of these units.
         opening_s: time that opening recordings took, s.
         workers: processes.
-        start: when it began.
+        start_s: when it began, by `time.perf_counter`.
     """
 
     workers: int
@@ -177,7 +178,7 @@ class ScoredPart:
     units: list[Unit] = field(default_factory=list)
     results: dict[Unit, ScoredUnit] = field(default_factory=dict)
     opening_s: float = 0.0
-    start: Start = field(default_factory=Start.now)
+    start_s: float = field(default_factory=perf_counter)
 
     def digests(self, run: Path) -> dict[Unit, str]:
         """The units that have a result in the folder of a run, in the order of the run, with its digest."""
@@ -195,7 +196,7 @@ class ScoredPart:
         results = list(self.results.values())
         computed = [unit for unit, result in self.results.items() if run in result.computed]
         return provenance_since(
-            self.start,
+            self.start_s,
             stage_seconds=_sum([{"open": self.opening_s}, *(result.seconds for result in results)]),
             images=images,
             work=Work(
