@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections import Counter
-from collections.abc import Mapping, Set
+from collections.abc import Collection, Mapping, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -79,17 +79,11 @@ class PlannedRecording:
     """
 
     name: str
-    units: tuple[Unit, ...]
-    digest: str | None
-    vehicle_outline_m: tuple[tuple[float, float], ...]
-    failure: str | None
-    seconds: float
-
-    @classmethod
-    def failed(cls, handle: RecordingHandle, reason: str, *, seconds: float = 0.0) -> PlannedRecording:
-        """A recording that cannot be used."""
-        failure = f"recording {handle.name!r}: {reason}"
-        return cls(name=handle.name, units=(), digest=None, vehicle_outline_m=(), failure=failure, seconds=seconds)
+    units: tuple[Unit, ...] = ()
+    digest: str | None = None
+    vehicle_outline_m: tuple[tuple[float, float], ...] = ()
+    failure: str | None = None
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,13 +93,13 @@ class UnitTask:
     Attributes:
         handle: its recording.
         unit: which images.
-        stored: digests of results that are stored, by folder of the run; None where the worker sees the folders:
-            then it looks itself, and stores what it computes.
+        stored: results that are stored, by folder of the run, see `UnitStore.stored`; None where the worker sees the
+            folders: then it looks itself, and stores what it computes.
     """
 
     handle: RecordingHandle
     unit: Unit
-    stored: Mapping[Path, Set[str]] | None
+    stored: Mapping[Path, Mapping[str, Mapping[str, str]]] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,13 +137,13 @@ def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
             opened = _open(spec, handle)
             units = tuple(plan_units(opened.recording, spec.method))
     except BenchError as error:
-        return PlannedRecording.failed(handle, str(error), seconds=clock.seconds["open"])
+        failure = f"recording {handle.name!r}: {error}"
+        return PlannedRecording(name=handle.name, failure=failure, seconds=clock.seconds["open"])
     return PlannedRecording(
         name=handle.name,
         units=units,
         digest=recording_digest(opened.recording),
         vehicle_outline_m=tuple((float(x), float(y)) for x, y in opened.recording.vehicle_outline_m),
-        failure=None,
         seconds=clock.seconds["open"],
     )
 
@@ -177,11 +171,13 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
             inputs = opened.inputs.reread()
             decided_by = deciding_digests(spec, opened.recording, unit, inputs)
             names = {run: digest_of(parts) for run, parts in decided_by.items()}
-            digests = {run: digest for run, digest in names.items() if _is_stored(task, run, digest)}
+            stored = task.stored
+            if stored is None:
+                stored = {run: UnitStore(run=run).stored(unit) for run in names}
+            digests = {run: digest for run, digest in names.items() if digest in stored[run]}
         due = [run for run in names if run not in digests]
         if due:
-            if task.stored is None:
-                changed = frozenset().union(*(UnitStore(run=run).changed(unit, decided_by[run]) for run in due))
+            changed = frozenset().union(*(_changed(decided_by[run], stored[run].values()) for run in due))
             steps = None
             if spec.cache is not None:
                 steps = StepCache(
@@ -198,7 +194,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
                 _refuse_change(spec, opened, unit, decided_by)
             with clock.stage("store"):
                 for run, counted in zip(due, tables, strict=True):
-                    contents[run] = encode_unit(unit, counted, decided_by=decided_by[run])
+                    contents[run] = encode_unit(counted, decided_by=decided_by[run])
                     if task.stored is None:
                         UnitStore(run=run).write(unit, names[run], contents.pop(run))
             digests, computed = names, due
@@ -207,8 +203,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
     except BenchError as error:
         failure = f"recording {unit.recording!r}, camera {unit.camera!r}: {error}"
     except MemoryError:
-        where = f"recording {unit.recording!r}, camera {unit.camera!r}, images {unit.start} to {unit.stop - 1}"
-        failure = f"{where}: the memory that the process may use was not enough"
+        failure = f"{unit}: the memory that the process may use was not enough"
     return ScoredUnit(
         digests=digests,
         computed=frozenset(computed),
@@ -254,8 +249,10 @@ def deciding_digests(
     }
 
 
-def _is_stored(task: UnitTask, run: Path, digest: str) -> bool:
-    return UnitStore(run=run).holds(task.unit, digest) if task.stored is None else digest in task.stored[run]
+def _changed(decided_by: Mapping[str, str], stored: Collection[Mapping[str, str]]) -> frozenset[str]:
+    """Names of what was another when the most similar stored result came about; none without any."""
+    changed = [{name for name in decided_by if other.get(name) != decided_by[name]} for other in stored]
+    return frozenset(min(changed, key=len, default=()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
