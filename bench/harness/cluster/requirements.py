@@ -78,7 +78,7 @@ class WorkerRequirements:
         try:
             resolve_name(self.method.place)
             self.method.refuse_change()
-        except (ImportError, AttributeError) as error:
+        except (ImportError, AttributeError, ValueError) as error:
             return (
                 f"it cannot import the method {self.method.place} ({error}); set PYTHONPATH where workers are started"
             )
