@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import combinations
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 import pandas as pd
@@ -508,7 +509,7 @@ def run_ranking(
     names = [prediction.name for prediction in predictions]
     if len(names) < 2 or len(set(names)) < len(names):
         raise UsageError(f"--methods: expected at least two different methods to rank, got {', '.join(names)}")
-    start = origin.Start.now()
+    start_s = perf_counter()
     ranked, failures = audit_each(
         audit_sources(card, split=split, recordings=recordings),
         partial(rank_recording, predictions=tuple(predictions)),
@@ -536,7 +537,7 @@ def run_ranking(
         data=origin.combined_digest([found.digest for found in ranked]),
         code=CodeOfRun.here(),
         provenance=origin.provenance_since(
-            start,
+            start_s,
             stage_seconds=added_seconds(found.seconds for found in ranked),
             images=images,
         ),
