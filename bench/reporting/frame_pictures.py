@@ -100,13 +100,12 @@ def _draw_plan(axes: Axes, view: ClusterView) -> None:
 
 
 def _draw_picture(axes: Axes, view: ClusterView) -> None:
-    image = canvas.rgb_image(view.image)
-    canvas.show_image(axes, image)
-    height, width = image.shape[:2]
+    canvas.show_image(axes, view.image)
+    height, width = view.image.shape[:2]
     _draw_cluster_pixels(axes, view)
     u_min, v_min, u_max, v_max = view.polygon.bounds
     if max((u_max - u_min) / width, (v_max - v_min) / height) < _INSET_BELOW:
-        _draw_inset(axes, view, image)
+        _draw_inset(axes, view)
 
 
 def _draw_cluster_pixels(axes: Axes, view: ClusterView) -> None:
@@ -123,9 +122,9 @@ def _dot_size(axes: Axes, polygon: Outline, dots: int) -> float:
     return float(np.clip(_DOT_SHARE * polygon.area * points_per_px**2 / max(dots, 1), *_DOT_SIZES))
 
 
-def _draw_inset(axes: Axes, view: ClusterView, image: NDArray[np.uint8]) -> None:
+def _draw_inset(axes: Axes, view: ClusterView) -> None:
     """The object enlarged, in the upper or lower corner that is farther from it."""
-    height, width = image.shape[:2]
+    height, width = view.image.shape[:2]
     u_min, v_min, u_max, v_max = view.polygon.bounds
     u, v = (u_min + u_max) / 2, (v_min + v_max) / 2
     half_v = 0.65 * max(v_max - v_min, (u_max - u_min) * height / width, 8.0)
@@ -133,7 +132,7 @@ def _draw_inset(axes: Axes, view: ClusterView, image: NDArray[np.uint8]) -> None
     left = 0.01 if u > width / 2 else 0.99 - _INSET_SHARE
     bottom = 0.01 if v < height / 2 else 0.99 - _INSET_SHARE
     inset = axes.inset_axes((left, bottom, _INSET_SHARE, _INSET_SHARE))
-    canvas.show_image(inset, image)
+    canvas.show_image(inset, view.image)
     inset.set(xlim=(u - half_u, u + half_u), ylim=(v + half_v, v - half_v))
     _draw_cluster_pixels(inset, view)
     corner = (u - half_u, v - half_v)

@@ -17,7 +17,7 @@ from bench.records.reference import ReferenceFrame
 from bench.records.segmentation import Segmentation
 from bench.reporting import canvas
 from bench.reporting.formats import frame_name
-from bench.reporting.overlay import draw_references, overlay_mask, unknown_bands
+from bench.reporting.overlay import draw_references, overlay_areas, unknown_bands
 
 LIKELIHOOD_SATURATION = 0.02  # the paper's figure 6
 SCORE_SATURATION = 1.0
@@ -123,7 +123,7 @@ def _draw_flow(axes: Axes, *, image: NDArray[np.uint8], segmentation: Segmentati
     parts, cell = segmentation.parts, segmentation.cell_size_px
     assert parts is not None
     flow_u, flow_v = parts["flow_u"], parts["flow_v"]
-    canvas.show_image(axes, canvas.faded(canvas.rgb_image(image), 0.45))
+    canvas.show_image(axes, canvas.faded(image, 0.45))
     step = max(1, flow_u.shape[1] // ARROWS_ACROSS)
     picked = np.s_[step // 2 :: step, step // 2 :: step]
     v, u = (np.mgrid[: flow_u.shape[0], : flow_u.shape[1]] * cell + (cell - 1) / 2)[:, *picked]
@@ -169,5 +169,5 @@ def _draw_segmentation(
 ) -> None:
     height, width = reference.valid.shape
     moving = segmentation.mask_at(width, height) & reference.valid
-    canvas.show_image(axes, canvas.rgb_image(overlay_mask(image, mask=moving, strength=0.55)))
+    canvas.show_image(axes, overlay_areas(image, {canvas.GREEN: moving}, strength=0.55))
     draw_references(axes, reference)

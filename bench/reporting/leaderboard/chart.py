@@ -30,8 +30,7 @@ def draw_quality_and_cost(groups: Sequence[Group]) -> Figure:
     """
     columns = min(len(groups), COLUMNS)
     rows = -(-len(groups) // columns)
-    figure = canvas.new_figure(WIDTH_IN * columns, HEIGHT_IN * rows)
-    figure.set_layout_engine("constrained")  # makes room for the names beside each panel
+    figure = canvas.new_figure(WIDTH_IN * columns, HEIGHT_IN * rows, layout="constrained")
     for number, group in enumerate(groups, start=1):
         _draw(figure.add_subplot(rows, columns, number, xscale="log"), group)
     return figure
