@@ -95,7 +95,7 @@ _UNDATED: dict[PictureFormat, dict[str, Any]] = {
 styled = rc_context(STYLE)  # decorates every function that draws
 
 
-def new_figure(width_in: float, height_in: float, *, layout: Literal["constrained", "none"] = "none") -> Figure:
+def new_figure(width_in: float, height_in: float, *, layout: Literal["constrained"] | None = None) -> Figure:
     """An empty figure on an Agg canvas, unknown to pyplot; a constrained one places its axes itself."""
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white", layout=layout)
     FigureCanvasAgg(figure)

@@ -57,7 +57,8 @@ def draw_range_maps(found: RangeMaps, *, vehicle_outline_m: NDArray[np.float64],
     reach_m = _reach(found.maps)
     panel_in = _WIDTH_IN / (len(classes) + 0.5)
     figure = new_figure(_WIDTH_IN, 2 * panel_in + _AROUND_IN, layout="constrained")
-    figure.suptitle(title or None, fontsize=8)
+    if title:
+        figure.suptitle(title, fontsize=8)
     figure.supylabel("x (m), ahead of the ego vehicle", fontsize=8)
     panels = figure.subplots(2, len(classes), sharex=True, sharey=True)
     for line, direction in zip(panels, Direction, strict=True):

@@ -22,7 +22,7 @@ from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings, merge_rows
 from bench.evaluation.summary import NO_CASES, Ratios, take_ratios
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES
 from bench.harness.manifest import Aspect, differences
-from bench.reporting.compare.runs import differing_settings, on_common_images, settings_text
+from bench.reporting.compare.runs import name_methods, on_common_images
 from bench.reporting.formats import LABELS, chance_of
 from bench.reporting.stored_run import StoredRun, pick
 
@@ -288,9 +288,7 @@ def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
     images = (before.summary.images.evaluated, after.summary.images.evaluated, common)
     categories = [str(category) for category in before.protocol.reference.categories]
     detections, objects = sum_changes(paired_objects(before, after), categories=categories)
-    settings = differing_settings([before.summary, after.summary])
-    names = [run.summary.manifest.method.name for run in (before, after)]
-    methods = [f"{name} ({settings_text(own)})" if own else name for name, own in zip(names, settings, strict=True)]
+    methods = name_methods([before.summary, after.summary])
     return RunComparison(
         before=before,
         after=after,

@@ -76,7 +76,8 @@ def _draw(axes: Axes, group: Group) -> None:
     axes.set_xlabel("time of the method for an image, one thread (ms)")
     axes.set_ylabel("IoU over all moving object-frames (%)")
     axes.set_title(
-        f"{group.dataset}, {group.protocol}: {group.images} images, {group.rows[0].recordings} recordings", pad=4
+        f"{group.dataset}, {group.protocol}: {group.images} images, {group.rows[ALL_MOVING].recordings} recordings",
+        pad=4,
     )
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)

@@ -9,7 +9,7 @@ import pytest
 from bench.errors import DataError, UsageError
 from bench.evaluation import holm
 from bench.reporting.compare.changes import HEADLINES, Kind, Verdict, compare_runs, verdict_line
-from bench.reporting.compare.runs import differing_settings, read_comparable
+from bench.reporting.compare.runs import name_methods, read_comparable
 from tests.reporting.compare.runs import IMAGE_PX, IMAGES, RECORDINGS, drawn, write_run
 from tests.support.stored_files import change_summary
 
@@ -165,5 +165,5 @@ def test_settings_are_named_where_they_differ(tmp_path):
     runs = [write_run(tmp_path / str(n), drawn(50), settings=own) for n, own in enumerate(weights)]
     (found,) = compared(*runs)
     assert found.methods == ("nothing (weights.height=0.2)", "nothing (weights.height=0.0)")
-    assert differing_settings([found.before.summary, found.before.summary]) == [{}, {}]
+    assert name_methods([found.before.summary, found.before.summary]) == ["nothing", "nothing"]
     assert re.fullmatch("[01]", found.before.label)

@@ -132,7 +132,7 @@ def test_the_leaderboard_ranks_both_on_their_common_images(runs, tiny_card, tmp_
         rows = [rows_on_both(runs, name, f"{t}.parquet") for t in ("objects", "frames")]
         expected = summarise(*rows, protocol=PROTOCOL)
         assert values[name] == pytest.approx(expected.all_moving.tpr_all.value)
-        assert group.rows[0].object_frames == expected.all_moving.object_frames
+        assert group.rows["all_moving"].object_frames == expected.all_moving.object_frames
     assert values["again"] == values["one"]
 
 
