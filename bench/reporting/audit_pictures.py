@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -31,8 +30,7 @@ from bench.audit import (
 )
 from bench.evaluation import Protocol
 from bench.methods import Method
-from bench.recordings import ImageRef, Recording, RecordingHandle, read_image, read_truth
-from bench.records.reference import Outline
+from bench.recordings import Recording, RecordingHandle, read_image, read_truth
 from bench.reference import ReferenceBuilder
 from bench.reporting import canvas
 from bench.reporting.audit_tables import FALSE_ALARMS, MISSES, report, to_csv
@@ -104,23 +102,7 @@ SMALLEST_PX = 60  # side of what is shown
 _EXAMPLE_IN = 3.2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Example:
-    """An object-frame to look at.
-
-    Attributes:
-        title: what it is an example of.
-        image: (H, W) grey uint8.
-        mask: (H, W) bool, the exact mask.
-        polygons: by kind.
-    """
-
-    title: str
-    image: NDArray[np.uint8]
-    mask: NDArray[np.bool_]
-    polygons: Mapping[str, Outline]
-
-
+@canvas.styled
 def write_examples(
     folder: Path,
     audit: AuditSummary,
@@ -139,11 +121,17 @@ def write_examples(
         protocol: of the audit.
     """
     files: list[Path] = []
+    colours = dict(zip(audit.polygon_kinds, COLOURS, strict=False))
+    legend: list[Line2D | Patch] = [Patch(color=canvas.SKY_BLUE, alpha=0.6, label="exact mask")]
+    legend += [Line2D([], [], color=colour, label=kind) for kind, colour in colours.items()]
     for name, rows in example_rows(polygons, kind=audit.polygon_kinds[0]).items():
-        examples = [
-            _example(row, title, handles[str(row["recording"])].open(), audit, protocol) for title, row in rows.items()
-        ]
-        files += canvas.write_picture(folder / f"examples-{name}", draw_examples(examples, audit.polygon_kinds))
+        figure = canvas.new_figure(len(rows) * _EXAMPLE_IN, _EXAMPLE_IN + 0.7, layout="constrained")
+        for axes, (which, row) in zip(figure.subplots(1, len(rows)), rows.items(), strict=True):
+            _draw_example(axes, row, handles[str(row["recording"])].open(), colours=colours, protocol=protocol)
+            fit = f"{which}: IoU {row['iou']:.2f} ({audit.polygon_kinds[0]}), {row['range_m']:.1f} m"
+            axes.set_title(f"{fit}\n{row['recording']}, {row['track_id']}", pad=3, fontsize=7)
+        figure.legend(handles=legend, loc="outside lower center", ncols=len(legend), frameon=False)
+        files += canvas.write_picture(folder / f"examples-{name}", figure)
     return tuple(files)
 
 
@@ -158,54 +146,27 @@ def example_rows(polygons: pa.Table, *, kind: str) -> dict[str, dict[str, pd.Ser
     }
 
 
-@canvas.styled
-def draw_examples(examples: list[Example], kinds: tuple[str, ...]) -> Figure:
-    """Draw object-frames side by side, each enlarged to its surroundings."""
-    figure = canvas.new_figure(len(examples) * _EXAMPLE_IN, _EXAMPLE_IN + 0.7, layout="constrained")
-    panels = figure.subplots(1, len(examples), squeeze=False)[0]
-    for axes, example in zip(panels, examples, strict=True):
-        canvas.show_image(axes, overlay_areas(example.image, {canvas.SKY_BLUE: example.mask}, strength=0.45))
-        for kind, colour in zip(kinds, COLOURS, strict=False):
-            if kind in example.polygons:
-                draw_outline(axes, example.polygons[kind], colour=colour)
-        left, top, right, bottom = _window(example)
-        axes.set(xlim=(left, right), ylim=(bottom, top))
-        axes.set_title(example.title, pad=3, fontsize=7)
-    handles: list[Line2D | Patch] = [Patch(color=canvas.SKY_BLUE, alpha=0.6, label="exact mask")]
-    handles += [Line2D([], [], color=colour, label=kind) for kind, colour in zip(kinds, COLOURS, strict=False)]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
-    return figure
-
-
-def _window(example: Example) -> tuple[float, float, float, float]:
-    """A square about mask and polygons: left, top, right, bottom."""
-    u, v, width, height = cv2.boundingRect(example.mask.astype(np.uint8))
-    bounds = np.array([(u, v, u + width, v + height), *(polygon.bounds for polygon in example.polygons.values())])
-    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
-    middle = (low + high) / 2
-    half = max(float((high - low).max()) * (0.5 + MARGIN), SMALLEST_PX / 2)
-    return middle[0] - half, middle[1] - half, middle[0] + half, middle[1] + half
-
-
-def _example(row: pd.Series, title: str, recording: Recording, audit: AuditSummary, protocol: Protocol) -> Example:
+def _draw_example(
+    axes: Axes, row: pd.Series, recording: Recording, *, colours: Mapping[str, str], protocol: Protocol
+) -> None:
+    """Draw the exact mask and the polygons of an object-frame, enlarged to its surroundings."""
     camera, track_id = str(row["camera"]), str(row["track_id"])
     image = next(ref for ref in recording.images[camera] if ref.timestamp_ns == row["timestamp_ns"])
     track = next(track for track in recording.tracks if track.track_id == track_id)
-    polygons = {
-        kind: _polygon(recording, image, track_id, protocol=protocol, kind=kind) for kind in audit.polygon_kinds
-    }
-    return Example(
-        title=f"{title}: IoU {row['iou']:.2f} ({audit.polygon_kinds[0]}), {row['range_m']:.1f} m\n"
-        f"{recording.name}, {track_id}",
-        image=read_image(image, recording.cameras[camera]),
-        mask=read_truth(image, recording.cameras[camera]) == track.instance_id,
-        polygons={kind: polygon for kind, polygon in polygons.items() if polygon is not None},
-    )
-
-
-def _polygon(recording: Recording, image: ImageRef, track_id: str, *, protocol: Protocol, kind: str) -> Outline | None:
-    builder = ReferenceBuilder(recording, image.camera, lenient(protocol.reference_settings(), kind))
-    return next((item.polygon for item in builder.build(image).objects if item.track_id == track_id), None)
+    mask = read_truth(image, recording.cameras[camera]) == track.instance_id
+    pixels = read_image(image, recording.cameras[camera])
+    canvas.show_image(axes, overlay_areas(pixels, {canvas.SKY_BLUE: mask}, strength=0.45))
+    u, v, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    bounds: list[tuple[float, float, float, float]] = [(u, v, u + width, v + height)]
+    for kind, colour in colours.items():
+        builder = ReferenceBuilder(recording, camera, lenient(protocol.reference_settings(), kind))
+        found = next((item.polygon for item in builder.build(image).objects if item.track_id == track_id), None)
+        if found is not None:
+            draw_outline(axes, found, colour=colour)
+            bounds.append(found.bounds)
+    low, high = np.min(bounds, axis=0)[:2], np.max(bounds, axis=0)[2:]
+    (u, v), half = (low + high) / 2, max(float((high - low).max()) * (0.5 + MARGIN), SMALLEST_PX / 2)
+    axes.set(xlim=(u - half, u + half), ylim=(v + half, v - half))
 
 
 MISS_COLOURS = {

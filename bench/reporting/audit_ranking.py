@@ -245,13 +245,11 @@ def _recordings(row: RankedRow) -> str:
 
 
 def _tau(found: Estimate) -> str:
-    ends = "" if found.ci95 is None else " [{:.2f}, {:.2f}]".format(*found.ci95)
-    return decimal(found.value) + ends
+    return f"{decimal(found.value)} {formats.interval(found.ci95, unit=1.0, digits=2)}".rstrip()
 
 
 def _points(found: Estimate) -> str:
-    ends = "" if found.ci95 is None else " [{:.1f}, {:.1f}]".format(*(100 * end for end in found.ci95))
-    return formats.hundredths(found.value) + ends
+    return f"{formats.hundredths(found.value)} {formats.interval(found.ci95)}".rstrip()
 
 
 def ranking_tables(ranking: RankingSummary) -> tuple[Table, ...]:
