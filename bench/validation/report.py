@@ -14,6 +14,7 @@ import numpy as np
 from bench.errors import DataError
 from bench.recordings import Recording, RecordingHandle
 from bench.recordings.handles import LenientReading
+from bench.validation.box_fit import BoxFit
 from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
@@ -21,7 +22,6 @@ from bench.validation.ego_motion import check_ego_limits, check_path
 from bench.validation.findings import Finding, Severity, annotation_file, calibration_file, unusable
 from bench.validation.images import check_images
 from bench.validation.motion import check_motion
-from bench.validation.occupancy import Occupancy
 from bench.validation.sweeps import SweepChecks
 
 SAMPLED_IMAGES = 40  # of each camera, in pairs of neighbours
@@ -66,7 +66,20 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
 )
 
 EGO_MOTION_CHECKS = frozenset({"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit"})
-BY_EGO_MOTION = frozenset({"object-jump", "object-speed", "heading", "velocity", "empty-box", "tight-box"})
+BY_EGO_MOTION = frozenset(
+    {
+        "object-jump",
+        "object-speed",
+        "heading",
+        "velocity",
+        "empty-box",
+        "tight-box",
+        "box-time",
+        "box-short",
+        "box-reading",
+        "box-place",
+    }
+)
 
 
 def validate_recording(
@@ -90,7 +103,7 @@ def validate_recording(
         sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
         images = sum(map(len, rows.values())), sum(map(len, recording.images.values()))
         sweeps = len(sweep_rows), len(recording.sweeps)
-        occupancy = None if opened.missing else Occupancy(recording)
+        box_fit = None if opened.missing else BoxFit(recording)
         steps = count(1)
 
         def step() -> None:
@@ -98,8 +111,8 @@ def validate_recording(
 
         for camera in recording.cameras:
             findings += check_images(recording, camera, rows[camera], step)
-        findings += SweepChecks(recording, occupancy).check(sweep_rows, step)
-        findings += occupancy.findings() if occupancy is not None else ()
+        findings += SweepChecks(recording, box_fit).check(sweep_rows, step)
+        findings += box_fit.findings() if box_fit is not None else ()
     named = _causes_first([replace(finding, recording=handle.name) for finding in findings])
     ordered = tuple(sorted(named, key=lambda finding: finding.severity != "error"))
     return RecordingReport(name=handle.name, findings=ordered, images=images, sweeps=sweeps)
