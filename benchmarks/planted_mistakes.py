@@ -1,6 +1,7 @@
 """Mistakes that people make with a drive of their own, planted into rendered drives: what `validate` says of each.
 
-python -m benchmarks.planted_mistakes writes the table into docs/your-data.md. Each mistake goes into a copy of each
+python -m benchmarks.planted_mistakes writes the table into docs/your-data.md; with --clean CARD it counts what is found
+in drives without mistakes. Each mistake goes into a copy of each
 drive of planted.scenario.yaml that it can be told in, and the copy is validated. A mistake is found with the right lead
 where a finding that the clean drive does not have names the cause (`Mistake.lead`), weakly where findings name
 something else, and it is silent where there is none.
@@ -14,19 +15,23 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bench.recordings import load_card, open_dataset
 from bench.recordings.native import native_recordings
 from bench.synthesis import synthesize
 from bench.validation import Finding, validate_recording
+from benchmarks.false_alarms import with_table
 from tests.support import planting
 
 HERE = Path(__file__).parent
@@ -339,13 +344,43 @@ def judged(mistake: Mistake, drive: Path) -> Outcome:
     return Outcome(mistake=mistake.name, part=mistake.part, drive=drive.name, verdict=verdict, findings=tuple(new))
 
 
+def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """Lines of the table: in how many drives each mistake is found."""
+    yield "| mistake | part | right lead | weak | silent |"
+    yield "|---|---|---|---|---|"
+    for (part, mistake), of_one in groupby(outcomes, key=lambda outcome: (outcome.part, outcome.mistake)):
+        verdicts = Counter(outcome.verdict for outcome in of_one)
+        numbers = " | ".join(str(verdicts[verdict]) for verdict in ("right lead", "weak", "silent"))
+        yield f"| {mistake} | {part} | {numbers} |"
+
+
+def false_alarms(card: str) -> Iterator[str]:
+    """Lines about the recordings of a clean data set that have findings, and the number of findings by check."""
+    handles = open_dataset(load_card(card))
+    checks: Counter[str] = Counter()
+    alarmed = 0
+    for handle in handles:
+        found = validate_recording(handle).findings
+        checks.update(finding.check for finding in found)
+        alarmed += bool(found)
+        for finding in found:
+            yield f"{handle.name}: {text_of(finding)}"
+    counts = ", ".join(f"{check} {times}" for check, times in checks.most_common())
+    yield f"{alarmed} of {len(handles)} recordings with findings: {counts or 'none'}"
+
+
 def main() -> None:
     """Render the drives, plant the mistakes, write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=HERE.parent / "datasets" / "data" / "planted")
     parser.add_argument("--only", default="", help="regular expression of mistakes' names or parts; writes no docs")
+    parser.add_argument("--clean", metavar="CARD", help="validate a data set without mistakes instead")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
+    if asked.clean:
+        for line in false_alarms(asked.clean):
+            sys.stdout.write(f"{line}\n")
+        return
     synthesize(SCENARIO, asked.data, workers=asked.workers)
     drives = {folder.name: folder for folder in sorted(asked.data.iterdir()) if (folder / "recording.json").is_file()}
     chosen = [one for one in MISTAKES if re.search(asked.only, f"{one.part} {one.name}")]
@@ -356,6 +391,8 @@ def main() -> None:
         sys.stdout.write(f"{outcome.mistake} in {outcome.drive}: {outcome.verdict}\n")
         for text in outcome.findings:
             sys.stdout.write(f"    {text}\n")
+    if not asked.only:
+        DOCS.write_text(with_table(DOCS.read_text("utf-8"), list(table(outcomes)), MARKERS), "utf-8")
 
 
 if __name__ == "__main__":

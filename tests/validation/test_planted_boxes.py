@@ -9,7 +9,7 @@ from bench.recordings.native import open_native
 from bench.validation.box_fit import BoxFit
 from bench.validation.boxes import check_boxes
 from bench.validation.motion import check_motion
-from benchmarks.planted_mistakes import BOX_MISTAKES, text_of
+from benchmarks.planted_mistakes import BOX_MISTAKES, Outcome, table, text_of
 from tests.validation import drive
 
 # The small drive cannot tell: its lidar sees one side of the object, and its beams are few.
@@ -46,3 +46,11 @@ def test_lateness_has_an_interval_that_holds_it(clean, tmp_path, name, sign):
     low, high = map(int, re.search(r"\((\d+) to (\d+) ms\)", told.got).groups())
     assert low - 10 <= 50 * abs(sign) <= high + 10
     assert ("late" if sign > 0 else "early") in told.got
+
+
+def test_the_table_counts_drives():
+    outcomes = [
+        Outcome(mistake="half", part="boxes", drive=str(i), verdict=verdict, findings=())
+        for i, verdict in enumerate(["right lead", "right lead", "silent"])
+    ]
+    assert list(table(outcomes))[2:] == ["| half | boxes | 2 | 0 | 1 |"]
