@@ -208,7 +208,7 @@ class BoxFit:
         tally = self._tallies[track.track_id]
         counts, usual = tally.counts, _empty_or_tight(track, tally)
         tight = usual is not None and usual.check == "tight-box"
-        if counts[:, 0].max() >= LEAST_RETURNS:
+        if max(counts[0, 0], counts[0, 2]) >= LEAST_RETURNS:  # a hidden one may have its neighbour's returns around it
             share = _share(counts)
             shifted = share[self._shifted]
             fitting = SHIFTS_M[shifted > shifted.max() - AS_WELL]
