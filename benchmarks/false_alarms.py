@@ -109,10 +109,10 @@ def simulate(*, baseline: str = "demo", draws: int = DRAWS) -> Iterator[str]:
         yield f"| {recordings} | {alarms} | {' | '.join(f'{100 * share:.0f} %' for share in lost)} |"
 
 
-def with_table(text: str, lines: list[str]) -> str:
+def with_table(text: str, lines: list[str], markers: tuple[str, str] = MARKERS) -> str:
     """The text with its table between the markers replaced."""
-    start, end = map(re.escape, MARKERS)
-    return re.sub(f"{start}.*?{end}", "\n".join([MARKERS[0], "", *lines, "", MARKERS[1]]), text, flags=re.DOTALL)
+    start, end = map(re.escape, markers)
+    return re.sub(f"{start}.*?{end}", "\n".join([markers[0], "", *lines, "", markers[1]]), text, flags=re.DOTALL)
 
 
 if __name__ == "__main__":
