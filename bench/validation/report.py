@@ -74,14 +74,36 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
 
 EGO_MOTION_CHECKS = frozenset({"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit"})
 BY_EGO_MOTION = frozenset(
-    "object-jump object-speed heading velocity empty-box tight-box box-time box-short box-reading box-place".split()
+    [
+        "object-jump",
+        "object-speed",
+        "heading",
+        "velocity",
+        "empty-box",
+        "tight-box",
+        "box-time",
+        "box-short",
+        "box-reading",
+        "box-place",
+    ]
 )
 BY_TIMES = frozenset(
-    "image-times ego-motion-missing sensor-overlap point-times annotation-time annotation-outside".split()
+    ["image-times", "ego-motion-missing", "sensor-overlap", "point-times", "annotation-time", "annotation-outside"]
 )
 BY_LENGTHS = BY_EGO_MOTION | frozenset(
-    "camera-mounting lidar-mounting sensor-outside sweep-range road-height "
-    "box-size box-grows box-height object-in-ego same-object crowded-boxes".split()
+    [
+        "camera-mounting",
+        "lidar-mounting",
+        "sensor-outside",
+        "sweep-range",
+        "road-height",
+        "box-size",
+        "box-grows",
+        "box-height",
+        "object-in-ego",
+        "same-object",
+        "crowded-boxes",
+    ]
 )
 CAUSES = (  # what causes it, by which findings that is known, and findings that may follow from it
     ("the unit of times", frozenset({"time-unit"}), BY_TIMES),
