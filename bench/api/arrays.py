@@ -81,7 +81,7 @@ class Score:
         return {
             **{metric.name: _ratio(objects, metric) for metric in of_objects},
             **{f"fp_{metric.field}": _ratio(frames, metric) for metric in FALSE_POSITIVES},
-            **{f"pixel_{metric.field or metric.name}": _ratio(frames, metric) for metric in SEGMENTATION},
+            **{f"pixel_{metric.field}": _ratio(frames, metric) for metric in SEGMENTATION},
         }
 
     @property

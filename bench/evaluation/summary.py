@@ -66,7 +66,24 @@ class Metric(_Part):
 NO_CASES = Metric(value=math.nan, ci95=None, cases=0, recordings=0)
 
 
-class ObjectMetrics(BaseModel):
+class _Metrics(BaseModel):
+    """Metrics by name: those that are declared, which every run has, and any others that `definitions` adds."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+    __pydantic_extra__: dict[str, Metric]
+
+    def metric(self, name: str) -> Metric:
+        """A metric by its name in `metric_names()`."""
+        found: Metric = getattr(self, name)
+        return found
+
+    def metric_names(self) -> tuple[str, ...]:
+        """All metrics of the row."""
+        declared = [name for name, field in type(self).model_fields.items() if field.annotation is Metric]
+        return (*declared, *self.__pydantic_extra__)
+
+
+class ObjectMetrics(_Metrics):
     """A row of the table: evaluated object-frames of one kind.
 
     Beside the declared ones there are, for every detection level of the protocol, `detection_rate_<percent>` and
@@ -86,9 +103,6 @@ class ObjectMetrics(BaseModel):
         iou_detected: mean IoU of the detected object-frames, which is what the paper's column can be compared with.
     """
 
-    model_config = ConfigDict(frozen=True, extra="allow")
-    __pydantic_extra__: dict[str, Metric]
-
     object_frames: int
     tracks: int
     recordings: int
@@ -99,18 +113,8 @@ class ObjectMetrics(BaseModel):
     iou: Metric
     iou_detected: Metric
 
-    def metric(self, name: str) -> Metric:
-        """A metric by its name in `metric_names()`."""
-        found: Metric = getattr(self, name)
-        return found
 
-    def metric_names(self) -> tuple[str, ...]:
-        """All metrics of the row."""
-        declared = [name for name, field in type(self).model_fields.items() if field.annotation is Metric]
-        return (*declared, *self.__pydantic_extra__)
-
-
-class FalsePositiveMetrics(_Part):
+class FalsePositiveMetrics(_Metrics):
     """The last row of the table: image-frames of one kind.
 
     Attributes:
@@ -130,7 +134,7 @@ class FalsePositiveMetrics(_Part):
     components_per_frame: Metric
 
 
-class SegmentationMetrics(_Part):
+class SegmentationMetrics(_Metrics):
     """The field's usual metrics of the moving class, from summed pixel counts outside I."""
 
     iou: Metric
@@ -298,7 +302,7 @@ def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
 
 
 def _parts(ratios: Ratios, breakdown: str, name: str, metrics: Iterable[Definition]) -> dict[str, Metric]:
-    return {m.field or m.name: ratios.get((breakdown, name, m.name), NO_CASES) for m in metrics}
+    return {m.field: ratios.get((breakdown, name, m.name), NO_CASES) for m in metrics}
 
 
 def _counts(sums: pd.DataFrame) -> dict[tuple[str, str, str], int]:

@@ -36,6 +36,14 @@ class Unit:
     start: int
     stop: int
 
+    def __str__(self) -> str:
+        return f"recording {self.recording!r}, camera {self.camera!r}, images {self.start} to {self.stop - 1}"
+
+    @property
+    def images(self) -> int:
+        """Number of images to score."""
+        return self.stop - self.start
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:

@@ -17,6 +17,7 @@ from bench.recordings import Recording, RecordingHandle
 from bench.recordings.handles import LenientReading
 from bench.recordings.validation import FileModel, read_json
 from bench.validation.annotated import check_annotated
+from bench.validation.box_fit import BoxFit
 from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
@@ -24,7 +25,6 @@ from bench.validation.ego_motion import check_ego_limits, check_path
 from bench.validation.findings import Finding, Severity, annotation_file, calibration_file, unusable
 from bench.validation.images import check_images
 from bench.validation.motion import check_motion
-from bench.validation.occupancy import Occupancy
 from bench.validation.sweeps import SweepChecks
 from bench.validation.units import check_length_units, check_time_units
 
@@ -73,23 +73,38 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
 )
 
 EGO_MOTION_CHECKS = frozenset({"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit"})
-BY_EGO_MOTION = frozenset({"object-jump", "object-speed", "heading", "velocity", "empty-box", "tight-box"})
-BY_TIMES = frozenset(
-    {
-        *(
-            "image-times",
-            "ego-motion-missing",
-            "sensor-overlap",
-            "point-times",
-            "annotation-time",
-            "annotation-outside",
-        ),
-    }
+BY_EGO_MOTION = frozenset(
+    [
+        "object-jump",
+        "object-speed",
+        "heading",
+        "velocity",
+        "empty-box",
+        "tight-box",
+        "box-time",
+        "box-short",
+        "box-reading",
+        "box-place",
+    ]
 )
-BY_LENGTHS = BY_EGO_MOTION | {
-    *("camera-mounting", "lidar-mounting", "sensor-outside", "sweep-range", "road-height"),
-    *("box-size", "box-grows", "box-height", "object-in-ego", "same-object", "crowded-boxes"),
-}
+BY_TIMES = frozenset(
+    ["image-times", "ego-motion-missing", "sensor-overlap", "point-times", "annotation-time", "annotation-outside"]
+)
+BY_LENGTHS = BY_EGO_MOTION | frozenset(
+    [
+        "camera-mounting",
+        "lidar-mounting",
+        "sensor-outside",
+        "sweep-range",
+        "road-height",
+        "box-size",
+        "box-grows",
+        "box-height",
+        "object-in-ego",
+        "same-object",
+        "crowded-boxes",
+    ]
+)
 CAUSES = (  # what causes it, by which findings that is known, and findings that may follow from it
     ("the unit of times", frozenset({"time-unit"}), BY_TIMES),
     ("the unit of lengths", frozenset({"length-unit"}), BY_LENGTHS),
@@ -118,7 +133,7 @@ def validate_recording(
         sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
         images = sum(map(len, rows.values())), sum(map(len, recording.images.values()))
         sweeps = len(sweep_rows), len(recording.sweeps)
-        occupancy = None if opened.missing else Occupancy(recording)
+        box_fit = None if opened.missing else BoxFit(recording)
         steps = count(1)
 
         def step() -> None:
@@ -126,8 +141,8 @@ def validate_recording(
 
         for camera in recording.cameras:
             findings += check_images(recording, camera, rows[camera], step)
-        findings += SweepChecks(recording, occupancy).check(sweep_rows, step)
-        findings += occupancy.findings() if occupancy is not None else ()
+        findings += SweepChecks(recording, box_fit).check(sweep_rows, step)
+        findings += box_fit.findings() if box_fit is not None else ()
     named = [replace(finding, recording=handle.name) for finding in findings]
     for name, causing, following in CAUSES:
         named = _causes_first(named, name, causing, following)
