@@ -1,0 +1,447 @@
+"""Decisions applied to proposals: one pure function, and the geometry of what reviewers change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely.geometry import LineString, Polygon, box
+from shapely.ops import split
+
+from bench.annotation.store import (
+    Accept,
+    BoxState,
+    Decision,
+    Doubt,
+    Draw,
+    Merge,
+    Redo,
+    Reject,
+    Reopen,
+    Review,
+    SetBox,
+    SetCategory,
+    SetClass,
+    SetUnclear,
+    SplitSpace,
+    SplitTime,
+    StoredTrack,
+    Trim,
+    Undo,
+)
+from bench.errors import UsageError
+
+Status = Literal["open", "accepted", "rejected"]
+STATUS_OF: dict[type, Status] = {Accept: "accepted", Reject: "rejected", Reopen: "open"}
+
+USUAL_STEP_NS = 100_000_000  # between states, where a track has only one
+LARGEST_GAP_NS = 2_000_000_000  # that merging fills; a longer one stays open
+FAR_M = 1000.0  # a line through a box is drawn out to both sides by this
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Motion:
+    """Where a box is, over time, world frame.
+
+    Attributes:
+        times_ns: (N,) int64, increasing.
+        centres_m: (N, 3) float64, m.
+        yaws_rad: (N,) float64, continuous.
+        velocities_mps: (N, 2) float64, over the ground, m/s.
+    """
+
+    times_ns: NDArray[np.int64]
+    centres_m: NDArray[np.float64]
+    yaws_rad: NDArray[np.float64]
+    velocities_mps: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.times_ns)
+
+    def where(self, chosen: NDArray[np.bool_]) -> Motion:
+        """The states that are chosen, (N,) bool."""
+        return Motion(
+            times_ns=self.times_ns[chosen],
+            centres_m=self.centres_m[chosen],
+            yaws_rad=self.yaws_rad[chosen],
+            velocities_mps=self.velocities_mps[chosen],
+        )
+
+    def at(self, times_ns: NDArray[np.int64]) -> Motion:
+        """Interpolated at other times; beyond the ends the first and last velocity carries on."""
+        seconds, knots = self._seconds(times_ns), self._seconds(self.times_ns)
+        outside_s = seconds - np.clip(seconds, knots[0], knots[-1])
+        velocities = _interpolated(seconds, knots, self.velocities_mps)
+        centres_m = _interpolated(seconds, knots, self.centres_m)
+        centres_m[:, :2] += outside_s[:, None] * velocities
+        yaws_rad = _interpolated(seconds, knots, self.yaws_rad[:, None])[:, 0]
+        return Motion(times_ns=times_ns, centres_m=centres_m, yaws_rad=yaws_rad, velocities_mps=velocities)
+
+    def moved(self, offsets_m: NDArray[np.float64], turns_rad: NDArray[np.float64]) -> Motion:
+        """Each box moved in its own axes, (N, 3) m, and turned, (N,) rad; velocities follow the change."""
+        shift = rotated(offsets_m, self.yaws_rad)
+        velocities = self.velocities_mps
+        if len(self) > 1:
+            velocities = velocities + np.gradient(shift[:, :2], self._seconds(self.times_ns), axis=0)
+        return replace(
+            self, centres_m=self.centres_m + shift, yaws_rad=self.yaws_rad + turns_rad, velocities_mps=velocities
+        )
+
+    def _seconds(self, times_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        return np.asarray((times_ns - self.times_ns[0]) / 1e9)
+
+    @property
+    def step_ns(self) -> int:
+        """Usual time between two states."""
+        return int(np.median(np.diff(self.times_ns))) if len(self) > 1 else USUAL_STEP_NS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReviewedTrack:
+    """One object as it stands after all decisions.
+
+    Attributes:
+        id: unique in the review.
+        source: "proposed" or "drawn".
+        status: what was decided of it.
+        object_class: one of `OBJECT_CLASSES`.
+        category: kind of motion where a reviewer named it, else None.
+        unclear: it is ignored when scored.
+        size_m: (3,) float64, full length, width and height, m.
+        doubts: reasons to look twice.
+        points_median: returns in its box.
+        motion: where it is, key frames applied.
+        found: where it is without key frames.
+        keys: key frames by time.
+    """
+
+    id: str
+    source: str
+    status: Status
+    object_class: str
+    category: str | None
+    unclear: bool
+    size_m: NDArray[np.float64]
+    doubts: tuple[Doubt, ...]
+    points_median: float
+    motion: Motion
+    found: Motion
+    keys: Mapping[int, SetBox]
+
+    @property
+    def doubt(self) -> float:
+        """Sum of the weights of its doubts."""
+        return sum(doubt.weight for doubt in self.doubts)
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last time."""
+        return int(self.motion.times_ns[0]), int(self.motion.times_ns[-1])
+
+
+State = dict[str, ReviewedTrack]  # by id, in the order in which they came up
+
+
+def applied(review: Review) -> tuple[ReviewedTrack, ...]:
+    """Return all tracks as they stand after all decisions in force; merged ones are gone, rejected ones are there.
+
+    Raises:
+        UsageError: a decision about a track that does not exist then, or one that cannot be carried out.
+    """
+    state = opening(review)
+    for decision in in_force(review.decisions):
+        state = after(state, decision)
+    return tuple(state.values())
+
+
+def in_force(decisions: Iterable[Decision]) -> tuple[Decision, ...]:
+    """The decisions that were not taken back.
+
+    Raises:
+        UsageError: an undo or redo where there is nothing to take back or to make again.
+    """
+    made: list[Decision] = []
+    taken_back: list[Decision] = []
+    for decision in decisions:
+        if isinstance(decision, Undo):
+            _move(made, taken_back, "undo")
+        elif isinstance(decision, Redo):
+            _move(taken_back, made, "redo")
+        else:
+            made.append(decision)
+            taken_back.clear()
+    return tuple(made)
+
+
+def decide(review: Review, decision: Decision) -> Review:
+    """Append a decision.
+
+    Raises:
+        UsageError: it cannot be carried out; the review stays as it is.
+    """
+    decided = review.model_copy(update={"decisions": (*review.decisions, decision)})
+    applied(decided)
+    return decided
+
+
+def opening(review: Review) -> State:
+    """The tracks before the first decision."""
+    return {track.id: _unreviewed(track) for track in review.tracks}
+
+
+def after(state: State, decision: Decision) -> State:
+    """The tracks after one more decision, which is neither an undo nor a redo.
+
+    Raises:
+        UsageError: as `applied`.
+    """
+    match decision:
+        case Accept() | Reject() | Reopen():
+            return _each(state, decision.tracks, lambda track: replace(track, status=STATUS_OF[type(decision)]))
+        case SetClass():
+            return _each(state, decision.tracks, lambda track: replace(track, object_class=decision.object_class))
+        case SetUnclear():
+            return _each(state, decision.tracks, lambda track: replace(track, unclear=decision.unclear))
+        case SetCategory():
+            return _each(state, decision.tracks, lambda track: replace(track, category=decision.category))
+        case Merge():
+            return _merged(state, decision)
+        case SplitTime():
+            return _split_in_time(state, decision)
+        case SplitSpace():
+            return _split_in_space(state, decision)
+        case SetBox():
+            return _each(state, (decision.track,), lambda track: _with_key(track, decision))
+        case Trim():
+            return _each(state, (decision.track,), lambda track: _trimmed(track, *decision.span_ns))
+        case Draw():
+            return _drawn(state, decision)
+    raise AssertionError(decision)
+
+
+def rotated(vectors: NDArray[np.float64], yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors turned about the z axis: (N, 3) and (N,) -> (N, 3)."""
+    cos, sin = np.cos(yaws_rad), np.sin(yaws_rad)
+    x, y, z = vectors.T
+    return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
+
+
+def _interpolated(
+    at: NDArray[np.float64], knots: NDArray[np.float64], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return np.stack([np.interp(at, knots, column) for column in values.T], axis=1)
+
+
+def _move(source: list[Decision], target: list[Decision], action: str) -> None:
+    if not source:
+        raise UsageError(f"{action}: expected a decision to {action}, got none")
+    target.append(source.pop())
+
+
+def _unreviewed(track: StoredTrack) -> ReviewedTrack:
+    motion = motion_of(track.states)
+    return ReviewedTrack(
+        id=track.id,
+        source=track.source,
+        status="open",
+        object_class=track.object_class,
+        category=track.category,
+        unclear=track.unclear,
+        size_m=np.array(track.size_m),
+        doubts=track.doubts,
+        points_median=track.points_median,
+        motion=motion,
+        found=motion,
+        keys={},
+    )
+
+
+def motion_of(states: Iterable[BoxState]) -> Motion:
+    """States of a file as arrays."""
+    rows = [(*state.centre_m, state.yaw_rad, *state.velocity_mps) for state in states]
+    values = np.array(rows, dtype=np.float64)
+    return Motion(
+        times_ns=np.array([state.timestamp_ns for state in states], dtype=np.int64),
+        centres_m=values[:, :3],
+        yaws_rad=np.unwrap(values[:, 3]),
+        velocities_mps=values[:, 4:],
+    )
+
+
+def _get(state: State, track_id: str) -> ReviewedTrack:
+    if track_id not in state:
+        raise UsageError(f"track {track_id!r}: expected one of the {len(state)} tracks, got none of this name")
+    return state[track_id]
+
+
+def _each(state: State, ids: Iterable[str], change: Callable[[ReviewedTrack], ReviewedTrack]) -> State:
+    return {**state, **{track_id: change(_get(state, track_id)) for track_id in ids}}
+
+
+def _free_id(state: State, track_id: str) -> str:
+    return next(name for i in range(1, len(state) + 2) if (name := f"{track_id}.{i}") not in state)
+
+
+def _drawn(state: State, decision: Draw) -> State:
+    if decision.drawn.id in state:
+        raise UsageError(f"track {decision.drawn.id!r}: expected a new name, got one that exists")
+    return {**state, decision.drawn.id: replace(_unreviewed(decision.drawn), status="accepted")}
+
+
+def _with_key(track: ReviewedTrack, key: SetBox) -> ReviewedTrack:
+    keys = dict(sorted({**track.keys, key.timestamp_ns: key}.items()))
+    found = _reaching(track.found, key.timestamp_ns)
+    return replace(track, keys=keys, found=found, motion=_corrected(found, keys), size_m=np.array(key.size_m))
+
+
+def _reaching(motion: Motion, time_ns: int) -> Motion:
+    """The same motion with a state at a time, carried on to there where it ended before."""
+    first, last = int(motion.times_ns[0]), int(motion.times_ns[-1])
+    step_ns = motion.step_ns
+    if abs(time_ns - np.clip(time_ns, first, last)) > LARGEST_GAP_NS:
+        raise UsageError(f"key frame at {time_ns}: expected at most 2 s before or after the track, {first} to {last}")
+    before = np.arange(first - step_ns, time_ns, -step_ns)
+    behind = np.arange(last + step_ns, time_ns, step_ns)
+    times_ns = np.unique(np.concatenate([before, motion.times_ns, behind, [time_ns]]).astype(np.int64))
+    return motion if len(times_ns) == len(motion) else motion.at(times_ns)
+
+
+def _corrected(found: Motion, keys: Mapping[int, SetBox]) -> Motion:
+    """The motion led through key frames: each gives a correction in the box's own axes, linear in between."""
+    if not keys:
+        return found
+    key_times = np.array(list(keys), dtype=np.int64)
+    at_keys = found.at(key_times)
+    offsets_m = rotated(np.array([key.centre_m for key in keys.values()]) - at_keys.centres_m, -at_keys.yaws_rad)
+    turns_rad = np.unwrap(
+        [_wrapped(key.yaw_rad - yaw) for key, yaw in zip(keys.values(), at_keys.yaws_rad, strict=True)]
+    )
+    seconds, knots = (found.times_ns - key_times[0]) / 1e9, (key_times - key_times[0]) / 1e9
+    corrections = _interpolated(seconds, knots, np.column_stack([offsets_m, turns_rad]))
+    return found.moved(corrections[:, :3], corrections[:, 3])
+
+
+def _wrapped(angle_rad: float) -> float:
+    return float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _trimmed(track: ReviewedTrack, first_ns: int, last_ns: int) -> ReviewedTrack:
+    inside = (track.motion.times_ns >= first_ns) & (track.motion.times_ns <= last_ns)
+    if not inside.any():
+        raise UsageError(f"track {track.id!r}: expected a span with a state of it, got {first_ns} to {last_ns}")
+    return _baked(track, motion=track.motion.where(inside))
+
+
+def _baked(track: ReviewedTrack, **changes: object) -> ReviewedTrack:
+    """A track whose key frames have become its motion, so that it can be cut and joined."""
+    changed: ReviewedTrack = replace(track, **changes)  # type: ignore[arg-type]
+    return replace(changed, found=changed.motion, keys={})
+
+
+def _split_in_time(state: State, decision: SplitTime) -> State:
+    track = _get(state, decision.track)
+    early = track.motion.times_ns < decision.timestamp_ns
+    if early.all() or not early.any():
+        raise UsageError(f"track {track.id!r}: expected a time within it, got {decision.timestamp_ns}")
+    other = _free_id(state, track.id)
+    return {
+        **state,
+        track.id: _baked(track, motion=track.motion.where(early)),
+        other: _baked(track, id=other, motion=track.motion.where(~early)),
+    }
+
+
+def _split_in_space(state: State, decision: SplitSpace) -> State:
+    track = _get(state, decision.track)
+    length, width, _ = track.size_m
+    at = track.motion.at(np.array([decision.timestamp_ns], dtype=np.int64))
+    ends = np.column_stack([np.array(decision.line_m) - at.centres_m[0, :2], [0.0, 0.0]])
+    (a, b) = rotated(ends, np.repeat(-at.yaws_rad, 2))[:, :2]
+    along = b - a
+    norm = float(np.linalg.norm(along))
+    outline = box(-length / 2, -width / 2, length / 2, width / 2)
+    if norm > 0:
+        line = LineString([a - along / norm * FAR_M, b + along / norm * FAR_M])
+        parts = [part for part in split(outline, line).geoms if isinstance(part, Polygon)]
+    if norm == 0 or len(parts) != 2:
+        raise UsageError(f"track {track.id!r}: expected a line that crosses its box, got one beside it")
+    first, second = sorted(parts, key=lambda part: -part.area)
+    other = _free_id(state, track.id)
+    return {
+        **state,
+        track.id: _part(track, first),
+        other: replace(_part(track, second), id=other),
+    }
+
+
+def _part(track: ReviewedTrack, part: Polygon) -> ReviewedTrack:
+    low_x, low_y, high_x, high_y = part.bounds
+    low = np.array([low_x, low_y, -track.size_m[2] / 2])
+    high = np.array([high_x, high_y, track.size_m[2] / 2])
+    return _resized(track, low, high)
+
+
+def _resized(track: ReviewedTrack, low: NDArray[np.float64], high: NDArray[np.float64]) -> ReviewedTrack:
+    """The box between two corners in its own axes, (3,) m each."""
+    offsets = np.tile((low + high) / 2, (len(track.motion), 1))
+    return _baked(track, motion=track.motion.moved(offsets, np.zeros(len(offsets))), size_m=high - low)
+
+
+def _merged(state: State, decision: Merge) -> State:
+    first, *others = (_get(state, track_id) for track_id in dict.fromkeys(decision.tracks))
+    if not others:
+        raise UsageError(f"merge: expected two tracks, got {first.id!r} twice")
+    for other in others:
+        first = _joined(first, other)
+    gone = {other.id for other in others}
+    return {track_id: track for track_id, track in {**state, first.id: first}.items() if track_id not in gone}
+
+
+def _joined(a: ReviewedTrack, b: ReviewedTrack) -> ReviewedTrack:
+    """One box around both where they are seen together, and it through the times of each."""
+    common, of_a, of_b = np.intersect1d(a.motion.times_ns, b.motion.times_ns, return_indices=True)
+    if len(common):
+        yaws = a.motion.yaws_rad[of_a]
+        between = np.median(rotated(b.motion.centres_m[of_b] - a.motion.centres_m[of_a], -yaws), axis=0)
+        half_a, half_b = a.size_m / 2, _half_seen_from(b, of_b, yaws)
+        low, high = np.minimum(-half_a, between - half_b), np.maximum(half_a, between + half_b)
+    else:
+        between = np.zeros(3)
+        high = np.maximum(a.size_m, b.size_m) / 2
+        low = -high
+    grown_a, grown_b = _resized(a, low, high), _resized(b, low - between, high - between)
+    alone = ~np.isin(grown_b.motion.times_ns, grown_a.motion.times_ns)
+    return replace(
+        _baked(grown_a, motion=_in_one(grown_a.motion, grown_b.motion.where(alone))),
+        doubts=a.doubts,
+        points_median=max(a.points_median, b.points_median),
+    )
+
+
+def _half_seen_from(track: ReviewedTrack, rows: NDArray[np.intp], yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Half the extents of a box in axes of other headings, the median over the times."""
+    turn = track.motion.yaws_rad[rows] - yaws_rad
+    cos, sin = float(np.median(np.abs(np.cos(turn)))), float(np.median(np.abs(np.sin(turn))))
+    length, width, height = track.size_m / 2
+    return np.array([length * cos + width * sin, length * sin + width * cos, height])
+
+
+def _in_one(a: Motion, b: Motion) -> Motion:
+    """The states of both by time; gaps of at most 2 s are filled at the usual step."""
+    order = np.argsort(np.concatenate([a.times_ns, b.times_ns]))
+    together = Motion(
+        times_ns=np.concatenate([a.times_ns, b.times_ns])[order],
+        centres_m=np.concatenate([a.centres_m, b.centres_m])[order],
+        yaws_rad=np.unwrap(np.concatenate([a.yaws_rad, b.yaws_rad])[order]),
+        velocities_mps=np.concatenate([a.velocities_mps, b.velocities_mps])[order],
+    )
+    step_ns = min(a.step_ns, b.step_ns) if len(b) > 1 else a.step_ns
+    times = [together.times_ns]
+    for start, end in pairwise(together.times_ns):
+        if 1.5 * step_ns < end - start <= LARGEST_GAP_NS:
+            times.append(np.linspace(start, end, round((end - start) / step_ns) + 1).round().astype(np.int64)[1:-1])
+    return together.at(np.unique(np.concatenate(times)))

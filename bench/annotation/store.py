@@ -1,0 +1,358 @@
+"""The file of a review: what was proposed, what was decided, and which stretches were watched.
+
+`<recording>.review.json` holds proposals as they were made and decisions as a log in the order in which they were made.
+What is true now is never stored: `bench.annotation.decisions.applied` computes it from both. Positions are in the world
+frame of the recording's trajectory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AwareDatetime, Field, TypeAdapter, ValidationError, model_validator
+
+from bench.atomic import read_regular, write_bytes
+from bench.errors import DataError, UsageError
+from bench.recordings.validation import FileModel, TimeNs, parse_json
+from bench.records.recording import MotionKind, ObjectClass
+
+LARGEST_BYTES = 64_000_000
+MOST_STATES = 100_000  # of one track
+MOST_DECISIONS = 100_000
+
+TrackId = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}(\.[0-9]{1,4}){0,8}$")]  # with what splits append
+Position = Annotated[float, Field(ge=-1e7, le=1e7)]
+Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
+Side = Annotated[float, Field(gt=0.0, le=100.0)]
+Speed = Annotated[float, Field(ge=-200.0, le=200.0)]
+Point = tuple[Position, Position, Position]
+Size = tuple[Side, Side, Side]
+Span = tuple[TimeNs, TimeNs]
+
+
+class Doubt(FileModel):
+    """A reason to look at a proposal twice.
+
+    Attributes:
+        reason: in words, such as "few returns".
+        value: the number behind it, in the unit that the reason names.
+        weight: how much it matters, from 0 to 1; the list of the review page is sorted by the sum.
+    """
+
+    reason: str = Field(min_length=1, max_length=200)
+    value: float
+    weight: float = Field(default=1.0, ge=0.0, le=1.0)
+
+
+class BoxState(FileModel):
+    """A track's box at one time.
+
+    Attributes:
+        timestamp_ns: of the box.
+        centre_m: the box's centre, world frame, m.
+        yaw_rad: heading, from the world's x to its y axis; boxes stand upright.
+        velocity_mps: over the ground along the world's x and y, m/s.
+    """
+
+    timestamp_ns: TimeNs
+    centre_m: Point
+    yaw_rad: Angle
+    velocity_mps: tuple[Speed, Speed]
+
+
+class StoredTrack(FileModel):
+    """One object through the recording, as it was proposed or drawn.
+
+    Attributes:
+        id: unique in the file.
+        source: of its states: found by `annotate propose`, or drawn by a reviewer.
+        object_class: what it is, or seems to be.
+        category: its kind of motion where somebody says so; None leaves it to the reference.
+        unclear: nobody could tell; it is ignored when scored.
+        size_m: full length, width and height, m; one for all its states.
+        doubts: reasons to look twice.
+        points_median: returns in its box, the median over its states.
+        states: by increasing time.
+    """
+
+    id: TrackId
+    source: Literal["proposed", "drawn"]
+    object_class: ObjectClass
+    category: MotionKind | None = None
+    unclear: bool = False
+    size_m: Size
+    doubts: tuple[Doubt, ...] = ()
+    points_median: float = Field(default=0.0, ge=0.0)
+    states: tuple[BoxState, ...] = Field(min_length=1, max_length=MOST_STATES)
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        times_ns = [state.timestamp_ns for state in self.states]
+        if any(b <= a for a, b in pairwise(times_ns)):
+            raise ValueError("states by increasing time, each time once")
+        return self
+
+
+class Proposed(FileModel):
+    """Digests of what the proposals were made from and by."""
+
+    data: str = Field(max_length=200)
+    code: str = Field(max_length=200)
+
+
+class Decided(FileModel):
+    """Part of every decision: when and by whom it was made."""
+
+    made_at: AwareDatetime
+    reviewer: str = Field(max_length=100)
+
+
+Tracks = Annotated[tuple[TrackId, ...], Field(min_length=1, max_length=10_000)]
+
+
+class Accept(Decided):
+    """The tracks are right."""
+
+    action: Literal["accept"] = "accept"
+    tracks: Tracks
+
+
+class Reject(Decided):
+    """The tracks are no objects that move."""
+
+    action: Literal["reject"] = "reject"
+    tracks: Tracks
+
+
+class Reopen(Decided):
+    """Neither accepted nor rejected any more."""
+
+    action: Literal["reopen"] = "reopen"
+    tracks: Tracks
+
+
+class SetClass(Decided):
+    """The tracks are of this class."""
+
+    action: Literal["set_class"] = "set_class"
+    tracks: Tracks
+    object_class: ObjectClass
+
+
+class SetUnclear(Decided):
+    """Nobody can tell what the tracks are, or somebody can after all."""
+
+    action: Literal["set_unclear"] = "set_unclear"
+    tracks: Tracks
+    unclear: bool
+
+
+class SetCategory(Decided):
+    """The tracks move in this way; None leaves it to the reference."""
+
+    action: Literal["set_category"] = "set_category"
+    tracks: Tracks
+    category: MotionKind | None
+
+
+class Merge(Decided):
+    """The tracks are one object, which keeps the first's id and class."""
+
+    action: Literal["merge"] = "merge"
+    tracks: Annotated[tuple[TrackId, ...], Field(min_length=2, max_length=1000)]
+
+
+class SplitTime(Decided):
+    """From this time on the track is another object."""
+
+    action: Literal["split_time"] = "split_time"
+    track: TrackId
+    timestamp_ns: TimeNs
+
+
+class SplitSpace(Decided):
+    """The box holds two objects, on both sides of a line.
+
+    Attributes:
+        track: the track.
+        timestamp_ns: when the line was drawn; it then moves with the box.
+        line_m: two points of the line, x and y in the world, m.
+    """
+
+    action: Literal["split_space"] = "split_space"
+    track: TrackId
+    timestamp_ns: TimeNs
+    line_m: tuple[tuple[Position, Position], tuple[Position, Position]]
+
+
+class SetBox(Decided):
+    """A key frame: where the box is at one time, and its size at all times.
+
+    Between key frames the correction is interpolated along the motion that was found. A key frame before the first or
+    after the last state carries the track on to there.
+    """
+
+    action: Literal["set_box"] = "set_box"
+    track: TrackId
+    timestamp_ns: TimeNs
+    centre_m: Point
+    yaw_rad: Angle
+    size_m: Size
+
+
+class Trim(Decided):
+    """The track exists within this span alone, both ends included."""
+
+    action: Literal["trim"] = "trim"
+    track: TrackId
+    span_ns: Span
+
+
+class Draw(Decided):
+    """An object that was not proposed."""
+
+    action: Literal["draw"] = "draw"
+    drawn: StoredTrack
+
+
+class Undo(Decided):
+    """Takes back the latest decision in force."""
+
+    action: Literal["undo"] = "undo"
+
+
+class Redo(Decided):
+    """Makes the decision again that was taken back last, if none was made since."""
+
+    action: Literal["redo"] = "redo"
+
+
+Decision = Annotated[
+    Accept
+    | Reject
+    | Reopen
+    | SetClass
+    | SetUnclear
+    | SetCategory
+    | Merge
+    | SplitTime
+    | SplitSpace
+    | SetBox
+    | Trim
+    | Draw
+    | Undo
+    | Redo,
+    Field(discriminator="action"),
+]
+
+
+class Review(FileModel):
+    """The content of the file.
+
+    Attributes:
+        schema_version: of the format.
+        dataset: name of the data set.
+        recording: name of the recording.
+        proposed: what the proposals were made from; None where all tracks are drawn.
+        tracks: proposals.
+        decisions: in the order in which they were made.
+        watched_ns: spans of time that were played, by increasing time, none touching another.
+    """
+
+    schema_version: Literal[1] = 1
+    dataset: str = Field(max_length=1000)
+    recording: str = Field(max_length=1000)
+    proposed: Proposed | None = None
+    tracks: tuple[StoredTrack, ...] = ()
+    decisions: tuple[Decision, ...] = Field(default=(), max_length=MOST_DECISIONS)
+    watched_ns: tuple[Span, ...] = ()
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        ids = [track.id for track in self.tracks]
+        if len(set(ids)) < len(ids):
+            raise ValueError("each id of a track once")
+        if self.watched_ns != merged_spans(self.watched_ns):
+            raise ValueError("spans that were watched in order, none touching another")
+        return self
+
+    def with_tracks(self, tracks: Iterable[StoredTrack]) -> Review:
+        """The same file with other proposals."""
+        return self.model_copy(update={"tracks": tuple(tracks)})
+
+    def watched(self, first_ns: int, last_ns: int) -> Review:
+        """The same file, of which one more span was played."""
+        return self.model_copy(update={"watched_ns": merged_spans([*self.watched_ns, (first_ns, last_ns)])})
+
+    def covers(self, times_ns: Iterable[int]) -> bool:
+        """Return True where each of the times was watched."""
+        return all(any(first <= time <= last for first, last in self.watched_ns) for time in times_ns)
+
+
+def merged_spans(spans: Iterable[Span]) -> tuple[Span, ...]:
+    """Spans by time, those that touch or overlap joined.
+
+    Raises:
+        ValueError: one that ends before it begins.
+    """
+    merged: list[Span] = []
+    for first, last in sorted(spans):
+        if last < first:
+            raise ValueError(f"first and last time of a span in order, not {first} before {last}")
+        if merged and first <= merged[-1][1]:
+            merged[-1] = merged[-1][0], max(last, merged[-1][1])
+        else:
+            merged.append((first, last))
+    return tuple(merged)
+
+
+def review_file(folder: Path, recording: str) -> Path:
+    """The file of a recording's review in a folder of annotations."""
+    return folder / f"{recording}.review.json"
+
+
+def read_review(file: Path) -> Review:
+    """Read a review.
+
+    Raises:
+        DataError: missing, larger than 64 MB, or not what the format asks for.
+    """
+    try:
+        content = read_regular(file, largest_bytes=LARGEST_BYTES)
+    except OSError as error:
+        hint = "make it with `fisheye-bench annotate propose`" if not file.exists() else ""
+        raise DataError(file, expected="a readable review", got=error.strerror or str(error), hint=hint) from error
+    return parse_json(Review, content, file)
+
+
+def write_review(file: Path, review: Review) -> None:
+    """Write a review, whole or not at all.
+
+    Raises:
+        UsageError: it would be larger than what can be read back.
+        OutputError: it cannot be written.
+    """
+    content = (review.model_dump_json(indent=1) + "\n").encode()
+    if len(content) > LARGEST_BYTES:
+        raise UsageError(f"{file}: expected a review of at most {LARGEST_BYTES} bytes, got {len(content)}")
+    write_bytes(file, content)
+
+
+DECISION: TypeAdapter[Decision] = TypeAdapter(Decision)
+
+
+def parse_decision(content: bytes) -> Decision:
+    """A decision from JSON that a page or program sends.
+
+    Raises:
+        UsageError: not JSON, unknown actions, classes or keys, or values that the format refuses.
+    """
+    try:
+        return DECISION.validate_json(content, strict=True)
+    except ValidationError as error:
+        fault = error.errors(include_url=False, include_context=False)[0]
+        where = ".".join(str(part) for part in ("decision", *fault["loc"]))
+        raise UsageError(f"{where}: {fault['msg']}, got {str(fault.get('input'))[:80]!r}") from None

@@ -1,0 +1,198 @@
+"""The file of a review, what decisions do to tracks, and decisions on proposals that are made anew."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bench.annotation import store
+from bench.annotation.carry_over import carry_over, tracks_iou
+from bench.annotation.decisions import applied, decide
+from bench.errors import DataError, UsageError
+from tests.support.reviews import MADE, STEP_NS, review_of, straight
+
+
+def decided(review, *decisions):
+    for decision in decisions:
+        review = decide(review, decision)
+    return review
+
+
+def by_id(review):
+    return {track.id: track for track in applied(review)}
+
+
+def statuses(review):
+    return [track.status for track in applied(review)]
+
+
+def accept(*names):
+    return store.Accept(**MADE, tracks=names)
+
+
+def reject(*names):
+    return store.Reject(**MADE, tracks=names)
+
+
+def key(name, i, centre_m, *, yaw_rad=0.0, size_m=(4.0, 2.0, 1.5)):
+    return store.SetBox(**MADE, track=name, timestamp_ns=i * STEP_NS, centre_m=centre_m, yaw_rad=yaw_rad, size_m=size_m)
+
+
+UNDO, REDO = store.Undo(**MADE), store.Redo(**MADE)
+
+
+def test_a_review_is_read_back_as_it_was_written(tmp_path):
+    review = decided(
+        review_of(straight("p1"), straight("p2")), accept("p1"), reject("p2"), UNDO, key("p1", 3, (3, 1, 1))
+    )
+    review = review.watched(0, 5).watched(5, 9)
+    store.write_review(tmp_path / "drive.review.json", review)
+    assert store.read_review(tmp_path / "drive.review.json") == review
+    assert [file.name for file in tmp_path.iterdir()] == ["drive.review.json"]
+
+
+DAMAGE = {
+    "cut": lambda text: text[: len(text) // 2],
+    "no JSON": lambda _: "proposals",
+    "another version": lambda text: text.replace('"schema_version": 1', '"schema_version": 2'),
+    "an unknown key": lambda text: text.replace('"dataset"', '"shell": "rm", "dataset"'),
+    "not a number": lambda text: text.replace('"yaw_rad": 0.0', '"yaw_rad": NaN', 1),
+    "a number in words": lambda text: text.replace('"yaw_rad": 0.0', '"yaw_rad": "0"', 1),
+    "a class of its own": lambda text: text.replace('"vehicle"', '"ufo"', 1),
+    "a path as a name": lambda text: text.replace('"p1"', '"../p1"'),
+    "a name twice": lambda text: text.replace('"p2"', '"p1"'),
+    "an unknown action": lambda text: text.replace('"accept"', '"run"'),
+    "times out of order": lambda text: text.replace('"timestamp_ns": 0,', '"timestamp_ns": 900000000000,', 1),
+    "a span backwards": lambda text: text.replace('"watched_ns": []', '"watched_ns": [[9, 1]]'),
+    "a deep nest": lambda _: "[" * 100_000,
+    "a size of nothing": lambda text: text.replace("4.0", "0.0", 1),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_a_damaged_review_is_refused_with_its_place(tmp_path, name):
+    file = tmp_path / "drive.review.json"
+    store.write_review(file, decided(review_of(straight("p1"), straight("p2")), accept("p1")))
+    file.write_text(DAMAGE[name](file.read_text()))
+    before = file.read_bytes()
+    with pytest.raises(DataError, match=r"drive\.review\.json"):
+        store.read_review(file)
+    assert file.read_bytes() == before
+
+
+def test_a_review_that_is_too_large_is_not_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(store, "LARGEST_BYTES", 100)
+    file = tmp_path / "drive.review.json"
+    file.write_text(json.dumps({"dataset": "x" * 200}))
+    with pytest.raises(DataError, match="limit of 100"):
+        store.read_review(file)
+
+
+def test_undo_takes_back_and_redo_makes_again_what_came_last():
+    review = decided(review_of(straight("p1"), straight("p2")), accept("p1"), reject("p2"))
+    assert statuses(review) == ["accepted", "rejected"]
+    once = decide(review, UNDO)
+    assert statuses(once) == ["accepted", "open"]
+    twice = decide(once, UNDO)
+    assert statuses(twice) == ["open", "open"]
+    with pytest.raises(UsageError, match="undo"):
+        decide(twice, UNDO)
+    again = decide(twice, REDO)
+    assert statuses(again) == ["accepted", "open"]
+    review = decide(again, accept("p2"))
+    assert statuses(review) == ["accepted", "accepted"]
+    with pytest.raises(UsageError, match="redo"):
+        decide(review, REDO)
+    assert len(review.decisions) == 6  # the log holds everything
+
+
+def test_decisions_about_tracks_that_are_not_there_are_refused():
+    review = decided(review_of(straight("p1"), straight("p2")), store.Merge(**MADE, tracks=("p1", "p2")))
+    for decision in (accept("p2"), reject("nobody"), key("p2", 0, (0, 0, 0)), store.Merge(**MADE, tracks=("p1", "p1"))):
+        with pytest.raises(UsageError):
+            decide(review, decision)
+
+
+def test_merging_puts_one_box_around_two_that_move_side_by_side():
+    pair = review_of(straight("p1"), straight("p2", start=(4.0, 1.0)))  # x from -2 to 6, y from -1 to 2
+    (track,) = applied(decide(pair, store.Merge(**MADE, tracks=("p1", "p2"))))
+    np.testing.assert_allclose(track.size_m, [8.0, 3.0, 1.5])
+    np.testing.assert_allclose(track.motion.centres_m[0], [2.0, 0.5, 1.0])
+    np.testing.assert_allclose(track.motion.velocities_mps, np.tile([10.0, 0.0], (11, 1)), atol=1e-9)
+
+
+def test_merging_one_after_the_other_fills_the_gap_between():
+    pair = review_of(straight("p1", states=5), straight("p2", first=8, states=5))
+    (track,) = applied(decide(pair, store.Merge(**MADE, tracks=("p1", "p2"))))
+    assert track.motion.times_ns.tolist() == [i * STEP_NS for i in range(13)]
+    np.testing.assert_allclose(track.motion.centres_m[:, 0], np.arange(13.0))
+
+
+def test_splitting_in_time_and_trimming_cut_the_states():
+    review = decide(review_of(straight("p1")), store.SplitTime(**MADE, track="p1", timestamp_ns=4 * STEP_NS))
+    assert {name: len(track.motion) for name, track in by_id(review).items()} == {"p1": 4, "p1.1": 7}
+    review = decide(review, store.Trim(**MADE, track="p1.1", span_ns=(5 * STEP_NS, 6 * STEP_NS)))
+    assert by_id(review)["p1.1"].span_ns == (5 * STEP_NS, 6 * STEP_NS)
+    with pytest.raises(UsageError):
+        decide(review, store.SplitTime(**MADE, track="p1", timestamp_ns=0))
+
+
+def test_splitting_in_space_cuts_the_box_along_the_line():
+    line = ((5.0, -9.0), (5.0, 9.0))  # across the box, whose centre is at x = 4 when it is drawn: 3 m and 1 m are left
+    cut = store.SplitSpace(**MADE, track="p1", timestamp_ns=4 * STEP_NS, line_m=line)
+    tracks = by_id(decide(review_of(straight("p1")), cut))
+    np.testing.assert_allclose(tracks["p1"].size_m, [3.0, 2.0, 1.5])
+    np.testing.assert_allclose(tracks["p1.1"].size_m, [1.0, 2.0, 1.5])
+    np.testing.assert_allclose(tracks["p1"].motion.centres_m[4], [3.5, 0.0, 1.0])
+    np.testing.assert_allclose(tracks["p1.1"].motion.centres_m[4], [5.5, 0.0, 1.0])
+    with pytest.raises(UsageError, match="crosses"):
+        decide(review_of(straight("p1")), cut.model_copy(update={"line_m": ((50.0, 0.0), (50.0, 1.0))}))
+
+
+def test_key_frames_correct_along_the_motion_that_was_found():
+    review = decided(review_of(straight("p1")), key("p1", 2, (2.0, 1.0, 1.0)), key("p1", 6, (6.5, 1.0, 1.0)))
+    motion = by_id(review)["p1"].motion
+    np.testing.assert_allclose(motion.centres_m[[0, 2, 4, 6, 10], 0], [0.0, 2.0, 4.25, 6.5, 10.5])
+    np.testing.assert_allclose(motion.centres_m[:, 1], 1.0)
+    np.testing.assert_allclose(motion.velocities_mps[4], [11.25, 0.0])
+    assert by_id(decide(review, UNDO))["p1"].motion.centres_m[6, 0] == 6.0
+
+
+def test_a_key_frame_beyond_the_end_carries_the_track_on():
+    motion = by_id(decide(review_of(straight("p1")), key("p1", 13, (13.0, 0.0, 1.0))))["p1"].motion
+    assert motion.times_ns.tolist() == [i * STEP_NS for i in range(14)]
+    np.testing.assert_allclose(motion.centres_m[:, 0], np.arange(14.0), atol=1e-9)
+    with pytest.raises(UsageError, match="2 s"):
+        decide(review_of(straight("p1")), key("p1", 99, (0.0, 0.0, 1.0)))
+
+
+def test_decisions_go_to_new_proposals_of_the_same_object():
+    old = decided(
+        review_of(*(straight(f"p{i}", start=(0, 20 * i - 20)) for i in range(1, 5))),
+        accept("p1"), reject("p2"), accept("p3"), store.SplitTime(**MADE, track="p1", timestamp_ns=4 * STEP_NS),
+        reject("p1.1"), reject("p4"), UNDO,
+    ).watched(0, 10**9)  # fmt: skip
+    new = review_of(straight("p1", start=(0, 60)), straight("p7", start=(0.3, 0.1)), code="newer")
+    carried = carry_over(old, new)
+    assert {name: track.status for name, track in by_id(carried).items()} == {
+        "p1": "open",  # another object now, which nobody decided on
+        "p7": "accepted", "p7.1": "rejected",  # p1 of old
+        "p3": "accepted",  # found no more, but a reviewer saw it
+    }  # fmt: skip
+    assert carried.watched_ns == old.watched_ns
+    assert carry_over(old, review_of(data="other sweeps")).watched_ns == ()
+
+
+def test_what_was_drawn_is_not_proposed_again():
+    draw = store.Draw(**MADE, drawn=straight("d1").model_copy(update={"source": "drawn"}))
+    carried = carry_over(
+        decide(review_of(), draw), review_of(straight("p1", start=(0.2, 0)), straight("p2", start=(0, 20)))
+    )
+    assert [track.id for track in applied(carried)] == ["p2", "d1"]
+
+
+def test_iou_of_tracks_counts_all_times_of_both():
+    assert tracks_iou(straight("a"), straight("b")) == pytest.approx(1.0)
+    assert tracks_iou(straight("a"), straight("b", start=(0, 1))) == pytest.approx(1 / 3)
+    assert tracks_iou(straight("a", states=10), straight("b", states=5)) == pytest.approx(0.5)
+    assert tracks_iou(straight("a", states=5), straight("b", first=5)) == 0.0
