@@ -22,6 +22,8 @@ TOP = 0.9  # likewise of the height
 SAMPLED = 150  # points of a sweep that are looked for in another
 FARTHEST = 12  # sweeps apart
 CLEARANCE_M = 0.05  # between ground and box
+VEHICLE_M = (2.4, 1.3)  # longer or wider than anybody on foot or on a bicycle
+CYCLIST_M, CYCLIST_MPS = 1.15, 2.2  # longer and faster than anybody on foot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,9 +62,9 @@ class Box:
     def object_class(self) -> str:
         """A guess by size and speed."""
         length, width, _ = self.size_m
-        if length > 2.4 or width > 1.3:
+        if length > VEHICLE_M[0] or width > VEHICLE_M[1]:
             return "vehicle"
-        return "cyclist" if length > 1.15 and self.speed_mps > 2.2 else "pedestrian"
+        return "cyclist" if length > CYCLIST_M and self.speed_mps > CYCLIST_MPS else "pedestrian"
 
 
 def fit_box(fragment: Fragment, settings: ProposalSettings) -> Box | None:

@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.annotation.boxes import Box, fit_box
+from bench.annotation.boxes import VEHICLE_M, Box, fit_box
 from bench.annotation.clusters import find_clusters
 from bench.annotation.joining import extend, join
 from bench.annotation.prepared import Cloud, clouds
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.annotation.tracking import Fragment, Tracker
+from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.records.recording import Cuboid, ObjectState, Recording, Track, world_yaw_rates
 
@@ -65,8 +66,10 @@ def propose(
         progress: called with the share of sweeps that are read.
 
     Raises:
-        DataError: a sweep that cannot be read.
+        DataError: a sweep that cannot be read, or a drive without any.
     """
+    if not recording.sweeps:
+        raise DataError(recording.root, field="sweeps", expected="lidar sweeps to find moving objects in", got="none")
     settings = settings or ProposalSettings()
     tracker, segment, pieces = Tracker(settings), list[Cloud](), dict[int, list[Proposal]]()
 
@@ -125,6 +128,7 @@ def _doubts(box: Box, settings: ProposalSettings) -> tuple[tuple[str, float], ..
         ("short", moves_s, moves_s < settings.short_s),
         ("at the edge of the range", float(np.median(away_m)), np.median(away_m) > settings.range_m - settings.edge_m),
         ("fragments joined", float(box.fragment.joined), box.fragment.joined > 0),
+        ("seen from one end", float(box.size_m[0]), box.object_class == "vehicle" and box.size_m[0] < VEHICLE_M[0]),
         ("seen through by few", through, through < settings.few_through),
     )
     return tuple((reason, value) for reason, value, doubted in looked_at if doubted)

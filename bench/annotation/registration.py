@@ -18,9 +18,12 @@ UPRIGHT = np.array([1.0, 1.0, 0.7])
 MOST_POINTS = 200  # of a sweep that are registered
 STEPS, CONVERGED_M, KEPT = 8, 0.005, 0.7  # iterations; the nearest share of pairs counts
 REACH_M, LEAST_PAIRS = 1.0, 6
-SMOOTH, CENTRED = 6.0, 0.05  # weights of constant speed and of the clusters' means beside registrations
+PARABOLA_FROM = 6  # positions; through fewer goes a line
+SMOOTH, CENTRED = 3.0, 0.05  # weights of constant speed and of the clusters' means beside registrations
 LEAST_STEP_S = 0.03
 CUT_M = 0.3  # from the end of an object, where a point at the edge of the sector says that it may go on
+LONG_M = 2.0  # objects whose flat sides say little of their motion
+END_POINTS = 5
 LEAST_SHIFT_M = 0.05  # that tells a direction
 
 
@@ -87,32 +90,32 @@ def cut_ends(along_m: Floats, cut_off: NDArray[np.bool_]) -> tuple[bool, bool]:
 def _visible_shift(
     points: tuple[Floats, Floats], cut_off: tuple[NDArray[np.bool_], NDArray[np.bool_]], guess_m: Floats
 ) -> Floats:
-    """(2,) float64, m, a guess by the end that both sweeps see, where one of them does not see the whole object.
+    """(2,) float64, m, the guess corrected by the ends of the object that both sweeps see.
 
-    While an object comes into the lidar's sector, the mean of its points moves at half its speed.
+    The flat side of a long object lies as well on itself a metre further on, and while an object comes into the lidar's
+    sector, the mean of its points moves at half its speed.
     """
     length_m = float(np.hypot(*guess_m))
-    if not (cut_off[0].any() or cut_off[1].any()) or length_m < LEAST_SHIFT_M:
+    if length_m < LEAST_SHIFT_M:
         return guess_m
     along = [one[:, :2] @ (guess_m / length_m) for one in points]
     cut = [cut_ends(one, flags) for one, flags in zip(along, cut_off, strict=True)]
-    rear, front = (not (cut[0][end] or cut[1][end]) for end in (0, 1))
-    if rear == front:
+    if min(np.ptp(one) for one in along) < LONG_M and not (cut_off[0].any() or cut_off[1].any()):
         return guess_m
-    ends = [one.max() if front else one.min() for one in along]
-    return np.asarray(guess_m / length_m * (ends[1] - ends[0]))
+    ends = [np.sort(one)[[*range(-END_POINTS, 0), *range(END_POINTS)]].reshape(2, -1).mean(axis=1) for one in along]
+    shifts = [ends[1][end] - ends[0][end] for end in (0, 1) if not (cut[0][1 - end] or cut[1][1 - end])]
+    return np.asarray(guess_m / length_m * np.mean(shifts)) if shifts else guess_m
 
 
 def slopes(times_s: Floats, positions_m: Floats, within_s: float) -> Floats:
-    """(K, 2) float64, m/s, slope of a line through the positions within a time; at least five if there are."""
+    """(K, 2) float64, m/s, slope of a parabola through the positions within a time; at least five if there are."""
     out = np.zeros_like(positions_m)
     for i, time_s in enumerate(times_s):
         near = np.flatnonzero(np.abs(times_s - time_s) <= within_s / 2)
         if len(near) < 3 or np.ptp(times_s[near]) < 0.1:
             near = np.argsort(np.abs(times_s - time_s), kind="stable")[:5]
-        after_s = times_s[near] - times_s[near].mean()
-        away_m = positions_m[near] - positions_m[near].mean(axis=0)
-        out[i] = after_s @ away_m / max(after_s @ after_s, 1e-6)
+        degree = 2 if len(near) >= PARABOLA_FROM else min(1, len(near) - 1)
+        out[i] = np.polyfit(times_s[near] - time_s, positions_m[near], degree)[-2] if degree else 0.0
     return out
 
 

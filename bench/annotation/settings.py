@@ -102,7 +102,7 @@ class ProposalSettings:
     acceleration_mps2: float = 4.0
     missed: int = 4
     segment_s: float = 30.0
-    fit_s: float = 0.7
+    fit_s: float = 0.9
     shifts: tuple[int, ...] = (1, 3, 5)
     motion: MotionSettings = MOTION
     least_speed_mps: float = 0.35
