@@ -111,7 +111,7 @@ def scores_table(scores: pd.DataFrame, minutes: float) -> Table:
         return f"{100 * share:.1f}"
 
     forms = {**dict.fromkeys(("recall", "precision"), percent), "false_tracks_per_minute": "{:.1f}".format}
-    forms |= {name: "{:.2f}".format for name in scores if "_error_" in name}
+    forms |= {name: "{:.2f}".format for name in SCORE_HEADINGS if "_error_" in name}
     columns = {name: Column(heading, forms.get(name, str)) for name, heading in SCORE_HEADINGS.items()}
     note = f"Found: IoU of returns of at least 0.5; of {60 * minutes:.0f} s. Errors: medians and 90th percentiles."
     return Table(columns=[*columns.values()], rows=scores[[*columns]], words=2, note=note)
