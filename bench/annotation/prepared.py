@@ -81,12 +81,12 @@ def clouds(recording: Recording, settings: ProposalSettings, *, progress: Callab
         settings: of the proposals.
         progress: called with the share of sweeps that are read.
     """
-    height_m, period_ns = road_height_m(recording), _period_ns(recording)
+    height_m = road_height_m(recording)
     window_ns = round(settings.window_s * SECOND_NS)
     held: deque[_Prepared] = deque()
     waiting: deque[_Prepared] = deque()
     for number, ref in enumerate(recording.sweeps):
-        prepared = _prepare(recording, number, ref, height_m, period_ns, settings)
+        prepared = _prepare(recording, number, ref, height_m, settings)
         while waiting and ref.timestamp_ns - waiting[0].timestamp_ns > window_ns:
             yield _judged(waiting.popleft(), held, settings)
         while held and held[0].timestamp_ns < (waiting[0].timestamp_ns if waiting else ref.timestamp_ns) - window_ns:
@@ -99,14 +99,8 @@ def clouds(recording: Recording, settings: ProposalSettings, *, progress: Callab
         yield _judged(last, held, settings)
 
 
-def _period_ns(recording: Recording) -> int:
-    """Time between two sweeps; 0 for a single one."""
-    times_ns = np.array([ref.timestamp_ns for ref in recording.sweeps], dtype=np.int64)
-    return int(np.median(np.diff(times_ns))) if len(times_ns) > 1 else 0
-
-
 def _prepare(
-    recording: Recording, number: int, ref: SweepRef, height_m: float, period_ns: int, settings: ProposalSettings
+    recording: Recording, number: int, ref: SweepRef, height_m: float, settings: ProposalSettings
 ) -> _Prepared | None:
     """None without ego-motion, or without points."""
     placed = pose_sweep(ref.read(), recording.trajectory, recording.vehicle_from_lidar, recording.lidar_from_sensor)
@@ -122,9 +116,7 @@ def _prepare(
     low, high = recording.vehicle_outline_m.min(axis=0), recording.vehicle_outline_m.max(axis=0)
     inside = (vehicle[:, :2] > low - settings.own_margin_m) & (vehicle[:, :2] < high + settings.own_margin_m)
     usable = ~(inside.all(axis=1) & (levelled[:, 2] < settings.own_top_m)) & (range_m > settings.nearest_m)
-    # Of sweeps that overlap in time, what is seen a second time belongs to the next one.
-    once = placed.times_ns < placed.times_ns.min() + period_ns if period_ns else np.ones(len(world), dtype=bool)
-    near = usable & once & (range_m < settings.range_m) & (levelled[:, 2] < settings.top_m)
+    near = usable & (range_m < settings.range_m) & (levelled[:, 2] < settings.top_m)
     origin = placed.rotations @ placed.lidar_from_sensor.translation_m + placed.positions_m
     sensor_m = origin[len(origin) // 2, :2]
     return _Prepared(
