@@ -5,7 +5,7 @@ with annotations where there are some. How well it works, and where it fails, is
 """
 
 from bench.annotation.evaluate import evaluate_proposals, proposal_scores
-from bench.annotation.proposals import Proposal, propose, to_track
+from bench.annotation.proposals import Proposal, propose
 from bench.annotation.settings import ProposalSettings
 
-__all__ = ["Proposal", "ProposalSettings", "evaluate_proposals", "proposal_scores", "propose", "to_track"]
+__all__ = ["Proposal", "ProposalSettings", "evaluate_proposals", "proposal_scores", "propose"]

@@ -162,6 +162,15 @@ def in_force(decisions: Iterable[Decision]) -> tuple[Decision, ...]:
     """The decisions that were not taken back.
 
     Raises:
+        UsageError: as `history`.
+    """
+    return history(decisions)[0]
+
+
+def history(decisions: Iterable[Decision]) -> tuple[tuple[Decision, ...], tuple[Decision, ...]]:
+    """The decisions in force, and those that a redo would make again, the next one last.
+
+    Raises:
         UsageError: an undo or redo where there is nothing to take back or to make again.
     """
     made: list[Decision] = []
@@ -174,7 +183,7 @@ def in_force(decisions: Iterable[Decision]) -> tuple[Decision, ...]:
         else:
             made.append(decision)
             taken_back.clear()
-    return tuple(made)
+    return tuple(made), tuple(taken_back)
 
 
 def decide(review: Review, decision: Decision) -> Review:

@@ -8,13 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
-import numpy as np
 import pandas as pd
 
 from bench.annotation.carry_over import carry_over
-from bench.annotation.decisions import ReviewedTrack, applied
 from bench.annotation.evaluate import evaluate_proposals
-from bench.annotation.proposals import Proposal, propose, to_track
+from bench.annotation.export import to_tracks
+from bench.annotation.proposals import Proposal, propose
 from bench.annotation.store import (
     BoxState,
     Doubt,
@@ -175,22 +174,6 @@ def evaluate_drives(
 def _evaluate_drive(folder: Path, handle: RecordingHandle) -> tuple[pd.DataFrame, float]:
     review = read_review(review_file(folder, handle.name))
     recording = handle.open()
-    kept = [_proposal(track) for track in applied(review) if track.status != "rejected"]
-    frames = evaluate_proposals(recording, [to_track(proposal, recording) for proposal in kept])
+    frames = evaluate_proposals(recording, to_tracks(review, recording, unreviewed=True))
     times_ns = [ref.timestamp_ns for ref in recording.sweeps]
     return frames, (times_ns[-1] - times_ns[0]) / 60e9 if times_ns else 0.0
-
-
-def _proposal(track: ReviewedTrack) -> Proposal:
-    """A track of a review, corrections made, without what only reviewers look at."""
-    return Proposal(
-        track_id=track.id,
-        object_class=track.object_class,
-        size_m=np.asarray(track.size_m),
-        timestamps_ns=track.motion.times_ns,
-        centres_m=track.motion.centres_m,
-        yaw_rad=track.motion.yaws_rad,
-        velocity_mps=track.motion.velocities_mps,
-        doubts=(),
-        points_median=round(track.points_median),
-    )

@@ -19,8 +19,7 @@ from bench.annotation.prepared import Cloud, clouds
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.annotation.tracking import Fragment, Tracker
 from bench.errors import DataError
-from bench.geometry import RigidTransform
-from bench.records.recording import Cuboid, ObjectState, Recording, Track, world_yaw_rates
+from bench.records.recording import Recording
 
 Floats = NDArray[np.float64]
 
@@ -151,23 +150,3 @@ def _one_after_the_other(parts: Sequence[Proposal]) -> Proposal:
         doubts=tuple(sorted(doubts.items())),
         points_median=int(np.median([part.points_median for part in parts])),
     )
-
-
-def to_track(proposal: Proposal, recording: Recording) -> Track:
-    """A proposal as an annotated object of the recording."""
-    rotations, positions_m, _ = recording.trajectory.at(proposal.timestamps_ns)
-    cosine, sine, zero, one = np.cos(proposal.yaw_rad), np.sin(proposal.yaw_rad), 0 * proposal.yaw_rad, 1.0
-    world_from_object = np.stack([cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + one], axis=1)
-    rates = world_yaw_rates(proposal.timestamps_ns, world_from_object.reshape(-1, 3, 3))
-    states = []
-    for k, timestamp_ns in enumerate(proposal.timestamps_ns.tolist()):
-        vehicle_from_world = RigidTransform(rotations[k], positions_m[k]).inverse()
-        world_from_box = RigidTransform.from_yaw(float(proposal.yaw_rad[k]), proposal.centres_m[k])
-        shape = Cuboid(vehicle_from_object=vehicle_from_world @ world_from_box, size_m=proposal.size_m)
-        velocity_mps = vehicle_from_world.rotate(np.array([*proposal.velocity_mps[k], 0.0]))
-        states.append(
-            ObjectState(
-                timestamp_ns=timestamp_ns, shape=shape, velocity_mps=velocity_mps, yaw_rate_radps=float(rates[k])
-            )
-        )
-    return Track(track_id=proposal.track_id, object_class=proposal.object_class, states=tuple(states))

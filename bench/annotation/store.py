@@ -16,6 +16,7 @@ from pydantic import AwareDatetime, Field, TypeAdapter, ValidationError, model_v
 
 from bench.atomic import read_regular, write_bytes
 from bench.errors import DataError, UsageError
+from bench.recordings.annotations import REVIEW_SUFFIX
 from bench.recordings.validation import FileModel, TimeNs, parse_json
 from bench.records.recording import MotionKind, ObjectClass
 
@@ -311,7 +312,7 @@ def merged_spans(spans: Iterable[Span]) -> tuple[Span, ...]:
 
 def review_file(folder: Path, recording: str) -> Path:
     """The file of a recording's review in a folder of annotations."""
-    return folder / f"{recording}.review.json"
+    return folder / f"{recording}{REVIEW_SUFFIX}"
 
 
 def read_review(file: Path) -> Review:

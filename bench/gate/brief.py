@@ -73,8 +73,8 @@ def change_lines(verdict: Verdict) -> list[str]:
 
 
 def _is_note(check: Check) -> bool:
-    """The reference is another one, and yet no reason to fail."""
-    return check.name == "reference_digest" and check.outcome is Outcome.SUSPECT
+    """The reference is another one, or one that nobody reviewed, and yet no reason to fail."""
+    return check.name in {"reference_digest", "annotations"} and check.outcome is Outcome.SUSPECT
 
 
 def worst_line(verdict: Verdict) -> str:

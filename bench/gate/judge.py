@@ -94,6 +94,7 @@ def data_checks(baseline: RunSums, run: RunSums, pairs: Pairs, *, tolerances: To
             "method changed: {listed}",
             outcome=Outcome.SUSPECT,
         ),
+        *([Check(name="annotations", outcome=Outcome.SUSPECT, message=run.unreviewed)] if run.unreviewed else []),
     )
 
 

@@ -42,6 +42,7 @@ from bench.methods import Scorable
 from bench.methods.contract import own_copy
 from bench.plain_text import listed
 from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, RecordingHandle, open_dataset
+from bench.recordings.openlabel import NOT_REVIEWED
 
 SERIAL = SerialExecutor()
 LARGEST_BATCH = 16  # recordings a worker
@@ -395,7 +396,7 @@ def _write_results(
         ),
         vehicle_outline_m=outlines[-1] if outlines else (),
         failures=(*failures, *problems),
-        caveats=_caveats(request, metrics),
+        caveats=_caveats(request, metrics, scored.recordings),
         threshold_free=read_threshold_free(results),
         files=file_digests(results),
     )
@@ -403,11 +404,15 @@ def _write_results(
     return summary
 
 
-def _caveats(request: RunRequest, metrics: Summary) -> str:
-    """Caveats for a reader of the results: no annotations, those of the data, and errors of the method's input."""
+def _caveats(request: RunRequest, metrics: Summary, recordings: Sequence[PlannedRecording]) -> str:
+    """Caveats for a reader: annotations not there or not reviewed, those of the data, errors of the method's input."""
+    proposed = sum(not one.reviewed for one in recordings)
+    unreviewed = f"{NOT_REVIEWED} ({proposed} of {len(recordings)} recordings)." if proposed else ""
     told = [f"{name} {error:g}" for name, error in request.input_errors.named.items()]
     errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
-    return "\n".join(part for part in (not_annotated(metrics), request.card.content.caveats, errors) if part)
+    return "\n".join(
+        part for part in (unreviewed, not_annotated(metrics), request.card.content.caveats, errors) if part
+    )
 
 
 def _sum(counted: Iterable[Mapping[str, Number]]) -> dict[str, Number]:

@@ -67,6 +67,7 @@ class PlannedRecording:
         units: its units; none where it cannot be used.
         digest: of its data; None where it does not open.
         vehicle_outline_m: the ego vehicle from above, vehicle frame.
+        reviewed: False where objects were proposed and nobody has looked at them.
         failure: why it cannot be used; None where it can.
         seconds: that opening took.
     """
@@ -77,6 +78,7 @@ class PlannedRecording:
     vehicle_outline_m: tuple[tuple[float, float], ...]
     failure: str | None
     seconds: float
+    reviewed: bool = True
 
     @classmethod
     def failed(cls, handle: RecordingHandle, reason: str, *, seconds: float = 0.0) -> PlannedRecording:
@@ -144,6 +146,7 @@ def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
         vehicle_outline_m=tuple((float(x), float(y)) for x, y in opened.recording.vehicle_outline_m),
         failure=None,
         seconds=clock.seconds["open"],
+        reviewed=all(track.reviewed for track in opened.recording.tracks),
     )
 
 

@@ -29,6 +29,8 @@ from bench.records.recording import (
     Track,
 )
 
+REVIEW_SUFFIX = ".review.json"  # of files beside the annotations, from which they are made
+
 Outline = Of[tuple[tuple[float, float], ...], Field(min_length=3, max_length=1000)]
 
 
@@ -89,6 +91,7 @@ def read_annotations(file: Path) -> tuple[Track, ...]:
             object_class=item.type,
             states=tuple(states[uid]),
             instance_id=item.object_data.num[0].val if item.object_data.num else None,
+            reviewed=content.metadata.comment != openlabel.NOT_REVIEWED,
         )
         for uid, item in content.objects.items()
     )
@@ -154,9 +157,10 @@ def annotation_document(tracks: Sequence[Track], timestamps_ns: Iterable[int] = 
     for track in tracks:
         for state, xyzw in zip(track.states, _quaternions_xyzw(track), strict=True):
             frames[state.timestamp_ns]["objects"][track.track_id] = {"object_data": _state_data(state, xyzw)}
+    comment = {} if all(track.reviewed for track in tracks) else {"comment": openlabel.NOT_REVIEWED}
     return {
         "openlabel": {
-            "metadata": {"schema_version": openlabel.VERSION},
+            "metadata": {"schema_version": openlabel.VERSION, **comment},
             "coordinate_systems": {openlabel.COORDINATE_SYSTEM: {"type": "local_cs", "parent": "", "children": []}},
             "objects": {track.track_id: _object(track) for track in tracks},
             "frames": {str(i): frames[time_ns] for i, time_ns in enumerate(times_ns)},

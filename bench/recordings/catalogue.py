@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_targets
-from bench.recordings.annotations import annotated_as
+from bench.recordings.annotations import REVIEW_SUFFIX, annotated_as
 from bench.recordings.cards import DatasetCard
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.object_storage import remote_recordings
@@ -131,7 +131,7 @@ def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, Recordi
         raise DataError(
             card.file, field="annotations", expected="a folder of <recording>.json files", got=got, hint=hint
         )
-    files = sorted(folder.glob("*.json"))
+    files = sorted(file for file in folder.glob("*.json") if not file.name.endswith(REVIEW_SUFFIX))
     if files and not any(file.stem in handles for file in files):
         expected = f"files called as recordings in {folder}: {', '.join(sorted(handles)[:SHOWN])}"
         raise DataError(card.file, field="annotations", expected=expected, got=f"{len(files)}, as {files[0].name}")

@@ -20,6 +20,7 @@ from bench.recordings.validation import FileModel, TimeNs
 from bench.records.recording import MotionKind, ObjectClass
 
 VERSION = "1.0.0"
+NOT_REVIEWED = "annotations: proposed, not reviewed"  # the comment of a file whose objects nobody has looked at
 COORDINATE_SYSTEM: Literal["vehicle"] = "vehicle"
 
 MOST_CORNERS = 1000  # of an outline; one that crosses itself has as many crossings as their square

@@ -211,6 +211,7 @@ class Track:
         object_class: one of `OBJECT_CLASSES`; what else a data set knows is mapped by its adapter.
         states: by increasing time.
         instance_id: the object's number in truth images, in synthetic recordings; None elsewhere.
+        reviewed: False for one that was proposed from the drive itself and that nobody has looked at.
 
     Raises:
         UsageError: an adapter gives something else than text as name or class.
@@ -220,6 +221,7 @@ class Track:
     object_class: str
     states: tuple[ObjectState, ...]
     instance_id: int | None = None
+    reviewed: bool = True
 
     def __post_init__(self) -> None:
         for name in ("track_id", "object_class"):

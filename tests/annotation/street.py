@@ -6,6 +6,9 @@ from math import radians
 import numpy as np
 
 from bench.annotation import ProposalSettings
+from bench.annotation.drives import stored_track
+from bench.annotation.export import to_tracks
+from bench.annotation.store import Review
 from bench.recordings import open_native
 from tests.validation import drive
 
@@ -24,3 +27,9 @@ def enlarged(track, by_m=0.2):
         return replace(state, shape=replace(state.shape, size_m=state.shape.size_m + np.array([by_m, by_m, 0.0])))
 
     return replace(track, states=tuple(larger(state) for state in track.states))
+
+
+def annotated(proposals, recording):
+    """Proposals as annotations of the recording."""
+    stored = tuple(stored_track(proposal) for proposal in proposals)
+    return to_tracks(Review(dataset="street", recording="street", tracks=stored), recording, unreviewed=True)

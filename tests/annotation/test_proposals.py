@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.annotation import evaluate_proposals, proposal_scores, propose, to_track
+from bench.annotation import evaluate_proposals, proposal_scores, propose
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import NOT_ANNOTATED
-from tests.annotation.street import COARSE, street
+from tests.annotation.street import COARSE, annotated, street
 from tests.validation import drive
 
 
@@ -30,7 +30,7 @@ def speeds(proposal):
 
 
 def test_what_moves_is_found_and_nothing_else(recording, proposals):
-    frames = evaluate_proposals(recording, [to_track(proposal, recording) for proposal in proposals])
+    frames = evaluate_proposals(recording, annotated(proposals, recording))
     scores = proposal_scores(frames, minutes=1 / 40).set_index(["range", "group"]).loc[("all", "all")]
     assert scores["recall"] > 0.9
     assert scores["precision"] == 1.0
@@ -93,7 +93,7 @@ def test_proposals_need_sweeps(recording):
 
 
 def test_a_proposal_as_annotation(recording, proposals):
-    track = to_track(proposals[0], recording)
+    track = annotated(proposals, recording)[0]
     world_from_vehicle = recording.trajectory.world_from_vehicle(track.states[3].timestamp_ns)
     shape = track.states[3].shape
     centre = world_from_vehicle.apply(shape.vehicle_from_object.translation_m)

@@ -1,6 +1,34 @@
 """Pages in a browser."""
 
+import os
+import shutil
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.ui import WebDriverWait
+
+FLAGS = (
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--no-first-run",
+)  # fmt: skip
+
+
+def headless_chromium(folder):
+    """Headless chromium, to be closed after use; on CI its absence is a failure."""
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        message = "expected chromium and chromedriver, got none; install them: apt-get install chromium chromium-driver"
+        if os.environ.get("CI"):
+            pytest.fail(message)
+        pytest.skip(message)
+    options = Options()
+    options.binary_location = chromium
+    for flag in (*FLAGS, f"--user-data-dir={folder}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    return webdriver.Chrome(options=options, service=Service(driver))
 
 
 def opened(browser, file, *, width=1280, scheme="light"):
@@ -12,6 +40,6 @@ def opened(browser, file, *, width=1280, scheme="light"):
         "about:blank"
     )  # the same address once more is a reload, whose end the driver may miss on a busy machine
     browser.get_log("browser")
-    browser.get(file.as_uri())
+    browser.get(file if isinstance(file, str) else file.as_uri())
     WebDriverWait(browser, 60).until(lambda b: b.execute_script("return document.readyState") == "complete")
     return browser

@@ -2,9 +2,13 @@
 
 from datetime import UTC, datetime
 
-from bench.annotation.store import BoxState, Proposed, Review, StoredTrack
+import numpy as np
+
+from bench.annotation.store import BoxState, Doubt, Proposed, Review, StoredTrack
+from bench.recordings import Cuboid
 
 STEP_NS = 100_000_000
+DRIVE = "crossing"  # of the tiny data set
 MADE = {"made_at": datetime(2026, 11, 23, 15, tzinfo=UTC), "reviewer": "R."}
 
 
@@ -30,3 +34,37 @@ def straight(name, *, first=0, states=11, start=(0.0, 0.0), speed_mps=10.0, size
 
 def review_of(*tracks, data="d", code="c"):
     return Review(dataset="street", recording="drive", proposed=Proposed(data=data, code=code), tracks=tracks)
+
+
+def proposed_from(recording):
+    """What a perfect proposer would find: the true tracks, in the world."""
+    found = []
+    for number, track in enumerate(recording.tracks):
+        boxes = [state for state in track.states if isinstance(state.shape, Cuboid)]
+        states = []
+        for state in boxes:
+            world = recording.trajectory.world_from_vehicle(state.timestamp_ns)
+            pose = world @ state.shape.vehicle_from_object
+            velocity = world.rotation @ state.velocity_mps
+            states.append(
+                BoxState(
+                    timestamp_ns=state.timestamp_ns,
+                    centre_m=tuple(pose.translation_m.tolist()),
+                    yaw_rad=float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])),
+                    velocity_mps=tuple(velocity[:2].tolist()),
+                )
+            )
+        found.append(
+            StoredTrack(
+                id=f"p{number:03d}",
+                source="proposed",
+                object_class=track.object_class,
+                size_m=tuple(boxes[0].shape.size_m.tolist()),
+                doubts=(Doubt(reason="few returns", value=6.0, weight=0.5),) if number % 2 else (),
+                points_median=100.0,
+                states=tuple(states),
+            )
+        )
+    return Review(
+        dataset="street", recording=recording.name, proposed=Proposed(data="d", code="c"), tracks=tuple(found)
+    )

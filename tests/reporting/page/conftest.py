@@ -1,25 +1,16 @@
 """A stored run of the tiny data set, its page, and a real browser."""
 
-import os
-import shutil
 from pathlib import Path
 
 import pytest
-from selenium import webdriver
-from selenium.webdriver.chrome.options import Options
-from selenium.webdriver.chrome.service import Service
 
 from bench.evaluation import load_protocol
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.reporting.page.build import write_page
 from tests.reporting.page.hostile import hostile_run
+from tests.support.browser import headless_chromium
 from tests.support.runs import run_one
-
-FLAGS = (
-    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--no-first-run",
-)  # fmt: skip
 
 
 @pytest.fixture(scope="session")
@@ -47,18 +38,7 @@ def hostile_page(tiny_run, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory):
-    """Headless chromium; on CI its absence is a failure."""
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if chromium is None or driver is None:
-        message = "expected chromium and chromedriver, got none; install them: apt-get install chromium chromium-driver"
-        if os.environ.get("CI"):
-            pytest.fail(message)
-        pytest.skip(message)
-    options = Options()
-    options.binary_location = chromium
-    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"):
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    opened = webdriver.Chrome(options=options, service=Service(driver))
+    """Headless chromium."""
+    opened = headless_chromium(tmp_path_factory.mktemp("chromium"))
     yield opened
     opened.quit()

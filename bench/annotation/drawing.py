@@ -1,0 +1,168 @@
+"""An object that was missed, from its points: fitted at one sweep and followed through those before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from shapely import contains_xy
+from shapely.geometry import MultiPoint, Polygon
+
+from bench.annotation.store import BoxState, Position, StoredTrack
+from bench.annotation.views import sweep_points_world
+from bench.errors import UsageError
+from bench.recordings import Recording
+from bench.recordings.validation import FileModel
+from bench.records.recording import ObjectClass, world_velocities
+
+FEWEST_POINTS = 5
+FARTHEST_SWEEPS = 300  # that a track is followed in each direction
+REACH_M = 0.6  # around where the object is expected, in which its points are looked for
+MARGIN_M = 0.08  # between the outermost returns and the side of a box
+LARGEST_SPEED_MPS = 60.0
+STANDING_MPS = 0.5  # below, the heading is that of the outline
+FOLLOWED_PART = 0.25  # of its first points, below which an object is lost
+SMALLEST_M = 0.3
+PERSON_M = 1.2  # what is shorter walks
+CYCLIST_M = 2.4
+
+
+class Lasso(FileModel):
+    """What a reviewer drew around the points of an object.
+
+    Attributes:
+        sweep: index of the sweep.
+        outline_m: x and y in the world, m.
+        object_class: of the object; None to guess by its size.
+    """
+
+    sweep: int = Field(ge=0)
+    outline_m: tuple[tuple[Position, Position], ...] = Field(min_length=3, max_length=1000)
+    object_class: ObjectClass | None = None
+
+
+def draw_track(recording: Recording, lasso: Lasso, *, name: str) -> StoredTrack:
+    """Make a track of the points inside of a lasso.
+
+    Raises:
+        UsageError: no such sweep, or fewer than five points above the road.
+        DataError: a sweep or the ego-motion cannot be used.
+    """
+    if lasso.sweep >= len(recording.sweeps):
+        raise UsageError(f"sweep: expected one of {len(recording.sweeps)}, got {lasso.sweep}")
+    points = _standing(recording, lasso.sweep)
+    points = points[contains_xy(Polygon(lasso.outline_m).buffer(0), points[:, 0], points[:, 1])]
+    if len(points) < FEWEST_POINTS:
+        raise UsageError(f"lasso: expected at least {FEWEST_POINTS} points above the road, got {len(points)}")
+    last = len(recording.sweeps) - 1
+    before = range(lasso.sweep - 1, max(lasso.sweep - FARTHEST_SWEEPS, 0) - 1, -1)
+    behind = range(lasso.sweep + 1, min(lasso.sweep + FARTHEST_SWEEPS, last) + 1)
+    found = {lasso.sweep: points}
+    found |= dict(_followed(recording, points, lasso.sweep, before))
+    found |= dict(_followed(recording, points, lasso.sweep, behind))
+    return _fitted(recording, dict(sorted(found.items())), lasso.object_class, name)
+
+
+def _standing(recording: Recording, index: int) -> NDArray[np.float64]:
+    points, _, ground = sweep_points_world(recording.sweeps[index].read(), recording)
+    return points[~ground]
+
+
+def _followed(
+    recording: Recording, start: NDArray[np.float64], start_index: int, indices: Iterable[int]
+) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    """The object's points in further sweeps, as long as enough are near to where its motion leads."""
+    times_s = {start_index: recording.sweeps[start_index].timestamp_ns / 1e9}
+    points, index, velocity = start, start_index, np.zeros(2)
+    for following in indices:
+        times_s[following] = recording.sweeps[following].timestamp_ns / 1e9
+        step_s = times_s[following] - times_s[index]
+        expected = points[:, :2] + velocity * step_s
+        area = MultiPoint(expected).convex_hull.buffer(REACH_M)
+        seen = _standing(recording, following)
+        inside = contains_xy(area, seen[:, 0], seen[:, 1])
+        if inside.sum() < max(FEWEST_POINTS, FOLLOWED_PART * len(start)):
+            return
+        moved = (_middle(seen[inside]) - _middle(points)) / step_s
+        if np.hypot(*moved) > LARGEST_SPEED_MPS:
+            return
+        velocity = moved if index == start_index else 0.6 * velocity + 0.4 * moved
+        points, index = seen[inside], following
+        yield following, points
+
+
+def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    low, high = np.percentile(points[:, :2], [5, 95], axis=0)
+    return np.asarray((low + high) / 2)
+
+
+def _fitted(
+    recording: Recording, found: dict[int, NDArray[np.float64]], object_class: ObjectClass | None, name: str
+) -> StoredTrack:
+    times_ns = np.array([recording.sweeps[i].timestamp_ns for i in found], dtype=np.int64)
+    middles = np.array([[*_middle(points), 0.0] for points in found.values()])
+    velocities = world_velocities(times_ns, _smoothed(middles)) if len(found) > 2 else np.zeros((len(found), 3))
+    speeds = np.hypot(velocities[:, 0], velocities[:, 1])
+    if np.median(speeds) > STANDING_MPS:
+        moving = speeds > STANDING_MPS
+        headings = np.unwrap(np.arctan2(velocities[moving, 1], velocities[moving, 0]))
+        yaws = np.interp(np.arange(len(found)), np.flatnonzero(moving), headings)
+    else:
+        yaws = np.full(len(found), _heading(next(iter(found.values()))))
+    lows, highs = np.empty((len(found), 3)), np.empty((len(found), 3))
+    for row, (points, yaw) in enumerate(zip(found.values(), yaws, strict=True)):
+        own = points @ _axes(yaw)
+        lows[row], highs[row] = np.percentile(own, 2, axis=0) - MARGIN_M, np.percentile(own, 98, axis=0) + MARGIN_M
+    size_m = np.maximum(np.percentile(highs - lows, 80, axis=0), SMALLEST_M)
+    states = []
+    for time_ns, low, high, yaw, velocity in zip(times_ns, lows, highs, yaws, velocities, strict=True):
+        centre_m = _axes(yaw) @ np.array([*(low + high)[:2] / 2, high[2] - size_m[2] / 2])
+        states.append(
+            BoxState(
+                timestamp_ns=int(time_ns),
+                centre_m=tuple(centre_m.tolist()),
+                yaw_rad=float(yaw),
+                velocity_mps=tuple(velocity[:2].tolist()),
+            )
+        )
+    return StoredTrack(
+        id=name,
+        source="drawn",
+        object_class=object_class or _guess(float(size_m[0])),
+        size_m=tuple(size_m.tolist()),
+        points_median=float(np.median([len(points) for points in found.values()])),
+        states=tuple(states),
+    )
+
+
+def _guess(length_m: float) -> ObjectClass:
+    return "pedestrian" if length_m < PERSON_M else "cyclist" if length_m < CYCLIST_M else "vehicle"
+
+
+def _axes(yaw_rad: float) -> NDArray[np.float64]:
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _heading(points: NDArray[np.float64]) -> float:
+    """Along the longer side of the smallest rectangle around the points."""
+    outline = MultiPoint(points[:, :2]).minimum_rotated_rectangle
+    if not isinstance(outline, Polygon):
+        return 0.0
+    sides = np.diff(np.array(outline.exterior.coords)[:3], axis=0)
+    x, y = sides[np.argmax(np.hypot(*sides.T))]
+    return float(np.arctan2(y, x))
+
+
+def _smoothed(positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of up to five neighbours, fewer and as many on both sides at the ends."""
+    rows = len(positions_m)
+    return np.array(
+        [
+            positions_m[i - reach : i + reach + 1].mean(axis=0)
+            for i in range(rows)
+            for reach in (min(2, i, rows - 1 - i),)
+        ]
+    )

@@ -1,0 +1,95 @@
+"""From reviews to annotations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bench.annotation.decisions import ReviewedTrack, applied, rotated
+from bench.annotation.store import Review
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.recordings import Cuboid, ObjectState, Recording, Track, write_annotations
+from bench.records.recording import world_yaw_rates
+
+
+def to_tracks(review: Review, recording: Recording, *, unreviewed: bool = False) -> tuple[Track, ...]:
+    """Tracks of a recording from its review.
+
+    Args:
+        review: of the recording.
+        recording: for its ego-motion.
+        unreviewed: take what was proposed and not rejected, and mark it as not reviewed, instead of what was accepted.
+
+    Returns:
+        Tracks with boxes in the vehicle frame at each time, level in the world, and velocities over the ground along
+        the vehicle's axes.
+
+    Raises:
+        DataError: a time without ego-motion.
+        UsageError: decisions that cannot be carried out.
+    """
+    tracks = applied(review)
+    wanted = {"open", "accepted"} if unreviewed else {"accepted"}
+    return tuple(_track(track, recording, reviewed=not unreviewed) for track in tracks if track.status in wanted)
+
+
+def refuse_unfinished(review: Review, recording: Recording, file: Path) -> None:
+    """Refuse a review that leaves something open.
+
+    Raises:
+        DataError: tracks without a decision, or sweeps that were not watched.
+    """
+    hint = "finish it with `fisheye-bench annotate review`, or take --unreviewed"
+    undecided = [track.id for track in applied(review) if track.status == "open"]
+    if undecided:
+        got = f"{len(undecided)} without one, the first {undecided[0]}"
+        raise DataError(file, field="decisions", expected="a decision on each track", got=got, hint=hint)
+    times_ns = [sweep.timestamp_ns for sweep in recording.sweeps]
+    unseen = sum(not review.covers([time_ns]) for time_ns in times_ns)
+    if unseen:
+        got = f"{unseen} of {len(times_ns)} sweeps that nobody watched"
+        raise DataError(file, field="watched_ns", expected="a drive that was watched to its end", got=got, hint=hint)
+
+
+def write_reviewed(out: Path, recording: Recording, tracks: Sequence[Track]) -> Path:
+    """Write tracks as the annotation file of a recording, `<recording>.json` in a folder; all its sweeps count.
+
+    Raises:
+        DataError: values that the format refuses.
+    """
+    file = out / f"{recording.name}.json"
+    write_annotations(file, tracks, timestamps_ns=[sweep.timestamp_ns for sweep in recording.sweeps])
+    return file
+
+
+def _track(track: ReviewedTrack, recording: Recording, *, reviewed: bool) -> Track:
+    motion = track.motion
+    rotations, positions_m, valid = recording.trajectory.at(motion.times_ns)
+    if not valid.all():
+        recording.trajectory.world_from_vehicle(int(motion.times_ns[~valid][0]))  # raises, with what is there
+    vehicle_from_world = rotations.swapaxes(1, 2)
+    axes = np.stack([rotated(np.tile(axis, (len(motion), 1)), motion.yaws_rad) for axis in np.eye(3)], axis=2)
+    centres_m = np.einsum("nij,nj->ni", vehicle_from_world, motion.centres_m - positions_m)
+    velocities = np.einsum("nij,nj->ni", vehicle_from_world[:, :, :2], motion.velocities_mps)
+    poses = RigidTransform.each(vehicle_from_world @ axes, centres_m)
+    return Track(
+        track_id=track.id,
+        object_class=track.object_class,
+        states=tuple(
+            ObjectState(
+                timestamp_ns=int(time_ns),
+                shape=Cuboid(vehicle_from_object=pose, size_m=track.size_m),
+                velocity_mps=velocity,
+                yaw_rate_radps=float(rate),
+                category=track.category,
+                unclear=track.unclear,
+            )
+            for time_ns, pose, velocity, rate in zip(
+                motion.times_ns, poses, velocities, world_yaw_rates(motion.times_ns, axes), strict=True
+            )
+        ),
+        reviewed=reviewed,
+    )

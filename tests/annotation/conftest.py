@@ -1,0 +1,52 @@
+"""Reviews of a rendered drive whose proposals are its true tracks, and a browser."""
+
+import threading
+
+import pytest
+
+from bench.annotation.server import ReviewServer
+from bench.annotation.session import Session
+from bench.annotation.store import review_file, write_review
+from bench.recordings import load_card, open_dataset
+from tests.support.browser import headless_chromium
+from tests.support.reviews import DRIVE, proposed_from
+
+
+@pytest.fixture(scope="session")
+def drive(tiny_card):
+    """The rendered drive."""
+    return next(handle for handle in open_dataset(load_card(tiny_card)) if handle.name == DRIVE).open()
+
+
+@pytest.fixture
+def reviews(drive, tmp_path):
+    """A folder with the drive's review, in which nothing was decided yet."""
+    write_review(review_file(tmp_path / "reviews", DRIVE), proposed_from(drive))
+    return tmp_path / "reviews"
+
+
+@pytest.fixture
+def session(drive, reviews):
+    return Session(drive, dataset="tiny", folder=reviews, reviewer="R.")
+
+
+@pytest.fixture
+def server(drive, reviews):
+    """A server of one drive that answers until the test ends."""
+
+    def open_session(_):
+        return Session(drive, dataset="tiny", folder=reviews, reviewer="R.")
+
+    with ReviewServer([DRIVE], open_session) as running:
+        thread = threading.Thread(target=running.serve_forever, kwargs={"poll_interval": 0.02})
+        thread.start()
+        yield running
+        running.shutdown()
+        thread.join()
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory):
+    opened = headless_chromium(tmp_path_factory.mktemp("chromium"))
+    yield opened
+    opened.quit()

@@ -1,0 +1,138 @@
+"""From a review to annotations, by the command, and what a run on annotations that nobody reviewed says."""
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import urllib.request
+
+import numpy as np
+import pytest
+import yaml
+
+from bench.annotation import store
+from bench.annotation.decisions import applied, decide
+from bench.annotation.export import to_tracks
+from bench.harness import read_run
+from bench.recordings import open_native, read_annotations
+from bench.recordings.openlabel import NOT_REVIEWED
+from tests.support.commands import called_here, error_line
+from tests.support.reviews import DRIVE, MADE, proposed_from
+
+
+@pytest.fixture
+def card(tiny_card, tmp_path):
+    """A card of one rendered drive without its annotations."""
+    shutil.copytree(tiny_card.parent / "data" / "tiny" / DRIVE, tmp_path / "data" / DRIVE)
+    (tmp_path / "data" / DRIVE / "annotations.json").unlink()
+    file = tmp_path / "drives.yaml"
+    content = {"name": "drives", "title": "drives", "adapter": "native", "root": "data", "licence": "none"}
+    file.write_text(yaml.safe_dump(content | {"annotations": "annotations"}))
+    return file
+
+
+def stored(card, review):
+    file = store.review_file(card.parent / "annotations", DRIVE)
+    store.write_review(file, review)
+    return file
+
+
+def accepted(review, *names):
+    return decide(review, store.Accept(**MADE, tracks=names or tuple(track.id for track in review.tracks)))
+
+
+def watched(review, drive):
+    times_ns = [sweep.timestamp_ns for sweep in drive.sweeps]
+    return review.watched(times_ns[0], times_ns[-1])
+
+
+def test_true_tracks_come_back_from_a_review(drive):
+    tracks = to_tracks(accepted(proposed_from(drive)), drive)
+    assert len(tracks) == len(drive.tracks) > 0
+    for found, true in zip(tracks, drive.tracks, strict=True):
+        assert (found.object_class, found.reviewed) == (true.object_class, True)
+        for a, b in zip(found.states, true.states, strict=True):
+            assert a.timestamp_ns == b.timestamp_ns
+            pose, expected = a.shape.vehicle_from_object, b.shape.vehicle_from_object
+            np.testing.assert_allclose(pose.translation_m, expected.translation_m, atol=1e-6)
+            np.testing.assert_allclose(pose.rotation[:2, :2], expected.rotation[:2, :2], atol=0.01)  # level
+            np.testing.assert_allclose(a.velocity_mps[:2], b.velocity_mps[:2], atol=0.02)
+
+
+def test_only_accepted_tracks_of_a_finished_review_are_written(card, drive, tmp_path, monkeypatch, capsys):
+    review = proposed_from(drive)
+    out = tmp_path / "out"
+    first, *others = (track.id for track in review.tracks)
+    file = stored(card, accepted(review, first))
+    if others:
+        assert "decision on each track" in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", out)
+        review = decide(review, store.Reject(**MADE, tracks=tuple(others)))
+    stored(card, accepted(review, first))
+    assert "watched to its end" in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", out)
+    stored(card, accepted(review, first).watched(drive.sweeps[0].timestamp_ns, drive.sweeps[1].timestamp_ns))
+    assert "nobody watched" in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", out)
+    assert not out.exists()
+    stored(card, watched(accepted(review, first), drive))
+    ended = called_here("annotate", "export", card, "--out", out, "--labels", "kitti-tracklets")
+    assert ended.returncode == 0
+    (track,) = read_annotations(out / f"{DRIVE}.json")
+    assert (track.track_id, track.reviewed) == (first, True)
+    frames = json.loads((out / f"{DRIVE}.json").read_text())["openlabel"]["frames"]
+    assert {sweep.timestamp_ns for sweep in drive.sweeps} <= {
+        frame["frame_properties"]["timestamp"] for frame in frames.values()
+    }
+    assert any((out / "kitti-tracklets" / DRIVE).iterdir())
+    assert file.exists()
+
+
+def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
+    stored(card, decide(proposed_from(drive), store.Reject(**MADE, tracks=(proposed_from(drive).tracks[-1].id,))))
+    ended = called_here("annotate", "export", card, "--out", card.parent / "annotations", "--unreviewed")
+    assert ended.returncode == 0
+    file = card.parent / "annotations" / f"{DRIVE}.json"
+    assert json.loads(file.read_text())["openlabel"]["metadata"]["comment"] == NOT_REVIEWED
+    recording = open_native(tmp_path / "data" / DRIVE, annotations=file)
+    assert len(recording.tracks) == len(drive.tracks) - 1
+    assert not any(track.reviewed for track in recording.tracks)
+    run = tmp_path / "run"
+    ended = called_here("run", card, "--out", run, "--no-cache", "--no-pictures")
+    said = f"{NOT_REVIEWED} (1 of 1 recordings)"
+    assert said in ended.stdout + ended.stderr
+    assert read_run(run).caveats.startswith(said)
+    assert said in (run / "table.md").read_text()
+    baseline = tmp_path / "baseline"
+    assert called_here("gate", run, "--baseline", baseline, "--update", "--allow-dirty").returncode == 0
+    judged = called_here("gate", run, "--baseline", baseline, "--json", tmp_path / "verdict.json")
+    assert said in judged.stdout
+    assert said in (tmp_path / "verdict.json").read_text()
+    assert called_here("report", run, "--no-pictures").returncode == 0
+    pages = [page.read_text() for page in run.glob("*.html")]
+    assert pages
+    assert all(NOT_REVIEWED in page for page in pages)
+
+
+def test_the_command_serves_and_ends_with_an_interrupt(card, drive):
+    file = stored(card, proposed_from(drive))
+    command = [sys.executable, "-m", "bench", "annotate", "review", str(card), "--no-browser", "--reviewer", "R."]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as running:
+        lines = [running.stdout.readline() for _ in range(2)]
+        origin, token = re.search(r"(http://127\.0\.0\.1:\d+)/#(\S+)", "".join(lines)).groups()
+        question = urllib.request.Request(
+            f"{origin}/drives/0/decide",
+            data=json.dumps({"action": "accept", "tracks": ["p000"]}).encode(),
+            headers={"X-Review-Token": token, "Content-Type": "application/json"},
+        )
+        with urllib.request.urlopen(question, timeout=30) as answer:
+            assert answer.status == 200
+        running.send_signal(signal.SIGINT)
+        rest, _ = running.communicate(timeout=20)
+    assert (running.returncode, "Traceback" in rest) == (0, False)
+    assert applied(store.read_review(file))[0].status == "accepted"
+
+
+def test_without_a_review_the_way_to_one_is_told(card, monkeypatch, capsys):
+    (card.parent / "annotations").mkdir()
+    told = error_line(monkeypatch, capsys, "annotate", "export", card, "--out", card.parent / "out")
+    assert "annotate propose" in told

@@ -1,0 +1,250 @@
+"""The review page in a browser: keys, clicks and what they store."""
+
+import time
+
+import numpy as np
+import pytest
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import WebDriverWait
+
+from bench.annotation.decisions import applied
+from bench.annotation.store import read_review, review_file
+from tests.support.browser import opened
+from tests.support.reviews import DRIVE
+
+
+def page(browser, server, **how):
+    opened(browser, server.url, **how)
+    until(browser, "return D && drawn === i && [...images.values()].some(e => e.bitmap)")
+    return browser
+
+
+def until(browser, script):
+    return WebDriverWait(browser, 30).until(lambda b: b.execute_script(script))
+
+
+def press(browser, keys):
+    ActionChains(browser).send_keys(keys).perform()
+
+
+def stored(reviews):
+    return read_review(review_file(reviews, DRIVE))
+
+
+def wait_for_decisions(reviews, count):
+    end = time.monotonic() + 20
+    while len(stored(reviews).decisions) < count and time.monotonic() < end:
+        time.sleep(0.05)
+    return stored(reviews).decisions
+
+
+def no_complaints(browser):
+    assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_shows_the_drive_at_any_width(browser, server, width, scheme):
+    page(browser, server, width=width, scheme=scheme)
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    inks = browser.execute_script(
+        "const c = $('bird'), p = c.getContext('2d').getImageData(0, 0, c.width, c.height).data, s = new Set();"
+        "for (let k = 0; k < p.length; k += 4) s.add(p[k] << 16 | p[k + 1] << 8 | p[k + 2]); return s.size"
+    )
+    assert inks > 5
+    no_complaints(browser)
+
+
+def test_keys_decide_and_undo(browser, server, reviews):
+    page(browser, server)
+    chosen = browser.execute_script("return chosen")
+    press(browser, "a")
+    (accepted,) = wait_for_decisions(reviews, 1)
+    assert (accepted.action, accepted.tracks) == ("accept", (chosen,))
+    until(browser, f"return tracks.get('{chosen}').status === 'accepted'")
+    press(browser, "z")
+    wait_for_decisions(reviews, 2)
+    until(browser, f"return tracks.get('{chosen}').status === 'open'")
+    press(browser, "y")
+    wait_for_decisions(reviews, 3)
+    browser.execute_script(f"choose('{chosen}')")
+    press(browser, "1")
+    assert wait_for_decisions(reviews, 4)[-1].object_class == "pedestrian"
+    press(browser, "u")
+    assert wait_for_decisions(reviews, 5)[-1].unclear
+    press(browser, "?")
+    assert browser.execute_script("return $('help').open")
+    no_complaints(browser)
+
+
+def test_playing_to_the_end_counts_as_watched(browser, server, reviews, drive):
+    page(browser, server)
+    browser.execute_script("$('speed').value = '4'; seek(0)")
+    press(browser, " ")
+    until(browser, "return !playing && i === D.times.length - 1")
+    until(browser, "return D.times.every(watched)")
+    assert stored(reviews).covers([sweep.timestamp_ns for sweep in drive.sweeps])
+
+
+def test_jumping_to_the_end_does_not(browser, server, reviews):
+    page(browser, server)
+    press(browser, Keys.ARROW_RIGHT)
+    browser.execute_script("seek(D.times.length - 1)")
+    assert browser.execute_script("return D.times.filter(watched).length") == 0
+
+
+def test_dragging_the_box_makes_a_key_frame(browser, server, reviews):
+    page(browser, server)
+    name, x, y = browser.execute_script(
+        "const s = stateAt(tracks.get(chosen)), c = $('bird'), r = c.getBoundingClientRect(),"
+        " p = toScreen(s.row[0], s.row[1], r.width, r.height); return [chosen, r.left + p[0], r.top + p[1]]"
+    )
+    before = {track.id: track for track in applied(stored(reviews))}[name].motion.centres_m
+    drag = ActionChains(browser, duration=50)
+    drag.w3c_actions.pointer_action.move_to_location(round(x), round(y)).pointer_down()
+    drag.w3c_actions.pointer_action.move_to_location(round(x) + 10, round(y)).move_to_location(round(x) + 24, round(y))
+    drag.w3c_actions.pointer_action.pointer_up()
+    drag.perform()
+    (moved,) = wait_for_decisions(reviews, 1)
+    assert (moved.action, moved.track) == ("set_box", name)
+    shift = {track.id: track for track in applied(stored(reviews))}[name].motion.centres_m - before
+    scale = browser.execute_script("return view.scale")
+    assert abs((shift[:, :2] ** 2).sum(axis=1) ** 0.5 - 24 / scale).max() < 3 / scale
+    no_complaints(browser)
+
+
+def test_keys_move_turn_and_resize_the_box(browser, server, reviews):
+    page(browser, server)
+    before = browser.execute_script("const s = stateAt(tracks.get(chosen)); return [...s.row, ...s.size]")
+    press(browser, "iiq]")
+    (decision,) = wait_for_decisions(reviews, 1)
+    forward = ((decision.centre_m[0] - before[0]) ** 2 + (decision.centre_m[1] - before[1]) ** 2) ** 0.5
+    assert forward == pytest.approx(0.1, abs=2e-3)
+    assert decision.yaw_rad - before[3] == pytest.approx(0.01745, abs=1e-3)
+    assert decision.size_m[0] - before[6] == pytest.approx(0.05, abs=1e-3)
+
+
+def test_boxes_in_the_image_are_where_the_lens_puts_them(browser, server, drive):
+    page(browser, server)
+    name, camera = next(iter(drive.cameras.items()))
+    image = drive.images[name][1]
+    world_from_camera = drive.trajectory.world_from_vehicle(image.timestamp_ns) @ camera.vehicle_from_camera
+    points_camera = [[0.0, 0.0, 5.0], [3.0, 0.5, 4.0], [-4.0, 1.0, 2.0], [2.0, -1.0, 0.8], [1.0, 1.0, -5.0]]
+    points_world = world_from_camera.apply(np.array(points_camera)).tolist()
+    until(browser, "return !!lens(0)")
+    browser.execute_script("window.shown1 = fetchImage(0, 1)")
+    until(browser, "return !!shown1.bitmap")
+    found = browser.execute_script(
+        "return arguments[0].map(p => pixel(lens(0), D.cameras[0].limit, shown1.pose, p))", points_world
+    )
+    expected, valid = camera.model.project(np.array(points_camera))
+    assert valid.any()
+    size = np.array([camera.model.width, camera.model.height])
+    for part, pixel, seen in zip(found, expected, valid, strict=True):
+        assert (part is not None) == bool(seen)
+        if seen:
+            np.testing.assert_allclose(np.array(part) * size - 0.5, pixel, atol=0.3)
+
+
+def at_screen(browser, x, y):
+    """Where a point of the world is in the window, px."""
+    return browser.execute_script(
+        "const r = $('bird').getBoundingClientRect(), p = toScreen(arguments[0], arguments[1], r.width, r.height);"
+        "return [Math.round(r.left + p[0]), Math.round(r.top + p[1])]",
+        float(x), float(y),
+    )  # fmt: skip
+
+
+def stroke(browser, points):
+    """Press at the first point of the world, move through the others, lift."""
+    pointer = (actions := ActionChains(browser, duration=20)).w3c_actions.pointer_action
+    first, *others = [at_screen(browser, *point) for point in points]
+    pointer.move_to_location(*first).pointer_down()
+    for point in others:
+        pointer.move_to_location(*point)
+    pointer.pointer_up()
+    actions.perform()
+
+
+def box_of(browser):
+    """Centre, heading and size of the selected box."""
+    return browser.execute_script("const s = stateAt(tracks.get(chosen)); return [...s.row.slice(0, 4), ...s.size]")
+
+
+def test_a_track_is_split_at_a_time_and_merged_again(browser, server, reviews):
+    page(browser, server)
+    name = browser.execute_script(
+        "const t = tracks.get(chosen); seek(nearest(D.times, t.times[t.times.length >> 1])); return chosen"
+    )
+    before = len(applied(stored(reviews)))
+    press(browser, "t")
+    wait_for_decisions(reviews, 1)
+    until(browser, f"return tracks.has('{name}.1')")
+    assert len(applied(stored(reviews))) == before + 1
+    browser.execute_script(f"choose('{name}'); mark('{name}.1')")
+    press(browser, "m")
+    decision = wait_for_decisions(reviews, 2)[-1]
+    assert (decision.action, set(decision.tracks)) == ("merge", {name, f"{name}.1"})
+    assert len(applied(stored(reviews))) == before
+    no_complaints(browser)
+
+
+def test_a_line_across_a_box_splits_it(browser, server, reviews):
+    page(browser, server)
+    browser.execute_script("view.scale = 40; paint()")
+    x, y, _, yaw, length, width, _ = box_of(browser)
+    centre, across = np.array([x, y]), np.array([-np.sin(yaw), np.cos(yaw)]) * (width / 2 + 1.0)
+    press(browser, "p")
+    stroke(browser, [centre + across, centre - across])
+    (decision,) = wait_for_decisions(reviews, 1)
+    assert decision.action == "split_space"
+    halves = [track for track in applied(stored(reviews)) if track.id.startswith(decision.track)]
+    assert sum(track.size_m[0] for track in halves) == pytest.approx(length, abs=0.01)
+
+
+@pytest.mark.parametrize("way", ["lasso", "click"])
+def test_a_missing_object_is_drawn_from_its_points(browser, server, reviews, way):
+    page(browser, server)
+    x, y, *_, length, width, _ = box_of(browser)
+    press(browser, "r")
+    wait_for_decisions(reviews, 1)
+    seen = browser.execute_script(
+        "const [x, y, reach] = arguments, s = sweeps.get(i); let best = null, least = reach;"
+        "for (let j = 0; j < s.n - s.road; j++) { const p = [s.o[0] + s.points[3*j]/100, s.o[1] + s.points[3*j+1]/100],"
+        " d = Math.hypot(p[0] - x, p[1] - y); if (d < least) [best, least] = [p, d]; } return best",
+        x, y, max(length, width),
+    )  # fmt: skip
+    assert seen is not None
+    press(browser, "d")
+    reach = max(length, width) / 2 + 0.4
+    corners = [(x + a * reach, y + b * reach) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    stroke(browser, corners if way == "lasso" else [seen])
+    decision = wait_for_decisions(reviews, 2)[-1]
+    assert decision.action == "draw"
+    until(browser, f"return chosen === '{decision.drawn.id}'")
+    no_complaints(browser)
+
+
+def test_a_side_of_the_box_is_dragged_in_the_view_from_above(browser, server, reviews):
+    page(browser, server)
+    before = box_of(browser)
+    x, y, metre = browser.execute_script(
+        "const s = stateAt(tracks.get(chosen)), f = frameOf('top', s.size), r = $('top').getBoundingClientRect();"
+        "return [r.left + f.w / 2, r.top + f.h / 2 - s.size[1] / 2 * f.k, f.k]"
+    )
+    pointer = (actions := ActionChains(browser, duration=20)).w3c_actions.pointer_action
+    pointer.move_to_location(round(x), round(y)).pointer_down().move_to_location(round(x), round(y) - 9).pointer_up()
+    actions.perform()
+    (decision,) = wait_for_decisions(reviews, 1)
+    assert decision.size_m[1] - before[5] == pytest.approx(9 / metre, abs=0.3 / metre)
+    moved = np.hypot(decision.centre_m[0] - before[0], decision.centre_m[1] - before[1])
+    assert moved == pytest.approx(4.5 / metre, abs=0.3 / metre)  # the other side stays
+
+
+def test_what_cannot_be_stored_is_said(browser, server, reviews):
+    page(browser, server)
+    file = review_file(reviews, DRIVE)
+    file.write_bytes(file.read_bytes() + b"\n")
+    press(browser, "a")
+    assert until(browser, "return $('told').textContent").startswith("Not stored: ")

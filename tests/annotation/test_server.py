@@ -1,0 +1,212 @@
+"""The review page's server: what it answers to the page, and to nobody else."""
+
+import http.client
+import json
+import socket
+import struct
+
+import numpy as np
+import pytest
+
+from bench.annotation.decisions import applied
+from bench.annotation.store import read_review, review_file
+from tests.support.reviews import DRIVE
+
+ACCEPT = {"action": "accept", "tracks": ["p000"]}
+
+
+def ask(server, path, *, body=None, method=None, **headers):
+    """Status, headers and content of an answer; a header of None is not sent."""
+    given = {"Host": f"127.0.0.1:{server.server_port}", "X-Review-Token": server.token}
+    if body is not None:
+        body = body if isinstance(body, bytes) else json.dumps(body).encode()
+        given |= {"Content-Type": "application/json", "Content-Length": str(len(body))}
+    given |= {name.replace("_", "-"): value for name, value in headers.items()}
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=20)
+    connection.putrequest(method or ("GET" if body is None else "POST"), path, skip_host=True)
+    for name, value in given.items():
+        if value is not None:
+            connection.putheader(name, value)
+    connection.endheaders(body)
+    answer = connection.getresponse()
+    content = answer.read()
+    connection.close()
+    return answer.status, answer.headers, content
+
+
+def stored(folder):
+    return review_file(folder, DRIVE).read_bytes()
+
+
+def test_the_page_comes_alone_and_may_load_nothing(server):
+    status, headers, content = ask(server, "/", X_Review_Token=None)
+    assert status == 200
+    policy = headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    nonce = policy.split("script-src 'nonce-")[1].split("'")[0]
+    assert f'<script nonce="{nonce}">'.encode() in content
+    assert b"http://" not in content
+    assert b"https://" not in content
+    assert server.token.encode() not in content
+    assert nonce not in ask(server, "/")[1]["Content-Security-Policy"]
+
+
+def test_a_drive_its_sweeps_images_and_lenses_are_answered(server, drive):
+    status, _, content = ask(server, "/drives/0")
+    told = json.loads(content)
+    assert (status, told["name"], len(told["times"])) == (200, DRIVE, len(drive.sweeps))
+    assert [track["id"] for track in told["tracks"]] == [f"p{i:03d}" for i in range(len(drive.tracks))]
+    _, _, sweep = ask(server, "/drives/0/sweep/1")
+    count, road = struct.unpack("<ii", sweep[:8])
+    assert 0 < road < count <= 36_000
+    assert len(sweep) == 32 + 7 * count
+    status, headers, image = ask(server, "/drives/0/image/0/1")
+    assert image[:2] == b"\xff\xd8"
+    np.testing.assert_allclose(json.loads(headers["X-Pose"])["camera_from_world"][3], [0, 0, 0, 1])
+    assert len(ask(server, "/drives/0/lens/0")[2]) == 129 * 129 * 2 * 4
+
+
+def test_a_decision_is_on_disk_when_it_is_answered(server, reviews):
+    status, _, content = ask(server, "/drives/0/decide", body=ACCEPT)
+    assert (status, json.loads(content)["tracks"][0]["status"]) == (200, "accepted")
+    (decision,) = read_review(review_file(reviews, DRIVE)).decisions
+    assert (decision.tracks, decision.reviewer) == (("p000",), "R.")
+    undone = json.loads(ask(server, "/drives/0/decide", body={"action": "undo"})[2])
+    assert [track["status"] for track in undone["tracks"]] == ["open"]
+    assert (undone["decisions"], undone["undone"]) == (0, 1)
+
+
+HOSTILE = {
+    "no token": (403, {"X_Review_Token": None}),
+    "a wrong token": (403, {"X_Review_Token": "x" * 43}),
+    "a token that is no text": (403, {"X_Review_Token": "\xff\xfe"}),
+    "a foreign host": (403, {"Host": "evil.example"}),
+    "another port": (403, {"Host": "127.0.0.1:1"}),
+    "no host": (403, {"Host": None}),
+    "a foreign origin": (403, {"Origin": "https://evil.example"}),
+    "no origin at all": (403, {"Origin": "null"}),
+    "a form": (415, {"Content_Type": "text/plain"}),
+    "200 MB announced": (413, {"Content_Length": "200000000"}),
+    "no length": (411, {"Content_Length": None}),
+    "a length that is none": (411, {"Content_Length": "-5"}),
+    "chunks": (411, {"Transfer_Encoding": "chunked"}),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_strangers_are_refused_and_nothing_changes(server, reviews, name):
+    before = stored(reviews)
+    expected, headers = HOSTILE[name]
+    assert ask(server, "/drives/0/decide", body=ACCEPT, **headers)[0] == expected
+    assert stored(reviews) == before
+    assert ask(server, "/drives/0/decide", body=ACCEPT)[0] == 200
+
+
+BOX = {
+    "action": "set_box", "track": "p000", "timestamp_ns": 0, "centre_m": [0.0, 0, 0], "yaw_rad": 0, "size_m": [1, 1, 1]
+}  # fmt: skip
+WRONG = [
+    b"", b"no JSON", b"[" * 100_000, b"null", b"[]", b'"accept"', b"{}", b"\xff\xfe",
+    {"action": "run", "tracks": ["p000"]}, {"action": "accept"}, {"action": "accept", "tracks": []},
+    {"action": "accept", "tracks": ["nobody"]}, {"action": "accept", "tracks": ["../../etc/passwd"]},
+    {"action": "accept", "tracks": [1]}, {"action": "accept", "tracks": ["p000"], "file": "/etc/passwd"},
+    ACCEPT | {"reviewer": "somebody else"}, {"action": "set_class", "tracks": ["p000"], "object_class": "ufo"},
+    BOX | {"centre_m": [1e99, 0, 0]}, BOX | {"size_m": [0, 1, 1]}, BOX | {"yaw_rad": "0"},
+    json.dumps(BOX | {"yaw_rad": float("nan")}).encode(), json.dumps(BOX).replace("0.0", "1e999").encode(),
+    {"action": "split_time", "track": "p000", "timestamp_ns": 10**30}, {"action": "undo"}, {"action": "redo"},
+    {"action": "merge", "tracks": ["p000"]}, {"action": "draw", "drawn": {}},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("body", WRONG, ids=range(len(WRONG)))
+def test_wrong_words_are_refused_and_nothing_changes(server, reviews, body):
+    before = stored(reviews)
+    status, _, content = ask(server, "/drives/0/decide", body=body)
+    assert status == 400
+    assert json.loads(content)["error"]
+    assert stored(reviews) == before
+
+
+@pytest.mark.parametrize(
+    ("what", "body"),
+    [
+        ("watched", {"first": 0, "last": 10**6}), ("watched", {"first": 2, "last": 1}),
+        ("watched", {"first": -1, "last": 1}), ("watched", {"first": "0", "last": 1}),
+        ("draw", {"sweep": 10**6, "outline_m": [[0, 0], [1, 0], [1, 1]]}),
+        ("draw", {"sweep": 0, "outline_m": [[0, 0]]}),
+        ("draw", {"sweep": 0, "outline_m": [[900, 0], [901, 0], [901, 1]]}),
+    ],
+)  # fmt: skip
+def test_spans_and_lassos_that_are_none_are_refused(server, reviews, what, body):
+    before = stored(reviews)
+    assert ask(server, f"/drives/0/{what}", body=body)[0] == 400
+    assert stored(reviews) == before
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/etc/passwd", "/../../etc/passwd", "/drives/../0", "/drives/0/sweep/../../x", "/drives/0/sweep/99999",
+        "/drives/7", "/drives/-1", "/drives/0/sweep/-1", "/drives/0/image/0/99999", "/drives/0/image/9/0",
+        "/drives/0/lens/9", "/drives/0/sweep/%2e%2e", "/drives/0/decide", "/drives/0/sweep", "/drives/0?x=1",
+        "/review.html", "/drives/0/",
+    ],
+)  # fmt: skip
+def test_paths_that_are_no_questions_are_not_found(server, path):
+    assert ask(server, path)[0] == 404
+
+
+def test_other_methods_and_long_addresses_are_refused(server):
+    assert ask(server, "/drives", method="DELETE")[0] == 501
+    assert ask(server, "/" + "x" * 5000)[0] == 414
+
+
+def test_a_body_that_ends_early_changes_nothing(server, reviews):
+    before = stored(reviews)
+    with socket.create_connection(("127.0.0.1", server.server_port)) as half:
+        head = f"POST /drives/0/decide HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n"
+        head += f"X-Review-Token: {server.token}\r\nContent-Type: application/json\r\nContent-Length: 500\r\n\r\n"
+        half.sendall(head.encode() + b'{"action": ')
+        half.shutdown(socket.SHUT_WR)
+        assert half.recv(100) == b""
+    assert stored(reviews) == before
+
+
+def test_it_listens_on_this_machine_alone(server):
+    assert server.server_address[0] == "127.0.0.1"
+
+
+def test_a_file_that_another_program_wrote_is_not_overwritten(server, reviews):
+    ask(server, "/drives/0")
+    file = review_file(reviews, DRIVE)
+    file.write_bytes(file.read_bytes() + b"\n")
+    before = stored(reviews)
+    assert ask(server, "/drives/0/decide", body=ACCEPT)[0] == 409
+    assert stored(reviews) == before
+
+
+def test_a_damaged_review_is_told_and_kept(server, reviews):
+    file = review_file(reviews, DRIVE)
+    file.write_bytes(b'{"schema_version": 1, "tracks": "all"')
+    status, _, content = ask(server, "/drives/0")
+    assert status == 404
+    assert f"{DRIVE}.review.json" in json.loads(content)["error"]
+    assert ask(server, "/drives/0/decide", body=ACCEPT)[0] == 400
+    assert file.read_bytes() == b'{"schema_version": 1, "tracks": "all"'
+
+
+def test_an_object_that_was_missed_is_drawn_and_followed(server, reviews, drive):
+    told = json.loads(ask(server, "/drives/0")[2])
+    truth = max(told["tracks"], key=lambda track: len(track["times"]))
+    middle = len(told["times"]) // 2
+    row = truth["rows"][min(range(len(truth["times"])), key=lambda k: abs(truth["times"][k] - told["times"][middle]))]
+    reach = max(truth["size"][:2]) / 2 + 0.3
+    outline = [[row[0] + a * reach, row[1] + b * reach] for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    status, _, content = ask(server, "/drives/0/draw", body={"sweep": middle, "outline_m": outline})
+    assert status == 200, content
+    (drawn,) = json.loads(content)["tracks"]
+    assert (drawn["id"], drawn["source"], drawn["status"]) == ("d001", "drawn", "accepted")
+    assert len(drawn["times"]) >= len(told["times"]) // 2
+    own = drawn["rows"][drawn["times"].index(told["times"][middle])]
+    assert np.hypot(own[0] - row[0], own[1] - row[1]) < 1.0
+    assert {track.id for track in applied(read_review(review_file(reviews, DRIVE)))} >= {"p000", "d001"}
