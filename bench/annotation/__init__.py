@@ -1,1 +1,11 @@
-"""From a raw drive to annotations: the store of proposals and decisions, and the review page."""
+"""Annotations from a raw drive: moving objects are proposed from sweeps, ego-motion and calibration.
+
+`propose` needs no labels and learns nothing: what other sweeps saw through has moved. `evaluate_proposals` compares
+with annotations where there are some. How well it works, and where it fails, is told in docs/annotate.md.
+"""
+
+from bench.annotation.evaluate import evaluate_proposals, proposal_scores
+from bench.annotation.proposals import Proposal, propose
+from bench.annotation.settings import ProposalSettings
+
+__all__ = ["Proposal", "ProposalSettings", "evaluate_proposals", "proposal_scores", "propose"]

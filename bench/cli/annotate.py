@@ -1,4 +1,4 @@
-"""`annotate`: from a raw drive to annotations: review, export."""
+"""`annotate`: from a raw drive to annotations: propose, evaluate, review, export."""
 
 from __future__ import annotations
 
@@ -7,16 +7,34 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.cli.console import say
-from bench.cli.options import Dataset, group
+from bench.cli.console import print_failures, say, show
+from bench.cli.options import FAILURES, Dataset, Workers, group
+from bench.cli.progress import progress_bar, resumable
 from bench.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    from bench.recordings import DatasetCard, RecordingHandle
+    import pandas as pd
 
-app = group("Make annotations of a drive that has none: propose, review, export.")
+    from bench.recordings import DatasetCard, RecordingHandle
+    from bench.reporting.document import Table
+
+app = group("Make annotations of a drive that has none: propose, evaluate, review, export.")
 
 DEFAULT_FOLDER = Path("annotations")
+
+SCORE_HEADINGS = {
+    "range": "range",
+    "group": "group",
+    "object_frames": "object-frames",
+    "recall": "recall, %",
+    "precision": "precision, %",
+    "switches": "switches",
+    "false_tracks_per_minute": "false tracks a minute",
+    "speed_error_median": "speed error, m/s",
+    "speed_error_p90": "p90",
+    "centre_error_median": "centre error, m",
+    "centre_error_p90": "p90",
+}
 
 Reviews = Annotated[
     Path | None,
@@ -44,6 +62,59 @@ def chosen_recordings(card: DatasetCard, recording: str | None) -> list[Recordin
     if recording is not None and recording not in {handle.name for handle in handles}:
         raise UnknownNameError("recording", recording, [handle.name for handle in handles])
     return [handle for handle in handles if recording in (None, handle.name)]
+
+
+@app.command("propose")
+def propose(dataset: Dataset, recording: Chosen = None, workers: Workers = None, reviews: Reviews = None) -> None:
+    """Find what moves in drives without labels, from sweeps, ego-motion and calibration.
+
+    Drives whose proposals are there are passed over, and decisions on them kept.
+    """
+    from bench.annotation.drives import propose_drives
+    from bench.cli.request import worker_processes
+    from bench.recordings import load_card
+    from bench.reporting.document import Table
+
+    card = load_card(dataset)
+    handles, folder = chosen_recordings(card, recording), reviews_folder(card, reviews)
+    with resumable(folder), progress_bar(f"proposing objects of {card.name}", "recordings") as progress:
+        drives = propose_drives(card.name, handles, folder, executor=worker_processes(workers), progress=progress)
+    found = [drive for drive in drives if not drive.failure]
+    rows = [[one.name, one.objects, one.doubted, "" if one.computed else "was there"] for one in found]
+    show([Table(columns=["recording", "objects", "in doubt", ""], rows=rows)])
+    say(str(folder))
+    if failures := [f"{drive.name}: {drive.failure}" for drive in drives if drive.failure]:
+        print_failures(failures, all_in="this command for one --recording")
+        raise typer.Exit(FAILURES)
+
+
+@app.command("evaluate")
+def evaluate(dataset: Dataset, recording: Chosen = None, workers: Workers = None, reviews: Reviews = None) -> None:
+    """Compare proposals with annotations that exist: recall, precision, speeds, false tracks."""
+    from bench.annotation import proposal_scores
+    from bench.annotation.drives import evaluate_drives
+    from bench.cli.request import worker_processes
+    from bench.recordings import load_card
+
+    card = load_card(dataset)
+    handles, folder = chosen_recordings(card, recording), reviews_folder(card, reviews)
+    with progress_bar(f"evaluating proposals of {card.name}", "recordings") as progress:
+        frames, minutes = evaluate_drives(handles, folder, executor=worker_processes(workers), progress=progress)
+    show([scores_table(proposal_scores(frames, minutes=minutes), minutes)])
+
+
+def scores_table(scores: pd.DataFrame, minutes: float) -> Table:
+    """The scores as a table for people: percent, m/s and m."""
+    from bench.reporting.document import Column, Table
+
+    def percent(share: float) -> str:
+        return f"{100 * share:.1f}"
+
+    forms = {**dict.fromkeys(("recall", "precision"), percent), "false_tracks_per_minute": "{:.1f}".format}
+    forms |= {name: "{:.2f}".format for name in SCORE_HEADINGS if "_error_" in name}
+    columns = {name: Column(heading, forms.get(name, str)) for name, heading in SCORE_HEADINGS.items()}
+    note = f"Found: IoU of returns of at least 0.5; of {60 * minutes:.0f} s. Errors: medians and 90th percentiles."
+    return Table(columns=[*columns.values()], rows=scores[[*columns]], words=2, note=note)
 
 
 @app.command("review")

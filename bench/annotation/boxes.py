@@ -1,0 +1,173 @@
+"""Which tracks are believed to be moving objects, and the box of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.annotation.registration import Motion, cut_ends, track_motion
+from bench.annotation.settings import SECOND_NS, ProposalSettings
+from bench.annotation.tracking import Fragment
+from bench.reference.motion import moving_states
+
+Floats = NDArray[np.float64]
+HEADING_MOVE_M = 3.0  # a shorter path gives one heading for all sweeps
+HEADING_SPAN_S, CURVED_FROM = 2.5, 10  # headings are smoothed over this time, by a parabola where there are so many
+MOST_TURN_RAD = 1.0  # between two sweeps
+EDGES = (0.15, 0.85)  # quantiles over the sweeps of where the points end
+LEAST_WHOLE = 3  # sweeps that see an end
+TOP = 0.9  # likewise of the height
+SAMPLED = 150  # points of a sweep that are looked for in another
+FARTHEST = 12  # sweeps apart
+CLEARANCE_M = 0.05  # between ground and box
+VEHICLE_M = (2.4, 1.3)  # longer or wider than anybody on foot or on a bicycle
+CYCLIST_M, CYCLIST_MPS = 1.15, 2.2  # longer and faster than anybody on foot
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Box:
+    """A believed track with a box of one size.
+
+    Attributes:
+        fragment: the sightings.
+        motion: of the sightings.
+        moving: (K,) bool, False where the object rests.
+        centres_m: (K, 2) float64, x and y of the world at the time of each sweep.
+        bottom_m: (K,) float64, height above the road.
+        yaw_rad: (K,) float64, heading in the world.
+        size_m: (3,) float64, length, width, height.
+    """
+
+    fragment: Fragment
+    motion: Motion
+    moving: NDArray[np.bool_]
+    centres_m: Floats
+    bottom_m: Floats
+    yaw_rad: Floats
+    size_m: Floats
+
+    @property
+    def velocity_mps(self) -> Floats:
+        """(K, 2) float64, world axes; 0 at rest."""
+        return np.asarray(self.motion.velocity_mps * self.moving[:, None])
+
+    @property
+    def speed_mps(self) -> float:
+        """Median while it moves."""
+        return float(np.median(self.motion.speed_mps[self.moving]))
+
+    @property
+    def object_class(self) -> str:
+        """A guess by size and speed."""
+        length, width, _ = self.size_m
+        if length > VEHICLE_M[0] or width > VEHICLE_M[1]:
+            return "vehicle"
+        return "cyclist" if length > CYCLIST_M and self.speed_mps > CYCLIST_MPS else "pedestrian"
+
+
+def fit_box(fragment: Fragment, settings: ProposalSettings) -> Box | None:
+    """The box of a track; None where it is not believed that something moves."""
+    numbers = fragment.numbers
+    if len(numbers) < max(settings.least_sweeps, settings.seen_share * (numbers[-1] - numbers[0] + 1)):
+        return None
+    if fragment.seen_through(settings.least_through) < settings.object_through:
+        return None
+    motion = track_motion(fragment, settings)
+    moving = moving_states(np.round(motion.times_s * SECOND_NS).astype(np.int64), motion.speed_mps, settings.motion)
+    if moving.sum() < settings.least_sweeps or not _moves(motion, moving, settings):
+        return None
+    if not _found_again(fragment, motion, np.flatnonzero(moving), settings):
+        return None
+    box = _box(fragment, motion, moving, settings)
+    too_long = box.size_m[0] > settings.longest_m + 2 or box.size_m[1] > settings.widest_m
+    too_low = box.size_m[2] + CLEARANCE_M < settings.least_top_m
+    return None if too_long or too_low else box
+
+
+def _moves(motion: Motion, moving: NDArray[np.bool_], settings: ProposalSettings) -> bool:
+    places = motion.positions_m[moving]
+    net_m, path_m = np.hypot(*(places[-1] - places[0])), np.hypot(*np.diff(places, axis=0).T).sum()
+    speed_mps = float(np.median(motion.speed_mps[moving]))
+    far = net_m >= settings.least_move_m and net_m >= settings.straight * min(path_m, HEADING_MOVE_M)
+    return bool(far and speed_mps >= settings.least_speed_mps)
+
+
+def _found_again(fragment: Fragment, motion: Motion, which: NDArray[np.intp], settings: ProposalSettings) -> bool:
+    """More points are found where the motion predicts them than where they were."""
+    moved, stood = list[float](), list[float]()
+    places = motion.positions_m
+    for i in which:
+        points = motion.points[i]
+        wanted_m = min(max(0.6, 0.5 * float(np.ptp(points[:, :2], axis=0).max())), 2.5)
+        away_m = np.hypot(*(places[which] - places[i]).T)
+        far = which[away_m >= min(wanted_m, 0.9 * away_m.max())]
+        nearest = far[np.argmin(np.abs(far - i))]
+        sampled = points[:: max(len(points) // SAMPLED, 1)]
+        for j in {nearest, far[-1] if abs(far[-1] - i) < FARTHEST else nearest}:
+            tree = fragment.sightings[j].cloud.tree
+            shift = np.array([*(places[j] - places[i]), 0.0])
+            for shares, there in ((moved, sampled + shift), (stood, sampled)):
+                distance, _ = tree.query(there, distance_upper_bound=settings.found_m)
+                shares.append(float(np.isfinite(distance).mean()))
+    found, still = float(np.mean(moved)), float(np.mean(stood))
+    return found >= settings.found_share and found - still >= settings.gain_share
+
+
+def _headings(motion: Motion, moving: NDArray[np.bool_]) -> Floats:
+    """(K,) float64, rad, smooth along the track; while it rests those of the nearest time it moves."""
+    places, times_s = motion.positions_m[moving], motion.times_s[moving]
+    net = places[-1] - places[0]
+    mean_rad = np.arctan2(net[1], net[0])
+    velocity = motion.velocity_mps[moving]
+    raw_rad = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
+    if np.hypot(*net) < HEADING_MOVE_M or np.abs(np.diff(raw_rad)).max() > MOST_TURN_RAD:
+        return np.full(len(moving), mean_rad)
+    smooth = np.empty(len(moving))
+    for i, time_s in enumerate(np.clip(motion.times_s, times_s[0], times_s[-1])):
+        near = np.abs(times_s - time_s) <= HEADING_SPAN_S / 2
+        near = near if near.sum() > 2 else np.argsort(np.abs(times_s - time_s), kind="stable")[:3]
+        after_s, angles = times_s[near] - time_s, raw_rad[near]
+        smooth[i] = np.polyfit(after_s, angles, 2 if len(angles) >= CURVED_FROM else 1)[-1]
+    return smooth
+
+
+def _box(fragment: Fragment, motion: Motion, moving: NDArray[np.bool_], settings: ProposalSettings) -> Box:
+    yaw_rad = _headings(motion, moving)
+    ahead = np.stack([np.cos(yaw_rad), np.sin(yaw_rad)], axis=1)
+    left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+    ends, cut = [], []
+    for i, points in enumerate(motion.points):
+        seen = (points[:, :2] - motion.positions_m[i]) @ np.stack([ahead[i], left[i]], axis=1)
+        ends.append([seen.min(axis=0), seen.max(axis=0)])
+        cut.append(np.transpose([cut_ends(axis, motion.cut_off[i]) for axis in seen.T]))
+    (rear, right), (front, leftmost) = _outermost(np.array(ends), np.array(cut))
+    top = float(np.quantile([points[:, 2].max() for points in motion.points], TOP)) + settings.margin_m
+    centres = motion.positions_m + ahead * (front + rear) / 2 + left * (leftmost + right) / 2
+    centres -= motion.velocity_mps * motion.offset_s[:, None]
+    seen_at = zip(fragment.sightings, centres, strict=True)
+    bottom = np.array([float(sighting.cloud.ground.at(place[None])[0]) for sighting, place in seen_at]) + CLEARANCE_M
+    size_m = np.array([front - rear, leftmost - right, 0.0]) + 2 * settings.margin_m
+    size_m[2] = max(top - float(np.median(bottom)), 0.5)
+    return Box(
+        fragment=fragment, motion=motion, moving=moving, centres_m=centres, bottom_m=bottom, yaw_rad=yaw_rad,
+        size_m=size_m,
+    )  # fmt: skip
+
+
+def _outermost(ends_m: Floats, cut: NDArray[np.bool_]) -> Floats:
+    """(2, 2) float64, m, lowest and highest ends of an object along and across it.
+
+    Args:
+        ends_m: (K, 2, 2) float64, m, of its points in each sweep.
+        cut: (K, 2, 2) bool, where it may go on beyond.
+    """
+    found = np.empty((2, 2))
+    for end, axis in np.ndindex(2, 2):
+        whole = ends_m[~cut[:, end, axis], end, axis]
+        if len(whole) >= LEAST_WHOLE:
+            found[end, axis] = np.quantile(whole, EDGES[end])
+        else:  # never seen: as far as it was
+            found[end, axis] = (ends_m[:, end, axis].min(), ends_m[:, end, axis].max())[end]
+    return found

@@ -1,0 +1,179 @@
+"""Proposals of the drives of a data set: in workers, resumable, stored as review files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import cast
+
+import pandas as pd
+
+from bench.annotation.carry_over import carry_over
+from bench.annotation.evaluate import evaluate_proposals
+from bench.annotation.export import to_tracks
+from bench.annotation.proposals import Proposal, propose
+from bench.annotation.store import (
+    BoxState,
+    Doubt,
+    Proposed,
+    Review,
+    StoredTrack,
+    read_review,
+    review_file,
+    write_review,
+)
+from bench.errors import BenchError, UsageError
+from bench.execution import FailedTask, TaskExecutor
+from bench.harness.digests import RecordingInputs, code_digest, digest_of
+from bench.harness.digests.content import REFERENCE_PACKAGES
+from bench.recordings import Recording, RecordingHandle
+from bench.records.recording import ObjectClass
+
+MODULES = (
+    *("boxes", "clusters", "free_space", "ground", "joining", "prepared"),
+    *("proposals", "registration", "settings", "tracking"),
+)
+CODE = (*REFERENCE_PACKAGES, *(f"annotation/{name}.py" for name in MODULES))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProposedDrive:
+    """What became of a recording.
+
+    Attributes:
+        name: of the recording.
+        objects: proposals in its file.
+        doubted: those with a doubt.
+        computed: False where the file held the proposals of the same data and code.
+        failure: why there are none; empty where there are.
+    """
+
+    name: str
+    objects: int = 0
+    doubted: int = 0
+    computed: bool = True
+    failure: str = ""
+
+
+def propose_drives(
+    dataset: str,
+    handles: Sequence[RecordingHandle],
+    folder: Path,
+    *,
+    executor: TaskExecutor,
+    progress: Callable[[float, int], None] = lambda _done, _total: None,
+) -> tuple[ProposedDrive, ...]:
+    """Propose the moving objects of recordings and store each drive's when it is done.
+
+    Decisions of a reviewer stay with the tracks that are the same.
+
+    Args:
+        dataset: name of the data set.
+        handles: the recordings.
+        folder: of the review files.
+        executor: computes a recording at a time on each worker.
+        progress: called with recordings done and their number.
+
+    Returns:
+        What became of each, in the order of `handles`.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    done: dict[str, ProposedDrive] = {}
+    progress(0, len(handles))
+    for handle, result in executor.compute(partial(propose_drive, dataset, folder), handles):
+        if isinstance(result, FailedTask):
+            result = ProposedDrive(name=handle.name, failure=result.reason)
+        done[handle.name] = result
+        progress(len(done), len(handles))
+    return tuple(done[handle.name] for handle in handles)
+
+
+def propose_drive(dataset: str, folder: Path, handle: RecordingHandle) -> ProposedDrive:
+    """Propose the moving objects of one recording; see `propose_drives`."""
+    file = review_file(folder, handle.name)
+    try:
+        recording = handle.open()
+        made_from = proposal_digests(recording)
+        stored = read_review(file) if file.exists() else None
+        computed = stored is None or stored.proposed != made_from
+        if computed:
+            tracks = tuple(stored_track(proposal) for proposal in propose(recording))
+            made = Review(dataset=dataset, recording=handle.name, proposed=made_from, tracks=tracks)
+            stored = made if stored is None else carry_over(stored, made)
+            write_review(file, stored)
+    except BenchError as error:
+        return ProposedDrive(name=handle.name, failure=str(error))
+    assert stored is not None
+    doubted = sum(bool(track.doubts) for track in stored.tracks)
+    return ProposedDrive(name=handle.name, objects=len(stored.tracks), doubted=doubted, computed=computed)
+
+
+def proposal_digests(recording: Recording) -> Proposed:
+    """Digests of the sweeps, ego-motion and calibration of a recording, and of the code that finds what moves."""
+    inputs = RecordingInputs(recording)
+    times_ns = [ref.timestamp_ns for ref in recording.sweeps]
+    sweeps = inputs.sweeps(times_ns[0], times_ns[-1], reach_ns=0) if times_ns else ""
+    cameras = [inputs.camera(name) for name in sorted(recording.cameras)]  # their mountings tell where the road is
+    data = digest_of(inputs.ego_motion, inputs.lidar_mounting, cameras, recording.vehicle_outline_m, sweeps)
+    return Proposed(data=data, code=code_digest(CODE))
+
+
+def stored_track(proposal: Proposal) -> StoredTrack:
+    """A proposal as a review file holds it."""
+    rows = zip(proposal.timestamps_ns, proposal.centres_m, proposal.yaw_rad, proposal.velocity_mps, strict=True)
+    return StoredTrack(
+        id=proposal.track_id,
+        source="proposed",
+        object_class=cast(ObjectClass, proposal.object_class),
+        size_m=tuple(proposal.size_m.tolist()),
+        doubts=tuple(Doubt(reason=reason, value=value) for reason, value in proposal.doubts),
+        points_median=float(proposal.points_median),
+        states=tuple(
+            BoxState(timestamp_ns=int(time), centre_m=centre.tolist(), yaw_rad=float(yaw), velocity_mps=way.tolist())
+            for time, centre, yaw, way in rows
+        ),
+    )
+
+
+def evaluate_drives(
+    handles: Sequence[RecordingHandle],
+    folder: Path,
+    *,
+    executor: TaskExecutor,
+    progress: Callable[[float, int], None] = lambda _done, _total: None,
+) -> tuple[pd.DataFrame, float]:
+    """Compare stored proposals with annotations; those that a reviewer rejected are left out, corrections count.
+
+    Args:
+        handles: recordings with a review file and annotations.
+        folder: of the review files.
+        executor: computes a recording at a time on each worker.
+        progress: called with recordings done and their number.
+
+    Returns:
+        Rows of `evaluate_proposals`, and the minutes that the sweeps took.
+
+    Raises:
+        DataError: a review file that is missing or damaged, or a recording that cannot be read.
+        UsageError: a recording without annotations, or a worker that ended.
+    """
+    done: dict[str, tuple[pd.DataFrame, float]] = {}
+    for handle, result in executor.compute(partial(_evaluate_drive, folder), handles):
+        if isinstance(result, FailedTask):
+            raise UsageError(f"{handle.name}: {result.reason}")
+        done[handle.name] = result
+        progress(len(done), len(handles))
+    frames, minutes = zip(*(done[handle.name] for handle in handles), strict=True)
+    return pd.concat(frames, ignore_index=True), float(sum(minutes))
+
+
+def _evaluate_drive(folder: Path, handle: RecordingHandle) -> tuple[pd.DataFrame, float]:
+    review = read_review(review_file(folder, handle.name))
+    recording = handle.open()
+    frames = evaluate_proposals(recording, to_tracks(review, recording, unreviewed=True))
+    times_ns = [ref.timestamp_ns for ref in recording.sweeps]
+    return frames, (times_ns[-1] - times_ns[0]) / 60e9 if times_ns else 0.0

@@ -1,0 +1,118 @@
+"""Fragments of one object become one track, and tracks are carried on where their box still holds points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.annotation.boxes import Box
+from bench.annotation.prepared import Cloud
+from bench.annotation.settings import SECOND_NS, ProposalSettings
+from bench.annotation.tracking import Fragment, Sighting
+
+Floats = NDArray[np.float64]
+SMALL = 0.25  # a fragment has at most this share of the larger one's points
+TOGETHER, LEAST_TOGETHER = 0.5, 3  # of its sweeps, in which both are seen
+INSIDE_M = 0.3  # around the larger box
+PERSON_M = (2.4, 1.1)  # largest length and width of what is no vehicle
+SPEED_SHARE = 0.08  # of the speed, by which fragments may differ further
+AROUND_M = 0.15  # of a box in which points are looked for
+LEAST_HELD = 3
+
+
+def join(boxes: Sequence[Box], settings: ProposalSettings) -> list[Fragment]:
+    """Tracks without those that are a part of a larger one: mirrors, wheels, what is seen through windows.
+
+    A part that moves as the larger one and fits it gives it its points; one inside that does not is dropped.
+    """
+    order = sorted(boxes, key=lambda box: (-box.fragment.points, box.fragment.chain))
+    gone: set[int] = set()
+    joined = []
+    for rank, large in enumerate(order):
+        if id(large) in gone:
+            continue
+        fragment = large.fragment
+        for small in order[rank + 1 :]:
+            if id(small) in gone or small.fragment.points > SMALL * fragment.points:
+                continue
+            fits, inside = _belongs(small, large, settings)
+            if fits or inside:
+                gone.add(id(small))
+            if fits:
+                fragment = _with_points_of(fragment, small.fragment)
+        joined.append(fragment)
+    return joined
+
+
+def _belongs(small: Box, large: Box, settings: ProposalSettings) -> tuple[bool, bool]:
+    """Whether it moves as the other one and both fit one object; whether it lies inside."""
+    both = sorted(set(small.fragment.numbers) & set(large.fragment.numbers))
+    if len(both) < max(TOGETHER * len(small.fragment.numbers), LEAST_TOGETHER):
+        return False, False
+    mine = np.searchsorted(small.fragment.numbers, both)
+    theirs = np.searchsorted(large.fragment.numbers, both)
+    away = small.centres_m[mine] - large.centres_m[theirs]
+    cosine, sine = np.cos(large.yaw_rad[theirs]), np.sin(large.yaw_rad[theirs])
+    place = np.median(
+        np.stack([away[:, 0] * cosine + away[:, 1] * sine, away[:, 1] * cosine - away[:, 0] * sine], axis=1), axis=0
+    )
+    inside = bool((np.abs(place) < large.size_m[:2] / 2 + INSIDE_M).all())
+    low = np.minimum(-large.size_m[:2] / 2, place - small.size_m[:2] / 2)
+    high = np.maximum(large.size_m[:2] / 2, place + small.size_m[:2] / 2)
+    allowed = settings.joined_m if large.object_class == "vehicle" else PERSON_M
+    slower = np.median(small.motion.velocity_mps[mine], axis=0) - np.median(large.motion.velocity_mps[theirs], axis=0)
+    alike = np.hypot(*slower) < settings.joined_mps + SPEED_SHARE * large.speed_mps
+    return bool(alike and (high - low < allowed).all()), inside
+
+
+def _with_points_of(large: Fragment, small: Fragment) -> Fragment:
+    more = {sighting.cloud.number: sighting.rows for sighting in small.sightings}
+    empty = np.empty(0, dtype=np.intp)
+    sightings = tuple(
+        replace(sighting, rows=np.union1d(sighting.rows, more.get(sighting.cloud.number, empty)))
+        for sighting in large.sightings
+    )
+    return replace(large, sightings=sightings, joined=large.joined + 1)
+
+
+def extend(box: Box, clouds: Sequence[Cloud], settings: ProposalSettings) -> Fragment:
+    """Carry a track on at both ends and over gaps, since the ends of a drive have witnesses on one side only.
+
+    Args:
+        box: the track.
+        clouds: all sweeps of the segment, in time.
+        settings: of the proposals.
+    """
+    seen = {sighting.cloud.number: sighting for sighting in box.fragment.sightings}
+    numbers = np.array(box.fragment.numbers)
+    first, last = (int(np.searchsorted([cloud.number for cloud in clouds], end)) for end in (numbers[0], numbers[-1]))
+    for state, beyond in ((0, reversed(clouds[:first])), (len(numbers) - 1, iter(clouds[last + 1 :]))):
+        for cloud in beyond:
+            held = _held(box, state, cloud, settings)
+            if held is None:
+                break
+            seen[cloud.number] = held
+    for cloud in clouds[first:last]:
+        if cloud.number not in seen:
+            held = _held(box, int(np.argmin(np.abs(numbers - cloud.number))), cloud, settings)
+            if held is not None:
+                seen[cloud.number] = held
+    return replace(box.fragment, sightings=tuple(seen[number] for number in sorted(seen)))
+
+
+def _held(box: Box, state: int, cloud: Cloud, settings: ProposalSettings) -> Sighting | None:
+    """The points in the box that a state predicts for another sweep; None where there are too few."""
+    known = box.fragment.sightings[state]
+    seconds = (cloud.timestamp_ns - known.cloud.timestamp_ns) / SECOND_NS
+    if abs(seconds) > (settings.extend_s if box.moving[state] else settings.rest_s) or not len(cloud.points):
+        return None
+    velocity, yaw = box.velocity_mps[state], box.yaw_rad[state]
+    away = cloud.points[:, :2] - (box.centres_m[state] + velocity * seconds) - np.outer(cloud.offset_s, velocity)
+    along = away @ np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    within = (np.abs(along) <= box.size_m[:2] / 2 + AROUND_M).all(axis=1)
+    rows = np.flatnonzero(within & (cloud.points[:, 2] <= box.bottom_m[state] + box.size_m[2] + AROUND_M))
+    enough = max(LEAST_HELD, settings.held_share * len(known.rows))
+    return Sighting(cloud=cloud, rows=rows) if len(rows) >= enough else None

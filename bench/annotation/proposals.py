@@ -1,0 +1,152 @@
+"""Proposals of moving objects from a raw drive: sweeps, ego-motion and calibration; no labels.
+
+Nothing is learned and nothing is drawn at random. The whole drive is looked at, future included: free space before and
+after a sweep says what in it moves. Memory does not grow with the length of the drive, but for what is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.annotation.boxes import VEHICLE_M, Box, fit_box
+from bench.annotation.clusters import find_clusters
+from bench.annotation.joining import extend, join
+from bench.annotation.prepared import Cloud, clouds
+from bench.annotation.settings import SECOND_NS, ProposalSettings
+from bench.annotation.tracking import Fragment, Tracker
+from bench.errors import DataError
+from bench.records.recording import Recording
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Proposal:
+    """A moving object that was found, through the recording.
+
+    Attributes:
+        track_id: "p000" and so on, in the order of their first sweeps.
+        object_class: a guess by size and speed, one of `OBJECT_CLASSES`.
+        size_m: (3,) float64, length, width and height of its box.
+        timestamps_ns: (K,) int64, of the sweeps that it is seen in, increasing.
+        centres_m: (K, 3) float64, m, of the box, world frame of the recording's trajectory.
+        yaw_rad: (K,) float64, heading in the world; the direction of travel, also in reverse.
+        velocity_mps: (K, 2) float64, along the world's x and y; 0 where it rests before, after or between its motion.
+        doubts: reasons to look twice, each with the number behind it.
+        points_median: returns in a sweep, one for each voxel.
+    """
+
+    track_id: str
+    object_class: str
+    size_m: Floats
+    timestamps_ns: NDArray[np.int64]
+    centres_m: Floats
+    yaw_rad: Floats
+    velocity_mps: Floats
+    doubts: tuple[tuple[str, float], ...]
+    points_median: int
+
+
+def propose(
+    recording: Recording,
+    *,
+    settings: ProposalSettings | None = None,
+    progress: Callable[[float], None] = lambda _: None,
+) -> tuple[Proposal, ...]:
+    """Find everything that moves.
+
+    Args:
+        recording: the drive; its annotations, if it has any, are not looked at.
+        settings: constants; None for those that were tried.
+        progress: called with the share of sweeps that are read.
+
+    Raises:
+        DataError: a sweep that cannot be read, or a drive without any.
+    """
+    if not recording.sweeps:
+        raise DataError(recording.root, field="sweeps", expected="lidar sweeps to find moving objects in", got="none")
+    settings = settings or ProposalSettings()
+    tracker, segment, pieces = Tracker(settings), list[Cloud](), dict[int, list[Proposal]]()
+
+    def judge() -> None:
+        for box in _believed(tracker.take(), segment, settings):
+            pieces.setdefault(box.fragment.chain, []).append(_proposal(box, settings))
+        segment.clear()
+
+    for cloud in clouds(recording, settings, progress=progress):
+        if segment and cloud.timestamp_ns - segment[0].timestamp_ns > settings.segment_s * SECOND_NS:
+            judge()
+        tracker.add(cloud, find_clusters(cloud, settings))
+        segment.append(cloud)
+    judge()
+    found = [_one_after_the_other(parts) for _, parts in sorted(pieces.items())]
+    found.sort(key=lambda one: int(one.timestamps_ns[0]))
+    return tuple(replace(one, track_id=f"p{number:03d}") for number, one in enumerate(found))
+
+
+def _believed(fragments: Sequence[Fragment], segment: Sequence[Cloud], settings: ProposalSettings) -> list[Box]:
+    """Boxes of the tracks of a segment that are believed to move."""
+    first = [box for box in (fit_box(fragment, settings) for fragment in fragments) if box is not None]
+    alone = {box.fragment.chain: box for box in first}
+    found = []
+    for fragment in join(first, settings):
+        box = (fit_box(fragment, settings) if fragment.joined else None) or alone[fragment.chain]
+        found.append(fit_box(extend(box, segment, settings), settings))
+    return [box for box in found if box is not None]  # what does not stand longer looks is no object
+
+
+def _proposal(box: Box, settings: ProposalSettings) -> Proposal:
+    seen = box.fragment.sightings
+    levelled = np.column_stack([box.centres_m, box.bottom_m + box.size_m[2] / 2])
+    centres = [sighting.cloud.road.world(place[None])[0] for sighting, place in zip(seen, levelled, strict=True)]
+    return Proposal(
+        track_id="",
+        object_class=box.object_class,
+        size_m=box.size_m,
+        timestamps_ns=np.array([sighting.cloud.timestamp_ns for sighting in seen], dtype=np.int64),
+        centres_m=np.array(centres),
+        yaw_rad=box.yaw_rad,
+        velocity_mps=box.velocity_mps,
+        doubts=_doubts(box, settings),
+        points_median=int(np.median([len(sighting.rows) for sighting in seen])),
+    )
+
+
+def _doubts(box: Box, settings: ProposalSettings) -> tuple[tuple[str, float], ...]:
+    seen = box.fragment.sightings
+    points = float(np.median([len(sighting.rows) for sighting in seen]))
+    moves_s = float(np.ptp(box.motion.times_s[box.moving]))
+    away_m = np.hypot(*(box.centres_m - np.array([sighting.cloud.sensor_m for sighting in seen])).T)
+    through = box.fragment.seen_through(settings.least_through)
+    looked_at = (
+        ("few returns", points, points < settings.few_points),
+        ("short", moves_s, moves_s < settings.short_s),
+        ("at the edge of the range", float(np.median(away_m)), np.median(away_m) > settings.range_m - settings.edge_m),
+        ("fragments joined", float(box.fragment.joined), box.fragment.joined > 0),
+        ("seen from one end", float(box.size_m[0]), box.object_class == "vehicle" and box.size_m[0] < VEHICLE_M[0]),
+        ("seen through by few", through, through < settings.few_through),
+    )
+    return tuple((reason, value) for reason, value, doubted in looked_at if doubted)
+
+
+def _one_after_the_other(parts: Sequence[Proposal]) -> Proposal:
+    """Pieces of one track, from several segments, as one with the largest box."""
+    if len(parts) == 1:
+        return parts[0]
+    longest = max(parts, key=lambda part: len(part.timestamps_ns))
+    doubts = {reason: value for part in parts for reason, value in part.doubts if reason != "short"}
+    return Proposal(
+        track_id="",
+        object_class=longest.object_class,
+        size_m=np.max([part.size_m for part in parts], axis=0),
+        timestamps_ns=np.concatenate([part.timestamps_ns for part in parts]),
+        centres_m=np.concatenate([part.centres_m for part in parts]),
+        yaw_rad=np.concatenate([part.yaw_rad for part in parts]),
+        velocity_mps=np.concatenate([part.velocity_mps for part in parts]),
+        doubts=tuple(sorted(doubts.items())),
+        points_median=int(np.median([part.points_median for part in parts])),
+    )

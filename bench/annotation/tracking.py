@@ -1,0 +1,196 @@
+"""Clusters of one object over the sweeps, by a Kalman filter each and one assignment a sweep.
+
+A revolution takes a tenth of a second, so an object is seen at a time of its own: predictions are made for that time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from bench.annotation.clusters import extent
+from bench.annotation.prepared import Cloud
+from bench.annotation.settings import SECOND_NS, ProposalSettings
+
+Floats = NDArray[np.float64]
+YOUNG = 3  # sightings before which the velocity is hardly known
+REFUSED = 1e3
+START_VARIANCE = np.diag([0.1, 0.1, 100.0, 100.0])  # m2, m2/s2
+MOST_SIZE_RATIO = 1.2  # logarithm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sighting:
+    """A cluster in a sweep.
+
+    Attributes:
+        cloud: of the sweep.
+        rows: (N,) intp, its points.
+    """
+
+    cloud: Cloud
+    rows: NDArray[np.intp]
+
+    @property
+    def points(self) -> Floats:
+        """(N, 3) float64, m, as in the cloud."""
+        return self.cloud.points[self.rows]
+
+    @property
+    def offset_s(self) -> float:
+        """Mean time of its points after the sweep's."""
+        return float(self.cloud.offset_s[self.rows].mean())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fragment:
+    """Sightings of one object, or of a part of one.
+
+    Attributes:
+        chain: equal for what the tracker followed without a break, over several segments.
+        sightings: in time, one a sweep.
+        joined: fragments that were joined to this one.
+    """
+
+    chain: int
+    sightings: tuple[Sighting, ...]
+    joined: int = 0
+
+    @property
+    def points(self) -> int:
+        """Number of points over all sweeps."""
+        return sum(len(sighting.rows) for sighting in self.sightings)
+
+    def seen_through(self, least: int) -> float:
+        """Share of its points that at least so many sweeps saw through, the mean over its sweeps."""
+        return float(np.mean([(one.cloud.seen_through[one.rows] >= least).mean() for one in self.sightings]))
+
+    @property
+    def numbers(self) -> list[int]:
+        """Of the sweeps."""
+        return [sighting.cloud.number for sighting in self.sightings]
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Live:
+    """A track while it is followed: mean and covariance of place and velocity at the time of the last sweep."""
+
+    chain: int
+    mean: Floats
+    covariance: Floats
+    length_m: float
+    seen: int = 1
+    missed: int = 0
+    sightings: list[Sighting] = field(default_factory=list)
+
+
+class Tracker:
+    """Takes clusters sweep by sweep and gives tracks back, a segment at a time.
+
+    Args:
+        settings: of the proposals.
+    """
+
+    def __init__(self, settings: ProposalSettings) -> None:
+        self._settings = settings
+        self._live: list[_Live] = []
+        self._ended: list[_Live] = []
+        self._time_ns: int | None = None
+        self._chains = 0
+
+    def add(self, cloud: Cloud, clusters: Sequence[NDArray[np.intp]]) -> None:
+        """Assign the clusters of a sweep to tracks; the rest begin new ones."""
+        seconds = 0.0 if self._time_ns is None else (cloud.timestamp_ns - self._time_ns) / SECOND_NS
+        self._time_ns = cloud.timestamp_ns
+        motion, noise = _constant_velocity(seconds, self._settings.acceleration_mps2)
+        for track in self._live:
+            track.mean = motion @ track.mean
+            track.covariance = motion @ track.covariance @ motion.T + noise
+        seen = [_Seen(Sighting(cloud=cloud, rows=rows)) for rows in clusters]
+        taken = set()
+        for number, which in self._assigned(seen):
+            _update(self._live[number], seen[which])
+            taken.add((number, which))
+        rows, columns = {row for row, _ in taken}, {column for _, column in taken}
+        for number, track in enumerate(self._live):
+            track.missed = 0 if number in rows else track.missed + 1
+        for which, found in enumerate(seen):
+            if which not in columns:
+                self._begin(found)
+        self._ended += [track for track in self._live if track.missed > self._settings.missed]
+        self._live = [track for track in self._live if track.missed <= self._settings.missed]
+
+    def take(self) -> list[Fragment]:
+        """All tracks so far; those that go on do so without what is given back here."""
+        given = [
+            Fragment(chain=track.chain, sightings=tuple(track.sightings))
+            for track in sorted([*self._ended, *self._live], key=lambda track: track.chain)
+            if track.sightings
+        ]
+        self._ended = []
+        for track in self._live:
+            track.sightings = []
+        return given
+
+    def _assigned(self, seen: Sequence[_Seen]) -> list[tuple[int, int]]:
+        if not (seen and self._live):
+            return []
+        costs = np.array([[_cost(track, found) for found in seen] for track in self._live])
+        return [(int(a), int(b)) for a, b in zip(*linear_sum_assignment(costs), strict=True) if costs[a, b] < REFUSED]
+
+    def _begin(self, seen: _Seen) -> None:
+        mean = np.concatenate([seen.centre, np.zeros(2)])
+        self._live.append(
+            _Live(
+                chain=self._chains,
+                mean=mean,
+                covariance=START_VARIANCE,
+                length_m=seen.length_m,
+                sightings=[seen.sighting],
+            )
+        )
+        self._chains += 1
+
+
+class _Seen:
+    """A sighting with what the tracker asks of it."""
+
+    def __init__(self, sighting: Sighting) -> None:
+        self.sighting = sighting
+        points = sighting.points
+        self.centre, self.offset_s, self.length_m = points[:, :2].mean(axis=0), sighting.offset_s, extent(points)[0]
+
+
+def _constant_velocity(seconds: float, acceleration_mps2: float) -> tuple[Floats, Floats]:
+    """Transition and noise over a time."""
+    motion = np.eye(4)
+    motion[0, 2] = motion[1, 3] = seconds
+    gain = np.array([[seconds**2 / 2, 0.0], [0.0, seconds**2 / 2], [seconds, 0.0], [0.0, seconds]])
+    return motion, acceleration_mps2**2 * gain @ gain.T
+
+
+def _cost(track: _Live, seen: _Seen) -> float:
+    """Distance as a share of what is allowed, and difference in size."""
+    away_m = float(np.hypot(*(seen.centre - track.mean[:2] - seen.offset_s * track.mean[2:])))
+    largest_m = max(track.length_m, seen.length_m)
+    allowed_m = max(0.8, min(3.5, 0.9 * largest_m)) if track.seen < YOUNG else 0.7 + 0.25 * largest_m
+    allowed_m += 0.3 * track.missed
+    ratio = abs(float(np.log((track.length_m + 0.4) / (seen.length_m + 0.4))))
+    return away_m / allowed_m + 0.5 * ratio if away_m < allowed_m and ratio < MOST_SIZE_RATIO else REFUSED
+
+
+def _update(track: _Live, seen: _Seen) -> None:
+    measured = np.zeros((2, 4))
+    measured[0, 0] = measured[1, 1] = 1.0
+    measured[0, 2] = measured[1, 3] = seen.offset_s
+    noise = np.eye(2) * (0.1 + 0.1 * seen.length_m) ** 2
+    gain = track.covariance @ measured.T @ np.linalg.inv(measured @ track.covariance @ measured.T + noise)
+    track.mean = track.mean + gain @ (seen.centre - measured @ track.mean)
+    track.covariance = track.covariance - gain @ measured @ track.covariance
+    track.length_m = seen.length_m
+    track.seen += 1
+    track.sightings.append(seen.sighting)

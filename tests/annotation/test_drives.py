@@ -1,0 +1,101 @@
+"""`annotate propose` and `annotate evaluate`: stored, resumable, decisions kept."""
+
+import json
+
+import pytest
+
+from bench.annotation import drives as module
+from bench.annotation.drives import propose_drives
+from bench.annotation.store import Accept, read_review, review_file
+from bench.execution import SerialExecutor
+from bench.recordings import load_card, open_dataset
+from tests.annotation.street import COARSE
+from tests.support.commands import called_here
+from tests.support.reviews import MADE
+from tests.validation.drive import write_drive
+
+CARD = """
+name: street
+title: A street
+adapter: native
+root: data
+licence: Apache-2.0
+"""
+
+
+@pytest.fixture
+def card(tmp_path, monkeypatch):
+    """A data set of one drive, in this process, with settings for its few beams."""
+    write_drive(tmp_path / "data" / "drive")
+    (tmp_path / "street.yaml").write_text(CARD)
+    monkeypatch.setattr("bench.annotation.proposals.ProposalSettings", lambda: COARSE)
+    monkeypatch.setattr("bench.cli.request.worker_processes", lambda _: SerialExecutor())
+    return tmp_path / "street.yaml"
+
+
+def proposed(card):
+    (drive,) = propose_drives(
+        "street", open_dataset(load_card(card)), card.parent / "reviews", executor=SerialExecutor()
+    )
+    return drive
+
+
+def test_propose_then_evaluate(card):
+    done = called_here("annotate", "propose", card, "--reviews", "reviews", folder=card.parent)
+    assert done.returncode == 0
+    assert "drive" in done.stdout
+    review = read_review(review_file(card.parent / "reviews", "drive"))
+    assert [track.id for track in review.tracks] == ["p000", "p001", "p002"]
+    assert (review.dataset, review.recording, review.decisions) == ("street", "drive", ())
+
+    scored = called_here("annotate", "evaluate", card, "--reviews", "reviews", folder=card.parent)
+    assert scored.returncode == 0
+    assert "object-frames" in scored.stdout
+    assert {"pedestrian", "cyclist", "vehicle"} <= set(scored.stdout.split())
+
+
+def test_what_is_there_is_not_computed_again(card, monkeypatch):
+    first = proposed(card)
+    assert (first.objects, first.computed, first.failure) == (3, True, "")
+    assert not proposed(card).computed
+    monkeypatch.setattr(module, "CODE", (*module.CODE, "annotation/store.py"))  # as if it had changed
+    assert proposed(card).computed
+
+
+def test_other_sweeps_are_other_data(card):
+    proposed(card)
+    sweeps = sorted((card.parent / "data" / "drive").rglob("*.npz"))
+    sweeps[0].write_bytes(sweeps[1].read_bytes())
+    assert proposed(card).computed
+
+
+def test_decisions_are_kept(card, monkeypatch):
+    proposed(card)
+    file = review_file(card.parent / "reviews", "drive")
+    review = read_review(file)
+    decided = review.model_copy(update={"decisions": (Accept(tracks=("p001",), **MADE),)})
+    file.write_text(decided.model_dump_json())
+    monkeypatch.setattr(module, "CODE", (*module.CODE, "annotation/store.py"))
+    proposed(card)
+    assert [decision.tracks for decision in read_review(file).decisions] == [("p001",)]
+
+
+def test_one_broken_drive_stops_no_other(card):
+    write_drive(card.parent / "data" / "broken")
+    (card.parent / "data" / "broken" / "recording.json").write_text(json.dumps({}))
+    done = called_here("annotate", "propose", card, "--reviews", "reviews", folder=card.parent)
+    assert done.returncode == 2
+    assert "failed: broken" in done.stdout + done.stderr
+    assert review_file(card.parent / "reviews", "drive").exists()
+
+
+def test_evaluate_says_what_to_do_first(card):
+    done = called_here("annotate", "evaluate", card, "--reviews", "reviews", folder=card.parent)
+    assert done.returncode == 2
+    assert "annotate propose" in done.stderr
+
+
+def test_an_unknown_recording(card):
+    done = called_here("annotate", "propose", card, "--recording", "other", folder=card.parent)
+    assert done.returncode == 2
+    assert "unknown recording" in done.stderr.lower()

@@ -1,0 +1,79 @@
+"""Proposals are compared by the returns in their boxes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.annotation import evaluate_proposals, proposal_scores
+from bench.errors import UsageError
+from bench.recordings import NOT_ANNOTATED
+from tests.annotation.street import street
+from tests.validation.drive import OBJECTS, SWEEPS
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return street(tmp_path_factory.mktemp("evaluate") / "street")
+
+
+def outcomes(recording, proposed):
+    frames = evaluate_proposals(recording, proposed)
+    scores = proposal_scores(frames, minutes=0.5).set_index(["range", "group"]).loc[("all", "all")]
+    return frames, scores
+
+
+def named(recording, *names, as_=None):
+    tracks = {track.track_id: track for track in recording.tracks}
+    return [replace(tracks[name], track_id=as_ or f"p-{name}") for name in names]
+
+
+def test_the_annotations_themselves_are_right(recording):
+    frames, scores = outcomes(recording, recording.tracks)
+    assert scores["recall"] == scores["precision"] == 1.0
+    assert scores["speed_error_p90"] == scores["centre_error_p90"] == scores["false_tracks_per_minute"] == 0.0
+    assert set(frames.loc[frames["object"] == "parked", "outcome"]) == {"neutral"}
+
+
+def test_what_is_not_proposed_is_missed(recording):
+    frames, scores = outcomes(recording, named(recording, "leader"))
+    assert scores["precision"] == 1.0
+    assert set(frames.loc[frames["object"] == "rider", "outcome"]) == {"missed"}
+    assert (frames["object"] == "rider").sum() == SWEEPS
+
+
+def test_a_second_proposal_for_an_object_is_false(recording):
+    _, scores = outcomes(recording, [*named(recording, "leader"), *named(recording, "leader", as_="again")])
+    assert scores["precision"] == 0.5
+    assert scores["false_tracks_per_minute"] == 2.0
+
+
+def test_moving_on_what_rests_is_false(recording):
+    (parked,) = named(recording, "parked")
+    states = tuple(replace(state, velocity_mps=np.array([2.0, 0.0, 0.0])) for state in parked.states)
+    frames, _ = outcomes(recording, [replace(parked, states=states)])
+    assert set(frames.loc[frames["proposal"] == "p-parked", "outcome"]) == {"false"}
+
+
+def test_a_track_that_changes_its_name(recording):
+    (whole,) = named(recording, "rider")
+    halves = [
+        replace(whole, track_id="first", states=whole.states[:8]),
+        replace(whole, track_id="then", states=whole.states[8:]),
+    ]
+    _, scores = outcomes(recording, halves)
+    assert scores["switches"] == 1
+
+
+def test_groups(recording):
+    frames, _ = outcomes(recording, recording.tracks)
+    scores = proposal_scores(frames, minutes=1.0)
+    near = scores[scores["range"] == "< 8 m"].set_index("group")
+    assert {"all", "cyclist", "2 to 6 m/s"} <= set(near.index)
+    assert near.loc["all", "object_frames"] < scores[scores["range"] == "all"]["object_frames"].max()
+    assert set(frames["object_class"]) == {kind for kind, *_ in OBJECTS.values()}
+
+
+def test_without_annotations_there_is_nothing_to_compare_with(recording):
+    with pytest.raises(UsageError, match="expected annotations to compare with"):
+        evaluate_proposals(replace(recording, annotated=NOT_ANNOTATED), ())

@@ -1,0 +1,102 @@
+"""What moves in a street is found without labels, with its speed; what stands is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bench.annotation import evaluate_proposals, proposal_scores, propose
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.recordings import NOT_ANNOTATED
+from tests.annotation.street import COARSE, annotated, street
+from tests.validation import drive
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return street(tmp_path_factory.mktemp("proposals") / "street")
+
+
+@pytest.fixture(scope="module")
+def proposals(recording):
+    raw = replace(recording, tracks=(), annotated=NOT_ANNOTATED)
+    return propose(raw, settings=COARSE)
+
+
+def speeds(proposal):
+    return np.hypot(*proposal.velocity_mps.T)
+
+
+def test_what_moves_is_found_and_nothing_else(recording, proposals):
+    frames = evaluate_proposals(recording, annotated(proposals, recording))
+    scores = proposal_scores(frames, minutes=1 / 40).set_index(["range", "group"]).loc[("all", "all")]
+    assert scores["recall"] > 0.9
+    assert scores["precision"] == 1.0
+    assert scores["switches"] == 0
+    assert scores["speed_error_p90"] < 0.3
+    assert set(frames.loc[frames["outcome"] == "found", "object"]) == {"walker", "leader", "rider"}
+
+
+def test_classes_sizes_and_speeds(proposals):
+    by_class = {proposal.object_class: proposal for proposal in proposals}
+    assert sorted(by_class) == ["cyclist", "pedestrian", "vehicle"]
+    assert [round(float(np.median(speeds(by_class[name]))), 0) for name in ("cyclist", "vehicle")] == [4.0, 6.0]
+    np.testing.assert_allclose(by_class["cyclist"].size_m[0], 1.8, atol=0.4)
+    assert dict(by_class["vehicle"].doubts).keys() == {"seen from one end"}  # its rear is all that the lidar sees
+
+
+def test_again_gives_the_same(recording, proposals):
+    again = propose(recording, settings=COARSE)
+    assert [one.track_id for one in again] == [one.track_id for one in proposals] == ["p000", "p001", "p002"]
+    for one, other in zip(again, proposals, strict=True):
+        np.testing.assert_array_equal(one.centres_m, other.centres_m)
+        np.testing.assert_array_equal(one.velocity_mps, other.velocity_mps)
+
+
+def test_segments_of_a_long_drive_are_one_track(recording, proposals):
+    """Sweeps are forgotten after a segment; what goes on is one proposal all the same."""
+    pieces = propose(recording, settings=replace(COARSE, segment_s=0.75))
+    assert len(pieces) == len(proposals)
+    rider, whole = pieces[0], proposals[0]
+    assert set(rider.timestamps_ns) == set(whole.timestamps_ns)
+    np.testing.assert_allclose(rider.centres_m, whole.centres_m, atol=0.25)
+
+
+def test_who_starts_within_the_drive_rests_before(tmp_path, monkeypatch):
+    """At rest for 0.5 s, then 6 m/s2: the states at rest stay, with velocity 0."""
+    constant = drive.pose_at
+
+    def starting(name, seconds):
+        return constant(name, 0.75 * max(seconds - 0.5, 0.0) ** 2 if name == "rider" else seconds)  # the rider's 4 m/s
+
+    monkeypatch.setattr(drive, "pose_at", starting)
+    found = propose(street(tmp_path / "street"), settings=COARSE)
+    rider = max(found, key=lambda proposal: proposal.centres_m[0, 1])
+    moves = speeds(rider)
+    assert len(moves) == drive.SWEEPS
+    assert (moves[:4] == 0.0).all()
+    assert (moves[-5:] > 1.5).all()
+
+
+def test_tilted_mounting_changes_nothing(recording, proposals):
+    """Each sweep is levelled by its own road, since the bus's ego-motion knows no pitch."""
+    tilt = RigidTransform(Rotation.from_euler("y", 0.015).as_matrix(), np.zeros(3))
+    tilted = replace(recording, vehicle_from_lidar=recording.vehicle_from_lidar @ tilt)
+    assert len(propose(tilted, settings=COARSE)) == len(proposals)
+
+
+def test_proposals_need_sweeps(recording):
+    with pytest.raises(DataError, match="expected lidar sweeps"):
+        propose(replace(recording, sweeps=()))
+
+
+def test_a_proposal_as_annotation(recording, proposals):
+    track = annotated(proposals, recording)[0]
+    world_from_vehicle = recording.trajectory.world_from_vehicle(track.states[3].timestamp_ns)
+    shape = track.states[3].shape
+    centre = world_from_vehicle.apply(shape.vehicle_from_object.translation_m)
+    np.testing.assert_allclose(centre, proposals[0].centres_m[3], atol=1e-9)
+    velocity = world_from_vehicle.rotate(track.states[3].velocity_mps)
+    np.testing.assert_allclose(velocity[:2], proposals[0].velocity_mps[3], atol=1e-9)
