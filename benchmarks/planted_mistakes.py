@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bench.geometry import RigidTransform
 from bench.recordings.native import native_recordings
 from bench.synthesis import synthesize
 from bench.validation import Finding, validate_recording
@@ -75,6 +76,40 @@ def _turned_mounting(axis: str, degrees: float, root: Path, camera: str = "front
     planting.change_head(root, turn)
 
 
+def _turned_lidar(degrees: float, root: Path) -> None:
+    """Turn the lidar about the vehicle's z."""
+
+    def turn(head: planting.Json) -> None:
+        mounting = head["lidar"]["vehicle_from_lidar"]
+        w, x, y, z = mounting["quaternion_wxyz"]
+        x, y, z, w = (Rotation.from_euler("z", degrees, degrees=True) * Rotation.from_quat([x, y, z, w])).as_quat()
+        mounting["quaternion_wxyz"] = [w, x, y, z]
+
+    planting.change_head(root, turn)
+
+
+def _raised_lidar(metres: float, root: Path) -> None:
+    def raise_it(head: planting.Json) -> None:
+        head["lidar"]["vehicle_from_lidar"]["translation_m"][2] += metres
+
+    planting.change_head(root, raise_it)
+
+
+def _inverse_lidar(root: Path) -> None:
+    def invert(head: planting.Json) -> None:
+        mounting = head["lidar"]["vehicle_from_lidar"]
+        inverse = RigidTransform.from_quaternion(mounting["quaternion_wxyz"], mounting["translation_m"]).inverse()
+        mounting["quaternion_wxyz"] = inverse.quaternion_wxyz.tolist()
+        mounting["translation_m"] = inverse.translation_m.tolist()
+
+    planting.change_head(root, invert)
+
+
+def _biased_bus(degps: float, root: Path) -> None:
+    bias = float(np.radians(degps))
+    planting.change_bus(root, lambda row: row.update(yaw_rate_radps=str(float(row["yaw_rate_radps"]) + bias)))
+
+
 def _shift_sweeps(milliseconds: float, root: Path) -> None:
     planting.shift_times(root / "lidar", round(milliseconds * 1e6))
 
@@ -93,7 +128,83 @@ def _scaled_bus(column: str, factor: float, root: Path) -> None:
     planting.change_bus(root, lambda row: row.update({column: str(float(row[column]) * factor)}))
 
 
+MIRROR_X, MIRROR_Y, MIRROR_Z = (np.diag(signs).tolist() for signs in ([-1, 1, 1], [1, -1, 1], [1, 1, -1]))
+SWAPPED, ROTATED = [[0, 1, 0], [1, 0, 0], [0, 0, 1]], [[0, 1, 0], [0, 0, 1], [1, 0, 0]]
+SWEEP_CLOCK, EGO_CLOCK = "clock.*sweeps? (is|are) .*(late|early)", "clock.*ego-motion is .*(late|early)"
+
+# Lidar, odometry, and the clock between them.
+OF_LIDAR: tuple[Mistake, ...] = (
+    Mistake(name="lidar mirrored in y", part="lidar", plant=partial(_axes, MIRROR_Y), lead="lidar.*y reversed.*mirror"),
+    Mistake(name="lidar mirrored in z", part="lidar", plant=partial(_axes, MIRROR_Z), lead="lidar.*z reversed.*mirror"),
+    Mistake(name="lidar x and y swapped", part="lidar", plant=partial(_axes, SWAPPED), lead="lidar.*x and y swapped"),
+    Mistake(name="lidar axes rotated", part="lidar", plant=partial(_axes, ROTATED), lead="lidar.*axes permuted"),
+    Mistake(
+        name="lidar mounting inverse", part="lidar", plant=_inverse_lidar, lead="lidar.*(inverse|direction of the)"
+    ),
+    *(
+        Mistake(
+            name=f"lidar turned by {degrees} degrees",
+            part="lidar",
+            plant=partial(_turned_lidar, degrees),
+            lead="lidar.*(yaw|turned by)",
+        )
+        for degrees in (2, 5, 180)
+    ),
+    *(
+        Mistake(
+            name=f"lidar {centimetres} cm too high",
+            part="lidar",
+            plant=partial(_raised_lidar, centimetres / 100),
+            lead="road.*height",
+        )
+        for centimetres in (10, 30)
+    ),
+    *(
+        Mistake(
+            name=f"sweeps {abs(late)} ms {'late' if late > 0 else 'early'}",
+            part="clocks",
+            plant=partial(_shift_sweeps, late),
+            lead=SWEEP_CLOCK,
+            drives=TURNING,
+        )
+        for late in (10, -10, -50, 100, -100)
+    ),
+    *(
+        Mistake(
+            name=f"odometry {abs(late)} ms {'late' if late > 0 else 'early'}",
+            part="clocks",
+            plant=partial(_shift_bus, late),
+            lead=EGO_CLOCK,
+            drives=TURNING,
+        )
+        for late in (10, -10, 50, -50, -100)
+    ),
+    *(
+        Mistake(
+            name=f"speed {percent} % too high",
+            part="ego-motion",
+            plant=partial(_scaled_bus, "speed_mps", 1 + percent / 100),
+            lead="scale of the speed",
+        )
+        for percent in (2, 5)
+    ),
+    Mistake(
+        name="yaw rate positive to the right",
+        part="ego-motion",
+        plant=partial(_scaled_bus, "yaw_rate_radps", -1.0),
+        lead="sign of the yaw rate",
+        drives=TURNING,
+    ),
+    Mistake(
+        name="yaw rate off by 1 degree per second",
+        part="ego-motion",
+        plant=partial(_biased_bus, 1.0),
+        lead="bias of the yaw rate",
+    ),
+)
+
 MISTAKES: tuple[Mistake, ...] = (
+    *OF_LIDAR,
     Mistake(
         name="lidar mirrored in x",
         part="lidar",
