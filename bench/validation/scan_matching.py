@@ -35,6 +35,7 @@ class Matching:
         apart_s: time between sweeps that count as neighbours.
         span_m: of returns from the lidar; nearer ones are the vehicle's own, farther ones are thin.
         cell_m: returns are averaged in cubes of this side, so that near surfaces do not count for more.
+        cells: of a sweep that are taken, at random: dense sweeps fill 50,000 and take as many times longer.
         source_points: returns of the later sweep that are moved.
         surface_points: neighbours that make a surface.
         thickness: of a surface, largest share of the thinnest axis in the next, as variances.
@@ -55,6 +56,7 @@ class Matching:
     apart_s: tuple[float, float] = (0.03, 0.35)
     span_m: tuple[float, float] = (2.5, 50.0)
     cell_m: float = 0.2
+    cells: int = 15_000
     source_points: int = 2500
     surface_points: int = 10
     thickness: float = 0.1
@@ -201,7 +203,8 @@ def static_returns(sweep: LidarSweep, recording: Recording, time_sign: float) ->
     cell = np.floor(points[rows] / MATCHING.cell_m).astype(np.int64) + 1000
     _, number, count = np.unique(cell @ [1, 4000, 16_000_000], return_inverse=True, return_counts=True)
     columns = [np.bincount(number, weights=values) / count for values in (*points[rows].T, seconds)]
-    return _Returns(time_ns=sweep.timestamp_ns, points=np.column_stack(columns[:3]), seconds=columns[3])
+    kept = np.random.default_rng(0).permutation(len(count))[: MATCHING.cells]
+    return _Returns(time_ns=sweep.timestamp_ns, points=np.column_stack(columns[:3])[kept], seconds=columns[3][kept])
 
 
 def _compensated(returns: _Returns, twist: Array, rows: NDArray[np.intp] | slice = slice(None)) -> Array:

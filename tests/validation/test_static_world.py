@@ -43,8 +43,9 @@ def test_sweeps_alone_measure_the_motion_whatever_ego_motion_says(root):
     assert len(steps) == drive.SWEEPS - 1
     for step in steps:
         assert step.turn_rad[2] == pytest.approx(0.1 * drive.TURN_RADPS, abs=1e-3)
-        lever_m = VEHICLE_FROM_LIDAR.translation_m[0]
-        assert step.path_m[:2] == pytest.approx([0.1 * drive.SPEED_MPS, 0.1 * drive.TURN_RADPS * lever_m], abs=0.02)
+        sideways_m = 0.1 * drive.TURN_RADPS * VEHICLE_FROM_LIDAR.translation_m[0]
+        path_vehicle = VEHICLE_FROM_LIDAR.rotate(step.path_m)
+        assert path_vehicle[:2] == pytest.approx([0.1 * drive.SPEED_MPS, sideways_m], abs=0.02)
 
 
 @pytest.mark.parametrize(
