@@ -118,9 +118,7 @@ def check_static_world(recording: Recording) -> Iterator[Finding | Undecided]:
     """Clock, mounting of the lidar and ego-motion, from sweeps that have to meet."""
     steps = scan_steps(recording)
     if len(steps) < VERDICTS.least_steps:
-        why = (
-            "neighbouring sweeps see too few of the same surfaces" if recording.sweeps else "there are no lidar sweeps"
-        )
+        why = "neighbouring sweeps see too few of the same surfaces" if recording.sweeps else "no lidar sweeps"
         yield Undecided(about="ego-motion, clock and mounting of the lidar", why=why)
         return
     seen = road_plane(some_sweeps(recording), np.median([step.path_m for step in steps], axis=0))
