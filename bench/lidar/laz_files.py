@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.lidar.sweep import LARGEST_BYTES, Arrays
@@ -30,36 +31,54 @@ def read_laz(path: Path) -> Arrays:
     Raises:
         DataError: cut short, or not a .laz file.
     """
+    with path.open("rb") as file:
+        points = laz_points(path, file)
+    arrays: Arrays = {
+        "points_lidar": laz_coordinates(points),
+        "intensity": np.asarray(points.intensity, dtype=np.float32),
+    }
+    if "gps_time" in set(points.point_format.dimension_names):
+        arrays["gps_time"] = np.asarray(points.gps_time, dtype=np.float64)
+    return arrays
+
+
+def laz_coordinates(points: Any) -> NDArray[np.float64]:
+    """(N, 3) float64, m, of a record that `laz_points` read."""
+    with np.errstate(over="ignore", invalid="ignore"):  # scales without end: what comes of them is refused later
+        return np.column_stack([points.x, points.y, points.z]).astype(np.float64, copy=False)
+
+
+def laz_points(name: Path, file: BinaryIO) -> Any:
+    """Read the points of .laz, a record of laspy with all dimensions.
+
+    Args:
+        name: of the file, for messages.
+        file: its content, at its beginning.
+
+    Raises:
+        DataError: cut short, or not .laz.
+    """
     import laspy  # 0.15 s, and only these files need it
 
     logging.getLogger("laspy").setLevel(logging.CRITICAL)  # what it would print is in our errors
     try:
-        with path.open("rb") as file:
-            _refuse_wrong_header(path, file)
-            with laspy.open(file, closefd=False, read_evlrs=False) as opened:
-                header = opened.header
-                _refuse_too_many(path, header.point_count, header.point_format.size)
-                if header.are_points_compressed:
-                    _refuse_wrong_chunks(path, file, header)
-                file.seek(header.offset_to_point_data)
-                points = opened.read_points(-1)
-        with np.errstate(over="ignore", invalid="ignore"):  # scales without end: what comes of them is refused later
-            xyz_m = np.column_stack([points.x, points.y, points.z])
-        arrays: Arrays = {
-            "points_lidar": xyz_m.astype(np.float64, copy=False),
-            "intensity": np.asarray(points.intensity, dtype=np.float32),
-        }
-        if "gps_time" in set(points.point_format.dimension_names):
-            arrays["gps_time"] = np.asarray(points.gps_time, dtype=np.float64)
+        _refuse_wrong_header(name, file)
+        with laspy.open(file, closefd=False, read_evlrs=False) as opened:
+            header = opened.header
+            _refuse_too_many(name, header.point_count, header.point_format.size)
+            if header.are_points_compressed:
+                _refuse_wrong_chunks(name, file, header)
+            file.seek(header.offset_to_point_data)
+            points = opened.read_points(-1)
     except (DataError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # the decompressor raises its own kinds, down to a panic that is no Exception
         got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise DataError(path, expected="a whole .laz file", got=got) from error
-    if header.point_count != len(arrays["points_lidar"]):
-        got = f"{len(arrays['points_lidar'])}; the file may be cut short"
-        raise DataError(path, field="points", expected=f"{header.point_count} points as its header says", got=got)
-    return arrays
+        raise DataError(name, expected="a whole .laz file", got=got) from error
+    if header.point_count != len(points):
+        got = f"{len(points)}; the file may be cut short"
+        raise DataError(name, field="points", expected=f"{header.point_count} points as its header says", got=got)
+    return points
 
 
 def _refuse_wrong_header(path: Path, file: BinaryIO) -> None:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from bench.plain_text import listed
 from bench.reporting.document import Block, Heading, Paragraph, Style
-from bench.validation import Depth, Finding, RecordingReport, Severity, ValidationReport
+from bench.validation import Depth, Finding, RecordingReport, Severity, ValidationReport, read_report
 
+VALIDATION = "validation.json"  # of a run whose data were validated
 SHOWN = 5  # findings of one check in one recording; the file has all
 SHOWN_PLACES = 3  # of findings that read alike
 STYLES: dict[Severity, Style] = {Severity.ERROR: "bad", Severity.WARNING: "warn"}
@@ -27,6 +28,18 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
         f"read {images[0]} of {images[1]} images and {sweeps[0]} of {sweeps[1]} sweeps"
         + ("" if whole else "; --deep reads all")
     )
+
+
+def run_findings(run: Path) -> list[Block]:
+    """What a validation found in the data of a run before it was scored.
+
+    Raises:
+        DataError: the stored report is damaged.
+    """
+    file = run / VALIDATION
+    if not file.is_file():
+        return [Paragraph("The data were not validated before they were scored; run --require-valid does that.", "dim")]
+    return [Heading("Findings in the data"), *findings_report(read_report(file))]
 
 
 def _findings(recording: RecordingReport) -> Iterator[Block]:

@@ -238,7 +238,7 @@ class _Verdict:
         field, name = self._named(one, fit)
         what = f"sweeps {100 * self._stated.apart_m:.0f} cm apart" if self._upright else "a road that is not below"
         return Finding(
-            check="lidar-mounting" if one.remounted else "ego-motion-unit",
+            check="lidar-pose" if one.remounted else "ego-motion-unit",
             file=calibration_file(self._recording) if one.remounted else str(self._recording.trajectory.source),
             field=field,
             expected="mounting of the lidar and ego-motion with which neighbouring lidar sweeps meet",
@@ -252,7 +252,7 @@ class _Verdict:
         field, value = self._value(one, fit)
         file, check, hint = str(self._recording.trajectory.source), "ego-motion-scale", "correct it by that"
         if cause == "yaw_rad":
-            file, check = calibration_file(self._recording), "lidar-mounting"
+            file, check = calibration_file(self._recording), "lidar-pose"
             hint = "turn vehicle_from_lidar by that about the vehicle's z (positive to the left)"
         if cause == "late_s":
             check, (file, hint) = "clock-offset", self._late_clock(float(fit.values[0]))

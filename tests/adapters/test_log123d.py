@@ -1,5 +1,7 @@
 """The adapter of 123D: a drive as a log, written by pyarrow and by the library's own writer, reads as itself."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pyarrow as pa
@@ -8,12 +10,14 @@ import pytest
 from bench.adapters.log123d.adapter import log123d_recordings
 from bench.adapters.log123d.boxes import CLASSES
 from bench.adapters.log123d.rig import CameraHead
-from bench.cameras import RadialPolynomialCamera, UnifiedCamera
+from bench.adapters.log123d.sensors import decode_points
+from bench.cameras import RadialPolynomialCamera, RollingShutter, UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.evaluation import load_protocol
 from bench.recordings import load_card, open_dataset, read_image
 from bench.records.recording import OBJECT_CLASSES, Cuboid
 from bench.reference import ReferenceBuilder, Status
+from tests.hostile.files import LAZ_FILES
 from tests.support import log123d, tiny
 
 
@@ -67,8 +71,9 @@ def assert_same(found, native, *, points_m=1e-5):
 @pytest.mark.parametrize("compression", [None, "zstd"])
 def test_a_log_reads_as_the_recording_that_it_was_made_of(native, tmp_path, compression):
     log123d.write_log(native, tmp_path, compression=compression)
-    found = opened(tmp_path)
+    found = opened(tmp_path, rolling_shutter={"ftcam_f0": {"readout_s": 0.02}})
     assert_same(found, native)
+    assert found.cameras["ftcam_f0"].rolling_shutter == RollingShutter(readout_s=0.02)
     assert found.name == "drive"
     np.testing.assert_allclose(found.vehicle_outline_m.min(axis=0), [1.4 - 2.4, -0.9])
 
@@ -185,6 +190,12 @@ def test_a_damaged_table_is_one_clear_error(native, tmp_path, fault):
     with pytest.raises(DataError, match=message) as found:
         read_all()
     assert file.stem in str(found.value)
+
+
+@pytest.mark.parametrize("what", ["four billion points", "nine million points", "damaged stream", "cut short"])
+def test_compressed_points_that_lie_are_refused_before_they_are_unpacked(what):
+    with pytest.raises(DataError, match=r"drive/lidar\.arrow"):
+        decode_points(LAZ_FILES[what], Path("drive/lidar.arrow"))
 
 
 def test_paths_of_images_stay_inside_the_data_set(native, tmp_path):

@@ -62,7 +62,7 @@ def test_sweeps_alone_measure_the_motion_whatever_ego_motion_says(root):
 def test_axes_of_the_points(root, axes, name):
     with_axes(root, axes)
     (found,) = told(root)
-    assert found.check == "lidar-mounting"
+    assert found.check == "lidar-pose"
     assert name in found.got
     assert found.file.endswith("recording.json")
 
@@ -71,7 +71,7 @@ def test_a_lidar_turned_by_5_degrees(root):
     cosine, sine = np.cos(np.radians(5)), np.sin(np.radians(5))
     with_axes(root, [[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])  # as a lidar that sits 5 degrees further left
     (found,) = told(root)
-    assert (found.check, found.field) == ("lidar-mounting", "lidar.vehicle_from_lidar, yaw")
+    assert (found.check, found.field) == ("lidar-pose", "lidar.vehicle_from_lidar, yaw")
     assert float(found.got.split()[0]) == pytest.approx(5.0, abs=0.5)
 
 

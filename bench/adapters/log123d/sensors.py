@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import laspy
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from bench.adapters.log123d.tables import MICROSECOND_NS, StoredCell
 from bench.errors import DataError
 from bench.lidar import LidarSweep
+from bench.lidar.laz_files import laz_coordinates, laz_points
 from bench.lidar.sweep import LARGEST_BYTES
 from bench.recordings.images import decode_image
 
@@ -123,8 +123,8 @@ def decode_points(content: bytes, name: Path) -> dict[str, NDArray[Any]]:
     if not content.startswith((ARROW_START, LAZ_START)):
         raise DataError(name, expected="points as Arrow or .laz", got=f"bytes that begin with {content[:8].hex(' ')}")
     try:
-        fields = _from_arrow(content) if content.startswith(ARROW_START) else _from_laz(content)
-    except (pa.ArrowException, laspy.LaspyException, OSError, ValueError, MemoryError, RuntimeError) as error:
+        fields = _from_arrow(content) if content.startswith(ARROW_START) else _from_laz(name, content)
+    except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
         got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise DataError(name, expected="whole points", got=got) from error
     if missing := set("xyz") - fields.keys():
@@ -141,15 +141,12 @@ def _from_arrow(content: bytes) -> dict[str, NDArray[Any]]:
     return {name: batch.column(name).to_numpy(zero_copy_only=False) for name in batch.schema.names}
 
 
-def _from_laz(content: bytes) -> dict[str, NDArray[Any]]:
+def _from_laz(name: Path, content: bytes) -> dict[str, NDArray[Any]]:
     """Features that share the name of a dimension of the format have the prefix `extra_`."""
-    with laspy.open(io.BytesIO(content)) as opened:
-        if opened.header.point_count * opened.header.point_format.size > LARGEST_BYTES:
-            raise ValueError(f"{opened.header.point_count} points")
-        points = opened.read()
-    fields: dict[str, NDArray[Any]] = {axis: np.asarray(points[axis], dtype=np.float32) for axis in "xyz"}
-    for name in opened.header.point_format.extra_dimension_names:
-        fields[name.removeprefix("extra_")] = np.asarray(points[name])
+    points = laz_points(name, io.BytesIO(content))
+    fields: dict[str, NDArray[Any]] = dict(zip("xyz", laz_coordinates(points).astype(np.float32).T, strict=True))
+    for dimension in points.point_format.extra_dimension_names:
+        fields[dimension.removeprefix("extra_")] = np.asarray(points[dimension])
     return fields
 
 
