@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -93,7 +94,92 @@ def _scaled_bus(column: str, factor: float, root: Path) -> None:
     planting.change_bus(root, lambda row: row.update({column: str(float(row[column]) * factor)}))
 
 
+# ---- cameras: mounting, lens, images, and their clock
+def _mounting(
+    change: Callable[[list[float], list[float]], tuple[Sequence[float], Sequence[float]]], root: Path
+) -> None:
+    """Change quaternion (w, x, y, z) and translation of the front camera."""
+
+    def each(head: planting.Json) -> None:
+        mounting = head["cameras"]["front"]["vehicle_from_camera"]
+        quaternion, translation_m = change(mounting["quaternion_wxyz"], mounting["translation_m"])
+        mounting.update(quaternion_wxyz=list(quaternion), translation_m=list(translation_m))
+
+    planting.change_head(root, each)
+
+
+def _inverse(quaternion: list[float], translation_m: list[float]) -> tuple[Sequence[float], Sequence[float]]:
+    w, x, y, z = quaternion
+    inverse = Rotation.from_quat([x, y, z, w]).inv()
+    return (w, -x, -y, -z), (-inverse.apply(translation_m)).tolist()
+
+
+def _lens(change: Callable[[planting.Json], object], root: Path) -> None:
+    """Change the front camera's lens."""
+    planting.change_head(root, lambda head: change(head["cameras"]["front"]["model"]))
+
+
+def _zoom(factor: float, lens: planting.Json) -> None:
+    lens["coefficients"] = [factor * number for number in lens["coefficients"]]
+
+
+def _as_pinhole(lens: planting.Json) -> None:
+    focal, centre = lens["coefficients"][0], lens["principal_point"]
+    lens.clear()
+    lens.update(model="pinhole", focal=[focal, focal], principal_point=centre)
+
+
+def _shift_centre(lens: planting.Json) -> None:
+    lens["principal_point"] = [lens["principal_point"][0] + 20.0, lens["principal_point"][1]]
+
+
+def _swap_cameras(root: Path) -> None:
+    front, right, aside = (root / "images" / name for name in ("front", "right", "aside"))
+    front.rename(aside)
+    right.rename(front)
+    aside.rename(right)
+
+
+def _flip_images(way: int, root: Path) -> None:
+    for path in (root / "images" / "front").iterdir():
+        cv2.imwrite(str(path), cv2.flip(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), way))
+
+
+def _camera(name: str, plant: Callable[[Path], object], lead: str, drives: tuple[str, ...] = BY_DAY) -> Mistake:
+    return Mistake(name=name, part="camera", plant=plant, lead=lead, drives=drives)
+
+
+CAMERA_MISTAKES: tuple[Mistake, ...] = (
+    *(
+        _camera(f"front camera turned {degrees:g} deg about the vehicle's {axis}", plant, "camera.*turned against")
+        for axis in "xyz"
+        for degrees in (1.0, 2.0, -5.0)
+        for plant in (partial(_turned_mounting, axis, degrees),)
+    ),
+    _camera("inverse mounting", partial(_mounting, _inverse), "inverse"),
+    _camera(
+        "quaternion as x, y, z, w", partial(_mounting, lambda q, t: ((*q[1:], q[0]), t)), "quaternion|mounting.*order"
+    ),
+    _camera("30 cm to the left", partial(_mounting, lambda q, t: (q, (t[0], t[1] + 0.3, t[2]))), "translation_m.*left"),
+    _camera("30 cm up", partial(_mounting, lambda q, t: (q, (t[0], t[1], t[2] + 0.3))), "translation_m.*up"),
+    *(
+        _camera(f"focal length times {factor:g}", partial(_lens, partial(_zoom, factor)), "focal length")
+        for factor in (0.5, 0.95, 0.98, 1.02, 1.05, 2.0)
+    ),
+    _camera("pinhole for fisheye", partial(_lens, _as_pinhole), "fisheye"),
+    _camera("principal point 20 px off", partial(_lens, _shift_centre), "principal.point"),
+    _camera("images of the cameras swapped", _swap_cameras, "images of (front|right)"),
+    _camera("images mirrored", partial(_flip_images, 1), "mirrored"),
+    _camera("images upside down", partial(_flip_images, -1), "upside down|turn the images"),
+    *(
+        replace(_camera(f"images {ms:+g} ms", partial(_shift_images, ms), "image-clock", TURNING), part="clocks")
+        for ms in (-100.0, -50.0, -10.0, 10.0, 50.0)
+    ),
+)
+# ---- end of cameras
+
 MISTAKES: tuple[Mistake, ...] = (
+    *CAMERA_MISTAKES,
     Mistake(
         name="lidar mirrored in x",
         part="lidar",

@@ -248,11 +248,11 @@ def _upright(sweep: LidarSweep, recording: Recording, most: int) -> NDArray[np.i
     height_m = points[:, 2] - road_m
     near = np.hypot(points[:, 0], points[:, 1]) < REACH_M
     rows = np.flatnonzero(near & (height_m > HEIGHTS_M[0]) & (height_m < HEIGHTS_M[1]))
-    rows = rows[~_on_objects(points[rows], sweep.timestamp_ns, recording)]
+    rows = rows[~on_objects(points[rows], sweep.timestamp_ns, recording)]
     return np.asarray(rows[np.random.default_rng(0).permutation(len(rows))[:most]])
 
 
-def _on_objects(points_vehicle: NDArray[np.float64], time_ns: int, recording: Recording) -> NDArray[np.bool_]:
+def on_objects(points_vehicle: NDArray[np.float64], time_ns: int, recording: Recording) -> NDArray[np.bool_]:
     """Points on annotated objects: those that drive along would suggest a stationary vehicle."""
     inside = np.zeros(len(points_vehicle), dtype=bool)
     for track in recording.tracks:

@@ -16,9 +16,10 @@ from bench.recordings import Recording, RecordingHandle
 from bench.recordings.handles import LenientReading
 from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
+from bench.validation.cameras import check_cameras
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
 from bench.validation.ego_motion import check_ego_limits, check_path
-from bench.validation.findings import Finding, Severity, annotation_file, calibration_file, unusable
+from bench.validation.findings import Finding, Severity, Undecided, annotation_file, calibration_file, unusable
 from bench.validation.images import check_images
 from bench.validation.motion import check_motion
 from bench.validation.occupancy import Occupancy
@@ -43,16 +44,18 @@ class RecordingReport:
         name: of the recording.
         findings: errors first, in the order in which they were found; causes before their possible consequences.
         images: how many images were read, and how many there are.
+        undecided: quantities that the recording cannot tell.
         sweeps: how many sweeps were read, and how many there are.
     """
 
     name: str
     findings: tuple[Finding, ...]
+    undecided: tuple[Undecided, ...] = ()
     images: tuple[int, int] = (0, 0)
     sweeps: tuple[int, int] = (0, 0)
 
 
-Check = Callable[[Recording], Iterator[Finding]]
+Check = Callable[[Recording], Iterator[Finding | Undecided]]
 # Each with the parts of a recording that it cannot do without, and the file of findings that name none.
 CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] = (
     (check_calibration, frozenset(), calibration_file),
@@ -63,6 +66,7 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
     (check_annotation_times, frozenset({"annotations"}), annotation_file),
     (check_boxes, frozenset({"annotations"}), annotation_file),
     (check_motion, frozenset({"trajectory", "annotations"}), annotation_file),
+    (check_cameras, frozenset({"trajectory"}), calibration_file),
 )
 
 EGO_MOTION_CHECKS = frozenset({"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit"})
@@ -81,11 +85,16 @@ def validate_recording(
     """
     opened = _opened(handle)
     findings = [unusable(error) for error in opened.errors]
+    undecided: list[Undecided] = []
     images = sweeps = (0, 0)
     if (recording := opened.recording) is not None:
         for check, needs, file in CHECKS:
             if not needs & opened.missing:
-                findings += [replace(found, file=found.file or str(file(recording))) for found in check(recording)]
+                for found in check(recording):
+                    if isinstance(found, Undecided):
+                        undecided.append(found)
+                    else:
+                        findings.append(replace(found, file=found.file or str(file(recording))))
         rows = {camera: _pairs(len(recording.images[camera]), depth) for camera in recording.cameras}
         sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
         images = sum(map(len, rows.values())), sum(map(len, recording.images.values()))
@@ -102,7 +111,7 @@ def validate_recording(
         findings += occupancy.findings() if occupancy is not None else ()
     named = _causes_first([replace(finding, recording=handle.name) for finding in findings])
     ordered = tuple(sorted(named, key=lambda finding: finding.severity != "error"))
-    return RecordingReport(name=handle.name, findings=ordered, images=images, sweeps=sweeps)
+    return RecordingReport(name=handle.name, findings=ordered, undecided=tuple(undecided), images=images, sweeps=sweeps)
 
 
 def _causes_first(findings: list[Finding]) -> list[Finding]:
@@ -178,6 +187,7 @@ class ValidationReport:
                     "name": recording.name,
                     "images": {"read": recording.images[0], "all": recording.images[1]},
                     "sweeps": {"read": recording.sweeps[0], "all": recording.sweeps[1]},
+                    "undecided": [asdict(undecided) for undecided in recording.undecided],
                 }
                 for recording in self.recordings
             ],
