@@ -20,6 +20,7 @@ from bench.validation.annotated import check_annotated
 from bench.validation.box_fit import BoxFit
 from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
+from bench.validation.cameras import check_cameras
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
 from bench.validation.ego_motion import check_ego_limits
 from bench.validation.findings import Finding, Severity, Undecided, annotation_file, calibration_file, unusable
@@ -73,6 +74,7 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
     (check_annotation_times, frozenset({"annotations"}), annotation_file),
     (check_boxes, frozenset({"annotations"}), annotation_file),
     (check_motion, frozenset({"trajectory", "annotations"}), annotation_file),
+    (check_cameras, frozenset({"trajectory"}), calibration_file),
 )
 
 EGO_MOTION_CHECKS = frozenset(
