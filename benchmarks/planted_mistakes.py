@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 
@@ -58,6 +59,11 @@ def findings_of(root: Path) -> tuple[Finding, ...]:
     return validate_recording(handle).findings
 
 
+@cache
+def _clean_texts(drive: Path) -> frozenset[str]:
+    return frozenset(text_of(finding) for finding in findings_of(drive))
+
+
 def text_of(finding: Finding) -> str:
     """Text of a finding, check to hint."""
     return " | ".join(
@@ -71,7 +77,7 @@ def judged(mistake: Mistake, drive: Path) -> Outcome:
         root = shutil.copytree(drive, Path(folder) / drive.name)
         mistake.plant(root)
         found = {text_of(finding) for finding in findings_of(root)}
-    new = sorted(found - {text_of(finding) for finding in findings_of(drive)})
+    new = sorted(found - _clean_texts(drive))
     right = any(re.search(mistake.lead, text, re.IGNORECASE) for text in new)
     verdict = "right lead" if right else "weak" if new else "silent"
     return Outcome(mistake=mistake.name, part=mistake.part, drive=drive.name, verdict=verdict, findings=tuple(new))
