@@ -48,6 +48,13 @@ def view(
         Path | None, typer.Option(help="File for the viewer rerun (the optional extra `viewer`), with lidar and boxes.")
     ] = None,
     lidar: Annotated[bool, typer.Option(help="Draw lidar points into the video.")] = True,
+    calibration: Annotated[
+        bool,
+        typer.Option(
+            "--calibration",
+            help="Draw lidar, road, lens and flow by ego-motion onto the images of each camera instead; no method.",
+        ),
+    ] = False,
 ) -> None:
     """Draw frames: panels, areas, overlay and lidar clusters of each, a video, or a log for the viewer."""
     from bench.api.datasets import Dataset
@@ -56,18 +63,32 @@ def view(
     from bench.harness import FramePipeline, build_scorable
     from bench.methods.settings import parse_settings
     from bench.recordings import load_card, open_dataset
+    from bench.reporting.calibration_view import write_calibration
     from bench.reporting.film import refuse_other_files, write_film
     from bench.reporting.formats import made_by
 
     card, built = load_card(dataset), build_scorable(method, parse_settings(set_))
     rules = load_protocol(protocol)
+    if calibration and video is not None:
+        raise UsageError("--video: expected none with --calibration, which draws pictures and logs (--out, --rrd)")
     refuse_other_files(video=video, rrd=rrd)
     render_if_synthetic(card)
     data = Dataset(card=card, handles=open_dataset(card))
     opened = data[recording or data.names[0]]
+    if camera is not None and camera not in opened.cameras:
+        raise UnknownNameError("camera", camera, opened.cameras)
+    if calibration:
+        cameras = sorted(opened.cameras) if camera is None else [camera]
+        chosen = {
+            name: chosen_frames(
+                opened.images[name], history=1, frame=frame, frames=frames, time_ns=time_ns, all_without=False
+            )
+            for name in cameras
+        }
+        with progress_bar(f"drawing {opened.name}", "images") as progress:
+            note_files(write_calibration(opened, chosen, out=out or PICTURES, rrd=rrd, progress=progress))
+        return
     name = camera or sorted(opened.cameras)[0]
-    if name not in opened.cameras:
-        raise UnknownNameError("camera", name, opened.cameras)
     pipeline = FramePipeline(opened, name, method=built, protocol=rules)
     made = made_by(built.name, rules.name)
     films = video is not None or rrd is not None

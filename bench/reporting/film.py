@@ -61,7 +61,7 @@ def write_film(
     rate_hz = 1e9 / recording.frame_interval_ns / indices.step
     with ExitStack() as stack:
         film = None if video is None else stack.enter_context(video_file(video, frame_rate_hz=rate_hz))
-        log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, camera=camera.name))
+        log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, cameras=[camera.name]))
         for number, index in enumerate(indices, start=1):
             image = pipeline.images[index]
             seen = sweeps.see(image) if lidar or log is not None else None

@@ -91,9 +91,29 @@ def test_without_the_viewer_the_message_says_what_to_install(monkeypatch, capsys
     assert not list(tmp_path.iterdir())
 
 
+def test_the_calibration_of_each_camera_without_annotations(monkeypatch, tmp_path):
+    """Where the lidar's wall meets the image's moves with a camera that is turned in the head alone."""
+    root = drive.write_drive(tmp_path / "data" / "drive")
+    (root / "annotations.json").unlink()
+    (tmp_path / "card.yaml").write_text("name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\n")
+    pictures = []
+    for name, turn_deg in (("as-it-is", 0.0), ("turned", 10.0)):
+        planting.change_head(root, lambda head, turn_deg=turn_deg: turn_camera(head, turn_deg))
+        assert call(monkeypatch, "view", tmp_path / "card.yaml", "--calibration", "--out", tmp_path / name) == 0
+        (file,) = (tmp_path / name).rglob("*.png")
+        assert file.parent.parent.name == "drive-front"
+        assert file.name == "calibration.png"
+        pictures.append(cv2.imread(str(file)).astype(int))
+    differs = np.abs(pictures[0] - pictures[1]).max(axis=2) > 40
+    height, width = differs.shape
+    assert differs[: height // 2].mean() > 0.01  # lidar
+    assert differs[height // 2 :, width // 2 :].mean() > 0.002  # horizon and road
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (("--calibration", "--video", "OUT.mp4"), "--video: expected none with --calibration"),
         (("--video", "OUT.gif"), "expected a file *.mp4, *.webm, *.avi"),
         (("--rrd", "OUT.txt"), "expected a file *.rrd"),
         (("--frame", "5", "--frames", "5:6"), "expected one of --frame, --frames and --time-ns"),
