@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from bench.evaluation import find_metric, read_sums
-from bench.evaluation.comparison import SLICE
+from bench.evaluation.comparison import SLICE, Pairs
 from bench.evaluation.definitions import COUNTS
 from bench.gate import Outcome, Tolerances, load_tolerances
-from bench.gate.judge import AFTER, BEFORE, Pairs, judge_rows
+from bench.gate.judge import AFTER, BEFORE, judge_rows
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs" / "gate.md"
@@ -109,10 +109,10 @@ def simulate(*, baseline: str = "demo", draws: int = DRAWS) -> Iterator[str]:
         yield f"| {recordings} | {alarms} | {' | '.join(f'{100 * share:.0f} %' for share in lost)} |"
 
 
-def with_table(text: str, lines: list[str]) -> str:
+def with_table(text: str, lines: list[str], markers: tuple[str, str] = MARKERS) -> str:
     """The text with its table between the markers replaced."""
-    start, end = map(re.escape, MARKERS)
-    return re.sub(f"{start}.*?{end}", "\n".join([MARKERS[0], "", *lines, "", MARKERS[1]]), text, flags=re.DOTALL)
+    start, end = map(re.escape, markers)
+    return re.sub(f"{start}.*?{end}", "\n".join([markers[0], "", *lines, "", markers[1]]), text, flags=re.DOTALL)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Mistakes that people make with a drive of their own, planted into rendered drives: what `validate` says of each.
 
-python -m benchmarks.planted_mistakes writes the table into docs/your-data.md. Each mistake goes into a copy of each
-drive of planted.scenario.yaml that it can be told in, and the copy is validated. A mistake is found with the right lead
-where a finding that the clean drive does not have names the cause (`Mistake.lead`), weakly where findings name
-something else, and it is silent where there is none.
+python -m benchmarks.planted_mistakes writes the table into docs/your-data.md; with --clean CARD it counts what is found
+in drives without mistakes. Each mistake goes into a copy of each drive of planted.scenario.yaml that it can be told in,
+and the copy is validated. A mistake is found with the right lead where a finding that the clean drive does not have
+names the cause (`Mistake.lead`), weakly where findings name something else, and it is silent where there is none.
 """
 
 from __future__ import annotations
@@ -13,123 +13,24 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
+from bench.recordings import load_card, open_dataset
 from bench.recordings.native import native_recordings
 from bench.synthesis import synthesize
 from bench.validation import Finding, validate_recording
-from tests.support import planting
+from benchmarks.false_alarms import with_table
+from benchmarks.mistakes import MISTAKES, Mistake
 
 HERE = Path(__file__).parent
 SCENARIO = HERE / "planted.scenario.yaml"
 DOCS = HERE.parent / "docs" / "your-data.md"
 MARKERS = "<!-- written by python -m benchmarks.planted_mistakes -->", "<!-- end -->"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mistake:
-    """A mistake.
-
-    Attributes:
-        name: as the table says it.
-        part: the part of the data it is in: lidar, camera, clocks, ego-motion, boxes or units.
-        plant: makes it in a recording's folder.
-        lead: regular expression for the right finding's text, check to hint, without case.
-        drives: the names of the drives in which the data can tell; all drives if empty.
-    """
-
-    name: str
-    part: str
-    plant: Callable[[Path], object]
-    lead: str
-    drives: tuple[str, ...] = ()
-
-
-TURNING = ("turning-by-day", "turning-by-night", "car-park")
-BY_DAY = ("turning-by-day", "straight-by-day", "car-park")
-
-
-def _axes(matrix: Sequence[Sequence[float]], root: Path) -> None:
-    """Multiply every point by a matrix."""
-    turned = np.asarray(matrix, dtype=np.float32)
-    planting.change_sweeps(root, lambda sweep: replace(sweep, points_lidar=sweep.points_lidar @ turned.T))
-
-
-def _turned_mounting(axis: str, degrees: float, root: Path, camera: str = "front") -> None:
-    """Turn a camera about an axis of the vehicle."""
-
-    def turn(head: planting.Json) -> None:
-        mounting = head["cameras"][camera]["vehicle_from_camera"]
-        w, x, y, z = mounting["quaternion_wxyz"]
-        turned = Rotation.from_euler(axis, degrees, degrees=True) * Rotation.from_quat([x, y, z, w])
-        x, y, z, w = turned.as_quat()
-        mounting["quaternion_wxyz"] = [w, x, y, z]
-
-    planting.change_head(root, turn)
-
-
-def _shift_sweeps(milliseconds: float, root: Path) -> None:
-    planting.shift_times(root / "lidar", round(milliseconds * 1e6))
-
-
-def _shift_images(milliseconds: float, root: Path) -> None:
-    for folder in (root / "images").iterdir():
-        planting.shift_times(folder, round(milliseconds * 1e6))
-
-
-def _shift_bus(milliseconds: float, root: Path) -> None:
-    offset_ns = round(milliseconds * 1e6)
-    planting.change_bus(root, lambda row: row.update(timestamp_ns=str(int(row["timestamp_ns"]) + offset_ns)))
-
-
-def _scaled_bus(column: str, factor: float, root: Path) -> None:
-    planting.change_bus(root, lambda row: row.update({column: str(float(row[column]) * factor)}))
-
-
-MISTAKES: tuple[Mistake, ...] = (
-    Mistake(
-        name="lidar mirrored in x",
-        part="lidar",
-        plant=partial(_axes, [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]),
-        lead="lidar.*(mirror|x reversed)",
-    ),
-    Mistake(
-        name="front camera turned by 2 degrees to the left",
-        part="camera",
-        plant=partial(_turned_mounting, "z", 2.0),
-        lead="camera.*(turn|yaw|mount)",
-        drives=BY_DAY,
-    ),
-    Mistake(
-        name="sweeps 50 ms late",
-        part="clocks",
-        plant=partial(_shift_sweeps, 50.0),
-        lead="clock.*sweep|sweep.*late",
-        drives=TURNING,
-    ),
-    Mistake(
-        name="images 100 ms late",
-        part="clocks",
-        plant=partial(_shift_images, 100.0),
-        lead="clock.*image|image.*late",
-        drives=TURNING,
-    ),
-    Mistake(
-        name="odometry 100 ms late",
-        part="clocks",
-        plant=partial(_shift_bus, 100.0),
-        lead="clock.*ego|ego.*late",
-        drives=TURNING,
-    ),
-    Mistake(name="speed in km/h", part="units", plant=partial(_scaled_bus, "speed_mps", 3.6), lead="speed.*km/h"),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,7 +58,8 @@ def findings_of(root: Path) -> tuple[Finding, ...]:
     return validate_recording(handle).findings
 
 
-def _text(finding: Finding) -> str:
+def text_of(finding: Finding) -> str:
+    """Text of a finding, check to hint."""
     return " | ".join(
         str(part) for part in (finding.check, finding.field, finding.expected, finding.got, finding.hint) if part
     )
@@ -168,11 +70,36 @@ def judged(mistake: Mistake, drive: Path) -> Outcome:
     with tempfile.TemporaryDirectory() as folder:
         root = shutil.copytree(drive, Path(folder) / drive.name)
         mistake.plant(root)
-        found = {_text(finding) for finding in findings_of(root)}
-    new = sorted(found - {_text(finding) for finding in findings_of(drive)})
+        found = {text_of(finding) for finding in findings_of(root)}
+    new = sorted(found - {text_of(finding) for finding in findings_of(drive)})
     right = any(re.search(mistake.lead, text, re.IGNORECASE) for text in new)
     verdict = "right lead" if right else "weak" if new else "silent"
     return Outcome(mistake=mistake.name, part=mistake.part, drive=drive.name, verdict=verdict, findings=tuple(new))
+
+
+def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """Lines of the table: in how many drives each mistake is found."""
+    yield "| mistake | part | right lead | weak | silent |"
+    yield "|---|---|---|---|---|"
+    for (part, mistake), of_one in groupby(outcomes, key=lambda outcome: (outcome.part, outcome.mistake)):
+        verdicts = Counter(outcome.verdict for outcome in of_one)
+        numbers = " | ".join(str(verdicts[verdict]) for verdict in ("right lead", "weak", "silent"))
+        yield f"| {mistake} | {part} | {numbers} |"
+
+
+def false_alarms(card: str) -> Iterator[str]:
+    """Lines about the recordings of a clean data set that have findings, and the number of findings by check."""
+    handles = open_dataset(load_card(card))
+    checks: Counter[str] = Counter()
+    alarmed = 0
+    for handle in handles:
+        found = validate_recording(handle).findings
+        checks.update(finding.check for finding in found)
+        alarmed += bool(found)
+        for finding in found:
+            yield f"{handle.name}: {text_of(finding)}"
+    counts = ", ".join(f"{check} {times}" for check, times in checks.most_common())
+    yield f"{alarmed} of {len(handles)} recordings with findings: {counts or 'none'}"
 
 
 def main() -> None:
@@ -180,18 +107,32 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=HERE.parent / "datasets" / "data" / "planted")
     parser.add_argument("--only", default="", help="regular expression of mistakes' names or parts; writes no docs")
+    parser.add_argument("--drives", default="", help="regular expression of drives' names")
+    parser.add_argument("--clean", metavar="CARD", help="validate a data set without mistakes instead")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
+    if asked.clean:
+        for line in false_alarms(asked.clean):
+            sys.stdout.write(f"{line}\n")
+        return
     synthesize(SCENARIO, asked.data, workers=asked.workers)
     drives = {folder.name: folder for folder in sorted(asked.data.iterdir()) if (folder / "recording.json").is_file()}
     chosen = [one for one in MISTAKES if re.search(asked.only, f"{one.part} {one.name}")]
-    tasks = [(mistake, drives[name]) for mistake in chosen for name in mistake.drives or sorted(drives)]
+    tasks = [
+        (mistake, drives[name])
+        for mistake in chosen
+        for name in mistake.drives or sorted(drives)
+        if re.search(asked.drives, name)
+    ]
     with ProcessPoolExecutor(asked.workers) as pool:
-        outcomes = list(pool.map(judged, *zip(*tasks, strict=True)))
-    for outcome in outcomes:
-        sys.stdout.write(f"{outcome.mistake} in {outcome.drive}: {outcome.verdict}\n")
-        for text in outcome.findings:
-            sys.stdout.write(f"    {text}\n")
+        outcomes = []
+        for outcome in pool.map(judged, *zip(*tasks, strict=True)):
+            outcomes.append(outcome)
+            lines = [f"{outcome.mistake} in {outcome.drive}: {outcome.verdict}", *outcome.findings]
+            sys.stdout.write("\n    ".join(lines) + "\n")
+            sys.stdout.flush()
+    if not asked.only:
+        DOCS.write_text(with_table(DOCS.read_text("utf-8"), list(table(outcomes)), MARKERS), "utf-8")
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from bench.reference.exposure import Exposure
 from bench.reference.motion import AnnotationIndex
 from bench.reference.scanned import ScannedObject
 from bench.reporting import canvas
+from bench.reporting.overlay import overlay_areas
 
 DOCS = Path(__file__).parent
 CARD, DRIVE, TRACK, TIME_NS = DOCS.parent / "datasets" / "demo.yaml", "crossing-adult-and-child", "adult", 2400000007
@@ -44,16 +45,15 @@ def draw() -> Figure:
 
     figure = canvas.new_figure(2 * PANEL_IN, TALL_IN + TITLE_IN + BELOW_IN)
     height_in = TALL_IN + TITLE_IN + BELOW_IN
-    pixels = canvas.faded(canvas.rgb_image(read_image(image, camera)), 0.5)
+    pixels = canvas.faded(read_image(image, camera), 0.5)
     left, right = (canvas.axes_at(figure, k * PANEL_IN + 0.05, BELOW_IN, PANEL_IN - 0.1, TALL_IN) for k in (0, 1))
     canvas.show_image(left, pixels)
     draw_patches(left, scanned)
-    tinted = pixels.astype(np.float32)
+    areas = {}
     for mask, colour in ((region.core, canvas.GREEN), (region.possible & ~region.core, canvas.SKY_BLUE)):
-        whole = np.zeros(exact.shape, dtype=bool)
-        whole[region.window] = mask
-        canvas.tint(tinted, whole, colour, 0.5)
-    canvas.show_image(right, tinted.astype(np.uint8))
+        areas[colour] = np.zeros(exact.shape, dtype=bool)
+        areas[colour][region.window] = mask
+    canvas.show_image(right, overlay_areas(pixels, areas))
     right.contour(exact, levels=[0.5], colors=canvas.BLACK, linewidths=1.2)
     middle_u, middle_v = (float((axis.start + axis.stop) / 2) for axis in region.window[::-1])
     half_px = (region.window[0].stop - region.window[0].start) / 2 + MARGIN_PX

@@ -81,7 +81,7 @@ class Score:
         return {
             **{metric.name: _ratio(objects, metric) for metric in of_objects},
             **{f"fp_{metric.field}": _ratio(frames, metric) for metric in FALSE_POSITIVES},
-            **{f"pixel_{metric.field or metric.name}": _ratio(frames, metric) for metric in SEGMENTATION},
+            **{f"pixel_{metric.field}": _ratio(frames, metric) for metric in SEGMENTATION},
         }
 
     @property
@@ -144,7 +144,8 @@ def score(
 
     Raises:
         ShapeError: arrays of another size or type than these, masked ones, or polygons that are empty or infinite.
-        UsageError: `ignored` or `valid` beside a `Frame`'s reference, which holds its own.
+        UsageError: `ignored` or `valid` beside a `Frame`'s reference, which holds its own, or one of an image that is
+            not annotated.
 
     Example:
         An object of 4 x 4 pixels, of which the mask finds the upper half, and 2 pixels beside it:
@@ -161,6 +162,9 @@ def score(
         if ignored is not None or valid is not None:
             raise UsageError("ignored, valid: expected none beside the reference of a frame, which holds its own")
         frame = reference
+        if not frame.annotated:
+            where = f"{frame.recording}, {frame.camera}, {frame.timestamp_ns}"
+            raise UsageError(f"reference: expected one of an annotated image, got {where}, which is not annotated")
     else:
         frame = _reference_frame(reference, moving.shape, ignored=ignored, valid=valid)
     scorer = SequenceScorer(_protocol())

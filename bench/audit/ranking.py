@@ -20,8 +20,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import combinations
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 from scipy.stats import kendalltau
@@ -31,23 +33,24 @@ from bench.audit.ranking_sums import (
     BINS,
     CATEGORIES,
     FALSE_POSITIVES,
+    FIT_SLICES,
     FITS,
     FRAME_METRICS,
-    METRICS,
     OBJECT_METRICS,
     REFERENCES,
     ROWS,
-    SUMS,
+    SCORED,
     SURFACE,
     rank_recording,
 )
 from bench.audit.recording import added_seconds
 from bench.audit.sources import audit_each, audit_sources
 from bench.errors import UsageError
-from bench.evaluation import load_protocol
+from bench.evaluation import Definition, load_protocol
+from bench.evaluation.definitions import UNKNOWN
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import Ratio
-from bench.evaluation.sums import bin_names
+from bench.evaluation.sums import TERMS, bin_names
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness import provenance as origin
 from bench.harness.manifest import CodeOfRun
@@ -258,17 +261,24 @@ class RankingSummary(_Part):
 Values = NDArray[np.float64]
 
 
-def metric_values(sums: Values, metric: str) -> Values:
-    """A metric from sums.
+def read_terms(scores: pd.DataFrame, metric: Definition, predictions: Sequence[Prediction]) -> Values:
+    """Numerator and denominator of a metric in one row, (S, references, predictions, 2) float64, by recording.
 
     Args:
-        sums: (..., accumulators) float64.
-        metric: of `METRICS`.
-
-    Returns:
-        (...,) float64; NaN for 0/0.
+        scores: sums of the row, as in `RankingSums`.
+        metric: which.
+        predictions: in the order of the result.
     """
-    above, below = (sums[..., SUMS.index(name)] for name in METRICS[metric])
+    own = scores[scores["metric"] == metric.name]
+    recordings, names = own["recording"].unique(), [prediction.name for prediction in predictions]
+    every = pd.MultiIndex.from_product([REFERENCES, names, recordings], names=SCORED)
+    terms = own.set_index(SCORED)[TERMS].reindex(every).to_numpy(np.float64)
+    return np.moveaxis(terms.reshape(len(REFERENCES), len(names), len(recordings), 2), 2, 0)
+
+
+def metric_values(terms: Values) -> Values:
+    """A metric from sums of its terms, (..., 2) float64: (...,) float64, NaN for 0/0."""
+    above, below = terms[..., 0], terms[..., 1]
     values = np.full(above.shape, np.nan)
     np.divide(above, below, out=values, where=below > 0)
     return np.round(values, ROUNDING)
@@ -331,44 +341,38 @@ def draw_recordings(sums: Values) -> Values | None:
     return np.tensordot(times.astype(np.float64), sums, axes=1)
 
 
-def agreement(
-    sums: Values,
-    draws: Values | None,
-    *,
-    reference: int,
-    metrics: Sequence[str],
-    predictions: Sequence[Prediction],
-) -> Agreement:
+def agreement(terms: Mapping[str, Values], *, reference: int, predictions: Sequence[Prediction]) -> Agreement:
     """Agreement of a reference with the last one.
 
     Args:
-        sums: (references, predictions, accumulators) float64.
-        draws: (draws, references, predictions, accumulators) float64; None for no intervals.
+        terms: by metric, of `read_terms`; the predictions are ranked by the first.
         reference: index of the one to be compared.
-        metrics: of the row; the predictions are ranked by the first.
-        predictions: in the order of the sums.
+        predictions: in the order of the terms.
     """
+    draws = {metric: draw_recordings(of_recording) for metric, of_recording in terms.items()}
+    first = next(iter(terms))
 
     def estimate(
         statistic: Callable[[Values, Values], Values | float], metric: str, who: NDArray[np.bool_]
     ) -> Estimate:
         def compared(of: Values) -> Values:
-            values = metric_values(of, metric)[..., who]
+            values = metric_values(of)[..., who]
             return np.asarray(statistic(values[..., reference, :], values[..., -1, :]))
 
-        drawn = None if draws is None else compared(draws)
-        return Estimate(value=float(compared(sums)), ci95=_interval(drawn))
+        drawn = draws[metric]
+        interval = _interval(None if drawn is None else compared(drawn))
+        return Estimate(value=float(compared(terms[metric].sum(axis=0))), ci95=interval)
 
     def differences(who: NDArray[np.bool_]) -> dict[str, Estimate]:
-        return {metric: estimate(mean_difference, metric, who) for metric in metrics}
+        return {metric: estimate(mean_difference, metric, who) for metric in terms}
 
     real = np.array([prediction.real for prediction in predictions])
     every = np.ones_like(real)
-    scores = metric_values(sums, metrics[0])
+    scores = metric_values(terms[first].sum(axis=0))
     kinds = [prediction.error for prediction in predictions]
     exact = _number(predictions, ExactMasks())
     return Agreement(
-        tau=estimate(_rank_correlations, metrics[0], every),
+        tau=estimate(_rank_correlations, first, every),
         difference=differences(every),
         difference_real=differences(real),
         by_kind={
@@ -403,43 +407,42 @@ def _interval(drawn: Values | None) -> tuple[float, float] | None:
     return low, high
 
 
-def rank_row(name: str, sums: Values, unknown: Values, predictions: Sequence[Prediction]) -> RankedRow:
+def rank_row(name: str, scores: pd.DataFrame, predictions: Sequence[Prediction]) -> RankedRow:
     """Compare the references in one row.
 
     Args:
         name: of `ROWS`.
-        sums: (S, references, predictions, accumulators) float64, by recording.
-        unknown: (S,) float64, as in `RankingSums`, by recording.
-        predictions: in the order of the sums.
+        scores: sums of all rows, as in `RankingSums`.
+        predictions: in the order of the result.
     """
-    held = sums[:, 0, 0, SUMS.index("every")] > 0
-    sums, whole = sums[held], sums[held].sum(axis=0)
-    draws = draw_recordings(sums)
+    own = scores[scores["slice"] == name]
     metrics = FRAME_METRICS if name == FALSE_POSITIVES else OBJECT_METRICS
     names = [prediction.name for prediction in predictions]
-    cases = int(whole[0, 0, SUMS.index("every")])
-    values = {metric: metric_values(whole, metric) for metric in metrics}
+    terms = {metric: read_terms(own, definition, predictions) for metric, definition in metrics.items()}
+    values = {metric: metric_values(of_recording.sum(axis=0)) for metric, of_recording in terms.items()}
+    every = next(iter(terms.values()))  # of which each row is a case
+    unknown = read_terms(own, UNKNOWN, predictions)[:, REFERENCES.index(SURFACE), 0].sum(axis=0)
     return RankedRow(
         name=name,
-        recordings=len(sums),
-        cases=cases,
-        unknown_share=float(unknown.sum()) / cases if cases and name != FALSE_POSITIVES else float("nan"),
+        recordings=len(every),
+        cases=int(every[:, 0, 0, 1].sum()),
+        unknown_share=float(metric_values(unknown)),
         scores={
             metric: {
-                reference: dict(zip(names, scores.tolist(), strict=True))
-                for reference, scores in zip(REFERENCES, of_metric, strict=True)
+                reference: dict(zip(names, by_prediction.tolist(), strict=True))
+                for reference, by_prediction in zip(REFERENCES, of_metric, strict=True)
             }
             for metric, of_metric in values.items()
         },
         agreement={
-            reference: agreement(whole, draws, reference=number, metrics=metrics, predictions=predictions)
+            reference: agreement(terms, reference=number, predictions=predictions)
             for number, reference in enumerate(REFERENCES[:-1])
         },
         checks=() if name == FALSE_POSITIVES else tuple(_checks(values["iou"], predictions)),
     )
 
 
-def surface_fits(parts: Sequence[Mapping[tuple[str, str, str], Values]]) -> tuple[SurfaceFit, ...]:
+def surface_fits(fits: pd.DataFrame) -> tuple[SurfaceFit, ...]:
     """Sum the fits of recordings by slice; slices without object-frames are left out."""
     classes = load_protocol(SURFACE).reference.classes
     ranges, speeds = bin_names(BINS.range_m), bin_names(BINS.ego_speed_mps)
@@ -448,22 +451,16 @@ def surface_fits(parts: Sequence[Mapping[tuple[str, str, str], Values]]) -> tupl
     slices += [(ALL, ALL, speed) for speed in speeds]
     found = []
     for wanted in slices:
-        sums = np.zeros(len(FITS))
-        for part in parts:
-            for key, values in part.items():
-                if all(one in (ALL, own) for one, own in zip(wanted, key, strict=True)):
-                    sums += values
-        frames, core, outside, mask, left_out, unknown = sums.tolist()
-        if frames:
+        chosen = {column: name for column, name in zip(FIT_SLICES, wanted, strict=True) if name != ALL}
+        part = fits[(fits[[*chosen]] == pd.Series(chosen, dtype=object)).all(axis=1)][FITS].sum()
+        if part["object_frames"]:
             found.append(
                 SurfaceFit(
-                    object_class=wanted[0],
-                    range_m=wanted[1],
-                    ego_speed_mps=wanted[2],
-                    object_frames=int(frames),
-                    core_outside=outside / core,
-                    left_out=left_out / mask,
-                    unknown_share=unknown / frames,
+                    **dict(zip(FIT_SLICES, wanted, strict=True)),
+                    object_frames=int(part["object_frames"]),
+                    core_outside=part["core_outside_px"] / part["core_px"],
+                    left_out=part["left_out_px"] / part["mask_px"],
+                    unknown_share=part["unknown_share"] / part["object_frames"],
                 )
             )
     return tuple(found)
@@ -512,7 +509,7 @@ def run_ranking(
     names = [prediction.name for prediction in predictions]
     if len(names) < 2 or len(set(names)) < len(names):
         raise UsageError(f"--methods: expected at least two different methods to rank, got {', '.join(names)}")
-    start = origin.Start.now()
+    start_s = perf_counter()
     ranked, failures = audit_each(
         audit_sources(card, split=split, recordings=recordings),
         partial(rank_recording, predictions=tuple(predictions)),
@@ -520,7 +517,7 @@ def run_ranking(
         executor=executor,
         progress=progress,
     )
-    sums, unknown = np.stack([found.sums for found in ranked]), np.stack([found.unknown for found in ranked])
+    scores = pd.concat([found.scores for found in ranked], ignore_index=True)
     exact = _number(predictions, ExactMasks())
     images = sum(found.images for found in ranked)
     summary = RankingSummary(
@@ -534,13 +531,13 @@ def run_ranking(
         real=tuple(prediction.name for prediction in predictions if prediction.real),
         errors={prediction.name: prediction.error for prediction in predictions if prediction.error is not None},
         ceiling=None if exact is None else names[exact],
-        rows=tuple(rank_row(name, sums[:, k], unknown[:, k], predictions) for k, name in enumerate(ROWS)),
-        fits=surface_fits([found.fits for found in ranked]),
+        rows=tuple(rank_row(name, scores, predictions) for name in ROWS),
+        fits=surface_fits(pd.concat([found.fits for found in ranked], ignore_index=True)),
         failures=(*failures, *(problem for found in ranked for problem in found.problems)),
         data=origin.combined_digest([found.digest for found in ranked]),
         code=CodeOfRun.here(),
         provenance=origin.provenance_since(
-            start,
+            start_s,
             stage_seconds=added_seconds(found.seconds for found in ranked),
             images=images,
         ),

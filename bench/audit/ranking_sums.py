@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from bench.audit.predictions import CameraPredictions, Prediction
 from bench.audit.sources import AuditSource, instance_ids, refuse_without_masks, same_objects
 from bench.errors import BenchError
-from bench.evaluation import count_frame, load_protocol
-from bench.evaluation.sums import name_bins
+from bench.evaluation import count_frame, find_metric, load_protocol
+from bench.evaluation.counts import Mask
+from bench.evaluation.definitions import UNKNOWN
+from bench.evaluation.rows import Row
+from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, name_bins, sum_metrics
 from bench.harness.frames import UnscorableFrame
 from bench.harness.provenance import recording_digest
 from bench.harness.stages import StageClock
 from bench.recordings import Recording, read_truth
-from bench.reference import Category, ReferenceBuilder, ReferenceFrame, ReferenceSettings, Status
+from bench.reference import Category, ReferenceBuilder, ReferenceFrame, ReferenceObject, ReferenceSettings, Status
 
-FALSE_POSITIVES, ALL_MOVING = "false_positives", "all_moving"
+FALSE_POSITIVES = "false_positives"
 CATEGORIES = tuple(category.value for category in Category if category is not Category.MOVING)
 ROWS = (*CATEGORIES, ALL_MOVING, FALSE_POSITIVES)
 
@@ -28,23 +30,15 @@ PAPER, SURFACE, EXACT = "paper-v1", "surface-v1", "exact"
 BINS = load_protocol(SURFACE).bins
 REFERENCES = (PAPER, "concave", "surface-patches", SURFACE, EXACT)  # the exact masks last
 
-# Accumulators, and metrics as ratios of two of them: those of `bench.evaluation.definitions`.
-SUMS = ("every", "iou", "detected", "coverage_detected", "detected_50", "share")
-METRICS = {
-    "iou": ("iou", "every"),
-    "tpr": ("coverage_detected", "detected"),
-    "detection_rate_50": ("detected_50", "every"),
-    "false_positive_share": ("share", "every"),
-}
-# How far the regions of `surface-v1` are right, of the object-frames of a class, bin of ranges and bin of ego speeds.
-FITS = ("object_frames", "core_px", "core_outside_px", "mask_px", "left_out_px", "unknown_share")
-OBJECT_METRICS = ("iou", "tpr", "detection_rate_50")
-FRAME_METRICS = ("false_positive_share",)
-
-
-def _bin(value: float, edges: Sequence[float]) -> str:
-    """The name of a value's bin; "nan" where it is unknown."""
-    return str(name_bins(pd.Series([value]), edges)[0])
+# What is compared in the rows of object-frames, and in that of false positives; the first ranks the predictions.
+OBJECT_METRICS = {name: find_metric(name) for name in ("iou", "tpr", "detection_rate_50")}
+FRAME_METRICS = {"false_positive_share": find_metric("false_positive_coverage")}
+SCORED = ["reference", "prediction", "recording"]
+OBJECT_COLUMNS = [*SCORED, "category", "tp", "fn", "fp", "unknown_px"]
+FRAME_COLUMNS = [*SCORED, "width", "height", "fp_px"]
+# How far the regions of `surface-v1` are right, summed over object-frames by class, range and ego speed.
+FIT_SLICES = ["object_class", "range_m", "ego_speed_mps"]
+FITS = ["object_frames", "core_px", "core_outside_px", "mask_px", "left_out_px", "unknown_share"]
 
 
 def lidar_references() -> dict[str, ReferenceSettings]:
@@ -58,91 +52,101 @@ def lidar_references() -> dict[str, ReferenceSettings]:
     return dict(zip(REFERENCES[:-1], settings, strict=True))
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RankingSums:
-    """Sums of a recording; its size does not depend on the recording's.
+    """Sums of a recording; their size does not depend on the recording's.
 
     Attributes:
-        sums: (rows, references, predictions, accumulators) float64, of `ROWS`, `REFERENCES` and `SUMS`. Accumulators
-            of object-frames are 0 in the row of false positives, `share` in all others.
-        unknown: (rows,) float64, share of the possible pixels that `surface-v1` leaves unknown, summed over
-            object-frames.
-        fits: by class, range and ego speed, (len(FITS),) float64 each.
+        scores: sums as `bench.evaluation.sums.sum_metrics` gives them, by reference, prediction and recording: kinds of
+            motion, all moving objects, and images.
+        fits: `FITS` by `FIT_SLICES`.
         images: that were scored.
         digest: of the recording.
         problems: one line per image that could not be used.
         seconds: time of each stage.
     """
 
-    sums: NDArray[np.float64]
-    unknown: NDArray[np.float64]
-    fits: dict[tuple[str, str, str], NDArray[np.float64]] = field(default_factory=dict)
-    images: int = 0
-    digest: str = ""
-    problems: list[str] = field(default_factory=list)
-    seconds: dict[str, float] = field(default_factory=dict)
+    scores: pd.DataFrame
+    fits: pd.DataFrame
+    images: int
+    digest: str
+    problems: tuple[str, ...]
+    seconds: dict[str, float]
 
-    @classmethod
-    def empty(cls, predictions: int) -> RankingSums:
-        """Of nothing."""
-        return cls(sums=np.zeros((len(ROWS), len(REFERENCES), predictions, len(SUMS))), unknown=np.zeros(len(ROWS)))
 
-    def add(
-        self, references: Sequence[ReferenceFrame], masks: Sequence[NDArray[np.bool_]], *, component_size_px: int
-    ) -> None:
+class RankingRows:
+    """Counts of the images of a recording, a row for each reference, prediction and object or image.
+
+    Args:
+        predictions: names.
+        component_size_px: as in the protocol; of no effect on these sums.
+    """
+
+    def __init__(self, predictions: Sequence[str], *, component_size_px: int) -> None:
+        self._predictions, self._component_size_px = predictions, component_size_px
+        self._objects: list[Row] = []
+        self._frames: list[Row] = []
+        self._fits: list[Row] = []
+        self.images = 0
+
+    def add(self, references: Sequence[ReferenceFrame], masks: Sequence[Mask]) -> None:
         """Score the masks of an image.
 
         Args:
             references: of the same objects, in the order of `REFERENCES`.
             masks: (H, W) bool, one per prediction.
-            component_size_px: as in the protocol; of no effect on these sums.
         """
-        for number, reference in enumerate(references):
-            for which, mask in enumerate(masks):
-                self._add_mask(self.sums[:, number, which], reference, mask, component_size_px)
-        surface, exact = references[REFERENCES.index(SURFACE)], references[REFERENCES.index(EXACT)]
-        speed = _bin(surface.ego_speed_mps, BINS.ego_speed_mps)
-        for number, item in enumerate(surface.objects, start=1):
-            if item.status is Status.EVALUATED:
-                unknown = item.unknown_px / (item.region_px + item.unknown_px)
-                self.unknown[_rows_of(item.category)] += unknown
-                away = _bin(item.range_m, BINS.range_m)
-                fit = self.fits.setdefault((item.object_class, away, speed), np.zeros(len(FITS)))
-                fit += _fit(surface.labels == number, exact.labels == number, surface.ignored, unknown)
+        for name, reference in zip(REFERENCES, references, strict=True):
+            for prediction, mask in zip(self._predictions, masks, strict=True):
+                key = {"reference": name, "prediction": prediction, "recording": reference.recording}
+                frame, objects = count_frame(reference, mask, component_size_px=self._component_size_px)
+                self._frames.append(key | asdict(frame))
+                self._objects += [
+                    key | {"category": item.category, "unknown_px": item.unknown_px} | asdict(counts)
+                    for item, counts in zip(reference.objects, objects, strict=True)
+                    if item.status is Status.EVALUATED
+                ]
+        surface, exact = references[-2:]
+        self._fits += [
+            _fit(item, surface.labels == number, exact.labels == number, surface)
+            for number, item in enumerate(surface.objects, start=1)
+            if item.status is Status.EVALUATED
+        ]
         self.images += 1
 
-    def _add_mask(
-        self, sums: NDArray[np.float64], reference: ReferenceFrame, mask: NDArray[np.bool_], component_size_px: int
-    ) -> None:
-        frame, objects = count_frame(reference, mask, component_size_px=component_size_px)
-        sums[ROWS.index(FALSE_POSITIVES)] += _of_frame(frame.fp_px / (frame.width * frame.height))
-        for item, counts in zip(reference.objects, objects, strict=True):
-            if item.status is Status.EVALUATED:
-                sums[_rows_of(item.category)] += _of_object(counts.tp, counts.fp, counts.fn)
+    def scores(self) -> pd.DataFrame:
+        """Return `RankingSums.scores`."""
+        objects = pd.DataFrame(self._objects, columns=OBJECT_COLUMNS)
+        frames = pd.DataFrame(self._frames, columns=FRAME_COLUMNS)
+        whole = {ALL_MOVING: pd.Series(ALL_MOVING, objects.index)}
+        of_objects, of_frames = [*OBJECT_METRICS.values(), UNKNOWN], [*FRAME_METRICS.values()]
+        parts = [
+            sum_metrics(objects, of_objects, {CATEGORY: objects["category"]} | whole, by=SCORED),
+            sum_metrics(frames, of_frames, {FRAMES: pd.Series(FALSE_POSITIVES, frames.index)}, by=SCORED),
+        ]
+        return pd.concat(parts, ignore_index=True)
+
+    def fits(self) -> pd.DataFrame:
+        """Return `RankingSums.fits`."""
+        rows = pd.DataFrame(self._fits, columns=[*FIT_SLICES, *FITS]).astype(dict.fromkeys(FITS, np.float64))
+        for name in ("range_m", "ego_speed_mps"):
+            rows[name] = name_bins(rows[name].astype(np.float64), getattr(BINS, name)).astype(object)
+        return rows.groupby(FIT_SLICES, dropna=False).sum().reset_index()
 
 
-def _rows_of(category: Category | None) -> list[int]:
-    assert category is not None, "what is evaluated has a category"
-    return [ROWS.index(category.value), ROWS.index(ALL_MOVING)]
-
-
-def _fit(
-    core: NDArray[np.bool_], mask: NDArray[np.bool_], ignored: NDArray[np.bool_], unknown_share: float
-) -> NDArray[np.float64]:
-    """`FITS` of one object-frame; `ignored` holds its band and those of others."""
-    areas = (core, core & ~mask, mask, mask & ~core & ~ignored)
-    return np.array([1, *(np.count_nonzero(area) for area in areas), unknown_share], dtype=np.float64)
-
-
-def _of_object(tp: int, fp: int, fn: int) -> NDArray[np.float64]:
-    """Accumulators of one object-frame, in the order of `SUMS`."""
-    covered, overlap = tp / (tp + fn), tp / (tp + fp + fn)  # what is evaluated has pixels
-    return np.array([1.0, overlap, tp > 0, covered if tp else 0.0, covered >= 0.5, 0.0])
-
-
-def _of_frame(false_positive_share: float) -> NDArray[np.float64]:
-    """Accumulators of one image-frame, in the order of `SUMS`."""
-    return np.array([1.0, 0.0, 0.0, 0.0, 0.0, false_positive_share])
+def _fit(item: ReferenceObject, core: Mask, mask: Mask, surface: ReferenceFrame) -> Row:
+    """Columns `FIT_SLICES` and `FITS` of one object-frame; I of `surface` holds its band and those of others."""
+    return {
+        "object_class": item.object_class,
+        "range_m": item.range_m,
+        "ego_speed_mps": surface.ego_speed_mps,
+        "object_frames": 1,
+        "core_px": np.count_nonzero(core),
+        "core_outside_px": np.count_nonzero(core & ~mask),
+        "mask_px": np.count_nonzero(mask),
+        "left_out_px": np.count_nonzero(mask & ~core & ~surface.ignored),
+        "unknown_share": item.unknown_px / (item.region_px + item.unknown_px),
+    }
 
 
 def rank_recording(source: AuditSource, *, predictions: Sequence[Prediction]) -> RankingSums:
@@ -154,24 +158,34 @@ def rank_recording(source: AuditSource, *, predictions: Sequence[Prediction]) ->
     Raises:
         DataError: the recording cannot be opened, or has no rendered masks.
     """
-    clock, found = StageClock(), RankingSums.empty(len(predictions))
+    clock = StageClock()
     with clock.stage("open"):
         recording = source.recorded.open()
         refuse_without_masks(recording)
-        found.digest = recording_digest(recording)
-    for camera in sorted(recording.cameras):
-        _rank_camera(recording, camera, found, predictions=predictions, clock=clock)
-    found.seconds = dict(clock.seconds)
-    return found
+        digest = recording_digest(recording)
+    protocol, problems = load_protocol(PAPER), list[str]()
+    names = [prediction.name for prediction in predictions]
+    rows = RankingRows(names, component_size_px=protocol.scoring.false_positive_component_px)
+    for name in sorted(recording.cameras):
+        camera = CameraPredictions(recording, name, predictions=predictions, protocol=protocol, clock=clock)
+        problems += _rank_camera(recording, camera, rows, clock=clock)
+    return RankingSums(
+        scores=rows.scores(),
+        fits=rows.fits(),
+        images=rows.images,
+        digest=digest,
+        problems=tuple(problems),
+        seconds=dict(clock.seconds),
+    )
 
 
 def _rank_camera(
-    recording: Recording, camera: str, found: RankingSums, *, predictions: Sequence[Prediction], clock: StageClock
-) -> None:
-    protocol = load_protocol(PAPER)
-    size_px = protocol.scoring.false_positive_component_px
-    predicted = CameraPredictions(recording, camera, predictions=predictions, protocol=protocol, clock=clock)
-    others = [ReferenceBuilder(recording, camera, settings) for settings in list(lidar_references().values())[1:]]
+    recording: Recording, predicted: CameraPredictions, rows: RankingRows, *, clock: StageClock
+) -> Iterator[str]:
+    """Score the images of a camera; yields a line for each that cannot be used."""
+    others = [
+        ReferenceBuilder(recording, predicted.camera.name, settings) for settings in [*lidar_references().values()][1:]
+    ]
     instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
     for index in range(predicted.history, len(predicted.images)):
         image = predicted.images[index]
@@ -184,7 +198,7 @@ def _rank_camera(
         except UnscorableFrame:
             continue
         except BenchError as error:
-            found.problems.append(str(error))
+            yield str(error)
             continue
         with clock.stage("counts"):
-            found.add(references, masks, component_size_px=size_px)
+            rows.add(references, masks)

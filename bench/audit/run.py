@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from time import perf_counter
 
 from bench.audit.causes import EXPLAINED
 from bench.audit.recording import Scoring, audit_recording, joined
@@ -52,7 +53,7 @@ def run_audit(
     Raises:
         DataError: nothing of the data set could be audited, above all where it has no rendered masks.
     """
-    start = origin.Start.now()
+    start_s = perf_counter()
     sources = audit_sources(card, split=split, recordings=recordings)
     audits, failures = audit_each(
         sources,
@@ -85,7 +86,7 @@ def run_audit(
         data=origin.combined_digest(audit.digests),
         code=CodeOfRun.here(),
         provenance=origin.provenance_since(
-            start,
+            start_s,
             stage_seconds=audit.seconds,
             images=len(audit.scores[Scoring.LIDAR.value][1]),
         ),

@@ -12,6 +12,7 @@ from bench.cameras.brown import BrownConradyCamera
 from bench.cameras.model import CameraModel, RayGrid, ray_grid
 from bench.cameras.pinhole import PinholeCamera
 from bench.cameras.registry import CAMERA_MODELS, camera_from_parameters, camera_parameters
+from bench.cameras.rolling_shutter import RollingShutter
 from bench.cameras.unified import UnifiedCamera
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "PinholeCamera",
     "RadialPolynomialCamera",
     "RayGrid",
+    "RollingShutter",
     "UnifiedCamera",
     "camera_from_parameters",
     "camera_parameters",

@@ -31,7 +31,7 @@ def compare(
         comparisons, files = write_comparison(places, folder, pictures=pictures, progress=report)
     for comparison in comparisons:
         show(terminal_report(comparison))
-        counts = comparison.detections[-1]
+        counts = comparison.detections.iloc[-1]
         say(f"{counts.object_frames} object-frames, detected: {counts.before} before, {counts.after} after; "
              f"{counts.gained} newly detected, {counts.lost} newly missed")  # fmt: skip
         for told in comparison.notes:

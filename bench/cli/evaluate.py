@@ -15,7 +15,8 @@ from bench.cli.progress import progress_bar, resumable
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
-    from bench.harness import PredictionReport
+    from bench.harness import RunSummary
+    from bench.methods.predictions import PredictionIndex
 
 
 def evaluate(
@@ -54,8 +55,8 @@ def evaluate(
     from bench.api.runs import run_request
     from bench.cli.request import Computing, render_if_synthetic
     from bench.cli.runs import RunReport
-    from bench.harness import check_predictions, evaluate_predictions
-    from bench.harness.predicted import write_report
+    from bench.harness import run_benchmark
+    from bench.harness.predicted import check_predictions, refusal, refused, write_report
     from bench.harness.stored import PREDICTIONS
     from bench.methods import known_methods
     from bench.methods.predictions import PredictedMotion
@@ -85,29 +86,32 @@ def evaluate(
     if card.remote_root is None and not card.root.is_dir():
         render_if_synthetic(card)  # what is there stays as it was when the predictions were made
     with progress_bar(f"reading {predictions}", "recordings") as report:
-        checked = check_predictions(card, method=method, progress=report)
-    _print_check(checked)
-    if checked.refusal is not None:
-        listed = (
-            Path(mkdtemp(prefix="fisheye-bench-")) / PREDICTIONS
-        )  # a new folder, so that no file of the user's is replaced
-        write_report(listed, checked)
-        raise checked.refuse(listed)
+        found = check_predictions(card, method=method, progress=report)
+    _print_check(found)
+    if refusal(method, found) is not None:
+        listed = Path(mkdtemp(prefix="fisheye-bench-")) / PREDICTIONS  # a new folder: no file of the user's is replaced
+        write_report(listed, card, method, found)
+        raise refused(method, found, listed_in=listed)
     finished = RunReport(card=card, protocol=rules, pictures=pictures)
+
+    def finish(results: Path, summary: RunSummary) -> None:
+        write_report(results / PREDICTIONS, card, method, found)
+        finished.write(results, summary)
+
     with resumable(folder):
         with progress_bar(f"scoring {called} on {card.name}", "images") as report:
             executor = computing.executor(card, method, reads=[predictions])
             asked = replace(request, executor=executor, cache=computing.cache_folder, progress=report)
-            summary = evaluate_predictions(asked, checked, finish=finished.write)
+            (summary,) = run_benchmark(asked, finish=finish).values()
         finished.print(summary, folder)
     if summary.failures:
         raise typer.Exit(options.FAILURES)
 
 
-def _print_check(report: PredictionReport) -> None:
+def _print_check(found: PredictionIndex) -> None:
     from bench.reporting.prediction_table import prediction_line, prediction_table
 
-    table = prediction_table(report)
+    table = prediction_table(found)
     if table is not None:
         show([table])
-    note(prediction_line(report))
+    note(prediction_line(found))

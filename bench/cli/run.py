@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli import options
-from bench.cli.console import note, print_failures, say
+from bench.cli.console import note, print_failures, say, show
 from bench.cli.progress import progress_bar, resumable
+from bench.errors import DataError
 
 if TYPE_CHECKING:
     from bench.harness import Part, RunRequest
+    from bench.validation import ValidationReport
 
 LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # of this checkout, as `make leaderboard` wrote it
 
@@ -30,6 +32,9 @@ def run(
         typer.Option(metavar="FOLDER", help="Folder of the run; default: reports/runs/<data set>-<method>."),
     ] = None,
     overwrite: options.Overwrite = False,
+    require_valid: Annotated[
+        bool, typer.Option("--require-valid", help="Validate the data first; refuse errors, put the rest on the page.")
+    ] = False,
     pictures: options.Pictures = True,
     workers: options.Workers = None,
     cache: options.Cache = None,
@@ -58,20 +63,46 @@ def run(
     )
     part = None if shard is None else Part.parse(shard)
     render_if_synthetic(request.card)
+    validation = _validated(request) if require_valid else None
     request = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler).equip(request)
-    failures = _run(request, dataset=dataset, pictures=pictures) if part is None else _run_part(request, part)
+    if part is None:
+        failures = _run(request, dataset=dataset, pictures=pictures, validation=validation)
+    else:
+        failures = _run_part(request, part)
     if failures:
         raise typer.Exit(options.FAILURES)
 
 
-def _run(request: RunRequest, *, dataset: str, pictures: bool) -> int:
+def _validated(request: RunRequest) -> ValidationReport:
+    """Validate the data of a run and print what is wrong with them.
+
+    Raises:
+        DataError: it is more than warnings.
+    """
+    from bench.reporting.findings import findings_report
+    from bench.validation import Severity, validate_dataset
+
+    card = request.card
+    with progress_bar(f"validating {card.name}", "recordings") as progress:
+        report = validate_dataset(card.name, request.recordings(), progress=progress)
+    show(findings_report(report))
+    if errors := report.count(Severity.ERROR):
+        hint = "correct them, leave these recordings out in the card, or run without --require-valid"
+        raise DataError(card.file, expected="data that validate finds no errors in", got=f"{errors} errors", hint=hint)
+    return report
+
+
+def _run(request: RunRequest, *, dataset: str, pictures: bool, validation: ValidationReport | None) -> int:
     """Score, write the reports, print the tables and the paths; return the number of failures."""
     from bench.cli.runs import RunReport
     from bench.harness import run_benchmark
     from bench.reporting.leaderboard.texts import best_line
 
     card, out = request.card, next(iter(request.runs))
-    reports = {rules.name: RunReport(card=card, protocol=rules, pictures=pictures) for rules in request.runs.values()}
+    reports = {
+        rules.name: RunReport(card=card, protocol=rules, pictures=pictures, validation=validation)
+        for rules in request.runs.values()
+    }
     with resumable(out):
         with progress_bar(f"scoring {request.method.name} on {card.name}", "images") as progress:
             summaries = run_benchmark(
@@ -80,7 +111,7 @@ def _run(request: RunRequest, *, dataset: str, pictures: bool) -> int:
             )
         for run, summary in summaries.items():
             reports[summary.protocol.name].print(summary, run)
-        if card.scenario is None:
+        if card.scenario is None and validation is None:
             note(f"a run does not validate its data; check them with: fisheye-bench validate {dataset}")
         if best := best_line(LEADERBOARD, dataset=card.name):
             say(best)

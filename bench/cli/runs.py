@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bench.atomic import write_text
 from bench.cli.console import note, note_files, print_failures, say, show
 from bench.cli.progress import progress_bar
 from bench.evaluation import Protocol
 from bench.harness import Provenance, RunSummary
 from bench.recordings import DatasetCard
+from bench.reporting.findings import VALIDATION
 from bench.reporting.frame_pictures import write_example_pictures
 from bench.reporting.table_files import write_report_files
 from bench.reporting.tables import TableRow, terminal_report
 from bench.reporting.totals import cost_lines, total_lines
+from bench.validation import ValidationReport
 
 READ_FIRST = ("summary.json", "table.md", "range_map.png")
 
@@ -26,11 +29,13 @@ class RunReport:
         card: the data set.
         protocol: the rules.
         pictures: also draw an example frame of every category.
+        validation: of the data; None where they were not validated.
     """
 
     card: DatasetCard
     protocol: Protocol
     pictures: bool
+    validation: ValidationReport | None = None
     _rows: tuple[TableRow, ...] = ()
     _files: list[Path] = field(default_factory=list)
     _remarks: list[str] = field(default_factory=list)
@@ -45,6 +50,9 @@ class RunReport:
                     results, summary, card=self.card, protocol=self.protocol, progress=progress
                 )
         self._rows = tuple(rows)
+        if self.validation is not None:
+            write_text(results / VALIDATION, self.validation.as_json())
+            files = (*files, results / VALIDATION)
         every = (results / "summary.json", *files, *drawn)
         names = [file.relative_to(results) for file in every]
         self._files = sorted(names, key=lambda name: str(name) not in READ_FIRST)  # the first few are printed

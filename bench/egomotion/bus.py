@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bench.egomotion.time_units import unit_hint
 from bench.egomotion.trajectory import SECOND_NS, Trajectory
 from bench.errors import DataError
 from bench.geometry import advance_twist
@@ -175,6 +176,12 @@ def _faults(path: Path, table: pd.DataFrame, times_name: str, signal_names: Sequ
     absent = [name for name in names if name not in table]
     if absent:
         yield from (_absent(path, table, name) for name in absent)
+        return
+    times = [_number(text) for text in table[times_name]]
+    hint = unit_hint(times)
+    if hint and not all(before < after and after.is_integer() for before, after in pairwise(times)):
+        got = f"{', '.join(table[times_name][:3])} ..."
+        yield DataError(path, field=times_name, expected="whole nanoseconds that increase", got=got, hint=hint)
         return
     last_ns: int | None = None
     for row, (time, *signals) in enumerate(zip(*(table[name] for name in names), strict=True), start=1):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -30,6 +30,8 @@ from bench.evaluation.sums import KEY, TERMS
 SIGNIFICANCE = 0.05  # of p-values corrected after Holm
 SLICE = ["breakdown", "slice", "metric"]
 SIDES = ("_before", "_after")
+Key: TypeAlias = tuple[str, str, str]  # breakdown, slice, metric
+Pairs: TypeAlias = dict[Key, pd.DataFrame]  # the sums of two runs, by recording
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,20 +66,11 @@ class PairedChange:
 
 
 def compare_sums(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
-    """Compare every metric that has a direction, in every slice that either run has; see `compare_pairs`.
+    """Compare every metric that has a direction, in every slice that either run has.
 
     Args:
         before: table of sums of the one run.
         after: table of sums of the other.
-    """
-    return compare_pairs(pair_sums(before, after))
-
-
-def compare_pairs(pairs: pd.DataFrame) -> pd.DataFrame:
-    """Compare every metric of every slice of two runs.
-
-    Args:
-        pairs: sums of both side by side, as `pair_sums` gives them.
 
     Returns:
         One row for each breakdown, slice and metric, which are its index: the fields of `PairedChange`, `ci95` and
@@ -85,8 +78,7 @@ def compare_pairs(pairs: pd.DataFrame) -> pd.DataFrame:
         worse.
     """
     rows = []
-    groups: Iterable[tuple[Any, pd.DataFrame]] = pairs.groupby(SLICE, sort=False)
-    for key, part in groups:
+    for key, part in group_pairs(pair_sums(before, after)).items():
         metric = find_metric(key[2])
         change = paired_change(part, within=metric.change_bounds)
         row = dict(zip(SLICE, key, strict=True)) | asdict(change)
@@ -98,16 +90,22 @@ def compare_pairs(pairs: pd.DataFrame) -> pd.DataFrame:
 
 
 def pair_sums(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
-    """Set the sums of two runs side by side, of the metrics that have a direction.
+    """Set the sums of two runs side by side.
 
     Returns:
-        Columns `KEY`, and `TERMS` with the suffixes "_before" and "_after", 0 where a run has no such row.
+        Columns `KEY`, `TERMS` with the suffixes "_before" and "_after", 0 where a run has no such row, and `side`:
+        "both", "left_only" or "right_only", which of them has it.
     """
-    names = {*before["metric"], *after["metric"]} - {*COUNTS}
-    names = {name for name in names if find_metric(name).higher_is_better is not None}
-    sides = [side[side["metric"].isin(names)][[*KEY, *TERMS]] for side in (before, after)]
-    pairs = merge_rows(*sides, on=KEY, how="outer")
+    pairs = merge_rows(before[[*KEY, *TERMS]], after[[*KEY, *TERMS]], on=KEY, how="outer")
     return pairs.fillna(dict.fromkeys([f"{term}{side}" for term in TERMS for side in SIDES], 0.0))
+
+
+def group_pairs(pairs: pd.DataFrame) -> Pairs:
+    """The pairs of `pair_sums` by slice and metric, of the metrics that have a direction."""
+    names = {*pairs["metric"]} - {*COUNTS}
+    compared = pairs["metric"].isin([name for name in names if find_metric(name).higher_is_better is not None])
+    groups: Iterable[tuple[Any, pd.DataFrame]] = pairs[compared].groupby(SLICE, sort=False)
+    return {key: part for key, part in groups}  # noqa: C416 (`dict` would ask pandas for its keys)
 
 
 def paired_change(pairs: pd.DataFrame, *, within: Bounds = RATIO_CHANGE) -> PairedChange:

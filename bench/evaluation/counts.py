@@ -116,10 +116,11 @@ def find_regions(reference: ReferenceFrame, detected: Mask) -> Regions:
     mask = detected & reference.valid
     components, component = cv2.connectedComponents(mask.view(np.uint8), connectivity=8, ltype=cv2.CV_32S)
     moving = reference.labels > 0
+    left, top, width, height = cv2.boundingRect(moving.view(np.uint8))
     outside = reference.valid & ~(moving | reference.ignored)
     return Regions(
         moving=moving,
-        window=_window(moving),
+        window=(slice(top, top + height), slice(left, left + width)),
         outside=outside,
         detected_px=int(np.count_nonzero(mask)),
         true=mask & moving,
@@ -141,31 +142,24 @@ def check_shape(reference: ReferenceFrame, name: str, shape: tuple[int, ...]) ->
         raise ShapeError(f"{where}: expected a {name} of {expected} (height, width), got {shape}")
 
 
-def count_by_cell(mask: Mask, cell_size_px: int, *, window: Window | None = None) -> NDArray[np.int64]:
+def count_by_cell(mask: Mask, cell_size_px: int) -> NDArray[np.int64]:
     """Pixels of a mask in each square cell; cells tile the image from its first pixel.
 
     Args:
         mask: (H, W) bool.
         cell_size_px: side of a cell, px.
-        window: rows and columns that hold all of the mask; None where nobody knows.
 
     Returns:
         (ceil(H / cell), ceil(W / cell)) int64, exact; cells at the border hold what the image has.
     """
-    height, width = mask.shape
-    counts = np.zeros((-(-height // cell_size_px), -(-width // cell_size_px)), dtype=np.int64)
-    rows, columns = (_cells(part, cell_size_px) for part in window or (slice(0, height), slice(0, width)))
-    held = mask[_pixels(rows, cell_size_px), _pixels(columns, cell_size_px)]
-    below, right = -held.shape[0] % cell_size_px, -held.shape[1] % cell_size_px
-    pixels = (np.pad(held, ((0, below), (0, right))) if below or right else held).view(np.uint8)
-    # Strided slices in the narrowest type: a tenth of the time of a reshape and a sum over two axes.
-    lines = _add(pixels, cell_size_px, np.min_scalar_type(cell_size_px))
-    counts[rows, columns] = _add(lines.T, cell_size_px, np.min_scalar_type(cell_size_px**2)).T
+    sums = cv2.integral(mask.view(np.uint8))
+    rows, columns = (np.append(np.arange(0, size, cell_size_px), size) for size in mask.shape)
+    counts: NDArray[np.int64] = np.diff(np.diff(sums[rows[:, None], columns], axis=0), axis=1).astype(np.int64)
     return counts
 
 
-def sum_over_cells(
-    mask: Mask, kinds: NDArray[np.integer], *, cell_size_px: int, bins: int, name: str, window: Window | None = None
+def sum_by_kind(
+    mask: Mask, kinds: NDArray[np.integer], *, cell_size_px: int, bins: int, name: str
 ) -> NDArray[np.int64]:
     """Pixels of a mask by the kind of the cell that they lie in.
 
@@ -175,7 +169,6 @@ def sum_over_cells(
         cell_size_px: side of a cell, px.
         bins: how many kinds there are.
         name: of what the cells hold, for messages.
-        window: rows and columns that hold all of the mask; None where nobody knows.
 
     Returns:
         (bins,) int64.
@@ -183,53 +176,11 @@ def sum_over_cells(
     Raises:
         ShapeError: the cells do not tile the image.
     """
-    return sum_by_kind(count_by_cell(mask, cell_size_px, window=window), kinds, bins=bins, name=name)
-
-
-def sum_by_kind(weights: NDArray[np.int64], kinds: NDArray[np.integer], *, bins: int, name: str) -> NDArray[np.int64]:
-    """Pixels of cells by the kind of each cell.
-
-    Args:
-        weights: (rows, columns) int64, pixels of each cell, from `count_by_cell`.
-        kinds: (rows, columns) integers in [0, bins), of each cell.
-        bins: how many kinds there are.
-        name: of what the cells hold, for messages.
-
-    Returns:
-        (bins,) int64.
-
-    Raises:
-        ShapeError: the cells do not tile the image.
-    """
+    weights = count_by_cell(mask, cell_size_px)
     if weights.shape != kinds.shape:
         raise ShapeError(f"expected a {name} of {weights.shape} (rows, columns) cells, got {kinds.shape}")
     # Sums of whole numbers below 2^53 are exact in float64.
     return np.bincount(kinds.ravel(), weights=weights.ravel(), minlength=bins).astype(np.int64)
-
-
-def _window(mask: Mask) -> Window:
-    rows = np.flatnonzero(mask.any(axis=1))
-    if not rows.size:
-        return slice(0, 0), slice(0, 0)
-    held = slice(int(rows[0]), int(rows[-1]) + 1)
-    columns = np.flatnonzero(mask[held].any(axis=0))
-    return held, slice(int(columns[0]), int(columns[-1]) + 1)
-
-
-def _cells(pixels: slice, cell_size_px: int) -> slice:
-    return slice(pixels.start // cell_size_px, -(-pixels.stop // cell_size_px))
-
-
-def _pixels(cells: slice, cell_size_px: int) -> slice:
-    return slice(cells.start * cell_size_px, cells.stop * cell_size_px)
-
-
-def _add(values: NDArray[np.unsignedinteger], every: int, kind: np.dtype) -> NDArray[np.unsignedinteger]:
-    """Sum of each `every` rows."""
-    total = values[0::every].astype(kind)
-    for offset in range(1, every):
-        total += values[offset::every]
-    return total
 
 
 def share_in_proportion(amounts: NDArray[np.int64], *, weights: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -338,7 +289,7 @@ def _false_positives_by_cause(
 ) -> dict[str, int]:
     if cause is None:
         return {}
-    found = sum_over_cells(regions.false, cause, cell_size_px=cell_size_px, bins=len(causes), name="cause")
+    found = sum_by_kind(regions.false, cause, cell_size_px=cell_size_px, bins=len(causes), name="cause")
     return dict(zip(causes, found.tolist(), strict=True))
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import pandas as pd
@@ -45,7 +46,7 @@ class Definition:
         cases_by_method: whether its cases depend on what the method detects; of others on the reference alone.
         tolerated: what the gate lets it lose, in its own unit and as a share of the baseline's value, the larger of the
             two; None for one that is not judged.
-        field: in its part of `summary.json`, where it is called otherwise.
+        short_name: in its part of `summary.json`, where it is called otherwise.
     """
 
     name: str
@@ -59,7 +60,12 @@ class Definition:
     headline: bool = False
     cases_by_method: bool = False
     tolerated: tuple[float, float] | None = (0.01, 0.02)
-    field: str = ""
+    short_name: str = ""
+
+    @property
+    def field(self) -> str:
+        """Its name in its part of `summary.json`."""
+        return self.short_name or self.name
 
     @property
     def is_ratio(self) -> bool:
@@ -103,19 +109,16 @@ def one(rows: pd.DataFrame) -> pd.Series[float]:
     return pd.Series(1.0, rows.index)
 
 
-def _objects(name: str, label: str, numerator: Terms, denominator: Terms, meaning: str, **more: object) -> Definition:
+def _metric(
+    over: str, name: str, label: str, numerator: Terms, denominator: Terms, meaning: str, **more: object
+) -> Definition:
     return Definition(
-        name=name, label=label, meaning=meaning, over=OBJECT_FRAMES, numerator=numerator, denominator=denominator,
+        name=name, label=label, meaning=meaning, over=over, numerator=numerator, denominator=denominator,
         **more,  # type: ignore[arg-type]
     )  # fmt: skip
 
 
-def _images(name: str, label: str, numerator: Terms, denominator: Terms, meaning: str, **more: object) -> Definition:
-    return Definition(
-        name=name, label=label, meaning=meaning, over=IMAGE_FRAMES, numerator=numerator, denominator=denominator,
-        **more,  # type: ignore[arg-type]
-    )  # fmt: skip
-
+_objects, _images = partial(_metric, OBJECT_FRAMES), partial(_metric, IMAGE_FRAMES)
 
 OF_OBJECTS = (
     _objects("detection_rate", "Detection rate", detected, one,
@@ -151,22 +154,22 @@ CEILINGS = (
 FALSE_POSITIVES = (
     _images("false_positive_coverage", "False-positive coverage", false_share, one,
             "Mean share of the image that is detected outside of all objects and of I.",
-            higher_is_better=False, headline=True, tolerated=HALF_A_POINT, field="coverage"),
+            higher_is_better=False, headline=True, tolerated=HALF_A_POINT, short_name="coverage"),
     _images("false_positive_coverage_valid", "False positives of the valid pixels",
             lambda r: (r["fp_px"] / r["valid_px"]).where(r["valid_px"] > 0, 0), lambda r: r["valid_px"] > 0,
-            "The same as a share of V.", higher_is_better=False, tolerated=HALF_A_POINT, field="coverage_valid"),
+            "The same as a share of V.", higher_is_better=False, tolerated=HALF_A_POINT, short_name="coverage_valid"),
     _images("false_positive_frame_rate", "Frames with a large false positive",
             lambda r: r["fp_large_components"] > 0, one,
             "Share of images that have a false-positive component of more pixels than the protocol states.",
-            higher_is_better=False, field="frame_rate"),
+            higher_is_better=False, short_name="frame_rate"),
     _images("false_positive_components", "Components per frame", lambda r: r["fp_components"], one,
             "Mean number of false-positive components of an image.",
-            higher_is_better=False, bounds=MEAN, tolerated=(1.0, 0.05), field="components_per_frame"),
+            higher_is_better=False, bounds=MEAN, tolerated=(1.0, 0.05), short_name="components_per_frame"),
 )  # fmt: skip
 SEGMENTATION = (
     _images("segmentation_iou", "IoU, pixels", lambda r: r["tp_px"], lambda r: r["tp_px"] + r["fp_px"] + r["fn_px"],
             "IoU of the moving class from pixel counts summed over all images, outside of I.",
-            cases_by_method=True, tolerated=HALF_A_POINT, field="iou"),
+            cases_by_method=True, tolerated=HALF_A_POINT, short_name="iou"),
     _images("precision", "Precision", lambda r: r["tp_px"], lambda r: r["tp_px"] + r["fp_px"],
             "Share of the detected pixels, outside of I, that are right.",
             cases_by_method=True, tolerated=HALF_A_POINT),
@@ -175,6 +178,10 @@ SEGMENTATION = (
     _images("f1", "F1", lambda r: 2 * r["tp_px"], lambda r: 2 * r["tp_px"] + r["fp_px"] + r["fn_px"],
             "Harmonic mean of precision and recall.", cases_by_method=True, tolerated=None),
 )  # fmt: skip
+MARKED = _images("marked", "Marked", lambda r: (r["detected_px"] / r["valid_px"]).where(r["valid_px"] > 0, 0),
+                 lambda r: r["valid_px"] > 0,
+                 "Mean share of V that is detected in images that are not annotated, of which nothing else is known.",
+                 higher_is_better=None)  # fmt: skip
 # Numbers that stand in the same sums, as a numerator; `tracks` are objects, over their object-frames.
 COUNTS = ("tracks", "annotated", "images")
 
@@ -225,7 +232,7 @@ def image_metrics(causes: Iterable[str] = ()) -> tuple[Definition, ...]:
     return (*FALSE_POSITIVES, *SEGMENTATION, *map(cause_metric, causes))
 
 
-FIXED = {metric.name: metric for metric in (*OF_OBJECTS, UNKNOWN, *CEILINGS, *FALSE_POSITIVES, *SEGMENTATION)}
+FIXED = {metric.name: metric for metric in (*OF_OBJECTS, UNKNOWN, *CEILINGS, *FALSE_POSITIVES, *SEGMENTATION, MARKED)}
 
 
 def find_metric(name: str) -> Definition:

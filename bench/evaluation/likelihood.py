@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.evaluation.counts import Regions, sum_over_cells
+from bench.evaluation.counts import Regions, sum_by_kind
 from bench.records.segmentation import PAPER_THRESHOLD
 
 # The paper's threshold is an edge, so that its operating point lies on the curve. 20 bins a decade, from a thousandth
@@ -30,25 +28,10 @@ SCORE_EDGES.setflags(write=False)
 REFERENCE_COLUMN, OUTSIDE_COLUMN = "likelihood_reference_px", "likelihood_outside_px"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LikelihoodCounts:
-    """Pixels of one image by likelihood; bin k is the interval (EDGES[k], EDGES[k + 1]], and bin 0 holds 0 too.
-
-    For a likelihood that is a score, the edges are `SCORE_EDGES`.
-
-    Attributes:
-        reference_px: (BINS,) int64, pixels of all G.
-        outside_px: (BINS,) int64, pixels of V outside all G and I.
-    """
-
-    reference_px: NDArray[np.int64]
-    outside_px: NDArray[np.int64]
-
-
 def count_likelihood(
     likelihood: NDArray[np.float32], regions: Regions, *, cell_size_px: int, is_score: bool = False
-) -> LikelihoodCounts:
-    """Count an image into both histograms.
+) -> dict[str, NDArray[np.int64]]:
+    """Count an image into both histograms; bin k is the interval (EDGES[k], EDGES[k + 1]], and bin 0 holds 0 too.
 
     Args:
         likelihood: (rows, columns), of each cell; NaN counts as 0, as it is above no threshold.
@@ -56,16 +39,17 @@ def count_likelihood(
         cell_size_px: side of a cell, px.
         is_score: whether the likelihood is a score in [0, 1], whose bins have the edges `SCORE_EDGES`.
 
+    Returns:
+        (BINS,) int64 each, pixels of all G by `REFERENCE_COLUMN`, of V outside all G and I by `OUTSIDE_COLUMN`.
+
     Raises:
         ShapeError: the cells do not tile the image.
     """
     bins = find_bins(likelihood, SCORE_EDGES if is_score else EDGES)
-
-    reference_px, outside_px = (
-        sum_over_cells(region, bins, cell_size_px=cell_size_px, bins=BINS, name="likelihood", window=window)
-        for region, window in ((regions.moving, regions.window), (regions.outside, None))
-    )
-    return LikelihoodCounts(reference_px=reference_px, outside_px=outside_px)
+    return {
+        column: sum_by_kind(region, bins, cell_size_px=cell_size_px, bins=BINS, name="likelihood")
+        for column, region in ((REFERENCE_COLUMN, regions.moving), (OUTSIDE_COLUMN, regions.outside))
+    }
 
 
 def find_bins(likelihood: NDArray[np.float32], edges: NDArray[np.float64] = EDGES) -> NDArray[np.int64]:

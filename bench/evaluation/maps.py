@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -73,61 +73,49 @@ def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> Rang
         protocol: that the run was made with. The grid reaches as far as its range limit or the furthest centroid.
         level: coverage from which on an object counts as detected; 0 for any pixel.
     """
-    furthest_m = max(_furthest_m(rows) for rows in _evaluated(objects, ["x_m", "y_m"]))
-    edges_m = _edges_m(furthest_m, protocol)
-    cells = len(edges_m) - 1
-    counted = {
-        (name, direction): np.zeros((2, cells, cells), dtype=np.int64)
+    cell_m = protocol.range_map.cell_m
+    key = ["object_class", "direction", "x", "y"]  # cells half-open, [a, b), counted from the vehicle's origin
+    parts = []
+    for rows in _evaluated(objects, COLUMNS):
+        found = detected(rows) & (coverage(rows) >= level)
+        x, y = (np.floor(rows[name] / cell_m) for name in ("x_m", "y_m"))
+        placed = rows.assign(x=x, y=y, object_frames=1, detected=found)[[*key, "object_frames", "detected"]]
+        parts.append(placed.groupby(key, dropna=False).sum())
+    counted = pd.concat(parts).groupby(key, dropna=False).sum().astype(np.int64).reset_index()
+    reached = abs(counted[["x", "y"]].to_numpy() + 0.5) + 0.5  # cells from the origin; NaN for masks, which tell none
+    half = max(math.ceil(protocol.reference.range_limit_m / cell_m), int(np.fmax.reduce(reached.ravel(), initial=0.0)))
+    maps = tuple(
+        _range_map(counted, name, direction, half=half, protocol=protocol)
         for name in protocol.reference.classes
         for direction in Direction
-    }
-    evaluated_rows, undirected = 0, 0
-    for rows in _evaluated(objects, COLUMNS):
-        evaluated_rows += len(rows)
-        undirected += int(rows["direction"].isna().sum())
-        found = rows[detected(rows) & (coverage(rows) >= level)]
-        for (name, direction), counts in counted.items():
-            for number, some in enumerate((rows, found)):
-                of_kind = some[(some["object_class"] == name) & (some["direction"] == direction.value)]
-                counts[number] += _count_by_cell(of_kind, edges_m)
-    maps = tuple(
-        RangeMap(
-            object_class=name,
-            direction=direction,
-            edges_m=edges_m,
-            object_frames=counts[0],
-            detected=counts[1],
-            min_object_frames=protocol.range_map.min_object_frames,
-        )
-        for (name, direction), counts in counted.items()
     )
-    placed = sum(int(one.object_frames.sum()) for one in maps)
-    assert placed + undirected == evaluated_rows, "every place lies on the grid"
-    return RangeMaps(maps=maps, unplaced=evaluated_rows - placed)
+    placed_rows = sum(int(one.object_frames.sum()) for one in maps)
+    unplaced = counted["direction"].isna()
+    assert placed_rows == counted["object_frames"][~unplaced].sum(), "every place lies on the grid"
+    return RangeMaps(maps=maps, unplaced=int(counted["object_frames"][unplaced].sum()))
+
+
+def _range_map(
+    counted: pd.DataFrame, object_class: str, direction: Direction, *, half: int, protocol: Protocol
+) -> RangeMap:
+    """The map of a class and a direction, `half` cells to each side."""
+    own = counted[(counted["object_class"] == object_class) & (counted["direction"] == direction.value)]
+    grids = np.zeros((2, 2 * half, 2 * half), dtype=np.int64)
+    places = [own[axis].to_numpy(np.int64) + half for axis in ("x", "y")]
+    grids[:, places[0], places[1]] = own[["object_frames", "detected"]].to_numpy().T
+    return RangeMap(
+        object_class=object_class,
+        direction=direction,
+        edges_m=np.arange(-half, half + 1, dtype=np.float64) * protocol.range_map.cell_m,
+        object_frames=grids[0],
+        detected=grids[1],
+        min_object_frames=protocol.range_map.min_object_frames,
+    )
 
 
 def _evaluated(objects: Rows, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
     for rows in read_parts(objects, ["status", *columns]):
         yield rows[rows["status"] == EVALUATED]
-
-
-def _count_by_cell(rows: pd.DataFrame, edges_m: NDArray[np.float64]) -> NDArray[np.int64]:
-    # Half-open cells [a, b), as the other bins; histogram2d would close the last one.
-    along_x, along_y = (np.searchsorted(edges_m, rows[axis].to_numpy(), side="right") - 1 for axis in ("x_m", "y_m"))
-    cells = len(edges_m) - 1
-    return np.bincount(along_x * cells + along_y, minlength=cells * cells).reshape(cells, cells)
-
-
-def _furthest_m(rows: pd.DataFrame) -> float:
-    """Largest coordinate of a place; masks tell none."""
-    places_m = rows[["x_m", "y_m"]].abs().to_numpy()
-    return float(places_m[np.isfinite(places_m)].max(initial=0.0))
-
-
-def _edges_m(furthest_m: float, protocol: Protocol) -> NDArray[np.float64]:
-    cell_m = protocol.range_map.cell_m
-    half = max(math.ceil(protocol.reference.range_limit_m / cell_m), math.floor(furthest_m / cell_m) + 1)
-    return np.arange(-half, half + 1, dtype=np.float64) * cell_m
 
 
 STEPS = 1000  # finer than any picture
@@ -222,6 +210,31 @@ class ImageMap:
     missed_px: Grid
     false_px: Grid
 
+    @classmethod
+    def of(cls, regions: Regions, *, camera: str) -> ImageMap:
+        """Count one image."""
+        height, width = regions.moving.shape
+        return cls(
+            camera=camera,
+            width=width,
+            height=height,
+            cell_px=CELL_PX,
+            frames=1,
+            reference_px=count_by_cell(regions.moving, CELL_PX),
+            missed_px=count_by_cell(regions.moving & ~regions.true, CELL_PX),
+            false_px=count_by_cell(regions.false, CELL_PX),
+        )
+
+    def __add__(self, other: ImageMap) -> ImageMap:
+        """The sums over the images of both, which are of the same camera, size and cell."""
+        return replace(
+            self,
+            frames=self.frames + other.frames,
+            reference_px=self.reference_px + other.reference_px,
+            missed_px=self.missed_px + other.missed_px,
+            false_px=self.false_px + other.false_px,
+        )
+
     @property
     def missed_rate(self) -> NDArray[np.float64]:
         """(rows, columns) float64, share of the reference's pixels that were missed; NaN where there never were any."""
@@ -235,44 +248,6 @@ class ImageMap:
         return self.false_px / (area_px * self.frames) if self.frames else np.full(area_px.shape, np.nan)
 
 
-class ImageMapSums:
-    """Adds up the images of one camera and size.
-
-    Args:
-        camera: name.
-        width: of the images, px.
-        height: of the images, px.
-    """
-
-    def __init__(self, *, camera: str, width: int, height: int) -> None:
-        self._of = (camera, width, height)
-        self._frames = 0
-        self._reference, self._true, self._false = (
-            np.zeros((-(-height // CELL_PX), -(-width // CELL_PX)), dtype=np.int64) for _ in range(3)
-        )
-
-    def add(self, regions: Regions) -> None:
-        """Take in an image."""
-        self._frames += 1
-        self._reference += count_by_cell(regions.moving, CELL_PX, window=regions.window)
-        self._true += count_by_cell(regions.true, CELL_PX, window=regions.window)
-        self._false += count_by_cell(regions.false, CELL_PX)
-
-    def finish(self) -> ImageMap:
-        """Return the map of all frames added so far."""
-        camera, width, height = self._of
-        return ImageMap(
-            camera=camera,
-            width=width,
-            height=height,
-            cell_px=CELL_PX,
-            frames=self._frames,
-            reference_px=self._reference,
-            missed_px=self._reference - self._true,
-            false_px=self._false,
-        )
-
-
 def add_image_maps(maps: Iterable[ImageMap]) -> tuple[ImageMap, ...]:
     """Add those of the same camera, size and cell; the order in which they come does not matter.
 
@@ -282,18 +257,5 @@ def add_image_maps(maps: Iterable[ImageMap]) -> tuple[ImageMap, ...]:
     sums: dict[tuple[str, int, int, int], ImageMap] = {}
     for item in maps:
         key = (item.camera, item.width, item.height, item.cell_px)
-        sums[key] = _sum(sums[key], item) if key in sums else item
+        sums[key] = sums[key] + item if key in sums else item
     return tuple(sums[key] for key in sorted(sums))
-
-
-def _sum(one: ImageMap, other: ImageMap) -> ImageMap:
-    return ImageMap(
-        camera=one.camera,
-        width=one.width,
-        height=one.height,
-        cell_px=one.cell_px,
-        frames=one.frames + other.frames,
-        reference_px=one.reference_px + other.reference_px,
-        missed_px=one.missed_px + other.missed_px,
-        false_px=one.false_px + other.false_px,
-    )

@@ -11,22 +11,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, Protocol, TypeAlias
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from bench.evaluation.counts import FrameCounts, ObjectCounts
-from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN, LikelihoodCounts
-from bench.records.reference import ReferenceFrame, ReferenceObject, Status
+from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
+from bench.records.reference import ReferenceFrame, Status
 
 Row = dict[str, Any]
 
 IMAGE = ["recording", "camera", "timestamp_ns"]
 OBJECT = [*IMAGE, "track_id"]
-EVALUATED = "evaluated"
+EVALUATED, NOT_ANNOTATED = "evaluated", "not_annotated"
 ROWS_AT_ONCE = 100_000  # in memory, unless one recording has more
 _IMAGE_KEY = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_ns", pa.int64())]
 
@@ -62,24 +64,11 @@ OBJECTS_SCHEMA = pa.schema(
     ]
 )
 
-_FRAME_COUNTS = (
-    "width",
-    "height",
-    "valid_px",
-    "reference_px",
-    "ignored_px",
-    "detected_px",
-    "tp_px",
-    "fn_px",
-    "fp_px",
-    "fp_unattached_px",
-    "fp_components",
-    "fp_large_components",
-    "fp_largest_px",
-)
+_FRAME_COUNTS = tuple(field.name for field in fields(FrameCounts) if field.name != "fp_by_cause")
 
-# One row per image. All counts are 0 unless evaluated; `fp_by_cause` is empty for a method that names no causes. The
-# histograms over `bench.evaluation.likelihood.EDGES` are null unless evaluated and where the method has no likelihood.
+# One row per image. All counts are 0 where there is no mask; an image that is not annotated has those of its mask and
+# of V only. `fp_by_cause` is empty for a method that names no causes. The histograms over
+# `bench.evaluation.likelihood.EDGES` are null unless evaluated and where the method has no likelihood.
 FRAMES_SCHEMA = pa.schema(
     [
         *_IMAGE_KEY,
@@ -238,36 +227,47 @@ def sort_rows(rows: pd.DataFrame, key: Sequence[str]) -> pd.DataFrame:
     return rows.sort_values(list(key), ignore_index=True)
 
 
+_OF_OBJECT = (
+    "track_id", "object_class", "status", "reason", "category", "direction", "range_m", "speed_mps", "points",
+    "polygon_px", "unknown_px",
+)  # fmt: skip
+
+
 def object_rows(
     reference: ReferenceFrame, counts: Sequence[ObjectCounts], *, ceiling: Sequence[ObjectCounts] | None = None
 ) -> list[Row]:
-    """Rows of `OBJECTS_SCHEMA`, in the order of `reference.objects`; `chance_tp` is still null.
+    """Rows of `OBJECTS_SCHEMA`, in the order of `reference.objects`; `chance_tp` is still missing.
 
     Args:
         reference: of the image.
         counts: one per object.
         ceiling: the same of the exact masks; None where nobody knows them.
     """
-    image = _image_key(reference) | {"ego_speed_mps": reference.ego_speed_mps, "chance_tp": None}
-    rows = [image | _object_row(item, count) for item, count in zip(reference.objects, counts, strict=True)]
-    for number, row in enumerate(rows):
-        evaluated = row["status"] == Status.EVALUATED.value
-        best = ceiling[number] if ceiling is not None and evaluated else None
-        row["ceiling_tp"], row["ceiling_fp"] = (None, None) if best is None else (best.tp, best.fp)
+    image = _image_columns(reference)
+    rows = []
+    for number, (item, own) in enumerate(zip(reference.objects, counts, strict=True)):
+        row = image | {name: getattr(item, name) for name in _OF_OBJECT} | asdict(own)
+        row |= {"x_m": item.centroid_m[0], "y_m": item.centroid_m[1], "region_px": own.tp + own.fn}
+        if ceiling is not None and item.status is Status.EVALUATED:
+            row |= {"ceiling_tp": ceiling[number].tp, "ceiling_fp": ceiling[number].fp}
+        rows.append(row)
     return rows
 
 
 def frame_row(
-    reference: ReferenceFrame, counts: FrameCounts, *, undefined_px: int, likelihood: LikelihoodCounts | None = None
+    reference: ReferenceFrame, counts: FrameCounts, *, undefined_px: int, histograms: dict[str, NDArray[np.int64]]
 ) -> Row:
-    """The row of `FRAMES_SCHEMA` of an image that was scored."""
-    row = _image_key(reference) | {"ego_speed_mps": reference.ego_speed_mps, "status": "evaluated", "problem": None}
-    row |= {name: getattr(counts, name) for name in _FRAME_COUNTS}
-    row |= {"undefined_px": undefined_px, "fp_by_cause": sorted(counts.fp_by_cause.items())}
-    return row | {
-        REFERENCE_COLUMN: None if likelihood is None else likelihood.reference_px,
-        OUTSIDE_COLUMN: None if likelihood is None else likelihood.outside_px,
-    }
+    """The row of `FRAMES_SCHEMA` of an image that was scored, or has a mask but no annotations to score it by.
+
+    Args:
+        reference: of the image.
+        counts: of the image.
+        undefined_px: pixels of V where the method could not say.
+        histograms: of the likelihood, by column; none for a method without one.
+    """
+    status = EVALUATED if reference.annotated else NOT_ANNOTATED
+    row = _image_columns(reference) | {"status": status, "undefined_px": undefined_px}
+    return row | asdict(counts) | {"fp_by_cause": sorted(counts.fp_by_cause.items())} | histograms
 
 
 def unscored_frame_row(
@@ -275,45 +275,19 @@ def unscored_frame_row(
 ) -> Row:
     """The row of `FRAMES_SCHEMA` of an image that could not be scored, with the reason in words."""
     row: Row = {"recording": recording, "camera": camera, "timestamp_ns": timestamp_ns, "ego_speed_mps": math.nan}
-    row |= {"status": status, "problem": problem} | dict.fromkeys(_FRAME_COUNTS, 0)
-    return row | {"undefined_px": 0, "fp_by_cause": [], REFERENCE_COLUMN: None, OUTSIDE_COLUMN: None}
+    row |= {"status": status, "problem": problem, "undefined_px": 0, "fp_by_cause": []}
+    return row | dict.fromkeys(_FRAME_COUNTS, 0)
 
 
 def objects_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
-    """`objects.parquet`."""
+    """`objects.parquet`; what a row does not have is null."""
     return pa.Table.from_pylist(list(rows), schema=OBJECTS_SCHEMA)
 
 
 def frames_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
-    """`frames.parquet`."""
+    """`frames.parquet`; what a row does not have is null."""
     return pa.Table.from_pylist(list(rows), schema=FRAMES_SCHEMA)
 
 
-def _image_key(reference: ReferenceFrame) -> Row:
-    return {
-        "recording": reference.recording,
-        "camera": reference.camera,
-        "timestamp_ns": reference.timestamp_ns,
-    }
-
-
-def _object_row(item: ReferenceObject, counts: ObjectCounts) -> Row:
-    return {
-        "track_id": item.track_id,
-        "object_class": item.object_class,
-        "status": item.status.value,
-        "reason": None if item.reason is None else item.reason.value,
-        "category": None if item.category is None else item.category.value,
-        "direction": None if item.direction is None else item.direction.value,
-        "range_m": item.range_m,
-        "x_m": float(item.centroid_m[0]),
-        "y_m": float(item.centroid_m[1]),
-        "speed_mps": item.speed_mps,
-        "points": item.points,
-        "polygon_px": item.polygon_px,
-        "region_px": counts.tp + counts.fn,
-        "unknown_px": item.unknown_px,
-        "tp": counts.tp,
-        "fn": counts.fn,
-        "fp": counts.fp,
-    }
+def _image_columns(reference: ReferenceFrame) -> Row:
+    return {name: getattr(reference, name) for name in (*IMAGE, "ego_speed_mps")}

@@ -8,9 +8,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation.counts import ChanceScorer, Regions, count_by_cell, count_frame, find_regions, sum_by_kind
-from bench.evaluation.likelihood import LikelihoodCounts, count_likelihood
-from bench.evaluation.maps import ImageMap, ImageMapSums
+from bench.evaluation.counts import ChanceScorer, count_frame, find_regions, sum_by_kind
+from bench.evaluation.likelihood import count_likelihood
+from bench.evaluation.maps import ImageMap
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import Row, frame_row, frames_table, object_rows, objects_table, unscored_frame_row
 from bench.records.reference import ReferenceFrame
@@ -29,9 +29,7 @@ class SequenceScorer:
         self._chance = ChanceScorer(lag_ns=protocol.chance_lag_ns)
         self._objects: list[Row] = []
         self._frames: list[Row] = []
-        self._maps: ImageMapSums | None = None
-        # V, the size of cells, and how much of V they hold: the same for every frame of a camera as a rule.
-        self._valid_cells: tuple[NDArray[np.bool_], int, NDArray[np.int64]] | None = None
+        self._map: ImageMap | None = None
 
     def add(
         self,
@@ -40,7 +38,7 @@ class SequenceScorer:
         *,
         exact: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Score a frame.
+        """Score a frame; of one that is not annotated, only the pixels of its mask are counted.
 
         Args:
             reference: of the image.
@@ -63,26 +61,24 @@ class SequenceScorer:
             regions=regions,
         )
         self._chance.add(reference, detected)
-        undefined_px, likelihood = self._undefined_px(reference, segmentation), _likelihood(regions, segmentation)
-        self._frames.append(frame_row(reference, frame, undefined_px=undefined_px, likelihood=likelihood))
-        if self._maps is None:
-            self._maps = ImageMapSums(camera=reference.camera, width=width, height=height)
-        self._maps.add(regions)
+        histograms: dict[str, NDArray[np.int64]] = {}
+        if segmentation.likelihood is not None and reference.annotated:
+            histograms = count_likelihood(
+                segmentation.likelihood,
+                regions,
+                cell_size_px=segmentation.cell_size_px,
+                is_score=segmentation.likelihood_is_score,
+            )
+        undefined_px = _undefined_px(reference.valid, segmentation)
+        self._frames.append(frame_row(reference, frame, undefined_px=undefined_px, histograms=histograms))
+        if not reference.annotated:
+            return
+        own = ImageMap.of(regions, camera=reference.camera)
+        self._map = own if self._map is None else self._map + own
         ceiling = None
         if exact is not None:
             ceiling = count_frame(reference, exact, component_size_px=self._component_size_px)[1]
         self._objects.extend(object_rows(reference, objects, ceiling=ceiling))
-
-    def _undefined_px(self, reference: ReferenceFrame, segmentation: Segmentation) -> int:
-        """Pixels of V where the method could not say."""
-        if segmentation.undefined is None:
-            return 0
-        known = self._valid_cells
-        if known is None or known[0] is not reference.valid or known[1] != segmentation.cell_size_px:
-            counted = count_by_cell(reference.valid, segmentation.cell_size_px)
-            known = self._valid_cells = reference.valid, segmentation.cell_size_px, counted
-        kinds = segmentation.undefined.view(np.uint8)
-        return int(sum_by_kind(known[2], kinds, bins=2, name="grid of undefined cells")[1])
 
     def leave_out(
         self,
@@ -109,15 +105,12 @@ class SequenceScorer:
 
     def image_map(self) -> ImageMap | None:
         """Return the map of where the frames so far were right and wrong in the image; None without a scored frame."""
-        return None if self._maps is None else self._maps.finish()
+        return self._map
 
 
-def _likelihood(regions: Regions, segmentation: Segmentation) -> LikelihoodCounts | None:
-    if segmentation.likelihood is None:
-        return None
-    return count_likelihood(
-        segmentation.likelihood,
-        regions,
-        cell_size_px=segmentation.cell_size_px,
-        is_score=segmentation.likelihood_is_score,
-    )
+def _undefined_px(valid: NDArray[np.bool_], segmentation: Segmentation) -> int:
+    """Pixels of V where the method could not say."""
+    if segmentation.undefined is None:
+        return 0
+    kinds, name = segmentation.undefined.view(np.uint8), "grid of undefined cells"
+    return int(sum_by_kind(valid, kinds, cell_size_px=segmentation.cell_size_px, bins=2, name=name)[1])

@@ -14,6 +14,7 @@ from bench.evaluation.definitions import (
     CEILINGS,
     COUNTS,
     FALSE_POSITIVES,
+    MARKED,
     SEGMENTATION,
     Definition,
     cause_metric,
@@ -22,7 +23,7 @@ from bench.evaluation.definitions import (
 )
 from bench.evaluation.intervals import ratio_interval
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import EVALUATED, Rows
+from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED, Rows
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, cameras_of, frame_breakdowns, object_breakdowns, sum_run
 from bench.records.reference import IgnoreReason, Status
 
@@ -62,7 +63,27 @@ class Metric(_Part):
     recordings: int
 
 
-class ObjectMetrics(BaseModel):
+NO_CASES = Metric(value=math.nan, ci95=None, cases=0, recordings=0)
+
+
+class _Metrics(BaseModel):
+    """Metrics by name: those that are declared, which every run has, and any others that `definitions` adds."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+    __pydantic_extra__: dict[str, Metric]
+
+    def metric(self, name: str) -> Metric:
+        """A metric by its name in `metric_names()`."""
+        found: Metric = getattr(self, name)
+        return found
+
+    def metric_names(self) -> tuple[str, ...]:
+        """All metrics of the row."""
+        declared = [name for name, field in type(self).model_fields.items() if field.annotation is Metric]
+        return (*declared, *self.__pydantic_extra__)
+
+
+class ObjectMetrics(_Metrics):
     """A row of the table: evaluated object-frames of one kind.
 
     Beside the declared ones there are, for every detection level of the protocol, `detection_rate_<percent>` and
@@ -82,9 +103,6 @@ class ObjectMetrics(BaseModel):
         iou_detected: mean IoU of the detected object-frames, which is what the paper's column can be compared with.
     """
 
-    model_config = ConfigDict(frozen=True, extra="allow")
-    __pydantic_extra__: dict[str, Metric]
-
     object_frames: int
     tracks: int
     recordings: int
@@ -95,18 +113,8 @@ class ObjectMetrics(BaseModel):
     iou: Metric
     iou_detected: Metric
 
-    def metric(self, name: str) -> Metric:
-        """A metric by its name in `metric_names()`."""
-        found: Metric = getattr(self, name)
-        return found
 
-    def metric_names(self) -> tuple[str, ...]:
-        """All metrics of the row."""
-        declared = [name for name, field in type(self).model_fields.items() if field.annotation is Metric]
-        return (*declared, *self.__pydantic_extra__)
-
-
-class FalsePositiveMetrics(_Part):
+class FalsePositiveMetrics(_Metrics):
     """The last row of the table: image-frames of one kind.
 
     Attributes:
@@ -126,7 +134,7 @@ class FalsePositiveMetrics(_Part):
     components_per_frame: Metric
 
 
-class SegmentationMetrics(_Part):
+class SegmentationMetrics(_Metrics):
     """The field's usual metrics of the moving class, from summed pixel counts outside I."""
 
     iou: Metric
@@ -152,12 +160,17 @@ class ObjectLedger(_Part):
 
 
 class FrameLedger(_Part):
-    """Numbers of images, by outcome; `problems` counts the failed and skipped ones by their message."""
+    """Numbers of images, by outcome; `problems` counts the failed and skipped ones by their message.
+
+    Attributes:
+        not_annotated: with a mask, but without annotations to score it by.
+    """
 
     images: int
     evaluated: int
     failed: int
     skipped: int
+    not_annotated: int = 0
     problems: dict[str, int]
 
 
@@ -176,6 +189,7 @@ class Summary(_Part):
         false_positive_breakdowns: "ego_speed_mps", "camera" -> bin or name -> row.
         objects: ledger of the annotated objects.
         images: ledger of the images.
+        marked: mean share of V that is detected, over the images that are not annotated.
     """
 
     protocol: ProtocolOfRun
@@ -188,11 +202,20 @@ class Summary(_Part):
     false_positive_breakdowns: dict[str, dict[str, FalsePositiveMetrics]]
     objects: ObjectLedger
     images: FrameLedger
+    marked: Metric = NO_CASES
 
 
 OF_IMAGES = "status", "images"
-NO_CASES = Metric(value=math.nan, ci95=None, cases=0, recordings=0)
 Ratios = dict[tuple[str, str, str], Metric]  # by breakdown, slice and metric
+
+
+def not_annotated(metrics: Summary) -> str:
+    """A sentence on the images that have no scores since they are not annotated; empty without any."""
+    images, marked = metrics.images, 100 * metrics.marked.value
+    if not images.not_annotated:
+        return ""
+    which = f"{images.not_annotated} of {images.images} images are not" if images.evaluated else "Not"
+    return f"{which} annotated: no scores; on average {marked:.1f} % of their valid pixels are marked."
 
 
 def take_ratio(sums: pd.DataFrame, definition: Definition) -> Metric:
@@ -274,11 +297,12 @@ def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
         false_positive_breakdowns=frames,
         objects=_object_ledger(counts),
         images=_frame_ledger(counts),
+        marked=ratios.get((FRAMES, FRAMES, MARKED.name), NO_CASES),
     )
 
 
 def _parts(ratios: Ratios, breakdown: str, name: str, metrics: Iterable[Definition]) -> dict[str, Metric]:
-    return {m.field or m.name: ratios.get((breakdown, name, m.name), NO_CASES) for m in metrics}
+    return {m.field: ratios.get((breakdown, name, m.name), NO_CASES) for m in metrics}
 
 
 def _counts(sums: pd.DataFrame) -> dict[tuple[str, str, str], int]:
@@ -304,6 +328,6 @@ def _object_ledger(counts: dict[tuple[str, str, str], int]) -> ObjectLedger:
 def _frame_ledger(counts: dict[tuple[str, str, str], int]) -> FrameLedger:
     found = {name: count for (breakdown, name, metric), count in counts.items() if (breakdown, metric) == OF_IMAGES}
     problems = {name: count for (breakdown, name, _), count in counts.items() if breakdown == "problem"}
-    ended = {name: found.pop(name, 0) for name in (EVALUATED, "failed", "skipped")}
+    ended = {name: found.pop(name, 0) for name in (EVALUATED, "failed", "skipped", NOT_ANNOTATED)}
     assert not found, "every image is scored or accounted for"
     return FrameLedger(images=sum(ended.values()), problems=dict(sorted(problems.items())), **ended)

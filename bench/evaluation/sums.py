@@ -21,9 +21,9 @@ import pandas as pd
 
 from bench.atomic import open_regular, write_text
 from bench.errors import BenchError, DataError
-from bench.evaluation.definitions import CAUSE, COUNTS, Definition, find_metric, image_metrics, object_metrics
+from bench.evaluation.definitions import CAUSE, COUNTS, MARKED, Definition, find_metric, image_metrics, object_metrics
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, Rows, read_parts
+from bench.evaluation.rows import EVALUATED, IMAGE, NOT_ANNOTATED, OBJECT, Rows, read_parts
 
 ALL_MOVING, FRAMES, CATEGORY = "all_moving", "frames", "category"
 KEY, TERMS = ["breakdown", "slice", "recording", "metric"], ["numerator", "denominator"]
@@ -32,8 +32,8 @@ OBJECT_COLUMNS = (
     "tp", "fn", "fp", "chance_tp", "unknown_px", "ceiling_tp", "ceiling_fp",
 )  # fmt: skip
 FRAME_COLUMNS = (
-    *IMAGE, "ego_speed_mps", "status", "problem", "width", "height", "valid_px", "tp_px", "fn_px", "fp_px",
-    "fp_components", "fp_large_components", "fp_by_cause",
+    *IMAGE, "ego_speed_mps", "status", "problem", "width", "height", "valid_px", "detected_px", "tp_px",
+    "fn_px", "fp_px", "fp_components", "fp_large_components", "fp_by_cause",
 )  # fmt: skip
 Breakdown = tuple[Sequence[str], Callable[[pd.DataFrame], "pd.Series[str]"]]
 
@@ -154,7 +154,7 @@ def sum_objects(objects: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     )
     tracks = [_count_tracks(rows, name, slices) for name, slices in breakdowns.items()]
     ledger = _count(objects, "annotated", ("status", "reason"))
-    return pd.concat([_sum(rows, metrics, breakdowns), *tracks, ledger], ignore_index=True)
+    return pd.concat([sum_metrics(rows, metrics, breakdowns), *tracks, ledger], ignore_index=True)
 
 
 def sum_frames(frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
@@ -163,23 +163,42 @@ def sum_frames(frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     rows = frames[frames["status"] == EVALUATED]
     breakdowns = {name: of(rows) for name, (_, of) in frame_breakdowns(protocol).items()}
     metrics = image_metrics(sorted({cause for px in rows["fp_by_cause"] for cause in px}))
+    unknown = frames[frames["status"] == NOT_ANNOTATED]
+    marked = sum_metrics(unknown, [MARKED], {FRAMES: pd.Series(FRAMES, unknown.index)})
     ledger = _count(frames, "images", ("status", "problem", "camera"))
-    return pd.concat([_sum(rows, metrics, breakdowns), ledger], ignore_index=True)
+    return pd.concat([sum_metrics(rows, metrics, breakdowns), marked, ledger], ignore_index=True)
 
 
-def _sum(rows: pd.DataFrame, metrics: Sequence[Definition], breakdowns: Mapping[str, pd.Series[str]]) -> pd.DataFrame:
+def sum_metrics(
+    rows: pd.DataFrame,
+    metrics: Sequence[Definition],
+    breakdowns: Mapping[str, pd.Series[str]],
+    *,
+    by: Sequence[str] = ("recording",),
+) -> pd.DataFrame:
+    """Sum the terms of metrics over the rows of each slice.
+
+    Args:
+        rows: evaluated object-frames or image-frames.
+        metrics: of such rows.
+        breakdowns: by name, the slice of each row.
+        by: columns of the rows that are told apart within a slice.
+
+    Returns:
+        Columns breakdown, slice, metric and `TERMS`, and those of `by`.
+    """
     terms = {(m.name, term): getattr(m, term)(rows).astype(np.float64) for m in metrics for term in TERMS}
     wide = pd.DataFrame(terms, index=rows.index)
     assert np.isfinite(wide.to_numpy()).all(), "every evaluated row has a number for each metric"
-    recording = rows["recording"].astype("category")
+    within = [rows[name].astype("category") for name in by]
     return pd.concat(
         [
             sums[metric.name].reset_index().assign(breakdown=name, metric=metric.name)
             for name, slices in breakdowns.items()
-            for sums in [wide.groupby([slices.rename("slice"), recording], observed=True).sum()]
+            for sums in [wide.groupby([slices.rename("slice"), *within], observed=True).sum()]
             for metric in metrics
         ]
-    ).astype(dict.fromkeys(KEY, str))
+    ).astype(dict.fromkeys({*KEY, *by}, str))
 
 
 def _count_tracks(rows: pd.DataFrame, breakdown: str, slices: pd.Series[str]) -> pd.DataFrame:

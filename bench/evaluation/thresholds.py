@@ -7,7 +7,7 @@ within a bin is unknown, so beside them stand the least and the most that any or
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,9 @@ from bench.evaluation.rows import Rows, read_parts
 from bench.evaluation.summary import Metric, Ratio
 
 IMAGES_AT_ONCE = 4096  # 10 MB of histograms
+HISTOGRAMS = REFERENCE_COLUMN, OUTSIDE_COLUMN
+BIN_COLUMNS = [f"{name}_{number}" for name in HISTOGRAMS for number in range(BINS)]
+Histograms = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,52 +60,27 @@ def threshold_sweep(frames: Rows) -> ThresholdSweep | None:
     Returns:
         None for a method without a likelihood.
     """
-    reference, outside = np.zeros((2, BINS), dtype=np.int64)
-    covered, images = np.zeros(BINS), 0
-    for rows, positive, negative in read_histograms(frames):
-        reference, outside = reference + positive.sum(axis=0), outside + negative.sum(axis=0)
-        area_px = (rows["width"] * rows["height"]).to_numpy()
-        for area in np.unique(area_px):
-            covered += _above(negative[area_px == area].sum(axis=0)) / area
-        images += len(rows)
-    if not images:
+    sums = sum_histograms(frames)
+    if not len(sums):
         return None
-    tp, fp, total = _above(reference), _above(outside), int(reference.sum())
-    precision = _ratio(tp, tp + fp)
-    recall = _ratio(tp, np.full(BINS, total))
-    gained = reference / total if total else np.full(BINS, np.nan)
+    by_area = sums.groupby("area_px").sum()
+    positive, negative = _histograms(by_area)
+    false_shares = (_from_above(negative) / by_area.index.to_numpy()[:, None]).sum(axis=0)
+    positive, negative = positive.sum(axis=0), negative.sum(axis=0)
+    tp, fp, images = _from_above(positive), _from_above(negative), int(by_area["images"].sum())
+    recall = _share(tp, positive.sum())
     return ThresholdSweep(
         thresholds=EDGES[:-1].copy(),
         tpr=recall,
-        false_positive_coverage=covered / images,
-        precision=precision,
+        false_positive_coverage=false_shares / images,
+        precision=_share(tp, tp + fp),
         recall=recall,
-        # A bin without G gains nothing, whatever its precision, which may be 0/0.
-        auprc=float(np.sum(np.where(gained == 0, 0.0, precision * gained))),
+        auprc=float(_average_precision(positive, negative)),
         frames=images,
     )
 
 
-def read_histograms(frames: Rows) -> Iterator[tuple[pd.DataFrame, NDArray[np.int64], NDArray[np.int64]]]:
-    """The images with a likelihood, some recordings at a time, and both histograms of each, (N, BINS)."""
-    columns = ["recording", "width", "height", REFERENCE_COLUMN, OUTSIDE_COLUMN]
-    for rows in read_parts(frames, columns, rows_at_once=IMAGES_AT_ONCE):
-        held = rows[rows[REFERENCE_COLUMN].notna()]
-        positive, negative = (np.array(held[name].tolist(), dtype=np.int64).reshape(-1, BINS) for name in columns[3:])
-        yield held, positive, negative
-
-
-def _above(histogram: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(BINS,) pixels above each lower edge."""
-    return np.cumsum(histogram[::-1])[::-1]
-
-
-def _ratio(numerator: NDArray[np.int64], denominator: NDArray[np.int64]) -> NDArray[np.float64]:
-    return np.where(denominator > 0, numerator / np.where(denominator > 0, denominator, 1), np.nan)
-
-
 RECALL = 19, 20  # 95 % in whole numbers, so that no rounding decides
-Histograms = NDArray[np.float64]
 
 
 class ThresholdFreeMetrics(BaseModel):
@@ -138,10 +116,10 @@ def threshold_free_metrics(frames: Rows) -> ThresholdFreeMetrics | None:
         Davis and Goadrich 2006 (no linear interpolation between points of the curve); Hendrycks and Gimpel 2017 and
         Chan et al. 2021 (false-positive rate at 95 % recall).
     """
-    sums, images = _sums_by_recording(frames)
-    if not images:
+    by_recording = sum_histograms(frames).groupby("recording").sum()
+    if not len(by_recording):
         return None
-    of_recording = np.array([sums[name] for name in sorted(sums)], dtype=np.float64)  # (S, 2, BINS)
+    of_recording = np.stack(_histograms(by_recording), axis=1)  # (S, 2, BINS)
     positive, negative = of_recording.sum(axis=0)
     fpr95 = _metric(_rate_at_recall, of_recording, cases=int(negative.sum()))
     return ThresholdFreeMetrics(
@@ -149,19 +127,34 @@ def threshold_free_metrics(frames: Rows) -> ThresholdFreeMetrics | None:
         auprc_bounds=_precision_bounds(positive, negative),
         fpr95=fpr95,
         fpr95_bounds=(float(_rate_at_recall(positive, negative, least=True)), fpr95.value),
-        images=images,
+        images=int(by_recording["images"].sum()),
     )
 
 
-def _sums_by_recording(frames: Rows) -> tuple[dict[str, Histograms], int]:
-    """(2, BINS) of each recording, positives and negatives, and the number of images."""
-    sums: dict[str, Histograms] = {}
-    images = 0
-    for rows, positive, negative in read_histograms(frames):
-        for name, own in rows.groupby("recording").indices.items():
-            sums[str(name)] = np.array([positive[own].sum(axis=0), negative[own].sum(axis=0)], dtype=np.float64)
-        images += len(rows)
-    return sums, images
+def sum_histograms(frames: Rows) -> pd.DataFrame:
+    """Sum the histograms of the images with a likelihood, a few recordings in memory at a time.
+
+    Args:
+        frames: of `FRAMES_SCHEMA`, rows in any order, in memory or stored.
+
+    Returns:
+        One row for each recording and area of its images, index `recording` and `area_px`: `images`, and the sums of
+        both histograms, `BIN_COLUMNS`, whole numbers.
+    """
+    parts = []
+    for rows in read_parts(frames, ["recording", "width", "height", *HISTOGRAMS], rows_at_once=IMAGES_AT_ONCE):
+        held = rows[rows[REFERENCE_COLUMN].notna()]
+        key = [held["recording"].rename("recording"), (held["width"] * held["height"]).rename("area_px")]
+        bins = [np.array(held[name].tolist(), dtype=np.float64).reshape(-1, BINS) for name in HISTOGRAMS]
+        wide = pd.DataFrame(np.hstack(bins), index=held.index, columns=BIN_COLUMNS)
+        parts.append(wide.assign(images=1).groupby(key).sum())
+    return pd.concat(parts)
+
+
+def _histograms(sums: pd.DataFrame) -> tuple[Histograms, Histograms]:
+    """(N, BINS) of each row, positives and negatives."""
+    positive, negative = np.split(sums[BIN_COLUMNS].to_numpy(), 2, axis=1)
+    return positive, negative
 
 
 def _metric(taken: Callable[[Histograms, Histograms], Histograms], of_recording: Histograms, *, cases: int) -> Metric:

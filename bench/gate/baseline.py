@@ -11,7 +11,7 @@ from bench.errors import DataError, UsageError
 from bench.evaluation import read_sums, write_sums
 from bench.harness import read_protocol, read_run
 from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_manifest
-from bench.harness.stored import SUMMARY, SUMS, sums_digest
+from bench.harness.stored import SUMMARY, SUMS, refuse_unscored, sums_digest
 from bench.recordings.cards import shipped_folder
 
 BASELINES = Path("reports/baselines")
@@ -51,9 +51,11 @@ def read_run_sums(run: Path) -> RunSums:
 
     Raises:
         DataError: a file of the run is missing or damaged, or they are not of one run.
+        UsageError: its data are not annotated.
     """
     summary = read_run(run)
     read_protocol(run, summary)
+    refuse_unscored(summary, run)
     return RunSums(
         manifest=summary.manifest,
         sums=read_sums(run / SUMS),

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import pandas as pd
 
 from bench.errors import UsageError
 from bench.evaluation import Definition, PairedChange, find_metric, holm, paired_change
-from bench.evaluation.comparison import SIGNIFICANCE, SLICE, pair_sums
+from bench.evaluation.comparison import SIDES, SIGNIFICANCE, SLICE, Key, Pairs, group_pairs, pair_sums
 from bench.evaluation.definitions import SEGMENTATION
 from bench.evaluation.rows import EVALUATED
-from bench.evaluation.sums import ALL_MOVING, FRAMES, name_slice
+from bench.evaluation.sums import ALL_MOVING, FRAMES, TERMS, name_slice
 from bench.gate.baseline import RunSums
 from bench.gate.changes import LISTED, changes
 from bench.gate.rendered import small_difference
@@ -28,8 +28,6 @@ UNITS = (
     *("images", "scored images", "failed", "skipped"),
 )
 BEFORE, AFTER = "denominator_before", "denominator_after"
-Key = tuple[str, str, str]  # breakdown, slice, metric
-Pairs = dict[Key, pd.DataFrame]  # the sums of baseline and run by recording
 
 
 def incomparable_reason(baseline: Manifest, run: Manifest) -> tuple[str, str] | None:
@@ -49,8 +47,18 @@ def incomparable_reason(baseline: Manifest, run: Manifest) -> tuple[str, str] | 
     return f"the baseline is of {other.aspect} {other.before}, the run of {other.after}", remedies[other.aspect]
 
 
-def data_checks(baseline: RunSums, run: RunSums, pairs: Pairs, *, tolerances: Tolerances) -> tuple[Check, ...]:
-    """Check run against baseline, always the same checks, in the order of cause and effect."""
+def data_checks(
+    baseline: RunSums, run: RunSums, sums: pd.DataFrame, pairs: Pairs, *, tolerances: Tolerances
+) -> tuple[Check, ...]:
+    """Check run against baseline, always the same checks, in the order of cause and effect.
+
+    Args:
+        baseline: what it is judged by.
+        run: the newer one.
+        sums: of both, as `pair_sums` gives them.
+        pairs: the same by slice and metric.
+        tolerances: the rules.
+    """
     changed_data = Outcome.FAILED if tolerances.changed_data == "fail" else Outcome.SUSPECT
     found = differences(baseline.manifest, run.manifest)
 
@@ -59,41 +67,18 @@ def data_checks(baseline: RunSums, run: RunSums, pairs: Pairs, *, tolerances: To
 
     told, of_reference = [f"{_other_reference(pairs)}; {text}" for text in texts(Aspect.REFERENCE)], Outcome.FAILED
     rendered = told and texts(Aspect.DATA) and tolerances.changed_data == "report"
-    if rendered and (small := small_difference(baseline.sums, run.sums)):
+    if rendered and (small := small_difference(sums)):
         told, of_reference = [small], Outcome.SUSPECT
+    data, reference = "data changed: other images, sweeps, labels, calibration or ego-motion", "reference changed"
+    method = texts(Aspect.METHOD, Aspect.SETTINGS, Aspect.METHOD_CODE)
     return (
-        _check("failures", list(run.failures), "the run has {count} failures: {listed}"),
-        _check(
-            "data_digest",
-            texts(Aspect.DATA),
-            "data changed: other images, sweeps, labels, calibration or ego-motion; {listed}",
-            outcome=changed_data,
-        ),
-        _check(
-            "reference_digest",
-            told,
-            "reference changed: {listed}",
-            outcome=of_reference,
-        ),
-        _check("counts", list(_count_differences(baseline, run)), "reference changed: {listed}", outcome=of_reference),
-        _check(
-            "cases",
-            list(_case_differences(baseline, run, pairs)),
-            "metrics are over other cases: {listed}",
-            outcome=of_reference,
-        ),
-        _check(
-            "metrics",
-            list(_missing(baseline, run, pairs)),
-            "in the baseline, but not in the run: {listed}",
-            outcome=of_reference,
-        ),
-        _check(
-            "method",
-            texts(Aspect.METHOD, Aspect.SETTINGS, Aspect.METHOD_CODE),
-            "method changed: {listed}",
-            outcome=Outcome.SUSPECT,
-        ),
+        _check("failures", run.failures, "the run has {count} failures: {listed}", Outcome.FAILED),
+        _check("data_digest", texts(Aspect.DATA), f"{data}; {{listed}}", changed_data),
+        _check("reference_digest", told, f"{reference}: {{listed}}", of_reference),
+        _check("counts", [*_count_differences(sums)], f"{reference}: {{listed}}", of_reference),
+        _check("cases", [*_case_differences(pairs)], "metrics are over other cases: {listed}", of_reference),
+        _check("metrics", [*_missing(pairs)], "in the baseline, but not in the run: {listed}", of_reference),
+        _check("method", method, "method changed: {listed}", Outcome.SUSPECT),
     )
 
 
@@ -112,7 +97,7 @@ def _other_reference(pairs: Pairs) -> str:
     )
 
 
-def _check(name: str, faults: Sequence[str], message: str, *, outcome: Outcome = Outcome.FAILED) -> Check:
+def _check(name: str, faults: Sequence[str], message: str, outcome: Outcome) -> Check:
     if not faults:
         return Check(name=name, outcome=Outcome.PASSED, message="as in the baseline")
     more = f"; and {len(faults) - LISTED} more" if len(faults) > LISTED else ""
@@ -120,21 +105,22 @@ def _check(name: str, faults: Sequence[str], message: str, *, outcome: Outcome =
     return Check(name=name, outcome=outcome, message=message.format(count=len(faults), listed=listed))
 
 
-def _count_differences(baseline: RunSums, run: RunSums) -> Iterator[str]:
+def _count_differences(sums: pd.DataFrame) -> Iterator[str]:
     """For example "4 object-frames fewer in all_moving (12, were 16)"; the slices of everything first."""
-    before, after = _counts(baseline.sums), _counts(run.sums)
+    before, after = (_counts(sums, side) for side in SIDES)
     whole = {ALL_MOVING: 0, FRAMES: 1}
     found = before.keys() | after.keys()
     for slice_name, unit in sorted(found, key=lambda key: (whole.get(key[0], 2), key[0], UNITS.index(key[1]))):
-        was, now = (counts.get((slice_name, unit), 0) for counts in (before, after))
+        was, now = before[slice_name, unit], after[slice_name, unit]
         if now != was:
             yield _difference(unit, slice_name, was, now)
 
 
-def _counts(sums: pd.DataFrame) -> dict[tuple[str, str], int]:
+def _counts(sums: pd.DataFrame, side: str) -> Counter[tuple[str, str]]:
     """Numbers by slice and unit that the reference alone decides: objects by slice and by status, images by status."""
     counts: Counter[tuple[str, str]] = Counter()
-    for breakdown, name, metric, above, below in sums[[*SLICE, "numerator", "denominator"]].itertuples(index=False):
+    columns = [*SLICE, *(f"{term}{side}" for term in TERMS)]
+    for breakdown, name, metric, above, below in sums[columns].itertuples(index=False):
         called = name_slice(breakdown, name)
         if metric == "tracks":
             counts[called, "tracks"] += int(above)
@@ -146,15 +132,13 @@ def _counts(sums: pd.DataFrame) -> dict[tuple[str, str], int]:
         elif (metric, breakdown) == ("images", "status"):
             counts[FRAMES, "images"] += int(above)
             counts[FRAMES, "scored images" if name == EVALUATED else name] += int(above)
-    return dict(counts)
+    return counts
 
 
-def _case_differences(baseline: RunSums, run: RunSums, pairs: Pairs) -> Iterator[str]:
-    shared = _keys(baseline) & _keys(run)
+def _case_differences(pairs: Pairs) -> Iterator[str]:
     for (breakdown, name, metric), part in pairs.items():
-        if (breakdown, name, metric) not in shared or find_metric(metric).cases_by_method:
-            continue
-        if (part[BEFORE] == part[AFTER]).all():
+        one_has_none = {*part["side"]} in ({"left_only"}, {"right_only"})
+        if one_has_none or find_metric(metric).cases_by_method or (part[BEFORE] == part[AFTER]).all():
             continue
         called, was, now = name_slice(breakdown, name), int(part[BEFORE].sum()), int(part[AFTER].sum())
         if was == now:
@@ -163,18 +147,10 @@ def _case_differences(baseline: RunSums, run: RunSums, pairs: Pairs) -> Iterator
             yield f"{metric}: {_difference('cases', called, was, now)}"
 
 
-def _missing(baseline: RunSums, run: RunSums, pairs: Pairs) -> Iterator[str]:
-    gone = _keys(baseline) - _keys(run)
-    return (
-        f"{metric} of {name_slice(breakdown, name)}"
-        for breakdown, name, metric in pairs
-        if (breakdown, name, metric) in gone
-    )
-
-
-def _keys(scored: RunSums) -> set[Key]:
-    keys: Any = scored.sums[SLICE].itertuples(index=False, name=None)
-    return set(keys)
+def _missing(pairs: Pairs) -> Iterator[str]:
+    for (breakdown, name, metric), part in pairs.items():
+        if (part["side"] == "left_only").all():
+            yield f"{metric} of {name_slice(breakdown, name)}"
 
 
 def _difference(unit: str, slice_name: str, was: int, now: int) -> str:
@@ -200,30 +176,54 @@ def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict
     if differing := incomparable_reason(baseline.manifest, run.manifest):
         why, hint = differing
         raise UsageError(f"{why}: they do not compare; {hint}, or replace the baseline with --update")
-    paired = pair_sums(baseline.sums, run.sums)
-    groups: Iterable[tuple[Any, pd.DataFrame]] = paired.groupby(SLICE, sort=False)
-    pairs: Pairs = {key: part for key, part in groups}  # noqa: C416 (`dict` would ask pandas for its keys)
+    sums = pair_sums(baseline.sums, run.sums)
+    pairs = group_pairs(sums)
     return Verdict(
         baseline=baseline.manifest,
         run=run.manifest,
         tolerances=f"{tolerances.name} version {tolerances.version}",
         changes=changes(baseline.manifest, run.manifest),
-        checks=data_checks(baseline, run, pairs, tolerances=tolerances),
+        checks=data_checks(baseline, run, sums, pairs, tolerances=tolerances),
         rows=judge_rows(pairs, tolerances=tolerances),
     )
 
 
 def judge_rows(pairs: Pairs, *, tolerances: Tolerances) -> tuple[Row, ...]:
     """Judge every metric of every slice; of those that decide, the chance that one is worse by chance alone counts."""
-    changed = {key: paired_change(part, within=find_metric(key[2]).change_bounds) for key, part in pairs.items()}
-    rules = {key: tolerances.tolerance(name_slice(*key[:2]), key[2]) for key in pairs}
-    reasons = {key: _why_not_judged(key, change, pairs, tolerances, rules[key]) for key, change in changed.items()}
-    deciding = [key for key, rule in rules.items() if rule and rule.decides and not reasons[key]]
-    by_chance = dict(zip(deciding, holm([_p_of_loss(key, changed[key]) for key in deciding]), strict=True))
-    return tuple(
-        _judge_metric(key, change, rules[key], reasons[key], by_chance.get(key), pairs[key], tolerances)
-        for key, change in changed.items()
+    rows = [_measure(key, pairs, tolerances) for key in pairs]
+    by_chance = holm([row.p_holm for row in rows])
+    return tuple(_judge_row(replace(row, p_holm=p), tolerances) for row, p in zip(rows, by_chance, strict=True))
+
+
+def _measure(key: Key, pairs: Pairs, tolerances: Tolerances) -> Row:
+    """Measure a row before it is judged: its `p_holm` is not yet corrected, its `reason` why it cannot be judged."""
+    slice_name, metric, part = name_slice(*key[:2]), find_metric(key[2]), pairs[key]
+    change, rule = paired_change(part, within=metric.change_bounds), tolerances.tolerance(slice_name, metric.name)
+    reason = _why_not_judged(key, change, pairs, tolerances, rule)
+    return Row(
+        slice_name=slice_name,
+        metric=metric.name,
+        outcome=Outcome.NOT_JUDGED if reason else Outcome.PASSED,
+        reason=reason,
+        change=change,
+        p_holm=_p_of_loss(key, change) if rule and rule.decides and not reason else None,
+        worsening=-metric.improvement(change.difference),
+        allowed=rule.allowed(change.before) if rule else math.nan,
+        worst_recordings=_worst_recordings(part, metric),
     )
+
+
+def _judge_row(row: Row, tolerances: Tolerances) -> Row:
+    improvement = find_metric(row.metric).improvement
+    low, high = sorted(-improvement(end) for end in row.change.ci95 or (0.0, 0.0))  # None: no recording changed
+    if row.outcome is Outcome.NOT_JUDGED:
+        return row
+    if row.worsening > row.allowed + ROUNDING:
+        reason = _why_suspect(low, row.p_holm)
+        certain = not reason or (row.p_holm is not None and tolerances.suspect == "fail")
+        return replace(row, outcome=Outcome.FAILED if certain else Outcome.SUSPECT, reason=reason)
+    improved = row.worsening < -row.allowed - ROUNDING and high < 0
+    return replace(row, outcome=Outcome.IMPROVED) if improved else row
 
 
 def _p_of_loss(key: Key, change: PairedChange) -> float | None:
@@ -257,41 +257,6 @@ def refuse(run: Manifest | None, *, tolerances: Tolerances, reason: str) -> Verd
     """
     rules = f"{tolerances.name} version {tolerances.version}"
     return Verdict(baseline=None, run=run, tolerances=rules, changes=(), checks=(), rows=(), refusal=reason)
-
-
-def _judge_metric(
-    key: Key,
-    change: PairedChange,
-    rule: Tolerance | None,
-    why_not_judged: str,
-    p_holm: float | None,
-    pairs: pd.DataFrame,
-    tolerances: Tolerances,
-) -> Row:
-    metric = find_metric(key[2])
-    worsening = -metric.improvement(change.difference)
-    allowed = rule.allowed(change.before) if rule else math.nan
-    low, high = sorted(-metric.improvement(end) for end in change.ci95 or (0.0, 0.0))  # None: no recording changed
-    outcome, reason = Outcome.PASSED, why_not_judged
-    if why_not_judged:
-        outcome = Outcome.NOT_JUDGED
-    elif worsening > allowed + ROUNDING:
-        reason = _why_suspect(low, p_holm)
-        certain = not reason or (p_holm is not None and tolerances.suspect == "fail")
-        outcome = Outcome.FAILED if certain else Outcome.SUSPECT
-    elif worsening < -allowed - ROUNDING and high < 0:
-        outcome = Outcome.IMPROVED
-    return Row(
-        slice_name=name_slice(*key[:2]),
-        metric=metric.name,
-        outcome=outcome,
-        reason=reason,
-        change=change,
-        p_holm=p_holm,
-        worsening=worsening,
-        allowed=allowed,
-        worst_recordings=_worst_recordings(pairs, metric),
-    )
 
 
 def _why_suspect(low: float, p_holm: float | None) -> str:

@@ -8,25 +8,20 @@ from __future__ import annotations
 
 import pandas as pd
 
-from bench.evaluation.comparison import SIDES
 from bench.evaluation.definitions import COUNTS
-from bench.evaluation.rows import merge_rows
-from bench.evaluation.sums import ALL_MOVING, FRAMES, KEY, TERMS
+from bench.evaluation.sums import ALL_MOVING, FRAMES, TERMS
 
 PIXELS = 0.001  # share of a recording's reference pixels that may differ
 REBINNED = 0.01  # share of all object-frames that may lie in another bin
 BINNED = ("points", "range_m", "ego_speed_mps")  # breakdowns by what is measured
 
 
-def small_difference(before: pd.DataFrame, after: pd.DataFrame) -> str:
+def small_difference(pairs: pd.DataFrame) -> str:
     """Tell in what two references differ; "" where it is more than another processor accounts for.
 
     Args:
-        before: sums of the baseline.
-        after: sums of the run.
+        pairs: sums of the baseline and of the run, as `pair_sums` gives them.
     """
-    pairs = merge_rows(before[[*KEY, *TERMS]], after[[*KEY, *TERMS]], on=KEY, how="outer")
-    pairs = pairs.fillna(dict.fromkeys([f"{term}{side}" for term in TERMS for side in SIDES], 0.0))
     breakdown, metric = pairs["breakdown"], pairs["metric"]
     above, below = (abs(pairs[f"{term}_after"] - pairs[f"{term}_before"]) for term in TERMS)
     if (above + below)[metric.isin(COUNTS) & ~breakdown.isin(BINNED)].any():

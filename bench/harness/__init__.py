@@ -7,7 +7,6 @@ images, calibration and ego-motion, never annotations.
 
 from bench.harness.frames import FramePipeline, ProcessedFrame
 from bench.harness.oracles import build_scorable, scorable_methods
-from bench.harness.predicted import PredictionReport, check_predictions, evaluate_predictions
 from bench.harness.provenance import Provenance
 from bench.harness.run import RunRequest, run_benchmark, score_part
 from bench.harness.run_folder import run_name
@@ -25,7 +24,6 @@ from bench.harness.unit import Part, Unit, plan_units
 __all__ = [
     "FramePipeline",
     "Part",
-    "PredictionReport",
     "ProcessedFrame",
     "Provenance",
     "RunRequest",
@@ -33,8 +31,6 @@ __all__ = [
     "StoredRows",
     "Unit",
     "build_scorable",
-    "check_predictions",
-    "evaluate_predictions",
     "open_tables",
     "plan_units",
     "read_image_maps",

@@ -1,19 +1,45 @@
-"""Check whether others can obtain the code of a run: committed unchanged, or installed as it was packed."""
+"""The commit that the code is of, and whether others can obtain it: committed unchanged, or installed as packed."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import subprocess
 from base64 import urlsafe_b64encode
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from importlib import resources
-from importlib.metadata import distributions
+from importlib.metadata import PackageNotFoundError, distribution, distributions
 from pathlib import Path
 
+import bench
 from bench.harness.digests import MethodCode
 
 SHOWN = 20
+
+
+def package_commit() -> str | None:
+    """Commit of the checkout that the package runs from, "+" behind it where files were changed; or of the repository
+    that pip installed it from; None where neither is known."""
+    package = Path(bench.__file__).resolve().parent
+    top, commit = _git(package, "rev-parse", "--show-toplevel"), _git(package, "rev-parse", "HEAD")
+    if top is None or commit is None or Path(top.strip()).resolve() != package.parent:
+        return _installed_commit(package)
+    changed = _git(package, "status", "--porcelain", "--untracked-files=no")
+    return commit.strip() + ("" if changed == "" else "+")
+
+
+def _installed_commit(package: Path) -> str | None:
+    """As `direct_url.json` of the installed distribution tells (PEP 610)."""
+    try:
+        installed = distribution("fisheye-bench")
+    except PackageNotFoundError:
+        return None
+    if Path(str(installed.locate_file("bench"))).resolve() != package:
+        return None  # what runs is another copy
+    told = installed.read_text("direct_url.json")
+    commit = json.loads(told).get("vcs_info", {}).get("commit_id") if told else None
+    return str(commit) if commit else None
 
 
 def unrepeatable_code(method_code: MethodCode) -> tuple[str, ...]:
@@ -40,10 +66,10 @@ def _packed_digests(files: Iterable[Path]) -> dict[Path, str]:
     """Digests that installed distributions list, of those files that they list."""
     inside = [path for path in files if {"site-packages", "dist-packages"} & set(path.parts)]
     found: dict[Path, str] = {}
-    for distribution in distributions() if inside else ():
-        folder = Path(str(distribution.locate_file(""))).resolve()
+    for packed in distributions() if inside else ():
+        folder = Path(str(packed.locate_file(""))).resolve()
         names = {path.relative_to(folder).as_posix(): path for path in inside if path.is_relative_to(folder)}
-        for entry in distribution.files or () if names else ():
+        for entry in packed.files or () if names else ():
             path = names.get(entry.as_posix())
             if path is not None and entry.hash is not None and entry.hash.mode == "sha256":
                 found[path] = entry.hash.value

@@ -184,6 +184,7 @@ class FramePipeline:
             road=self._road_given,
             current_from_previous=motions,
             valid=_read_only_copy(self.references.valid),
+            rolling_shutter=self.camera.rolling_shutter,
             recording=self.recording.name,
             camera_name=self.camera.name,
         )

@@ -12,10 +12,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 import bench
 from bench.evaluation.summary import ProtocolOfRun
+from bench.harness.code_state import package_commit
 from bench.harness.digests import code_digest
 from bench.harness.digests.content import UNIT_CODE
 from bench.harness.method_of_run import MethodOfRun, flat_settings
-from bench.harness.provenance import combined_digest, library_versions, package_commit
+from bench.harness.provenance import combined_digest, library_versions
 from bench.plain_text import listed
 from bench.recordings.checked_json import read_checked, write_checked
 
@@ -75,7 +76,7 @@ class CodeOfRun(_Part):
             version=bench.__version__,
             commit=package_commit(),
             python=platform.python_version(),
-            libraries=library_versions(),
+            libraries=dict(library_versions()),
             digest=code_digest(UNIT_CODE),
         )
 
@@ -150,17 +151,22 @@ class Difference:
 
     Attributes:
         aspect: part of the manifest.
-        before: of the first run, in words; "" where it has none.
+        before: of the first run, in words.
         after: of the second.
-        text: what it is and was, for example "'everything', was 'nothing'".
+        lead: words before these.
         name: of the setting, input error or library; "" where there is only one such thing.
     """
 
     aspect: Aspect
     before: str
     after: str
-    text: str
+    lead: str = ""
     name: str = ""
+
+    @property
+    def text(self) -> str:
+        """What it is and was, for example "'everything', was 'nothing'" or "flow = dis, was farneback"."""
+        return f"{self.lead}{self.after}, was {self.before}"
 
     def __str__(self) -> str:
         return self.text if self.aspect in _NAMED_BY_ITSELF else f"{self.aspect} {self.text}"
@@ -187,22 +193,21 @@ def differences(before: Manifest, after: Manifest) -> tuple[Difference, ...]:
 
 
 def _differences(before: Manifest, after: Manifest) -> Iterator[Difference]:
-    was, now = before.dataset, after.dataset
+    was, now, one, two = before.dataset, after.dataset, before.method, after.method
     yield from _one(Aspect.DATASET, repr(was.name), repr(now.name))
     yield from _one(Aspect.SPLIT, _or_none(was.split), _or_none(now.split))
     yield from _each(Aspect.INPUT_ERRORS, was.input_errors, now.input_errors)
-    yield from _one(Aspect.METHOD, repr(before.method.name), repr(after.method.name))
-    if before.method.name == after.method.name:
-        yield from _each(Aspect.SETTINGS, all_settings(before.method), all_settings(after.method))
-    if before.protocol.digest != after.protocol.digest:
-        yield from _one(Aspect.PROTOCOL, protocol_text(before.protocol), protocol_text(after.protocol))
-    yield from _code(before, after)
-    if None not in (was.data, now.data) and was.data != now.data:
-        text = "; ".join([*_changed_recordings(was.recordings, now.recordings), _digests(was.data, now.data)])
-        yield Difference(aspect=Aspect.DATA, before=str(was.data), after=str(now.data), text=text)
-    if None not in (before.reference, after.reference) and before.reference != after.reference:
-        text = _digests(before.reference, after.reference)
-        yield Difference(aspect=Aspect.REFERENCE, before=str(before.reference), after=str(after.reference), text=text)
+    yield from _one(Aspect.METHOD, repr(one.name), repr(two.name))
+    if one.name == two.name:
+        yield from _each(Aspect.SETTINGS, all_settings(one), all_settings(two))
+    yield from _one(Aspect.PROTOCOL, protocol_text(before.protocol), protocol_text(after.protocol))
+    yield from _code(before.code, after.code)
+    if one.name == two.name:
+        lead = "the method's own code, libraries or files: "
+        yield from _digest(Aspect.METHOD_CODE, one.code_digest, two.code_digest, lead=lead)
+    recordings = "".join(f"{text}; " for text in _changed_recordings(was.recordings, now.recordings))
+    yield from _digest(Aspect.DATA, was.data, now.data, lead=recordings)
+    yield from _digest(Aspect.REFERENCE, before.reference, after.reference)
 
 
 def all_settings(method: MethodOfRun) -> dict[str, object]:
@@ -232,35 +237,38 @@ def read_manifest(run: Path) -> Manifest | None:
 
 def _one(aspect: Aspect, before: str, after: str) -> Iterator[Difference]:
     if before != after:
-        yield Difference(aspect=aspect, before=before, after=after, text=f"{after}, was {before}")
+        yield Difference(aspect=aspect, before=before, after=after)
 
 
-def _each(aspect: Aspect, before: Mapping[str, object], after: Mapping[str, object]) -> Iterator[Difference]:
-    """For example "flow = dis, was farneback"."""
+def _each(
+    aspect: Aspect,
+    before: Mapping[str, object],
+    after: Mapping[str, object],
+    *,
+    between: str = " = ",
+    absent: object = None,
+) -> Iterator[Difference]:
+    """Compare value by value; `between` stands between name and value, `absent` for a value that is not there."""
     for name in sorted(before.keys() | after.keys()):
-        was, now = before.get(name), after.get(name)
+        was, now = before.get(name, absent), after.get(name, absent)
         if was != now:
-            text = f"{name} = {now}, was {was}"
-            yield Difference(aspect=aspect, before=str(was), after=str(now), text=text, name=name)
+            yield Difference(aspect=aspect, before=str(was), after=str(now), lead=f"{name}{between}", name=name)
 
 
-def _code(before: Manifest, after: Manifest) -> Iterator[Difference]:
-    was, now = before.code, after.code
+def _digest(aspect: Aspect, before: str | None, after: str | None, *, lead: str = "") -> Iterator[Difference]:
+    """Compare digests that both runs know."""
+    if before is not None and after is not None and before != after:
+        was, now = before[:SHOWN_DIGEST], after[:SHOWN_DIGEST]
+        yield Difference(aspect=aspect, before=was, after=now, lead=f"{lead}digest ")
+
+
+def _code(was: CodeOfRun, now: CodeOfRun) -> Iterator[Difference]:
     if (was.version, was.commit) != (now.version, now.commit):
         yield from _one(Aspect.CODE, was.text, now.text)
-    elif None not in (was.digest, now.digest) and was.digest != now.digest and was.libraries == now.libraries:
-        text = f"other code of {now.text}: {_digests(was.digest, now.digest)}"
-        yield Difference(aspect=Aspect.CODE, before=str(was.digest), after=str(now.digest), text=text)
+    elif was.libraries == now.libraries:
+        yield from _digest(Aspect.CODE, was.digest, now.digest, lead=f"other code of {now.text}: ")
     versions = [{"Python": code.python, **code.libraries} for code in (was, now)]
-    for name in sorted(versions[0].keys() | versions[1].keys()):
-        earlier, later = (found.get(name, "not loaded") for found in versions)
-        if earlier != later:
-            text = f"{name} {later}, was {earlier}"
-            yield Difference(aspect=Aspect.CODE, before=earlier, after=later, text=text, name=name)
-    one, two = before.method, after.method
-    if one.name == two.name and None not in (one.code_digest, two.code_digest) and one.code_digest != two.code_digest:
-        text = f"the method's own code, libraries or files: {_digests(one.code_digest, two.code_digest)}"
-        yield Difference(aspect=Aspect.METHOD_CODE, before=str(one.code_digest), after=str(two.code_digest), text=text)
+    yield from _each(Aspect.CODE, *versions, between=" ", absent="not loaded")
 
 
 def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
@@ -275,10 +283,6 @@ def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Itera
     ):
         if names:
             yield f"recordings {kind}: {listed([*map(repr, sorted(names))], LISTED)} ({len(names)} of {count})"
-
-
-def _digests(before: str | None, after: str | None) -> str:
-    return f"digest {str(after)[:SHOWN_DIGEST]}, was {str(before)[:SHOWN_DIGEST]}"
 
 
 def _or_none(split: str | None) -> str:

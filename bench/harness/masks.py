@@ -18,8 +18,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.harness.method_of_run import MethodOfRun
-from bench.methods import Method, MethodInput, Segmentation
+from bench.methods import Segmentation
 
 MASKS = "masks.parquet"
 LIKELIHOOD_CELLS = 20_000
@@ -66,49 +65,30 @@ def mask_row(segmentation: Segmentation, *, recording: str, camera: str, timesta
     }
 
 
-class StoredMasks(Method):
-    """The answers of a stored run in the place of the method that gave them.
+def read_mask(file: Path, *, recording: str, camera: str, timestamp_ns: int) -> Segmentation:
+    """Read the segmentation that was scored on an image.
 
     Args:
-        run: folder.
-        method: that made them.
+        file: masks of a run.
+        recording: name.
+        camera: name.
+        timestamp_ns: exposure.
 
     Raises:
-        DataError: the run holds none.
+        DataError: the image was not scored, or the file is missing or damaged.
     """
-
-    reads_images = False
-
-    def __init__(self, run: Path, method: MethodOfRun) -> None:
-        self.file = run / MASKS
-        self.name, self.history = method.name, method.history
-        self._settings = method.settings
-        if not self.file.is_file():
-            hint = "run again: pictures are drawn from stored masks, and the method of a stored run is never called"
-            raise DataError(self.file, expected="the masks that were scored", got="no such file", hint=hint)
-
-    def settings(self) -> dict[str, object]:
-        """Those of the method."""
-        return self._settings
-
-    def segment(self, frame: MethodInput) -> Segmentation:
-        """Return the segmentation that was scored on an image.
-
-        Raises:
-            DataError: the image was not scored, or the file is damaged.
-        """
-        key = ("recording", frame.recording), ("camera", frame.camera_name), ("timestamp_ns", frame.timestamps_ns[-1])
-        try:
-            found = pq.read_table(self.file, schema=MASKS_SCHEMA, filters=[(name, "=", value) for name, value in key])
-        except (OSError, pa.ArrowException) as error:
-            raise DataError(self.file, expected="the masks of a run", got=" ".join(str(error).split())) from error
-        if len(found) != 1:
-            got = f"{len(found)} of {frame.recording!r}, {frame.camera_name!r} at {frame.timestamps_ns[-1]} ns"
-            raise DataError(self.file, expected="one mask of each image that was scored", got=got)
-        try:
-            return _segmentation(found.to_pylist()[0])
-        except (TypeError, ValueError, OverflowError) as error:
-            raise DataError(self.file, expected="a mask of rows x columns cells", got=str(error)) from error
+    key = ("recording", recording), ("camera", camera), ("timestamp_ns", timestamp_ns)
+    try:
+        found = pq.read_table(file, schema=MASKS_SCHEMA, filters=[(name, "=", value) for name, value in key])
+    except (OSError, pa.ArrowException) as error:
+        raise DataError(file, expected="the masks of a run", got=" ".join(str(error).split())) from error
+    if len(found) != 1:
+        got = f"{len(found)} of {recording!r}, {camera!r} at {timestamp_ns} ns"
+        raise DataError(file, expected="one mask of each image that was scored", got=got)
+    try:
+        return _segmentation(found.to_pylist()[0])
+    except (TypeError, ValueError, OverflowError) as error:
+        raise DataError(file, expected="a mask of rows x columns cells", got=str(error)) from error
 
 
 def _segmentation(row: Mapping[str, Any]) -> Segmentation:

@@ -1,23 +1,20 @@
-"""Provenance of a result: time, memory, work; and the versions and commit of the code."""
+"""Provenance of a result: time, memory, work; and the versions of libraries."""
 
 from __future__ import annotations
 
 import hashlib
-import json
 import platform
-import subprocess
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import cache
-from importlib.metadata import PackageNotFoundError, distribution, version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import perf_counter
+from types import MappingProxyType
 
 from pydantic import BaseModel, ConfigDict, Field
 
-import bench
 from bench.recordings import Recording
 
 METRIC_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "shapely", "pandas", "pyarrow")
@@ -82,31 +79,8 @@ class Provenance(BaseModel):
     unrepeatable: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Start:
-    """When work began.
-
-    Attributes:
-        utc: by the calendar.
-        seconds: by the clock that never goes back.
-    """
-
-    utc: datetime
-    seconds: float
-
-    @classmethod
-    def now(cls) -> Start:
-        """Begin."""
-        return cls(utc=datetime.now(UTC), seconds=perf_counter())
-
-    @property
-    def elapsed_s(self) -> float:
-        """Seconds since then."""
-        return round(perf_counter() - self.seconds, 3)
-
-
 def provenance_since(
-    start: Start,
+    start_s: float,
     *,
     stage_seconds: Mapping[str, float],
     images: int,
@@ -117,16 +91,17 @@ def provenance_since(
     """The provenance of work that ends now.
 
     Args:
-        start: when it began.
+        start_s: when it began, by `time.perf_counter`, which never goes back.
         stage_seconds: time of each stage.
         images: that were scored.
         work: what had to be computed.
         peak_memory_mb: of the largest process; None for this one.
         unrepeatable: code that cannot be had again.
     """
+    seconds = round(perf_counter() - start_s, 3)
     return Provenance(
-        started_utc=start.utc.isoformat(timespec="seconds"),
-        seconds=start.elapsed_s,
+        started_utc=(datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(timespec="seconds"),
+        seconds=seconds,
         stage_seconds={name: round(seconds, 3) for name, seconds in sorted(stage_seconds.items())},
         images=images,
         peak_memory_mb=round(largest_resident_mb() if peak_memory_mb is None else peak_memory_mb, 1),
@@ -135,50 +110,14 @@ def provenance_since(
     )
 
 
-def library_versions() -> dict[str, str]:
-    """Versions of the libraries that decide metrics: those that compute them, and those that decode what is read."""
-    return dict(_library_versions())
-
-
 @cache
-def _library_versions() -> tuple[tuple[str, str], ...]:
-    found = [(name, version(name)) for name in METRIC_LIBRARIES]
+def library_versions() -> Mapping[str, str]:
+    """Versions of the libraries that decide metrics: those that compute them, and those that decode what is read."""
+    found = {name: version(name) for name in METRIC_LIBRARIES}
     for name in READER_LIBRARIES:  # which of them there are depends on the platform and the interpreter
         with suppress(PackageNotFoundError):
-            found.append((name, version(name)))
-    return tuple(found)
-
-
-def package_commit() -> str | None:
-    """Commit of the checkout that the package runs from, or of the repository that pip installed it from; else None."""
-    folder = Path(bench.__file__).parent
-
-    def git(*words: str) -> str:
-        done = subprocess.run(
-            ["git", "-C", str(folder), *words], capture_output=True, text=True, check=True, timeout=10
-        )
-        return done.stdout.strip()
-
-    try:
-        top = Path(git("rev-parse", "--show-toplevel"))
-        if folder.parent.resolve() != top.resolve():
-            return _installed_commit()
-        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
-    except (OSError, subprocess.SubprocessError):
-        return _installed_commit()
-
-
-def _installed_commit() -> str | None:
-    """As `direct_url.json` of the installed distribution tells (PEP 610)."""
-    try:
-        installed = distribution("fisheye-bench")
-    except PackageNotFoundError:
-        return None
-    if Path(str(installed.locate_file("bench"))).resolve() != Path(bench.__file__).parent.resolve():
-        return None  # what runs is another copy
-    told = installed.read_text("direct_url.json")
-    commit = json.loads(told).get("vcs_info", {}).get("commit_id") if told else None
-    return str(commit) if commit else None
+            found[name] = version(name)
+    return MappingProxyType(found)
 
 
 def largest_resident_mb() -> float:

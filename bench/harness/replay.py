@@ -11,10 +11,11 @@ from pathlib import Path
 from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.evaluation.counts import count_frame
-from bench.harness.frames import FramePipeline, ProcessedFrame, UnscorableFrame
-from bench.harness.masks import StoredMasks
+from bench.harness.frames import FramePipeline, InputOnly, ProcessedFrame, UnscorableFrame
+from bench.harness.masks import MASKS, read_mask
 from bench.harness.stored import RunSummary, open_tables
 from bench.recordings import DatasetCard, load_card, open_dataset
+from bench.records.segmentation import segmentation_fault
 
 COUNTS = ("valid_px", "reference_px", "ignored_px", "tp_px", "fp_px")
 _KEY = ("camera", "timestamp_ns")
@@ -34,8 +35,12 @@ class StoredFrames:
     """
 
     def __init__(self, run: Path, summary: RunSummary, protocol: Protocol, *, card: DatasetCard | None = None) -> None:
-        self._run, self._protocol = run, protocol
-        self._method = StoredMasks(run, summary.manifest.method)
+        self._protocol = protocol
+        self._input = InputOnly(history=summary.manifest.method.history)
+        self._masks = run / MASKS
+        if not self._masks.is_file():
+            hint = "run again: pictures are drawn from stored masks, and the method of a stored run is never called"
+            raise DataError(self._masks, expected="the masks that were scored", got="no such file", hint=hint)
         self._card = card or load_card(summary.manifest.dataset.card)
         self._handles = {handle.name: handle for handle in open_dataset(self._card, summary.manifest.dataset.split)}
         self._frames = open_tables(run)[1]
@@ -59,7 +64,7 @@ class StoredFrames:
                 got = ", ".join(opened.cameras)
                 raise DataError(opened.root, expected=f"the camera {camera!r} of the run", got=got)
             self._pipelines.clear()  # a recording at a time, or memory would grow with their number
-            self._pipelines[key] = FramePipeline(opened, camera, method=self._method, protocol=self._protocol)
+            self._pipelines[key] = FramePipeline(opened, camera, method=self._input, protocol=self._protocol)
         return self._pipelines[key]
 
     def process(self, recording: str, camera: str, timestamp_ns: int) -> ProcessedFrame:
@@ -75,11 +80,13 @@ class StoredFrames:
             raise DataError(
                 pipeline.recording.root, expected=f"an image of {camera!r} at {timestamp_ns} ns", got="none"
             )
-        processed = pipeline.process(times_ns.index(timestamp_ns))
-        height, width = processed.reference.valid.shape
-        counted, _ = count_frame(
-            processed.reference, processed.segmentation.mask_at(width, height), component_size_px=0
-        )
+        index = times_ns.index(timestamp_ns)
+        given, reference = pipeline.method_input(index), pipeline.reference(index)
+        answer = read_mask(self._masks, recording=recording, camera=camera, timestamp_ns=timestamp_ns)
+        height, width = reference.valid.shape
+        if (fault := segmentation_fault(answer, width=width, height=height)) is not None:
+            raise DataError(self._masks, expected="the segmentation that was scored", got=fault)
+        counted, _ = count_frame(reference, answer.mask_at(width, height), component_size_px=0)
         now, then = (
             tuple(getattr(counted, name) for name in COUNTS),
             self._counts(recording).get((camera, timestamp_ns)),
@@ -90,7 +97,7 @@ class StoredFrames:
                 f"recording {recording!r}, camera {camera!r}, image at {timestamp_ns} ns: the run stored {stored}; "
                 f"code or data changed since, so that a picture would not show what was scored"
             )
-        return processed
+        return ProcessedFrame(image=pipeline.images[index], given=given, segmentation=answer, reference=reference)
 
     def _counts(self, recording: str) -> dict[tuple[str, int], tuple[int, ...]]:
         if self._stored[0] != recording:

@@ -8,18 +8,19 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from time import perf_counter
 from typing import TypeVar
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import Protocol, sum_run, summary_of, write_sums
-from bench.evaluation.summary import ProtocolOfRun
+from bench.evaluation.summary import ProtocolOfRun, Summary, not_annotated
 from bench.execution import FailedTask, SerialExecutor, TaskExecutor
 from bench.harness.cache import CacheFolder
 from bench.harness.code_state import unrepeatable_code
 from bench.harness.digests import MethodCode
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, all_settings
 from bench.harness.method_of_run import MethodOfRun
-from bench.harness.provenance import Provenance, Start, Work, largest_resident_mb, provenance_since
+from bench.harness.provenance import Provenance, Work, largest_resident_mb, provenance_since
 from bench.harness.run_folder import begin_run, held_run_folder, new_results
 from bench.harness.stages import Progress
 from bench.harness.stored import (
@@ -166,9 +167,10 @@ class ScoredPart:
         units_of_run: how many units all parts have together.
         units: of this part, in the order of the run.
         results: of these units.
-        opening_s: time that opening recordings took, s.
+        images: of these units.
+        images_done: of those that have a result, or failed.
         workers: processes.
-        start: when it began.
+        start_s: when it began, by `time.perf_counter`.
     """
 
     workers: int
@@ -176,8 +178,9 @@ class ScoredPart:
     units_of_run: int = 0
     units: list[Unit] = field(default_factory=list)
     results: dict[Unit, ScoredUnit] = field(default_factory=dict)
-    opening_s: float = 0.0
-    start: Start = field(default_factory=Start.now)
+    images: int = 0
+    images_done: int = 0
+    start_s: float = field(default_factory=perf_counter)
 
     def digests(self, run: Path) -> dict[Unit, str]:
         """The units that have a result in the folder of a run, in the order of the run, with its digest."""
@@ -192,17 +195,17 @@ class ScoredPart:
 
     def provenance(self, run: Path, *, images: int, unrepeatable: tuple[str, ...] = ()) -> Provenance:
         """Provenance of the results in the folder of a run, so far."""
-        results = list(self.results.values())
+        results, opening_s = list(self.results.values()), sum(recording.seconds for recording in self.recordings)
         computed = [unit for unit, result in self.results.items() if run in result.computed]
         return provenance_since(
-            self.start,
-            stage_seconds=_sum([{"open": self.opening_s}, *(result.seconds for result in results)]),
+            self.start_s,
+            stage_seconds=_sum([{"open": opening_s}, *(result.seconds for result in results)]),
             images=images,
             work=Work(
                 workers=self.workers,
                 units_computed=len(computed),
                 units_reused=len(self.digests(run)) - len(computed),
-                images_computed=sum(unit.stop - unit.start for unit in computed),
+                images_computed=sum(unit.images for unit in computed),
                 changed=_sum(dict.fromkeys(result.changed, 1) for result in results),
                 steps_found=_sum(result.steps_found for result in results),
                 steps_computed=_sum(result.steps_computed for result in results),
@@ -256,52 +259,31 @@ def _score(
         cache=request.cache,
     )
     scored = ScoredPart(workers=request.executor.workers)
-    tally = _Tally(request.progress, recordings=len(handles))
+
+    def tell() -> None:
+        """Recordings that are not open yet count as large as those that are."""
+        if request.progress is not None:
+            expected = scored.images * len(handles) / max(len(scored.recordings), 1)
+            request.progress(scored.images_done, round(expected))
+
+    tell()
     with request.executor:
         for batch in _batches(handles, request.executor.workers):
-            opened = _plan(spec, request.executor, batch, tally)
+            opened = _plan(spec, request.executor, batch)
             planned = [unit for recording in opened for unit in recording.units]
             units = part.of(planned, before=scored.units_of_run)
-            scored.opening_s += sum(recording.seconds for recording in opened)
             scored.recordings += opened
             scored.units_of_run += len(planned)
             scored.units += units
-            tally.count(len(opened), sum(unit.stop - unit.start for unit in units))
+            scored.images += sum(unit.images for unit in units)
+            tell()
             for unit, result in _score_units(spec, request.executor, batch, units):
                 scored.results[unit] = result
-                tally.add(unit)
+                scored.images_done += unit.images
+                tell()
     if request.cache is not None:
         request.cache.evict()
     return scored
-
-
-class _Tally:
-    """Tells how many images are done, and of how many.
-
-    Args:
-        progress: takes it.
-        recordings: of the run.
-    """
-
-    def __init__(self, progress: Progress | None, *, recordings: int) -> None:
-        self._progress, self._recordings = progress, recordings
-        self._opened = self._known = self._done = 0
-        self.tell()
-
-    def count(self, recordings: int, images: int) -> None:
-        """Recordings were opened, with images to be scored."""
-        self._opened, self._known = self._opened + recordings, self._known + images
-        self.tell()
-
-    def add(self, unit: Unit) -> None:
-        """A unit is done."""
-        self._done += unit.stop - unit.start
-        self.tell()
-
-    def tell(self) -> None:
-        """Tell it; recordings that are not open yet count as large as those that are."""
-        if self._progress is not None:
-            self._progress(self._done, round(self._known * self._recordings / max(self._opened, 1)))
 
 
 def _batches(handles: Sequence[RecordingHandle], workers: int) -> Iterator[Sequence[RecordingHandle]]:
@@ -316,17 +298,15 @@ def _batches(handles: Sequence[RecordingHandle], workers: int) -> Iterator[Seque
         start, size = start + size, min(2 * size, LARGEST_BATCH * workers) if workers > 1 else 1
 
 
-def _plan(
-    spec: RunSpec, executor: TaskExecutor, handles: Sequence[RecordingHandle], tally: _Tally
-) -> list[PlannedRecording]:
+def _plan(spec: RunSpec, executor: TaskExecutor, handles: Sequence[RecordingHandle]) -> list[PlannedRecording]:
     """The recordings in the order of the data set."""
     found: dict[str, PlannedRecording] = {}
     with closing(executor.compute(partial(plan_recording, spec), handles)) as results:
         for handle, planned in results:
             if isinstance(planned, FailedTask):
-                planned = PlannedRecording.failed(handle, f"it could not be opened: {planned.reason}")
+                failure = f"recording {handle.name!r}: it could not be opened: {planned.reason}"
+                planned = PlannedRecording(name=handle.name, failure=failure)
             found[handle.name] = planned
-            tally.tell()
     return [found[handle.name] for handle in handles]
 
 
@@ -340,16 +320,15 @@ def _score_units(
         UnitTask(
             handle=by_name[unit.recording],
             unit=unit,
-            stored=None if executor.shares_disk else {run: store.digests(unit) for run, store in stores.items()},
+            stored=None if executor.shares_disk else {run: store.stored(unit) for run, store in stores.items()},
         )
-        for unit in sorted(units, key=lambda unit: unit.start - unit.stop)  # the longest first, to end together
+        for unit in sorted(units, key=lambda unit: -unit.images)  # the longest first, to end together
     ]
     with closing(executor.compute(partial(score_unit, spec), tasks)) as results:
         for task, scored in results:
             unit = task.unit
             if isinstance(scored, FailedTask):
-                where = f"recording {unit.recording!r}, camera {unit.camera!r}, images {unit.start} to {unit.stop - 1}"
-                yield unit, ScoredUnit(failure=f"{where}: {scored.reason}")
+                yield unit, ScoredUnit(failure=f"{unit}: {scored.reason}")
                 continue
             for run, content in scored.contents.items():
                 stores[run].write(unit, scored.digests[run], content)
@@ -382,7 +361,7 @@ def _write_results(
     write_protocol(results, protocol)
     outlines = [recording.vehicle_outline_m for recording in scored.recordings if recording.vehicle_outline_m]
     digests = {one.name: one.digest for one in scored.recordings if one.digest is not None}
-    if not metrics.images.evaluated and not problems:
+    if not (metrics.images.evaluated or metrics.images.not_annotated or problems):
         reasons = [f"{problem} ({count})" for problem, count in metrics.images.problems.items()]
         failures.append(f"no image was scored; {listed(reasons)}" if reasons else "no image was scored")
     finished = {"reference": reference_digest(objects, frames), "sums": sums_digest(results)}
@@ -390,10 +369,12 @@ def _write_results(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=SCHEMA_VERSION,
         manifest=manifest.with_data(digests).model_copy(update=finished),
-        provenance=scored.provenance(run, images=metrics.images.evaluated, unrepeatable=unrepeatable),
+        provenance=scored.provenance(
+            run, images=metrics.images.evaluated + metrics.images.not_annotated, unrepeatable=unrepeatable
+        ),
         vehicle_outline_m=outlines[-1] if outlines else (),
         failures=(*failures, *problems),
-        caveats=_caveats(request),
+        caveats=_caveats(request, metrics),
         threshold_free=read_threshold_free(results),
         files=file_digests(results),
     )
@@ -401,11 +382,11 @@ def _write_results(
     return summary
 
 
-def _caveats(request: RunRequest) -> str:
-    """Caveats for a reader of the results: those of the data, and errors of the method's input."""
+def _caveats(request: RunRequest, metrics: Summary) -> str:
+    """Caveats for a reader of the results: no annotations, those of the data, and errors of the method's input."""
     told = [f"{name} {error:g}" for name, error in request.input_errors.named.items()]
     errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
-    return "\n".join(part for part in (request.card.content.caveats, errors) if part)
+    return "\n".join(part for part in (not_annotated(metrics), request.card.content.caveats, errors) if part)
 
 
 def _sum(counted: Iterable[Mapping[str, Number]]) -> dict[str, Number]:

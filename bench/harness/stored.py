@@ -24,8 +24,8 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.dataset
 
-from bench.atomic import open_regular, write_text
-from bench.errors import DataError
+from bench.atomic import write_text
+from bench.errors import DataError, UsageError
 from bench.evaluation import (
     FRAMES_SCHEMA,
     OBJECTS_SCHEMA,
@@ -40,6 +40,7 @@ from bench.evaluation import (
 from bench.evaluation.definitions import level_metrics
 from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.rows import Rows, read_parts, sort_rows, to_frame
+from bench.harness.digests.content import MISSING, UNREADABLE, FileDigests
 from bench.harness.manifest import Manifest, write_manifest
 from bench.harness.provenance import Provenance
 from bench.harness.unit_files import load_image_maps
@@ -257,7 +258,8 @@ def write_summary(run: Path, summary: RunSummary) -> None:
 
 def file_digests(run: Path) -> dict[Table, str]:
     """SHA-256 of the files of a run that its summary is of, by name."""
-    return {name: _sha256(run / name) for name in get_args(Table) if (run / name).is_file()}
+    digests = FileDigests()
+    return {name: digests.of(run / name) for name in get_args(Table) if (run / name).is_file()}
 
 
 def sums_digest(run: Path) -> str:
@@ -278,31 +280,22 @@ def read_run(run: Path) -> RunSummary:
         raise DataError(
             file, field="schema_version", expected=expected, got=got, hint="read it with the version it is of"
         )
+    digests = FileDigests()
     for name, digest in summary.files.items():
-        _check(run / name, digest)
+        if (found := digests.of(run / name)) not in (digest, MISSING):
+            got = found if found.startswith(UNREADABLE) else "another one: it is damaged, or of another run"
+            raise DataError(run / name, expected=f"the file that {SUMMARY} is of", got=got, hint="score again")
     return summary
 
 
-def _check(file: Path, digest: str) -> None:
-    """Refuse a file of a run, where it is there, that is not the one that the summary is of.
+def refuse_unscored(summary: RunSummary, run: Path) -> None:
+    """Refuse a run without scores, of data that are not annotated.
 
     Raises:
-        DataError: it is another, damaged, or cannot be read.
+        UsageError: it has none.
     """
-    try:
-        found = _sha256(file)
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise DataError(file, expected="a file of a run", got=error.strerror or str(error)) from error
-    if found != digest:
-        got, hint = "another one: it is damaged, or of another run", "score again"
-        raise DataError(file, expected=f"the file that {SUMMARY} is of", got=got, hint=hint)
-
-
-def _sha256(file: Path) -> str:
-    with open_regular(file) as content:
-        return hashlib.file_digest(content, "sha256").hexdigest()
+    if summary.images.not_annotated and not summary.images.evaluated:
+        raise UsageError(f"{run}: expected a run with scores, got one of data that are not annotated")
 
 
 def _csv(table: pa.Table, *, heading: bool) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections import Counter
-from collections.abc import Mapping, Set
+from collections.abc import Collection, Mapping, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from bench.evaluation import Protocol
 from bench.harness.cache import CacheFolder, StepCache
 from bench.harness.digests import MethodCode, RecordingInputs, code_digest, digest_of
 from bench.harness.digests.content import UNIT_CODE
+from bench.harness.method_of_run import flat_settings
 from bench.harness.provenance import largest_resident_mb, recording_digest
 from bench.harness.stages import StageClock
 from bench.harness.unit import Unit, plan_units, run_unit
@@ -31,7 +32,7 @@ class RunSpec:
     Attributes:
         method: to be scored.
         method_code: of the method, in the process that started the run.
-        settings: of the method, as it reports them and as they were asked for.
+        settings: of the method, as it reports them and as they were asked for, by dotted name.
         protocols: the rules, each by the folder of its run.
         cache: where cached steps are stored; None to compute everything.
         code: digest of this package's code that decides a unit's result, in the process that started the run.
@@ -45,6 +46,12 @@ class RunSpec:
     cache: CacheFolder | None = None
     code: str = field(default_factory=lambda: code_digest(UNIT_CODE))
     run_id: str = field(default_factory=lambda: uuid.uuid4().hex)
+
+    @property
+    def unreported_settings(self) -> dict[str, object]:
+        """Settings that were asked for and that the method does not report."""
+        reported = flat_settings(self.method.settings())
+        return {name: value for name, value in self.settings.items() if name not in reported}
 
     def refuse_other_code(self) -> None:
         """Refuse to compute with other code than the run began with.
@@ -72,17 +79,11 @@ class PlannedRecording:
     """
 
     name: str
-    units: tuple[Unit, ...]
-    digest: str | None
-    vehicle_outline_m: tuple[tuple[float, float], ...]
-    failure: str | None
-    seconds: float
-
-    @classmethod
-    def failed(cls, handle: RecordingHandle, reason: str, *, seconds: float = 0.0) -> PlannedRecording:
-        """A recording that cannot be used."""
-        failure = f"recording {handle.name!r}: {reason}"
-        return cls(name=handle.name, units=(), digest=None, vehicle_outline_m=(), failure=failure, seconds=seconds)
+    units: tuple[Unit, ...] = ()
+    digest: str | None = None
+    vehicle_outline_m: tuple[tuple[float, float], ...] = ()
+    failure: str | None = None
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,13 +93,13 @@ class UnitTask:
     Attributes:
         handle: its recording.
         unit: which images.
-        stored: digests of results that are stored, by folder of the run; None where the worker sees the folders:
-            then it looks itself, and stores what it computes.
+        stored: results that are stored, by folder of the run, see `UnitStore.stored`; None where the worker sees the
+            folders: then it looks itself, and stores what it computes.
     """
 
     handle: RecordingHandle
     unit: Unit
-    stored: Mapping[Path, Set[str]] | None
+    stored: Mapping[Path, Mapping[str, Mapping[str, str]]] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,13 +137,13 @@ def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
             opened = _open(spec, handle)
             units = tuple(plan_units(opened.recording, spec.method))
     except BenchError as error:
-        return PlannedRecording.failed(handle, str(error), seconds=clock.seconds["open"])
+        failure = f"recording {handle.name!r}: {error}"
+        return PlannedRecording(name=handle.name, failure=failure, seconds=clock.seconds["open"])
     return PlannedRecording(
         name=handle.name,
         units=units,
         digest=recording_digest(opened.recording),
         vehicle_outline_m=tuple((float(x), float(y)) for x, y in opened.recording.vehicle_outline_m),
-        failure=None,
         seconds=clock.seconds["open"],
     )
 
@@ -170,15 +171,21 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
             inputs = opened.inputs.reread()
             decided_by = deciding_digests(spec, opened.recording, unit, inputs)
             names = {run: digest_of(parts) for run, parts in decided_by.items()}
-            digests = {run: digest for run, digest in names.items() if _is_stored(task, run, digest)}
+            stored = task.stored
+            if stored is None:
+                stored = {run: UnitStore(run=run).stored(unit) for run in names}
+            digests = {run: digest for run, digest in names.items() if digest in stored[run]}
         due = [run for run in names if run not in digests]
         if due:
-            if task.stored is None:
-                changed = frozenset().union(*(UnitStore(run=run).changed(unit, decided_by[run]) for run in due))
+            changed = frozenset().union(*(_changed(decided_by[run], stored[run].values()) for run in due))
             steps = None
             if spec.cache is not None:
                 steps = StepCache(
-                    folder=spec.cache, recording=opened.recording, inputs=inputs, method_code=spec.method_code
+                    folder=spec.cache,
+                    recording=opened.recording,
+                    inputs=inputs,
+                    method_code=spec.method_code,
+                    unreported=spec.unreported_settings,
                 )
             protocols = [spec.protocols[run] for run in due]
             tables = run_unit(opened.recording, unit, method=spec.method, protocols=protocols, clock=clock, steps=steps)
@@ -187,7 +194,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
                 _refuse_change(spec, opened, unit, decided_by)
             with clock.stage("store"):
                 for run, counted in zip(due, tables, strict=True):
-                    contents[run] = encode_unit(unit, counted, decided_by=decided_by[run])
+                    contents[run] = encode_unit(counted, decided_by=decided_by[run])
                     if task.stored is None:
                         UnitStore(run=run).write(unit, names[run], contents.pop(run))
             digests, computed = names, due
@@ -196,8 +203,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
     except BenchError as error:
         failure = f"recording {unit.recording!r}, camera {unit.camera!r}: {error}"
     except MemoryError:
-        where = f"recording {unit.recording!r}, camera {unit.camera!r}, images {unit.start} to {unit.stop - 1}"
-        failure = f"{where}: the memory that the process may use was not enough"
+        failure = f"{unit}: the memory that the process may use was not enough"
     return ScoredUnit(
         digests=digests,
         computed=frozenset(computed),
@@ -243,8 +249,10 @@ def deciding_digests(
     }
 
 
-def _is_stored(task: UnitTask, run: Path, digest: str) -> bool:
-    return UnitStore(run=run).holds(task.unit, digest) if task.stored is None else digest in task.stored[run]
+def _changed(decided_by: Mapping[str, str], stored: Collection[Mapping[str, str]]) -> frozenset[str]:
+    """Names of what was another when the most similar stored result came about; none without any."""
+    changed = [{name for name in decided_by if other.get(name) != decided_by[name]} for other in stored]
+    return frozenset(min(changed, key=len, default=()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import pyarrow as pa
 
-from bench.errors import BenchError, DataError, UsageError
+from bench.errors import BenchError, UsageError
 from bench.evaluation import ImageMap, Protocol, SequenceScorer
 from bench.harness.cache import StepCache
 from bench.harness.frames import FramePipeline, UnscorableFrame
@@ -35,6 +35,14 @@ class Unit:
     camera: str
     start: int
     stop: int
+
+    def __str__(self) -> str:
+        return f"recording {self.recording!r}, camera {self.camera!r}, images {self.start} to {self.stop - 1}"
+
+    @property
+    def images(self) -> int:
+        """Number of images to score."""
+        return self.stop - self.start
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,15 +90,7 @@ class Part:
 
 
 def plan_units(recording: Recording, method: Scorable, *, chunk_images: int = CHUNK_IMAGES) -> Iterator[Unit]:
-    """Cut a recording into units; a camera's first images, without history or not to be scored, belong to none.
-
-    Raises:
-        DataError: the recording has images, but none to be scored, as one has that is not annotated.
-    """
-    images_of_all = [image for images in recording.images.values() for image in images]
-    if images_of_all and not any(image.scored for image in images_of_all):
-        hint = f"write {recording.name}.json into the folder that the card's annotations names (annotations/README.md)"
-        raise DataError(recording.root, field=recording.name, expected="annotations", got="none", hint=hint)
+    """Cut a recording into units; a camera's first images, without history or not to be scored, belong to none."""
     for camera in sorted(recording.cameras):
         images = len(recording.images[camera])
         first = next((i for i, image in enumerate(recording.images[camera]) if image.scored), images)

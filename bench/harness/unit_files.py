@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import re
@@ -41,34 +40,26 @@ class UnitStatus(BaseModel):
     """`status.json`.
 
     Attributes:
-        unit: which images.
         decided_by: digests of all that decides the result, by name; the unit's own digest is of these.
         problems: one line per image that could not be used.
-        sha256: of the other files of the unit, by name.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    unit: dict[str, str | int]
     decided_by: dict[str, str]
     problems: tuple[str, ...]
-    sha256: dict[str, str]
 
 
-def encode_unit(unit: Unit, tables: UnitTables, *, decided_by: Mapping[str, str]) -> bytes:
+def encode_unit(tables: UnitTables, *, decided_by: Mapping[str, str]) -> bytes:
     """The file of a unit; the same for the same result."""
     files = {OBJECTS: _parquet(tables.objects), FRAMES: _parquet(tables.frames), MASKS: _parquet(tables.masks)}
     if tables.image_map is not None:
         files[MAPS] = image_maps_bytes([tables.image_map])
-    status = UnitStatus(
-        unit={name: getattr(unit, name) for name in unit.__slots__},
-        decided_by=dict(decided_by),
-        problems=tables.problems,
-        sha256={name: hashlib.sha256(content).hexdigest() for name, content in files.items()},
-    )
+    status = UnitStatus(decided_by=dict(decided_by), problems=tables.problems)
+    files[STATUS] = (status.model_dump_json(indent=1) + "\n").encode()
     packed = io.BytesIO()
     with ZipFile(packed, "w", ZIP_STORED) as archive:
-        for name, content in (files | {STATUS: (status.model_dump_json(indent=1) + "\n").encode()}).items():
+        for name, content in files.items():
             archive.writestr(ZipInfo(name), content)
     return packed.getvalue()
 
@@ -88,30 +79,15 @@ class UnitStore:
         readable = re.sub(r"[^A-Za-z0-9_.-]+", "_", f"{unit.recording}-{unit.camera}")[:80]
         return self.run / FOLDER / f"{readable}-{unit.start:08d}-{digest}{SUFFIX}"
 
-    def holds(self, unit: Unit, digest: str) -> bool:
-        """True if a unit is stored, undamaged."""
-        try:
-            _read(self.file(unit, digest), digest)
-        except DataError:
-            return False
-        return True
-
-    def digests(self, unit: Unit) -> frozenset[str]:
-        """Digests of all results of a unit that are stored, undamaged."""
-        prefix, suffix = self.file(unit, "").name[: -len(SUFFIX)], SUFFIX
-        names = [entry.name for entry in (self.run / FOLDER).glob(f"{prefix}*{suffix}")]
-        found = (name.removeprefix(prefix).removesuffix(suffix) for name in names)
-        return frozenset(digest for digest in found if self.holds(unit, digest))
-
-    def changed(self, unit: Unit, decided_by: Mapping[str, str]) -> frozenset[str]:
-        """Names of what was another when the stored result of a unit came about; none without such a result."""
+    def stored(self, unit: Unit) -> dict[str, dict[str, str]]:
+        """The digests of all results of a unit that are stored, undamaged, with the digests of what decided each."""
         prefix = self.file(unit, "").name[: -len(SUFFIX)]
-        others = []
+        found: dict[str, dict[str, str]] = {}
         for file in (self.run / FOLDER).glob(f"{prefix}*{SUFFIX}"):
+            digest = file.name.removeprefix(prefix).removesuffix(SUFFIX)
             with suppress(DataError):
-                status, _ = _read(file, file.name.removeprefix(prefix).removesuffix(SUFFIX))
-                others.append({name for name in decided_by if status.decided_by.get(name) != decided_by[name]})
-        return frozenset(min(others, key=len, default=()))
+                found[digest] = _read(file, digest)[0].decided_by
+        return found
 
     def write(self, unit: Unit, digest: str, content: bytes) -> None:
         """Store a unit, by one rename.
@@ -159,7 +135,7 @@ class UnitStore:
                     add(files[name])
                 if MAPS in files:  # a unit without a scored image has none
                     maps = add_image_maps([*maps, *load_image_maps(file, io.BytesIO(files[MAPS]))])
-        write_image_maps(out / maps_name, maps)
+        write_bytes(out / maps_name, image_maps_bytes(maps))
         return tuple(problems)
 
 
@@ -203,9 +179,8 @@ def _read(file: Path, digest: str) -> tuple[UnitStatus, Mapping[str, bytes]]:
     except (OSError, ValueError, KeyError, NotImplementedError, RuntimeError, EOFError, BadZipFile) as error:
         got = "a damaged status" if isinstance(error, ValidationError) else " ".join(str(error).split())
         raise DataError(file, expected="a stored unit", got=got, hint=hint) from error
-    contents = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
-    if contents != status.sha256 or not TABLES.keys() <= contents.keys():
-        raise DataError(file, expected="the files that its status lists", got="others, or damaged ones", hint=hint)
+    if missing := sorted(TABLES.keys() - files.keys()):
+        raise DataError(file, expected="the tables of a unit", got=f"no {missing[0]}", hint=hint)
     if digest_of(status.decided_by) != digest:
         raise DataError(file, expected="a unit of the digest in its name", got="another one", hint=hint)
     return status, files
@@ -221,13 +196,8 @@ _WORDS = ("camera", "width", "height", "cell_px", "frames")
 _GRIDS = ("reference_px", "missed_px", "false_px")
 
 
-def write_image_maps(file: Path, maps: Sequence[ImageMap]) -> None:
-    """Write an `.npz`: `index` (JSON, one entry per map), and `<number>.reference_px` and so on; atomically."""
-    write_bytes(file, image_maps_bytes(maps))
-
-
 def image_maps_bytes(maps: Sequence[ImageMap]) -> bytes:
-    """The content of the `.npz`; the same for the same maps."""
+    """An `.npz` of `index` (JSON, an entry per map), `<number>.reference_px` and so on; the same for the same maps."""
     index = [{name: getattr(item, name) for name in _WORDS} for item in maps]
     grids = {f"{number}.{name}": getattr(item, name) for number, item in enumerate(maps) for name in _GRIDS}
     content = io.BytesIO()
@@ -236,7 +206,7 @@ def image_maps_bytes(maps: Sequence[ImageMap]) -> bytes:
 
 
 def load_image_maps(file: Path, content: BinaryIO | None = None) -> tuple[ImageMap, ...]:
-    """Read what `write_image_maps` wrote.
+    """Read what `image_maps_bytes` made.
 
     Args:
         file: that holds it.

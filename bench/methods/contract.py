@@ -14,7 +14,7 @@ from typing import Any, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel
+from bench.cameras import CameraModel, RollingShutter
 from bench.errors import BenchError, DataError, UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.plug_ins import describe_error
@@ -59,6 +59,8 @@ class MethodInput:
         road: the road below the camera.
         current_from_previous: camera motion of each consecutive pair, oldest pair first; one fewer than images.
         valid: (H, W) bool; inside the lens's field and outside the ego vehicle's own body.
+        rolling_shutter: the camera's readout; the times above are those of the middle row, and the camera's motion is
+            that between them. None where all rows are exposed at once.
         recording: name of the recording; empty where it is not known.
         camera_name: name of the camera; empty where it is not known.
         cached_step: finds what the method computed in an earlier run; methods with an expensive step
@@ -71,6 +73,7 @@ class MethodInput:
     road: RoadPlane
     current_from_previous: tuple[RigidTransform, ...]
     valid: NDArray[np.bool_]
+    rolling_shutter: RollingShutter | None = None
     recording: str = ""
     camera_name: str = ""
     cached_step: CachedStep = compute_anew

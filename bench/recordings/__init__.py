@@ -13,9 +13,12 @@ from bench.recordings.images import read_image, read_truth
 from bench.recordings.native import open_native
 from bench.recordings.writing import RecordingWriter, write_annotations
 from bench.records.recording import (
+    COMPLETELY,
     MOTION_KINDS,
     NO_INPUT_ERRORS,
+    NOT_ANNOTATED,
     OBJECT_CLASSES,
+    Annotated,
     Cuboid,
     FrameGap,
     GroundPolygon,
@@ -33,9 +36,12 @@ from bench.records.recording import (
 
 __all__ = [
     "ADAPTERS",
+    "COMPLETELY",
     "MOTION_KINDS",
+    "NOT_ANNOTATED",
     "NO_INPUT_ERRORS",
     "OBJECT_CLASSES",
+    "Annotated",
     "Cuboid",
     "DatasetCard",
     "Exclusion",

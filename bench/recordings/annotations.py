@@ -1,19 +1,75 @@
-"""Annotation files <-> tracks."""
+"""Annotation files <-> tracks, and what of a recording they cover."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated as Of
+from typing import Any, Literal
 
 import numpy as np
+from pydantic import Field, model_validator
 
+from bench.egomotion.time_units import unit_hint
 from bench.errors import DataError
 from bench.geometry import RigidTransform, quaternions_wxyz
 from bench.recordings import openlabel
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting_all
-from bench.recordings.validation import MOST_FAULTS, lenient_json, read_json
-from bench.records.recording import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices, Track
+from bench.recordings.validation import MOST_FAULTS, FileModel, TimeNs, lenient_json, read_json
+from bench.records.recording import (
+    ALWAYS_NS,
+    COMPLETELY,
+    NOT_ANNOTATED,
+    Annotated,
+    Cuboid,
+    GroundPolygon,
+    ObjectShape,
+    ObjectState,
+    PointIndices,
+    Track,
+)
+
+Outline = Of[tuple[tuple[float, float], ...], Field(min_length=3, max_length=1000)]
+
+
+class PartlyAnnotated(FileModel):
+    """`annotated` of `recording.json` and of cards, where that is neither "none" nor "complete".
+
+    Attributes:
+        timestamps_ns: first and last time of each annotated stretch, null for open; all times without it.
+        left_out_m: outlines on the ground, x and y in the vehicle frame, in which nothing is annotated.
+    """
+
+    timestamps_ns: tuple[tuple[TimeNs | None, TimeNs | None], ...] = Field(default=((None, None),), min_length=1)
+    left_out_m: tuple[Outline, ...] = ()
+
+    @model_validator(mode="after")
+    def _in_order(self) -> PartlyAnnotated:
+        for first, last in self.timestamps_ns:
+            if first is not None and last is not None and first > last:
+                raise ValueError(f"first and last time of a stretch in order, not {first} before {last}")
+        return self
+
+
+Statement = Literal["none", "complete"] | PartlyAnnotated
+
+
+def annotated_as(statement: Statement) -> Annotated:
+    """What a file states."""
+    if isinstance(statement, PartlyAnnotated):
+        earliest_ns, latest_ns = ALWAYS_NS
+        spans_ns = [
+            (earliest_ns if first is None else first, latest_ns if last is None else last)
+            for first, last in statement.timestamps_ns
+        ]
+        return Annotated(spans_ns=tuple(spans_ns), left_out_m=statement.left_out_m)
+    return COMPLETELY if statement == "complete" else NOT_ANNOTATED
+
+
+def annotation_file_in(folder: Path | None, recording: str) -> Path | None:
+    """The file of a folder of annotations that stands in for a recording's own; None where there is none."""
+    file = None if folder is None else folder / f"{recording}.json"
+    return file if file is not None and file.is_file() else None
 
 
 def read_annotations(file: Path) -> tuple[Track, ...]:
@@ -60,6 +116,11 @@ def _faults(file: Path) -> tuple[DataError, ...]:
 def _states(content: openlabel.OpenLabel, file: Path, on_error: OnError) -> dict[str, list[ObjectState]]:
     """The states of each object, by time."""
     states: dict[str, list[ObjectState]] = {uid: [] for uid in content.objects}
+    times_ns = [frame.frame_properties.timestamp for frame in content.frames.values()]
+    if len(set(times_ns)) < len(times_ns) and (hint := unit_hint(times_ns)):
+        expected, got = "nanoseconds, each time once", f"{len(times_ns)} frames at {len(set(times_ns))} times"
+        on_error(DataError(file, field="openlabel.frames: timestamp", expected=expected, got=got, hint=hint))
+        return states
     last_ns: dict[str, int] = {}
     for number, frame in sorted(content.frames.items(), key=lambda item: item[1].frame_properties.timestamp):
         timestamp_ns = frame.frame_properties.timestamp

@@ -21,6 +21,7 @@ from pydantic import Field, model_validator
 
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.plain_yaml import parse_yaml
+from bench.recordings.annotations import Statement
 from bench.recordings.files import read_text
 from bench.recordings.handles import Exclusion
 from bench.recordings.object_storage import RemoteUrl, parse_location
@@ -45,6 +46,7 @@ class CardFile(FileModel):
         scenario: scenario file, relative to the card, that is rendered into `root` when that is missing and
             no address.
         annotations: folder of annotation files apart from the data, relative to the card.
+        annotated: "complete", "none", or which times and areas are; null for what each recording says of itself.
         licence: of the data.
         source: where the data set comes from.
         how_to_get: what a user does to have it.
@@ -60,6 +62,7 @@ class CardFile(FileModel):
     root: str
     scenario: str | None = None
     annotations: str | None = None
+    annotated: Statement | None = None
     licence: str
     source: str = ""
     how_to_get: str = ""

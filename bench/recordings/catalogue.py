@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_targets
+from bench.recordings.annotations import annotated_as
 from bench.recordings.cards import DatasetCard
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.object_storage import remote_recordings
@@ -79,8 +80,9 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
     _refuse_unknown((e.recording for e in excluded), handles, card, "exclusions")
     _refuse_strange_annotations(card, handles)
     whole = {e.recording for e in excluded if e.covers_all}
+    annotated = None if card.content.annotated is None else annotated_as(card.content.annotated)
     return tuple(
-        replace(handles[name], exclusions=tuple(e for e in excluded if e.recording == name))
+        replace(handles[name], annotated=annotated, exclusions=tuple(e for e in excluded if e.recording == name))
         for name in names
         if name not in whole
     )

@@ -10,7 +10,7 @@ from pydantic import Field
 from bench.errors import DataError
 from bench.recordings.error_handlers import ErrorCollector, NothingUsableError, Part
 from bench.recordings.validation import FileModel
-from bench.records.recording import NO_INPUT_ERRORS, ImageRef, InputErrors, Recording
+from bench.records.recording import NO_INPUT_ERRORS, NOT_ANNOTATED, Annotated, ImageRef, InputErrors, Recording
 
 Span = tuple[int | None, int | None]  # first and last, both included; None for open
 
@@ -66,6 +66,7 @@ class RecordingHandle:
         exclusions: images that are left out on opening.
         lenient: the opener takes an error handler, `on_error`; False where the first error is the only one known.
         input_errors: injected into the method's input.
+        annotated: what the card says is annotated of a recording that is; None for what that says itself.
     """
 
     name: str
@@ -73,6 +74,7 @@ class RecordingHandle:
     exclusions: tuple[Exclusion, ...] = ()
     lenient: bool = False
     input_errors: InputErrors = NO_INPUT_ERRORS
+    annotated: Annotated | None = None
 
     def open(self) -> Recording:
         """Open the recording: calibration, lists of images and sweeps, ego-motion and annotations; no bulk data.
@@ -83,6 +85,8 @@ class RecordingHandle:
         recording = self.opener()
         if self.input_errors != NO_INPUT_ERRORS:
             recording = replace(recording, input_errors=self.input_errors)
+        if self.annotated is not None and recording.annotated != NOT_ANNOTATED:
+            recording = replace(recording, annotated=self.annotated)
         if not self.exclusions:
             return recording
         images = {camera: self._included(refs) for camera, refs in recording.images.items()}

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bench.cameras import CameraModel, camera_from_parameters
 from bench.errors import DataError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
+from bench.recordings.schema import RollingShutterHead
 from bench.recordings.validation import located
 from bench.records.recording import MountedCamera
 
@@ -28,6 +29,7 @@ def mounted_camera(
     ground_height_m: float = 0.0,
     ego_body: NDArray[np.bool_] | None,
     evaluated_size_px: tuple[int, int] | None,
+    rolling_shutter: RollingShutterHead | None = None,
     file: Path,
     field: str,
 ) -> MountedCamera:
@@ -40,6 +42,7 @@ def mounted_camera(
         ground_height_m: height of the road in the vehicle frame.
         ego_body: as of the camera, at the size of the stored images.
         evaluated_size_px: (width, height); None for as stored.
+        rolling_shutter: as a file states it; None where all rows are exposed at once.
         file: that says where the camera is, for messages.
         field: the same.
 
@@ -55,6 +58,7 @@ def mounted_camera(
         road=road,
         stored_size_px=(model.width, model.height),
         ego_body=ego_body,
+        rolling_shutter=None if rolling_shutter is None else rolling_shutter.shutter,
     )
     return scaled_camera(camera, evaluated_size_px)
 

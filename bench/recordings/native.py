@@ -15,7 +15,7 @@ from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals, rea
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
-from bench.recordings.annotations import annotations_or_none
+from bench.recordings.annotations import Statement, annotated_as, annotation_file_in, annotations_or_none
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, reporting_all, stationary
 from bench.recordings.files import numbered_files
 from bench.recordings.handles import RecordingHandle
@@ -23,7 +23,7 @@ from bench.recordings.images import read_mask
 from bench.recordings.mounting import camera_model, mounted_camera
 from bench.recordings.schema import CameraHead, RecordingHead, TrueCalibration
 from bench.recordings.validation import LATEST_NS, FileModel, SidePx, json_faults, read_json, validated
-from bench.records.recording import ImageRef, MountedCamera, Recording, SweepRef, Track
+from bench.records.recording import NOT_ANNOTATED, Annotated, ImageRef, MountedCamera, Recording, SweepRef, Track
 
 HEAD = "recording.json"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -107,6 +107,7 @@ def _mounted_camera(
         ground_height_m=head.vehicle.ground_height_m,
         ego_body=ego_body,
         evaluated_size_px=size_px,
+        rolling_shutter=entry.rolling_shutter,
         file=file,
         field=f"{field}.vehicle_from_camera",
     )
@@ -149,7 +150,9 @@ def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], on_error: 
         if path.name.startswith(".") or path.suffix.lower() not in suffixes:
             return None
         if not path.stem.isascii() or not path.stem.isdigit() or int(path.stem) > LATEST_NS:
-            raise DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem))
+            seconds = path.stem.replace(".", "", 1).isdigit() and "." in path.stem
+            hint = "these would be seconds: multiply them by 1000000000" if seconds else ""
+            raise DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem), hint=hint)
         return int(path.stem)
 
     return numbered_files(root, folder, time_ns, on_error, each="time")
@@ -183,25 +186,31 @@ def _ego_motion(root: Path, ego_motion: Source) -> Trajectory:
     return read_tum(present[0])
 
 
-def _tracks(root: Path, annotations: Path | None, on_error: ErrorHandler) -> tuple[Track, ...]:
-    """The objects of `annotations` where that file exists, else of the recording's own file."""
+def _tracks(
+    root: Path, annotations: Path | None, stated: Statement | None, on_error: ErrorHandler
+) -> tuple[tuple[Track, ...], Annotated]:
+    """The objects of `annotations`, else of the recording's own file, and what they cover: without a file nothing."""
     tracks = None
     with reporting(on_error):
-        tracks = annotations_or_none(_annotation_file(root, annotations), on_error)
+        file = annotations or _own_annotations(root, stated)
+        if file is None:
+            return (), NOT_ANNOTATED
+        tracks = annotations_or_none(file, on_error)
     if tracks is None:
         on_error.leave_out("annotations")
-    return tracks or ()
+        return (), NOT_ANNOTATED
+    return tracks, annotated_as(stated or "complete")
 
 
-def _annotation_file(root: Path, annotations: Path | None) -> Path:
-    if annotations is not None and annotations.is_file():
-        return annotations
+def _own_annotations(root: Path, stated: Statement | None) -> Path | None:
     file = root / "annotations.json"
-    if not file.is_file():
-        hint = "write one without objects where nothing is annotated"
-        raise DataError(file, expected="an annotation file", got="no such file", hint=hint)
-    refuse_escape(root, file, file=file)
-    return file
+    if file.is_file():
+        refuse_escape(root, file, file=file)
+        return file
+    if stated not in {None, "none"}:
+        hint = f'write it, without objects where nothing moves, or state "annotated": "none" in {HEAD}'
+        raise DataError(file, expected=f"annotations, as {HEAD} states them", got="no such file", hint=hint)
+    return None
 
 
 def open_native(
@@ -220,7 +229,7 @@ def open_native(
         evaluated_size_px: (width, height) at which images are evaluated; None for as stored.
         ego_motion: "exact" for the true poses of a synthetic recording instead of what its car reports.
         calibration: "exact" for where its sensors are instead of where its calibration says that they are.
-        annotations: annotation file that stands in for the recording's own where it exists.
+        annotations: annotation file that stands in for the recording's own; None for none.
         on_error: takes errors; the default raises the first.
 
     Raises:
@@ -245,7 +254,7 @@ def open_native(
     sweeps: tuple[SweepRef, ...] = ()
     with reporting(on_error):
         sweeps = _sweep_refs(root, on_error)
-    tracks = _tracks(root, annotations, on_error)
+    tracks, annotated = _tracks(root, annotations, None if head is None else head.annotated, on_error)
     usable = [name for name in cameras if name in images]
     if head is None or not usable:
         on_error.stop()
@@ -261,6 +270,7 @@ def open_native(
         vehicle_from_lidar=head.lidar.vehicle_from_lidar.transform,
         sweeps=sweeps,
         tracks=tracks,
+        annotated=annotated,
         vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
         lidar_from_sensor=RigidTransform.identity() if beams is None else beams.transform,
     )
@@ -286,7 +296,7 @@ def native_recordings(
             evaluated_size_px=chosen.evaluated_size_px,
             ego_motion=chosen.ego_motion,
             calibration=chosen.calibration,
-            annotations=None if annotations is None else annotations / f"{folder.name}.json",
+            annotations=annotation_file_in(annotations, folder.name),
         )
         handles.append(RecordingHandle(name=folder.name, opener=opener, lenient=True))
     return tuple(handles)

@@ -6,7 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
 
+from bench.cameras import RollingShutter
+from bench.cameras.rolling_shutter import LONGEST_READOUT_S, ReadoutDirection
 from bench.geometry import RigidTransform
+from bench.recordings.annotations import Statement
 from bench.recordings.validation import FileModel, SidePx
 
 SCHEMA_VERSION = 1
@@ -62,6 +65,18 @@ class VehicleHead(FileModel):
     ground_height_m: float = 0.0
 
 
+class RollingShutterHead(FileModel):
+    """A rolling shutter as files state it; keys as of `RollingShutter`."""
+
+    readout_s: float = Field(gt=0, le=LONGEST_READOUT_S)
+    direction: ReadoutDirection = "down"
+
+    @property
+    def shutter(self) -> RollingShutter:
+        """The shutter that a file states."""
+        return RollingShutter(readout_s=self.readout_s, direction=self.direction)
+
+
 class CameraHead(FileModel):
     """A camera.
 
@@ -70,12 +85,14 @@ class CameraHead(FileModel):
         image_size: width and height of the stored images, px.
         vehicle_from_camera: the mounting.
         ego_body_mask: image in the recording, not 0 where the camera sees its own vehicle; null for nowhere.
+        rolling_shutter: null where all rows are exposed at once.
     """
 
     model: dict[str, Any]
     image_size: tuple[SidePx, SidePx]
     vehicle_from_camera: Mounting
     ego_body_mask: str | None = None
+    rolling_shutter: RollingShutterHead | None = None
 
 
 class LidarHead(FileModel):
@@ -112,6 +129,7 @@ class RecordingHead(FileModel):
         licence: of the data.
         frame_interval_ns: nominal time between images.
         conventions: frames and orders of numbers in words, for readers of the file.
+        annotated: "complete", "none", or which times and areas are; null for complete where there are annotations.
     """
 
     schema_version: Literal[1]
@@ -119,6 +137,7 @@ class RecordingHead(FileModel):
     licence: str
     frame_interval_ns: int = Field(gt=0, le=LONGEST_INTERVAL_NS)
     conventions: str = CONVENTIONS
+    annotated: Statement | None = None
     vehicle: VehicleHead
     cameras: dict[Name, CameraHead] = Field(min_length=1)
     lidar: LidarHead

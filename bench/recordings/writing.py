@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from bench.errors import ShapeError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.lidar.files import write_sweep
-from bench.recordings.annotations import annotation_document
+from bench.recordings.annotations import PartlyAnnotated, Statement, annotation_document
 from bench.recordings.openlabel import AnnotationFile
 from bench.recordings.schema import CONVENTIONS, SCHEMA_VERSION, Mounting, RecordingHead
 from bench.recordings.validation import validated
@@ -48,6 +49,7 @@ class RecordingWriter:
         vehicle_outline_m: NDArray[np.float64],
         ground_height_m: float = 0.0,
         lidar_from_sensor: RigidTransform | None = None,
+        annotated: Statement | None = None,
     ) -> None:
         """Write `recording.json` and the masks of the ego vehicle's body.
 
@@ -60,6 +62,7 @@ class RecordingWriter:
             vehicle_outline_m: (K, 2) float64, the ego vehicle seen from above, vehicle frame, m.
             ground_height_m: height of the road in the vehicle frame.
             lidar_from_sensor: as of the recording; None where points are given in the lidar's own axes.
+            annotated: "none", "complete", or times and areas that are; None for complete if annotations are written.
 
         Raises:
             ShapeError: a camera whose lens has another size than its images, or a value that the format refuses.
@@ -78,6 +81,8 @@ class RecordingWriter:
             "cameras": {camera: self._camera(camera, mounted) for camera, mounted in cameras.items()},
             "lidar": {"vehicle_from_lidar": _mounting(vehicle_from_lidar), **beams},
         }
+        if annotated is not None:
+            head["annotated"] = annotated.model_dump() if isinstance(annotated, PartlyAnnotated) else annotated
         text = _json(head)
         try:
             RecordingHead.model_validate_json(text, strict=True)
@@ -177,11 +182,13 @@ class RecordingWriter:
         if camera.ego_body is not None:
             mask = f"ego_body/{name}.png"
             _write_png(self.root / mask, camera.ego_body.astype(np.uint8) * 255, np.uint8)
+        shutter = {} if camera.rolling_shutter is None else {"rolling_shutter": asdict(camera.rolling_shutter)}
         return {
             "model": {key: value for key, value in parameters.items() if key not in {"width", "height"}},
             "image_size": size,
             "vehicle_from_camera": _mounting(camera.vehicle_from_camera),
             "ego_body_mask": mask,
+            **shutter,
         }
 
 

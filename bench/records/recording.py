@@ -11,7 +11,7 @@ from typing import Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel
+from bench.cameras import CameraModel, RollingShutter
 from bench.egomotion import Trajectory
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
@@ -36,6 +36,7 @@ class MountedCamera:
             card asks for evaluation at another size.
         ego_body: (height, width) bool at the evaluated size, True where the camera sees its own vehicle; None for
             nowhere.
+        rolling_shutter: its readout; None where all rows are exposed at once.
     """
 
     name: str
@@ -44,6 +45,7 @@ class MountedCamera:
     road: RoadPlane
     stored_size_px: tuple[int, int]
     ego_body: NDArray[np.bool_] | None = None
+    rolling_shutter: RollingShutter | None = None
 
 
 class StoredPart(Protocol):
@@ -81,7 +83,7 @@ class ImageRef:
 
     Attributes:
         camera: name of the camera.
-        timestamp_ns: time of exposure (its middle).
+        timestamp_ns: time of exposure (its middle; of a rolling shutter, that of the middle row).
         path: PNG or JPEG file; of an image in a container, a name for messages and predictions, which is no file: the
             container's path, the camera's name and the time.
         truth_path: 16-bit PNG of instance ids, in synthetic recordings; None elsewhere.
@@ -226,6 +228,30 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Annotated:
+    """When and where a recording is annotated: every road user that moves there has an object or a mask.
+
+    Elsewhere nobody knows what moves, so nothing is scored: images of other times, and pixels of other areas.
+
+    Attributes:
+        spans_ns: first and last time of each annotated stretch, both included; none where nothing is annotated.
+        left_out_m: outlines on the ground, x and y in the vehicle frame, m, within which nothing is annotated.
+    """
+
+    spans_ns: tuple[tuple[int, int], ...]
+    left_out_m: tuple[tuple[tuple[float, float], ...], ...] = ()
+
+    def covers(self, timestamp_ns: int) -> bool:
+        """Return True where an image of this time can be scored."""
+        return any(first <= timestamp_ns <= last for first, last in self.spans_ns)
+
+
+ALWAYS_NS = (-(2**63), 2**63 - 1)
+COMPLETELY = Annotated(spans_ns=(ALWAYS_NS,))
+NOT_ANNOTATED = Annotated(spans_ns=())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class InputErrors:
     """Errors injected into the input of a method, all 0 by default; perturbed minus true.
 
@@ -280,6 +306,7 @@ class Recording:
         vehicle_from_lidar: mounting of the lidar.
         sweeps: by increasing time.
         tracks: annotated objects.
+        annotated: when and where there would be an object if something moved.
         vehicle_outline_m: (K, 2) float64, the ego vehicle seen from above, vehicle frame, m.
         lidar_from_sensor: where the beams start and the axes about which they turn, in the frame of the points; not the
             identity where a data set gives its points in other axes than the sensor's own, such as the vehicle's.
@@ -296,6 +323,7 @@ class Recording:
     vehicle_from_lidar: RigidTransform
     sweeps: tuple[SweepRef, ...]
     tracks: tuple[Track, ...]
+    annotated: Annotated
     vehicle_outline_m: NDArray[np.float64] = field(
         default_factory=lambda: np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
     )

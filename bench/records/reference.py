@@ -49,6 +49,7 @@ class IgnoreReason(StrEnum):
     CLASS = "class_not_in_protocol"
     MOTION_UNKNOWN = "motion_unknown"
     CATEGORY = "category_not_in_protocol"
+    NOT_ANNOTATED = "area_not_annotated"
     OUT_OF_VIEW = "out_of_view"
     NO_SWEEP = "no_sweep"
     RANGE = "beyond_range"
@@ -136,8 +137,9 @@ class ReferenceFrame:
         ego_speed_mps: over the ground, >= 0.
         objects: nearest first, ties by track id; every annotated object of the frame once.
         labels: (H, W) int32; k + 1 where the pixel belongs to G of `objects[k]`, 0 elsewhere.
-        ignored: (H, W) bool; the region I, unknown bands among it.
+        ignored: (H, W) bool; the region I, unknown bands and areas that are not annotated among it.
         valid: (H, W) bool; the region V.
+        annotated: False where nobody knows what moves in the image: it is not scored, and I is all of V.
     """
 
     recording: str
@@ -148,6 +150,7 @@ class ReferenceFrame:
     labels: NDArray[np.int32]
     ignored: NDArray[np.bool_]
     valid: NDArray[np.bool_]
+    annotated: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -12,6 +12,7 @@ from shapely import Polygon
 from bench.errors import UsageError
 from bench.records.recording import ImageRef, Recording
 from bench.records.reference import ObjectGeometry, ReferenceFrame, ReferenceSettings
+from bench.reference.areas import left_out_ground, left_out_pixels
 from bench.reference.bands import with_band
 from bench.reference.clusters import Cluster, object_cluster
 from bench.reference.exposure import Exposure, visible_region
@@ -45,6 +46,8 @@ class ReferenceBuilder:
         self.recording, self.settings = recording, settings
         self.camera = recording.cameras[camera]
         self.valid = visible_region(self.camera)
+        self._left_out_ground = left_out_ground(recording.annotated)
+        self._left_out = left_out_pixels(recording.annotated, self.camera) & self.valid
         self._kind = region_kind(settings.polygon_kind)
         self._annotations = AnnotationIndex(recording, settings)
         self._sweeps = SweepCache(recording, settings.max_sweep_gap_ns)
@@ -56,12 +59,22 @@ class ReferenceBuilder:
         self._clearance_m = settings.ground_clearance_m if clears_shape else 0.0
 
     def build(self, image: ImageRef) -> ReferenceFrame:
-        """The reference of one image.
+        """The reference of one image; where nothing is annotated, all of V is ignored.
 
         Raises:
             DataError: no ego-motion at the exposure, or a sweep that cannot be read.
         """
         exposure = self._exposure(image)
+        if not self.recording.annotated.covers(image.timestamp_ns):
+            unlabelled = np.zeros(self.valid.shape, dtype=np.int32)
+            return exposure.frame((), unlabelled, self.valid.copy(), annotated=False)
+        frame = self._annotated_frame(image, exposure)
+        if self._left_out_ground.is_empty:
+            return frame
+        return replace(frame, ignored=frame.ignored | (self._left_out & (frame.labels == 0)))
+
+    def _annotated_frame(self, image: ImageRef, exposure: Exposure) -> ReferenceFrame:
+        """The reference of an image as if everything that moves were annotated."""
         if image.moving_path is not None:
             return mask_reference(image, exposure, settings=self.settings)
         scanned = [self._scanned(annotated, exposure) for annotated in self._annotations.at(image.timestamp_ns)]
@@ -90,10 +103,11 @@ class ReferenceBuilder:
             )
         return ScannedObject(
             annotated=annotated,
-            exposure=exposure,
+            exposure=exposure.of_object(annotated.velocity_world_mps),
             settings=self.settings,
             cluster=cluster,
             placed=placed,
+            left_out_ground=self._left_out_ground,
         )
 
     def _region(self, scanned: ScannedObject) -> Region | None:
@@ -137,7 +151,8 @@ def annotated_region(scanned: ScannedObject) -> Region | None:
     """Return the region that shows the annotated shape; of an object whose points are named, the hull of these."""
     if not len(scanned.parts_world):
         return ConvexHull().region(scanned)
-    raster = silhouette(scanned.exposure.camera_from_world.apply(scanned.parts_world), scanned.exposure.camera.model)
+    exposure = scanned.exposure
+    raster = silhouette(exposure.seen(exposure.camera_from_world.apply(scanned.parts_world)), exposure.camera.model)
     rows, columns = raster.window
     polygon = trace_polygon(raster.covered, np.array([columns.start, rows.start]))
-    return None if polygon is None else Region.of(polygon, scanned.exposure.in_valid(raster))
+    return None if polygon is None else Region.of(polygon, exposure.in_valid(raster))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from bench.cameras import ray_grid
+from bench.cameras import CameraModel, RollingShutter, ray_grid
 from bench.egomotion import Trajectory
-from bench.geometry import RigidTransform
+from bench.geometry import RigidTransform, advance_twist, twist_between
 from bench.geometry.raster import Raster
 from bench.records.recording import MountedCamera, Recording
 from bench.records.reference import ReferenceFrame, ReferenceObject
@@ -19,6 +20,61 @@ def visible_region(camera: MountedCamera) -> NDArray[np.bool_]:
     """V: pixels inside the lens's field and off the ego vehicle's own body, (H, W) bool."""
     valid = ray_grid(camera.model).valid
     return valid.copy() if camera.ego_body is None else valid & ~camera.ego_body
+
+
+SECOND_NS = 1_000_000_000
+ROW_STEPS = (
+    3  # to the row that sees a point; each leaves as much of the error as the point moves, in rows, from row to row
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Readout:
+    """Motion of a camera with a rolling shutter, and of what it sees, while the rows of an image are exposed.
+
+    Attributes:
+        shutter: of the camera.
+        turn_rad: (3,) float64, rotation vector of the camera from the first row to the last, its own axes.
+        path_m: (3,) float64, m, its path in its own axes in that time.
+        velocity_camera_mps: (3,) float64, of what is seen, over the ground, along the camera's axes at the middle row.
+    """
+
+    shutter: RollingShutter
+    turn_rad: NDArray[np.float64]
+    path_m: NDArray[np.float64]
+    velocity_camera_mps: NDArray[np.float64]
+
+    @classmethod
+    def at(cls, timestamp_ns: int, *, trajectory: Trajectory, camera: MountedCamera) -> Readout | None:
+        """The readout of an image, of what is static; None where all rows are exposed at once.
+
+        Raises:
+            DataError: no ego-motion there.
+        """
+        shutter = camera.rolling_shutter
+        if shutter is None:
+            return None
+        half_ns = round(shutter.readout_s * SECOND_NS / 2)
+        first, last = (
+            trajectory.world_from_vehicle(timestamp_ns + offset_ns) @ camera.vehicle_from_camera
+            for offset_ns in (-half_ns, half_ns)
+        )
+        (turn_rad,), (path_m,) = twist_between(*_row(first), *_row(last))
+        return cls(shutter=shutter, turn_rad=turn_rad, path_m=path_m, velocity_camera_mps=np.zeros(3))
+
+    def seen(self, points_camera: NDArray[np.float64], model: CameraModel) -> NDArray[np.float64]:
+        """Points, (N, 3), from the camera frame at the middle row to that at the row which sees each one."""
+        seen = points_camera
+        for _ in range(ROW_STEPS):
+            seconds = self.shutter.row_time_offset_s(model.project(seen)[0], model)
+            rotations, advances_m = advance_twist(self.turn_rad, self.path_m, seconds / self.shutter.readout_s)
+            moved = points_camera + self.velocity_camera_mps * seconds[:, None]
+            seen = rotations.inv().apply(moved - advances_m)
+        return seen
+
+
+def _row(transform: RigidTransform) -> tuple[Rotation, NDArray[np.float64]]:
+    return Rotation.from_matrix(transform.rotation[None]), transform.translation_m[None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,6 +91,7 @@ class Exposure:
         camera_from_world: pose of the camera.
         position_m: (3,) float64, m, of the camera, world frame.
         ego_velocity_mps: (3,) float64, over the ground, vehicle axes.
+        readout: motion from row to row; None where all rows are exposed at once.
     """
 
     recording: str
@@ -46,6 +103,7 @@ class Exposure:
     camera_from_world: RigidTransform
     position_m: NDArray[np.float64]
     ego_velocity_mps: NDArray[np.float64]
+    readout: Readout | None = None
 
     @classmethod
     def at(
@@ -69,15 +127,38 @@ class Exposure:
             camera_from_world=world_from_camera.inverse(),
             position_m=world_from_camera.translation_m,
             ego_velocity_mps=trajectory.velocity_vehicle_mps(timestamp_ns),
+            readout=Readout.at(timestamp_ns, trajectory=trajectory, camera=camera),
         )
+
+    def of_object(self, velocity_world_mps: NDArray[np.float64]) -> Exposure:
+        """The same for what moves with a velocity, (3,), over the ground; NaN counts as stationary."""
+        if self.readout is None:
+            return self
+        velocity_camera_mps = self.camera_from_world.rotate(np.nan_to_num(velocity_world_mps))
+        return replace(self, readout=replace(self.readout, velocity_camera_mps=velocity_camera_mps))
+
+    def seen(self, points_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points, (..., 3), camera frame at the time of the image, moved to the time of the row that sees each one.
+
+        All that the camera's model makes of them, be it pixels or silhouettes, then holds. Without a rolling shutter
+        they stay as they are. A row is known where the lens sees the point; else the time is that of the image.
+        """
+        if self.readout is None:
+            return points_camera
+        return self.readout.seen(points_camera.reshape(-1, 3), self.camera.model).reshape(points_camera.shape)
 
     def project(self, points_world: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 2) float64, px, (u, v), of points, (N, 3), world frame; NaN where the lens cannot see one."""
-        pixels, _ = self.camera.model.project(self.camera_from_world.apply(points_world))
+        pixels, _ = self.camera.model.project(self.seen(self.camera_from_world.apply(points_world)))
         return pixels
 
     def frame(
-        self, objects: tuple[ReferenceObject, ...], labels: NDArray[np.int32], ignored: NDArray[np.bool_]
+        self,
+        objects: tuple[ReferenceObject, ...],
+        labels: NDArray[np.int32],
+        ignored: NDArray[np.bool_],
+        *,
+        annotated: bool = True,
     ) -> ReferenceFrame:
         """The reference of this image; arguments as its attributes."""
         return ReferenceFrame(
@@ -89,6 +170,7 @@ class Exposure:
             labels=labels,
             ignored=ignored,
             valid=self.valid,
+            annotated=annotated,
         )
 
     def in_valid(self, raster: Raster) -> Raster:

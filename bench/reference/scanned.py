@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
 
 from bench.geometry import RigidTransform, cross, dot, normalise
 from bench.geometry.raster import Raster
@@ -64,6 +66,7 @@ class ScannedObject:
         settings: of the protocol.
         cluster: its returns; none where the lidar met it nowhere.
         placed: the sweep that they are of; None where there is none.
+        left_out_ground: areas that the annotations leave out, x and y in the vehicle frame, m.
     """
 
     annotated: ObjectAtExposure
@@ -71,6 +74,7 @@ class ScannedObject:
     settings: ReferenceSettings
     cluster: Cluster
     placed: PosedSweep | None
+    left_out_ground: BaseGeometry = field(default_factory=Polygon)
 
     @cached_property
     def pixels(self) -> NDArray[np.float64]:
@@ -107,6 +111,17 @@ class ScannedObject:
             world_from_vehicle=self.annotated.world_from_vehicle,
             exposure_ns=self.exposure.timestamp_ns,
         )
+
+    @property
+    def left_out(self) -> bool:
+        """Its middle stands in an area that the annotations leave out."""
+        if self.left_out_ground.is_empty:
+            return False
+        corners = (self.parts_world if len(self.parts_world) else self.cluster.points_world).reshape(-1, 3)
+        if not len(corners):
+            return False
+        x_m, y_m, _ = self.exposure.vehicle_from_world.apply(corners.mean(axis=0))
+        return bool(shapely.contains_xy(self.left_out_ground, x_m, y_m))
 
     @cached_property
     def range_m(self) -> float:
@@ -264,8 +279,10 @@ class ScannedObject:
                 if (limit_m != end_m).any():
                     ends = (np.column_stack([corners[:, :2], z]) for z in (limit_m, np.full_like(limit_m, end_m)))
                     found.append(np.concatenate(list(ends)))
+        if not found:
+            return None
         camera_from_sensor = self.exposure.camera_from_world @ self.world_from_sensor
-        return silhouette(camera_from_sensor.apply(np.array(found)), self.exposure.camera.model) if found else None
+        return silhouette(self.exposure.seen(camera_from_sensor.apply(np.array(found))), self.exposure.camera.model)
 
 
 def way_out_m(

@@ -57,6 +57,7 @@ def _status(
         IgnoreReason.CLASS: annotated.track.object_class not in settings.classes,
         IgnoreReason.MOTION_UNKNOWN: category is None,
         IgnoreReason.CATEGORY: category not in settings.categories,
+        IgnoreReason.NOT_ANNOTATED: scanned.left_out,
         IgnoreReason.OUT_OF_VIEW: region is None or not region.polygon_px,
         IgnoreReason.NO_SWEEP: scanned.placed is None,
         IgnoreReason.RANGE: scanned.range_m > settings.range_limit_m,

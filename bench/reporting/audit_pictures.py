@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -31,19 +30,18 @@ from bench.audit import (
 )
 from bench.evaluation import Protocol
 from bench.methods import Method
-from bench.recordings import ImageRef, Recording, RecordingHandle, read_image, read_truth
-from bench.records.reference import Outline
+from bench.recordings import Recording, RecordingHandle, read_image, read_truth
 from bench.reference import ReferenceBuilder
 from bench.reporting import canvas
 from bench.reporting.audit_tables import FALSE_ALARMS, MISSES, report, to_csv
 from bench.reporting.document import to_markdown
 from bench.reporting.formats import write_texts
-from bench.reporting.overlay import draw_outline, overlay_mask
+from bench.reporting.overlay import draw_outline, overlay_areas
 
 COLOURS = (canvas.ORANGE, canvas.BLUE, canvas.GREEN, canvas.PURPLE)
 BIN_M = 1.0
 FEWEST = 3  # object-frames of a point; fewer say nothing about quartiles
-_PANEL_IN, _HEIGHT_IN, _LEFT_IN, _GAP_IN, _TOP_IN, _BOTTOM_IN = 2.4, 3.0, 0.5, 0.2, 0.75, 0.45
+_PANEL_IN, _HEIGHT_IN = 2.6, 3.0
 
 
 @canvas.styled
@@ -57,11 +55,13 @@ def draw_fit_by_distance(audit: AuditSummary, polygons: pa.Table) -> Figure:
     rows = polygons.to_pandas()
     rows = rows[rows["compensation"] == Compensation.FULL.value]
     classes = sorted(set(rows["object_class"])) or ["none"]
-    width_in = max(_LEFT_IN + len(classes) * (_PANEL_IN + _GAP_IN), 4.0)
-    figure = canvas.new_figure(width_in, _HEIGHT_IN)
-    for number, name in enumerate(classes):
-        left_in = _LEFT_IN + number * (_PANEL_IN + _GAP_IN)
-        axes = canvas.axes_at(figure, left_in, _BOTTOM_IN, _PANEL_IN, _HEIGHT_IN - _TOP_IN - _BOTTOM_IN)
+    width_in = max(len(classes) * _PANEL_IN, 4.0)
+    figure = canvas.new_figure(width_in, _HEIGHT_IN, layout="constrained")
+    title = f"Reference polygons of {audit.dataset}"
+    legend = "Median and quartiles; dotted: the aim for kinds that follow the outline"
+    figure.suptitle(f"{title}\n{legend}", x=0.01, ha="left", fontsize=8)
+    panels = figure.subplots(1, len(classes), sharey=True, squeeze=False)[0]
+    for axes, name in zip(panels, classes, strict=True):
         of_class = rows[rows["object_class"] == name]
         for kind, colour in zip(audit.polygon_kinds, COLOURS, strict=False):
             _draw_kind(axes, of_class[of_class["kind"] == kind], kind=kind, colour=colour)
@@ -72,15 +72,8 @@ def draw_fit_by_distance(audit: AuditSummary, polygons: pa.Table) -> Figure:
         axes.set(xlabel="distance (m)", ylim=(0.3, 1.0), xlim=(0, max(float(rows["range_m"].max()), 8.0)))
         axes.set_title(f"{name}, {frames} object-frames", pad=3)
         axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
-        axes.tick_params(labelleft=number == 0)
-        if number == 0:
-            axes.set_ylabel("IoU with the exact mask")
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="upper right", ncols=len(labels), frameon=False)
-    left, top = 0.08 / width_in, 1 - 0.06 / _HEIGHT_IN
-    figure.text(left, top, f"Reference polygons of {audit.dataset}", va="top", fontsize=10)
-    legend = "Median and quartiles; dotted: the aim for kinds that follow the outline"
-    figure.text(left, top - 0.2 / _HEIGHT_IN, legend, va="top", fontsize=7, color="#555555")
+    panels[0].set_ylabel("IoU with the exact mask")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(COLOURS), frameon=False)
     return figure
 
 
@@ -106,26 +99,10 @@ def write_audit_files(folder: Path) -> tuple[Path, ...]:
 
 MARGIN = 0.35  # around the object, of its larger side
 SMALLEST_PX = 60  # side of what is shown
-_EXAMPLE_PANEL_IN, _EXAMPLE_TOP_IN, _EXAMPLE_BOTTOM_IN = 3.2, 0.42, 0.28
+_EXAMPLE_IN = 3.2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Example:
-    """An object-frame to look at.
-
-    Attributes:
-        title: what it is an example of.
-        image: (H, W) grey uint8.
-        mask: (H, W) bool, the exact mask.
-        polygons: by kind.
-    """
-
-    title: str
-    image: NDArray[np.uint8]
-    mask: NDArray[np.bool_]
-    polygons: Mapping[str, Outline]
-
-
+@canvas.styled
 def write_examples(
     folder: Path,
     audit: AuditSummary,
@@ -144,11 +121,17 @@ def write_examples(
         protocol: of the audit.
     """
     files: list[Path] = []
+    colours = dict(zip(audit.polygon_kinds, COLOURS, strict=False))
+    legend: list[Line2D | Patch] = [Patch(color=canvas.SKY_BLUE, alpha=0.6, label="exact mask")]
+    legend += [Line2D([], [], color=colour, label=kind) for kind, colour in colours.items()]
     for name, rows in example_rows(polygons, kind=audit.polygon_kinds[0]).items():
-        examples = [
-            _example(row, title, handles[str(row["recording"])].open(), audit, protocol) for title, row in rows.items()
-        ]
-        files += canvas.write_picture(folder / f"examples-{name}", draw_examples(examples, audit.polygon_kinds))
+        figure = canvas.new_figure(len(rows) * _EXAMPLE_IN, _EXAMPLE_IN + 0.7, layout="constrained")
+        for axes, (which, row) in zip(figure.subplots(1, len(rows)), rows.items(), strict=True):
+            _draw_example(axes, row, handles[str(row["recording"])].open(), colours=colours, protocol=protocol)
+            fit = f"{which}: IoU {row['iou']:.2f} ({audit.polygon_kinds[0]}), {row['range_m']:.1f} m"
+            axes.set_title(f"{fit}\n{row['recording']}, {row['track_id']}", pad=3, fontsize=7)
+        figure.legend(handles=legend, loc="outside lower center", ncols=len(legend), frameon=False)
+        files += canvas.write_picture(folder / f"examples-{name}", figure)
     return tuple(files)
 
 
@@ -163,57 +146,27 @@ def example_rows(polygons: pa.Table, *, kind: str) -> dict[str, dict[str, pd.Ser
     }
 
 
-@canvas.styled
-def draw_examples(examples: list[Example], kinds: tuple[str, ...]) -> Figure:
-    """Draw object-frames side by side, each enlarged to its surroundings."""
-    width_in, height_in = len(examples) * _EXAMPLE_PANEL_IN, _EXAMPLE_TOP_IN + _EXAMPLE_PANEL_IN + _EXAMPLE_BOTTOM_IN
-    figure = canvas.new_figure(width_in, height_in)
-    for number, example in enumerate(examples):
-        left_in = number * _EXAMPLE_PANEL_IN + 0.01 * width_in
-        axes = canvas.axes_at(figure, left_in, _EXAMPLE_BOTTOM_IN, 0.98 * _EXAMPLE_PANEL_IN, _EXAMPLE_PANEL_IN)
-        tinted = overlay_mask(example.image, mask=example.mask, colour=canvas.SKY_BLUE, strength=0.45)
-        canvas.show_image(axes, canvas.rgb_image(tinted))
-        for kind, colour in zip(kinds, COLOURS, strict=False):
-            if kind in example.polygons:
-                draw_outline(axes, example.polygons[kind], colour=colour)
-        left, top, right, bottom = _window(example)
-        axes.set(xlim=(left, right), ylim=(bottom, top))
-        axes.set_title(example.title, pad=3, fontsize=7)
-    handles: list[Line2D | Patch] = [Patch(color=canvas.SKY_BLUE, alpha=0.6, label="exact mask")]
-    handles += [Line2D([], [], color=colour, label=kind) for kind, colour in zip(kinds, COLOURS, strict=False)]
-    figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, borderaxespad=0.1)
-    return figure
-
-
-def _window(example: Example) -> tuple[float, float, float, float]:
-    """A square about mask and polygons: left, top, right, bottom."""
-    u, v, width, height = cv2.boundingRect(example.mask.astype(np.uint8))
-    bounds = np.array([(u, v, u + width, v + height), *(polygon.bounds for polygon in example.polygons.values())])
-    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
-    middle = (low + high) / 2
-    half = max(float((high - low).max()) * (0.5 + MARGIN), SMALLEST_PX / 2)
-    return middle[0] - half, middle[1] - half, middle[0] + half, middle[1] + half
-
-
-def _example(row: pd.Series, title: str, recording: Recording, audit: AuditSummary, protocol: Protocol) -> Example:
+def _draw_example(
+    axes: Axes, row: pd.Series, recording: Recording, *, colours: Mapping[str, str], protocol: Protocol
+) -> None:
+    """Draw the exact mask and the polygons of an object-frame, enlarged to its surroundings."""
     camera, track_id = str(row["camera"]), str(row["track_id"])
     image = next(ref for ref in recording.images[camera] if ref.timestamp_ns == row["timestamp_ns"])
     track = next(track for track in recording.tracks if track.track_id == track_id)
-    polygons = {
-        kind: _polygon(recording, image, track_id, protocol=protocol, kind=kind) for kind in audit.polygon_kinds
-    }
-    return Example(
-        title=f"{title}: IoU {row['iou']:.2f} ({audit.polygon_kinds[0]}), {row['range_m']:.1f} m\n"
-        f"{recording.name}, {track_id}",
-        image=read_image(image, recording.cameras[camera]),
-        mask=read_truth(image, recording.cameras[camera]) == track.instance_id,
-        polygons={kind: polygon for kind, polygon in polygons.items() if polygon is not None},
-    )
-
-
-def _polygon(recording: Recording, image: ImageRef, track_id: str, *, protocol: Protocol, kind: str) -> Outline | None:
-    builder = ReferenceBuilder(recording, image.camera, lenient(protocol.reference_settings(), kind))
-    return next((item.polygon for item in builder.build(image).objects if item.track_id == track_id), None)
+    mask = read_truth(image, recording.cameras[camera]) == track.instance_id
+    pixels = read_image(image, recording.cameras[camera])
+    canvas.show_image(axes, overlay_areas(pixels, {canvas.SKY_BLUE: mask}, strength=0.45))
+    u, v, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    bounds: list[tuple[float, float, float, float]] = [(u, v, u + width, v + height)]
+    for kind, colour in colours.items():
+        builder = ReferenceBuilder(recording, camera, lenient(protocol.reference_settings(), kind))
+        found = next((item.polygon for item in builder.build(image).objects if item.track_id == track_id), None)
+        if found is not None:
+            draw_outline(axes, found, colour=colour)
+            bounds.append(found.bounds)
+    low, high = np.min(bounds, axis=0)[:2], np.max(bounds, axis=0)[2:]
+    (u, v), half = (low + high) / 2, max(float((high - low).max()) * (0.5 + MARGIN), SMALLEST_PX / 2)
+    axes.set(xlim=(u - half, u + half), ylim=(v + half, v - half))
 
 
 MISS_COLOURS = {
@@ -233,7 +186,7 @@ FALSE_COLOURS = {
     FalseCause.FLOW: canvas.VERMILION,
     FalseCause.EGO_MOTION: canvas.PURPLE,
 }
-_CAUSE_PANEL_IN, _CAUSE_TOP_IN, _CAUSE_BOTTOM_IN, _TINT = 3.6, 0.3, 0.72, 0.65
+_CAUSE_IN, _CAUSE_BELOW_IN, _TINT = 3.6, 0.75, 0.65
 
 
 def write_cause_pictures(
@@ -278,14 +231,13 @@ def worst_images(misses: pa.Table) -> dict[str, tuple[str, str, int]]:
 def draw_causes(found: ExplainedImage, *, title: str) -> Figure:
     """Draw the moving objects' cells on the left, the false alarms on the right, each in the colour of its cause."""
     height, width = found.pixels.shape[:2]
-    picture_in = _CAUSE_PANEL_IN * height / width
-    full_in = _CAUSE_TOP_IN + picture_in + _CAUSE_BOTTOM_IN
-    figure = canvas.new_figure(2 * _CAUSE_PANEL_IN, full_in)
+    figure = canvas.new_figure(2 * _CAUSE_IN, _CAUSE_IN * height / width + _CAUSE_BELOW_IN, layout="constrained")
     left = {"found": (canvas.GREEN, found.hit)} | {MISSES[c]: (MISS_COLOURS[c], found.missed[c]) for c in MissCause}
     right = {FALSE_ALARMS[c]: (FALSE_COLOURS[c], found.flagged[c]) for c in FalseCause}
-    for number, (heading, layers) in enumerate({"moving objects": left, "static world": right}.items()):
-        axes = figure.add_axes((number / 2 + 0.005, _CAUSE_BOTTOM_IN / full_in, 0.49, picture_in / full_in))
-        canvas.show_image(axes, _tinted(found, layers))
+    panels = figure.subplots(1, 2)
+    for axes, heading, layers in zip(panels, ("moving objects", "static world"), (left, right), strict=True):
+        areas = {colour: _pixels(cells, found) for colour, cells in layers.values()}
+        canvas.show_image(axes, overlay_areas(canvas.faded(found.pixels, 0.8), areas, strength=_TINT))
         axes.set_title(f"{title}, {heading}", pad=3, fontsize=7)
         shares = {name: int(np.count_nonzero(cells)) for name, (_, cells) in layers.items()}
         handles = [
@@ -298,10 +250,8 @@ def draw_causes(found: ExplainedImage, *, title: str) -> Figure:
     return figure
 
 
-def _tinted(found: ExplainedImage, layers: Mapping[str, tuple[str, NDArray[np.bool_]]]) -> NDArray[np.uint8]:
-    picture = canvas.faded(canvas.rgb_image(found.pixels), 0.8).astype(np.float32)
-    height, width = picture.shape[:2]
-    for colour, cells in layers.values():
-        rows = np.repeat(cells, found.cell_size_px, axis=0)
-        canvas.tint(picture, np.repeat(rows, found.cell_size_px, axis=1)[:height, :width], colour, _TINT)
-    return picture.astype(np.uint8)
+def _pixels(cells: NDArray[np.bool_], found: ExplainedImage) -> NDArray[np.bool_]:
+    """(H, W) bool, the pixels of cells."""
+    height, width = found.pixels.shape[:2]
+    every: NDArray[np.bool_] = np.kron(cells, np.ones((found.cell_size_px, found.cell_size_px), dtype=bool))
+    return every[:height, :width]

@@ -23,8 +23,9 @@ from bench.audit.ranking import (
     RankingSummary,
     read_ranking,
 )
-from bench.audit.ranking_sums import ALL_MOVING, EXACT, FALSE_POSITIVES, REFERENCES
+from bench.audit.ranking_sums import EXACT, FALSE_POSITIVES, REFERENCES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.sums import ALL_MOVING
 from bench.reference import Category
 from bench.reporting import canvas, document, formats
 from bench.reporting.audit_tables import decimal, sections
@@ -245,13 +246,11 @@ def _recordings(row: RankedRow) -> str:
 
 
 def _tau(found: Estimate) -> str:
-    ends = "" if found.ci95 is None else " [{:.2f}, {:.2f}]".format(*found.ci95)
-    return decimal(found.value) + ends
+    return f"{decimal(found.value)} {formats.interval(found.ci95, unit=1.0, digits=2)}".rstrip()
 
 
 def _points(found: Estimate) -> str:
-    ends = "" if found.ci95 is None else " [{:.1f}, {:.1f}]".format(*(100 * end for end in found.ci95))
-    return formats.hundredths(found.value) + ends
+    return f"{formats.hundredths(found.value)} {formats.interval(found.ci95)}".rstrip()
 
 
 def ranking_tables(ranking: RankingSummary) -> tuple[Table, ...]:
@@ -309,7 +308,7 @@ def _csv_rows(ranking: RankingSummary) -> Iterator[dict[str, object]]:
                                 "low": low, "high": high}  # fmt: skip
 
 
-_PANEL_IN, _LEFT_IN, _GAP_IN, _BELOW_IN, _TOP_IN, _COLUMNS = 2.1, 0.5, 0.55, 0.72, 0.6, 4
+_PANEL_IN, _COLUMNS = 2.6, 4
 
 
 @canvas.styled
@@ -317,25 +316,20 @@ def draw_ranking(ranking: RankingSummary) -> Figure:
     """Draw every prediction's score against lidar references over its score against the exact masks, a panel a row."""
     rows = [row for row in ranking.rows if row.cases]
     lines = -(-(len(rows) + 1) // _COLUMNS)  # one place for the legend
-    width_in = _LEFT_IN + _COLUMNS * (_PANEL_IN + _GAP_IN)
-    height_in = _TOP_IN + lines * (_PANEL_IN + _BELOW_IN) - 0.3  # the last line has no title below it
-    figure = canvas.new_figure(width_in, height_in)
-    for number, row in enumerate(rows):
-        down, right = divmod(number, _COLUMNS)
-        left_in = _LEFT_IN + right * (_PANEL_IN + _GAP_IN)
-        bottom_in = height_in - _TOP_IN - down * (_PANEL_IN + _BELOW_IN) - _PANEL_IN
-        _draw_row(canvas.axes_at(figure, left_in, bottom_in, _PANEL_IN, _PANEL_IN), row, ranking)
-    down, right = divmod(len(rows), _COLUMNS)
-    place = _LEFT_IN + right * (_PANEL_IN + _GAP_IN), height_in - _TOP_IN - down * (_PANEL_IN + _BELOW_IN)
-    handles = [*figure.axes[0].get_legend_handles_labels()[0]] if figure.axes else []
-    figure.legend(
-        handles=handles, loc="upper left", bbox_to_anchor=(place[0] / width_in, place[1] / height_in), frameon=False,
+    figure = canvas.new_figure(_COLUMNS * _PANEL_IN, lines * (_PANEL_IN + 0.2) + 0.3, layout="constrained")
+    title = f"{ranking.dataset}: scores against the lidar reference over scores against exact masks"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=10)
+    panels = figure.subplots(lines, _COLUMNS).flat
+    for axes, row in zip(panels, rows, strict=False):
+        _draw_row(axes, row, ranking)
+    legend, *unused = panels[len(rows) :]
+    for axes in (legend, *unused):
+        axes.set_axis_off()
+    legend.legend(
+        *panels[0].get_legend_handles_labels(), loc="upper left", frameon=False,
         title="filled: real methods\nhollow: exact, or " + ERRORS[OUTLINES]
         + "\nhalf: " + ERRORS[OBJECTS], alignment="left", fontsize=8, title_fontsize=8,
     )  # fmt: skip
-    left, top = 0.08 / width_in, 1 - 0.08 / height_in
-    title = f"{ranking.dataset}: scores against the lidar reference over scores against exact masks"
-    figure.text(left, top, title, va="top", fontsize=10)
     return figure
 
 
@@ -355,7 +349,7 @@ def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
                 fillstyle=fill, markerfacecoloralt="white", label=NAMES[reference] if fill == "full" else "_",
             )  # fmt: skip
     unit = "image area (%)" if areas else "IoU (%)"
-    axes.set(xlim=limits, ylim=limits, xlabel=f"{unit}, exact masks", ylabel=f"{unit}, lidar reference")
+    axes.set(aspect="equal", xlim=limits, ylim=limits, xlabel=f"{unit}, exact masks", ylabel=f"{unit}, lidar reference")
     axes.xaxis.labelpad = axes.yaxis.labelpad = 1.5
     axes.set_title(f"{row_label(row.name)}\n{row.recordings} recordings, {row.cases} frames", pad=3)
     axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)

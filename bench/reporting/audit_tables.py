@@ -263,10 +263,10 @@ def to_csv(audit: AuditSummary) -> str:
 def _csv_rows(audit: AuditSummary) -> Iterator[dict[str, object]]:
     for p in audit.polygons:
         where = {"kind": p.kind, "compensation": p.compensation, "slice": p.object_class, "range_m": p.range_m}
-        for name, part in _quartiles(p).items():
-            for quartile in ("low", "median", "high"):
+        for name, part in p:
+            for quartile, value in part if isinstance(part, Quartiles) else ():
                 yield {"table": "polygons", **where, "figure": f"{name}.{quartile}", "cases": p.object_frames,
-                       "value": getattr(part, quartile)}  # fmt: skip
+                       "value": value}  # fmt: skip
     for scoring, scores in audit.scores.items():
         for category, row in scores.categories.items():
             for name in row.metric_names():
@@ -284,11 +284,6 @@ def _csv_rows(audit: AuditSummary) -> Iterator[dict[str, object]]:
         counts = {"cells": audit.false_alarms.cells, "flagged": audit.false_alarms.flagged, **audit.false_alarms.causes}
         for name, cells in counts.items():
             yield {"table": "false_alarms", "figure": name, "cases": audit.false_alarms.cells, "value": cells}
-
-
-def _quartiles(found: PolygonFigures) -> dict[str, Quartiles]:
-    names = [name for name, field in type(found).model_fields.items() if field.annotation is Quartiles]
-    return {name: getattr(found, name) for name in names}
 
 
 _WIDEST = 8  # columns of a table that a terminal holds

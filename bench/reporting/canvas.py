@@ -27,7 +27,6 @@ from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from bench.atomic import write_bytes
-from bench.errors import ShapeError
 from bench.plain_text import plain
 from bench.records.reference import Category
 
@@ -96,9 +95,9 @@ _UNDATED: dict[PictureFormat, dict[str, Any]] = {
 styled = rc_context(STYLE)  # decorates every function that draws
 
 
-def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure on an Agg canvas, unknown to pyplot."""
-    figure = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white")
+def new_figure(width_in: float, height_in: float, *, layout: Literal["constrained"] | None = None) -> Figure:
+    """An empty figure on an Agg canvas, unknown to pyplot; a constrained one places its axes itself."""
+    figure = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white", layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
@@ -156,33 +155,17 @@ def _encoded(ending: str, image: NDArray[np.uint8], option: int, value: int) -> 
     return content.tobytes()
 
 
-def rgb_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """An image as it is stored, (H, W) grey or (H, W, 3) BGR, as (H, W, 3) RGB.
-
-    Raises:
-        ShapeError: another shape or type.
-    """
-    if image.dtype != np.uint8 or not (image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)):
-        raise ShapeError(f"image: expected (H, W) or (H, W, 3) uint8, got {image.shape} {image.dtype}")
-    code = cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB
-    return np.asarray(cv2.cvtColor(image, code), dtype=np.uint8)
+def faded(image: NDArray[np.uint8], strength: float) -> NDArray[np.uint8]:
+    """An image, (H, W) grey or (H, W, 3) BGR, in grey mixed with white; `strength` 1 keeps its contrast, 0 is white."""
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    return np.asarray(255.0 - strength * (255.0 - grey), dtype=np.uint8)
 
 
-def faded(image_rgb: NDArray[np.uint8], strength: float) -> NDArray[np.uint8]:
-    """The image in grey, mixed with white; `strength` 1 keeps its contrast, 0 leaves white."""
-    grey = cv2.cvtColor(image_rgb, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    return np.repeat((255.0 - strength * (255.0 - grey)).astype(np.uint8)[:, :, None], 3, axis=2)
-
-
-def tint(image_rgb: NDArray[np.float32], mask: NDArray[np.bool_], colour: str, strength: float) -> None:
-    """Mix a colour into the pixels of a mask, in place."""
-    image_rgb[mask] = (1 - strength) * image_rgb[mask] + strength * np.array(rgb(colour), dtype=np.float32)
-
-
-def show_image(axes: Axes, image_rgb: NDArray[np.uint8]) -> None:
-    """Draw an image so that data coordinates are its pixels (u, v); no ticks."""
-    height, width = image_rgb.shape[:2]
-    axes.imshow(image_rgb, interpolation="antialiased")
+def show_image(axes: Axes, image: NDArray[np.uint8]) -> None:
+    """Draw an image, (H, W) grey or (H, W, 3) BGR, so that data coordinates are its pixels (u, v); no ticks."""
+    height, width = image.shape[:2]
+    shown = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
+    axes.imshow(shown, interpolation="antialiased")
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
 
 

@@ -12,7 +12,7 @@ from bench.evaluation.counts import count_frame
 from bench.harness import ProcessedFrame
 from bench.records.reference import ReferenceFrame
 from bench.reporting import canvas
-from bench.reporting.overlay import overlay_mask, unknown_bands
+from bench.reporting.overlay import overlay_areas, unknown_bands
 
 
 class PixelClass(IntEnum):
@@ -73,13 +73,15 @@ def pixel_classes(reference: ReferenceFrame, *, detected: NDArray[np.bool_]) -> 
     return classes
 
 
+def areas_of(classes: NDArray[np.uint8]) -> dict[str, NDArray[np.bool_]]:
+    """The areas that a frame is scored by, (H, W) bool, by their colour."""
+    return {colour: classes == kind for kind, colour in AREA_COLOURS.items()}
+
+
 def overlay_counts(processed: ProcessedFrame) -> NDArray[np.uint8]:
     """The image of a processed frame with the areas that it is scored by tinted, (H, W, 3) BGR uint8."""
     classes = pixel_classes(processed.reference, detected=detected_pixels(processed))
-    tinted = processed.pixels
-    for kind, colour in AREA_COLOURS.items():
-        tinted = overlay_mask(tinted, mask=classes == kind, colour=colour, strength=0.45)
-    return tinted
+    return overlay_areas(processed.pixels, areas_of(classes), strength=0.45)
 
 
 def false_positive_text(processed: ProcessedFrame) -> str:

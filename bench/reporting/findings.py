@@ -7,8 +7,9 @@ from pathlib import Path
 
 from bench.plain_text import listed
 from bench.reporting.document import Block, Heading, Paragraph, Style
-from bench.validation import Depth, Finding, RecordingReport, Severity, ValidationReport
+from bench.validation import Depth, Finding, RecordingReport, Severity, ValidationReport, read_report
 
+VALIDATION = "validation.json"  # of a run whose data were validated
 SHOWN = 5  # findings of one check in one recording; the file has all
 SHOWN_PLACES = 3  # of findings that read alike
 STYLES: dict[Severity, Style] = {Severity.ERROR: "bad", Severity.WARNING: "warn"}
@@ -29,13 +30,25 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
     )
 
 
+def run_findings(run: Path) -> list[Block]:
+    """What a validation found in the data of a run before it was scored.
+
+    Raises:
+        DataError: the stored report is damaged.
+    """
+    file = run / VALIDATION
+    if not file.is_file():
+        return [Paragraph("The data were not validated before they were scored; run --require-valid does that.", "dim")]
+    return [Heading("Findings in the data"), *findings_report(read_report(file))]
+
+
 def _findings(recording: RecordingReport) -> Iterator[Block]:
     """Those of one check together as the first of them comes."""
     checks: dict[str, dict[tuple[Severity, str, str, str], list[Finding]]] = {}
     for finding in recording.findings:
         text = (finding.severity, finding.expected, finding.got, finding.hint)
         checks.setdefault(finding.check, {}).setdefault(text, []).append(finding)
-    if checks:
+    if checks or recording.undecided:
         yield Heading(recording.name)
     for check, groups in checks.items():
         for (severity, expected, got, hint), findings in list(groups.items())[:SHOWN]:
@@ -46,6 +59,8 @@ def _findings(recording: RecordingReport) -> Iterator[Block]:
                 yield Paragraph(f"           {hint}")
         if rest := sum(map(len, list(groups.values())[SHOWN:])):
             yield Paragraph(f"           ... and {rest} more of {check}; --json FILE has all")
+    for undecided in recording.undecided:
+        yield Paragraph(f"  cannot tell  {undecided.about}: {undecided.why}")
 
 
 def _where(finding: Finding) -> str:

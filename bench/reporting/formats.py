@@ -65,9 +65,9 @@ def hundredths(ratio: float) -> str:
     return "n/a" if math.isnan(ratio) else f"{100 * ratio:.1f}"
 
 
-def interval(metric: Metric, *, unit: float = 100.0) -> str:
-    """The 95 % interval in percent, "[65.0, 78.3]", or in another unit; "" without one."""
-    return "" if metric.ci95 is None else "[{:.1f}, {:.1f}]".format(*(unit * end for end in metric.ci95))
+def interval(ci95: tuple[float, float] | None, *, unit: float = 100.0, digits: int = 1) -> str:
+    """A 95 % interval in percent, "[65.0, 78.3]", or in another unit; "" for none."""
+    return "" if ci95 is None else "[{:.{d}f}, {:.{d}f}]".format(*(unit * end for end in ci95), d=digits)
 
 
 def short_interval(metric: Metric) -> str:
@@ -79,12 +79,14 @@ def metric_cell(metric: Metric) -> Cell:
     """A ratio, "72.1 %", over its interval, "[65.0, 78.3]"; "n/a" over "(0 cases)" for NaN."""
     if math.isnan(metric.value):
         return Cell("n/a", (f"({metric.cases} cases)",))
-    return _over(percent(metric.value), interval(metric))
+    return _over(percent(metric.value), interval(metric.ci95))
 
 
 def mean_cell(metric: Metric) -> Cell:
     """A mean that is no ratio in the same way, "3.2" over "[2.8, 3.9]"."""
-    return metric_cell(metric) if math.isnan(metric.value) else _over(f"{metric.value:.1f}", interval(metric, unit=1.0))
+    if math.isnan(metric.value):
+        return metric_cell(metric)
+    return _over(f"{metric.value:.1f}", interval(metric.ci95, unit=1.0))
 
 
 def _over(text: str, below: str) -> Cell:

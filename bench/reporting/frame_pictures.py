@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -24,7 +23,7 @@ from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.recordings import DatasetCard
 from bench.records.reference import ObjectGeometry, Outline
-from bench.reference import Category, ReferenceObject
+from bench.reference import Category
 from bench.reporting import canvas, formats
 from bench.reporting.formats import file_name, frame_name
 from bench.reporting.overlay import draw_outline, outlined
@@ -41,79 +40,67 @@ _INSET_SHARE = 0.42
 _INSET_BELOW = 0.35  # an object that fills less than this share of the image is shown larger in a corner
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ClusterView:
-    """One object, ready to be drawn.
+@canvas.styled
+def draw_cluster(
+    geometry: ObjectGeometry,
+    *,
+    image: NDArray[np.uint8],
+    polygon: Outline,
+    vehicle_outline_m: NDArray[np.float64],
+    title: str = "fisheye image",
+    image_name: str = "",
+) -> Figure:
+    """Draw the point cloud from above on the left and the image on the right.
 
-    Attributes:
+    Args:
         geometry: the object's points and annotated shape at exposure.
         image: (H, W) grey or (H, W, 3) BGR uint8.
         polygon: the reference polygon in pixels.
         vehicle_outline_m: (L, 2) float64, the ego vehicle from above, vehicle frame, m.
         title: names the object.
         image_name: says which image it is.
-    """
-
-    geometry: ObjectGeometry
-    image: NDArray[np.uint8]
-    polygon: Outline
-    vehicle_outline_m: NDArray[np.float64]
-    title: str = ""
-    image_name: str = ""
-
-
-@canvas.styled
-def draw_cluster(view: ClusterView) -> Figure:
-    """Draw the point cloud from above on the left and the image on the right.
 
     Source:
         Mariotti and Eising 2020, the figure on ground truth generation.
     """
-    height, width = view.image.shape[:2]
+    height, width = image.shape[:2]
     # The square plan and the image share one height and fill the width.
     side_in = (_WIDTH_IN - _LEFT_IN - _GAP_IN - _RIGHT_IN) / (1 + width / height)
     full_in = side_in + _BOTTOM_IN + _TOP_IN
     figure = canvas.new_figure(_WIDTH_IN, full_in)
     plan = canvas.axes_at(figure, _LEFT_IN, _BOTTOM_IN, side_in, side_in)
     picture = canvas.axes_at(figure, _LEFT_IN + side_in + _GAP_IN, _BOTTOM_IN, side_in * width / height, side_in)
-    _draw_plan(plan, view)
-    _draw_picture(picture, view)
+    _draw_plan(plan, geometry, vehicle_outline_m)
+    canvas.show_image(picture, image)
+    _draw_cluster_pixels(picture, geometry, polygon)
+    u_min, v_min, u_max, v_max = polygon.bounds
+    if max((u_max - u_min) / width, (v_max - v_min) / height) < _INSET_BELOW:
+        _draw_cluster_pixels(_inset(picture, polygon, image), geometry, polygon)
     plan.set_title("(a) point cloud from above", pad=3)
-    picture.set_title("(b) " + (view.title or "fisheye image"), pad=3)
-    figure.text(1 - _RIGHT_IN / _WIDTH_IN, 0.03, view.image_name, ha="right", va="bottom")
+    picture.set_title(f"(b) {title}", pad=3)
+    figure.text(1 - _RIGHT_IN / _WIDTH_IN, 0.03, image_name, ha="right", va="bottom")
     return figure
 
 
-def _draw_plan(axes: Axes, view: ClusterView) -> None:
-    found = view.geometry
+def _draw_plan(axes: Axes, found: ObjectGeometry, vehicle_outline_m: NDArray[np.float64]) -> None:
     around, cluster, outline_m = found.surroundings_vehicle, found.cluster_vehicle, found.outline_m
     axes.scatter(around[:, 1], around[:, 0], s=0.4, c=_CLOUD, linewidths=0, rasterized=True)
     axes.scatter(cluster[:, 1], cluster[:, 0], s=2.5, c=canvas.SKY_BLUE, linewidths=0, zorder=4.5, rasterized=True)
     if len(outline_m):
         axes.add_patch(PolygonPatch(outline_m[:, ::-1], fill=False, edgecolor=canvas.ORANGE, linewidth=1.3, zorder=4))
-    canvas.draw_vehicle(axes, view.vehicle_outline_m)
-    corners = [part for part in (cluster[:, :2], outline_m, view.vehicle_outline_m) if len(part)]
-    low, high = np.concatenate(corners).min(axis=0), np.concatenate(corners).max(axis=0)
+    canvas.draw_vehicle(axes, vehicle_outline_m)
+    corners = np.concatenate([part for part in (cluster[:, :2], outline_m, vehicle_outline_m) if len(part)])
+    low, high = corners.min(axis=0), corners.max(axis=0)
     half_m = (high - low).max() / 2 + _SURROUNDINGS_M
     (x, y) = (low + high) / 2
     canvas.plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
 
 
-def _draw_picture(axes: Axes, view: ClusterView) -> None:
-    image = canvas.rgb_image(view.image)
-    canvas.show_image(axes, image)
-    height, width = image.shape[:2]
-    _draw_cluster_pixels(axes, view)
-    u_min, v_min, u_max, v_max = view.polygon.bounds
-    if max((u_max - u_min) / width, (v_max - v_min) / height) < _INSET_BELOW:
-        _draw_inset(axes, view, image)
-
-
-def _draw_cluster_pixels(axes: Axes, view: ClusterView) -> None:
-    seen = view.geometry.pixels[np.isfinite(view.geometry.pixels).all(axis=1)]
-    size = _dot_size(axes, view.polygon, len(seen))
+def _draw_cluster_pixels(axes: Axes, found: ObjectGeometry, polygon: Outline) -> None:
+    seen = found.pixels[np.isfinite(found.pixels).all(axis=1)]
+    size = _dot_size(axes, polygon, len(seen))
     axes.scatter(seen[:, 0], seen[:, 1], s=size, c=canvas.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
-    draw_outline(axes, view.polygon, colour=canvas.VERMILION, width=1.1).set_zorder(3.5)
+    draw_outline(axes, polygon, colour=canvas.VERMILION, width=1.1).set_zorder(3.5)
 
 
 def _dot_size(axes: Axes, polygon: Outline, dots: int) -> float:
@@ -123,10 +110,10 @@ def _dot_size(axes: Axes, polygon: Outline, dots: int) -> float:
     return float(np.clip(_DOT_SHARE * polygon.area * points_per_px**2 / max(dots, 1), *_DOT_SIZES))
 
 
-def _draw_inset(axes: Axes, view: ClusterView, image: NDArray[np.uint8]) -> None:
+def _inset(axes: Axes, polygon: Outline, image: NDArray[np.uint8]) -> Axes:
     """The object enlarged, in the upper or lower corner that is farther from it."""
     height, width = image.shape[:2]
-    u_min, v_min, u_max, v_max = view.polygon.bounds
+    u_min, v_min, u_max, v_max = polygon.bounds
     u, v = (u_min + u_max) / 2, (v_min + v_max) / 2
     half_v = 0.65 * max(v_max - v_min, (u_max - u_min) * height / width, 8.0)
     half_u = half_v * width / height
@@ -135,11 +122,11 @@ def _draw_inset(axes: Axes, view: ClusterView, image: NDArray[np.uint8]) -> None
     inset = axes.inset_axes((left, bottom, _INSET_SHARE, _INSET_SHARE))
     canvas.show_image(inset, image)
     inset.set(xlim=(u - half_u, u + half_u), ylim=(v + half_v, v - half_v))
-    _draw_cluster_pixels(inset, view)
     corner = (u - half_u, v - half_v)
     axes.add_patch(Rectangle(corner, 2 * half_u, 2 * half_v, edgecolor="white", linewidth=0.8, fill=False, zorder=2.5))
     for spine in inset.spines.values():
         spine.set(edgecolor="white", linewidth=0.8)
+    return inset
 
 
 def write_frame_pictures(
@@ -167,24 +154,19 @@ def write_frame_pictures(
     }
     for found, polygon in outlined(reference.objects):
         if processed.image.moving_path is None:
-            view = _cluster_view(found, polygon, processed, pipeline)
-            pictures[f"cluster-{file_name(found.track_id)}"] = canvas.figure_bytes(draw_cluster(view), "png")
+            cluster = draw_cluster(
+                pipeline.references.geometry(found.track_id, processed.image),
+                image=processed.pixels,
+                polygon=polygon,
+                vehicle_outline_m=pipeline.recording.vehicle_outline_m,
+                title=f"{found.object_class} {found.track_id}, {found.category}, {found.range_m:.1f} m, "
+                f"{found.points} points",
+                image_name=frame_name(reference),
+            )
+            pictures[f"cluster-{file_name(found.track_id)}"] = canvas.figure_bytes(cluster, "png")
     for name, content in pictures.items():
         write_bytes(folder / f"{name}.png", content)
     return tuple(folder / f"{name}.png" for name in pictures)
-
-
-def _cluster_view(
-    found: ReferenceObject, polygon: Outline, processed: ProcessedFrame, pipeline: FramePipeline
-) -> ClusterView:
-    return ClusterView(
-        geometry=pipeline.references.geometry(found.track_id, processed.image),
-        image=processed.pixels,
-        polygon=polygon,
-        vehicle_outline_m=pipeline.recording.vehicle_outline_m,
-        title=f"{found.object_class} {found.track_id}, {found.category}, {found.range_m:.1f} m, {found.points} points",
-        image_name=frame_name(processed.reference),
-    )
 
 
 def example_frames(objects: Rows) -> dict[Category, ImageKey]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ from bench.errors import ShapeError
 from bench.geometry.raster import rasterise
 from bench.plain_text import plain
 from bench.records.reference import Outline, ReferenceFrame, ReferenceObject, Status
-from bench.reporting.canvas import GREEN, category_colour, rgb
+from bench.reporting.canvas import category_colour, rgb
 
 _SHIFT = 4  # fractional bits of OpenCV's drawing coordinates
 _LABEL_SIZES = 4.5, 6.0  # points, in a picture of 1.8 inches and less, of 2.4 inches and more
@@ -33,27 +33,27 @@ def bgr_image(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy(), dtype=np.uint8)
 
 
-def overlay_mask(
-    image: NDArray[np.uint8], *, mask: NDArray[np.bool_], colour: str = GREEN, strength: float = 0.5
+def overlay_areas(
+    image: NDArray[np.uint8], areas: Mapping[str, NDArray[np.bool_]], *, strength: float = 0.5
 ) -> NDArray[np.uint8]:
-    """Tint the pixels of a mask.
+    """Tint areas of an image.
 
     Args:
         image: (H, W) grey or (H, W, 3) BGR uint8.
-        mask: (H, W) bool.
-        colour: "#rrggbb".
+        areas: (H, W) bool, by colour "#rrggbb".
         strength: 0 leaves the image, 1 paints it over.
 
     Returns:
         (H, W, 3) BGR uint8, a new image.
 
     Raises:
-        ShapeError: mask and image differ in size.
+        ShapeError: an area and the image differ in size.
     """
-    if mask.shape != image.shape[:2]:
-        raise ShapeError(f"mask: expected {image.shape[:2]}, got {mask.shape}")
     tinted = bgr_image(image)
-    tinted[mask] = ((1 - strength) * tinted[mask] + strength * np.array(rgb(colour)[::-1])).astype(np.uint8)
+    for colour, area in areas.items():
+        if area.shape != image.shape[:2]:
+            raise ShapeError(f"mask: expected {image.shape[:2]}, got {area.shape}")
+        tinted[area] = ((1 - strength) * tinted[area] + strength * np.array(rgb(colour)[::-1])).astype(np.uint8)
     return tinted
 
 

@@ -17,7 +17,7 @@ from bench.records.reference import ReferenceFrame
 from bench.records.segmentation import Segmentation
 from bench.reporting import canvas
 from bench.reporting.formats import frame_name
-from bench.reporting.overlay import draw_references, overlay_mask, unknown_bands
+from bench.reporting.overlay import draw_references, overlay_areas, unknown_bands
 
 LIKELIHOOD_SATURATION = 0.02  # the paper's figure 6
 SCORE_SATURATION = 1.0
@@ -35,7 +35,6 @@ DEVIATIONS = {
 }
 _NUMERALS = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
 _WIDTH_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN, _GAP_IN = 2.6, 0.26, 0.62, 0.22, 0.05, 0.06
-_BAR_WIDTH_IN, _BAR_SHARE = 0.09, 0.9  # of a panel's height
 _NOTE_IN = 0.1
 BAND_NOTE = "coloured: unknown bands, which count neither way; inside: cores"
 
@@ -69,29 +68,26 @@ def draw_panels(
     note_in = _NOTE_IN if unknown_bands(reference).any() else 0.0
     top_in = _TOP_IN + bool(made_by) * _NOTE_IN
     full_in = top_in + len(panels) * height_in + (len(panels) - 1) * _GAP_IN + note_in + _BOTTOM_IN
-    figure = canvas.new_figure(_LEFT_IN + _WIDTH_IN + _RIGHT_IN, full_in)
-    for number, panel in enumerate(panels):
-        bottom_in = full_in - top_in - number * (height_in + _GAP_IN) - height_in
-        axes = canvas.axes_at(figure, _LEFT_IN, bottom_in, _WIDTH_IN, height_in)
+    width_in = _LEFT_IN + _WIDTH_IN + _RIGHT_IN
+    figure = canvas.new_figure(width_in, full_in)
+    across = {"left": _LEFT_IN / width_in, "right": (_LEFT_IN + _WIDTH_IN) / width_in}
+    down = {"bottom": (_BOTTOM_IN + note_in) / full_in, "top": 1 - top_in / full_in, "hspace": _GAP_IN / height_in}
+    rows = figure.subplots(len(panels), 1, squeeze=False, gridspec_kw=across | down)[:, 0]
+    for axes, panel, numeral in zip(rows, panels, _NUMERALS, strict=False):
         panel.draw(axes)
-        if number == 0:
-            axes.set_title(f"{frame_name(reference)}\n{made_by}".rstrip(), pad=3, fontsize=6)
-        left, middle = (_LEFT_IN - 0.13) / figure.get_figwidth(), (bottom_in + height_in / 2) / full_in
-        label = f"({_NUMERALS[number]}) {panel.label}"
-        figure.text(left, middle, label, rotation=90, ha="center", va="center", fontsize=7)
+        axes.set_ylabel(f"({numeral}) {panel.label}", fontsize=7, labelpad=3)
         if panel.saturation is not None:
-            _draw_colour_bar(figure, panel, bottom_in + (1 - _BAR_SHARE) / 2 * height_in, _BAR_SHARE * height_in)
+            _draw_colour_bar(axes, panel, panel.saturation)
+    rows[0].set_title(f"{frame_name(reference)}\n{made_by}".rstrip(), pad=3, fontsize=6)
     if note_in:
-        at = (_LEFT_IN + _WIDTH_IN / 2) / figure.get_figwidth(), (_BOTTOM_IN + note_in / 2) / full_in
-        figure.text(*at, BAND_NOTE, ha="center", va="center", fontsize=5.5)
+        rows[-1].set_xlabel(BAND_NOTE, fontsize=5.5, labelpad=1)
     return figure
 
 
-def _draw_colour_bar(figure: Figure, panel: _Panel, bottom_in: float, height_in: float) -> None:
-    assert panel.saturation is not None
-    scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=panel.saturation), cmap=panel.colour_map)
-    axes = canvas.axes_at(figure, _LEFT_IN + _WIDTH_IN + _GAP_IN, bottom_in, _BAR_WIDTH_IN, height_in)
-    bar = figure.colorbar(scale, cax=axes, extend="max", ticks=[0.0, panel.saturation / 2, panel.saturation])
+def _draw_colour_bar(axes: Axes, panel: _Panel, saturation: float) -> None:
+    scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=saturation), cmap=panel.colour_map)
+    beside = axes.inset_axes((1.023, 0.05, 0.035, 0.9))
+    bar = axes.figure.colorbar(scale, cax=beside, extend="max", ticks=[0.0, saturation / 2, saturation])
     bar.ax.tick_params(labelsize=6, length=2, pad=1.5)
     bar.ax.yaxis.set_major_formatter("{x:g}")
     bar.set_label(panel.unit, fontsize=6)
@@ -123,7 +119,7 @@ def _draw_flow(axes: Axes, *, image: NDArray[np.uint8], segmentation: Segmentati
     parts, cell = segmentation.parts, segmentation.cell_size_px
     assert parts is not None
     flow_u, flow_v = parts["flow_u"], parts["flow_v"]
-    canvas.show_image(axes, canvas.faded(canvas.rgb_image(image), 0.45))
+    canvas.show_image(axes, canvas.faded(image, 0.45))
     step = max(1, flow_u.shape[1] // ARROWS_ACROSS)
     picked = np.s_[step // 2 :: step, step // 2 :: step]
     v, u = (np.mgrid[: flow_u.shape[0], : flow_u.shape[1]] * cell + (cell - 1) / 2)[:, *picked]
@@ -169,5 +165,5 @@ def _draw_segmentation(
 ) -> None:
     height, width = reference.valid.shape
     moving = segmentation.mask_at(width, height) & reference.valid
-    canvas.show_image(axes, canvas.rgb_image(overlay_mask(image, mask=moving, strength=0.55)))
+    canvas.show_image(axes, overlay_areas(image, {canvas.GREEN: moving}, strength=0.55))
     draw_references(axes, reference)

@@ -15,15 +15,14 @@ from numpy.typing import NDArray
 
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.records.reference import Direction
-from bench.reporting.canvas import axes_at, draw_rings, draw_vehicle, new_figure, plan_axes, styled
+from bench.reporting.canvas import draw_rings, draw_vehicle, new_figure, plan_axes, styled
 from bench.reporting.stored_run import StoredRun
 
 CLASSES = ("pedestrian", "cyclist", "vehicle")
 COLOUR_MAP = "viridis"
 HATCH = "//////"
 RING_STEP_M = 5.0
-_WIDTH_IN, _LEFT_IN, _GAP_X_IN, _GAP_Y_IN = 7.0, 0.42, 0.16, 0.4
-_TITLE_IN, _TOP_IN, _BOTTOM_IN, _BAR_IN = 0.22, 0.34, 0.62, 0.72
+_WIDTH_IN, _AROUND_IN = 7.0, 1.3
 _LEAST_REACH_M = 10.0
 HALF = 0.5
 HALF_TITLE = "Detected: at least half of the object's core"
@@ -56,29 +55,22 @@ def draw_range_maps(found: RangeMaps, *, vehicle_outline_m: NDArray[np.float64],
     by_kind = {(m.object_class, m.direction): m for m in found.maps}
     classes = _classes(found.maps)
     reach_m = _reach(found.maps)
-    panel_in = (_WIDTH_IN - _LEFT_IN - (len(classes) - 1) * _GAP_X_IN - _BAR_IN) / len(classes)
-    title_in = _TITLE_IN if title else 0.0
-    full_in = title_in + _TOP_IN + 2 * panel_in + _GAP_Y_IN + _BOTTOM_IN
-    figure = new_figure(_WIDTH_IN, full_in)
+    panel_in = _WIDTH_IN / (len(classes) + 0.5)
+    figure = new_figure(_WIDTH_IN, 2 * panel_in + _AROUND_IN, layout="constrained")
     if title:
-        figure.text(0.5, 1 - title_in / 2 / full_in, title, ha="center", va="center", fontsize=8)
-    for r, direction in enumerate(Direction):
-        for c, object_class in enumerate(classes):
-            left = _LEFT_IN + c * (panel_in + _GAP_X_IN)
-            bottom = full_in - title_in - _TOP_IN - (r + 1) * panel_in - r * _GAP_Y_IN
-            axes = axes_at(figure, left, bottom, panel_in, panel_in)
+        figure.suptitle(title, fontsize=8)
+    figure.supylabel("x (m), ahead of the ego vehicle", fontsize=8)
+    panels = figure.subplots(2, len(classes), sharex=True, sharey=True)
+    for line, direction in zip(panels, Direction, strict=True):
+        for axes, object_class in zip(line, classes, strict=True):
             range_map = by_kind.get((object_class, direction))
             _draw_panel(axes, range_map, reach_m, vehicle_outline_m)
             total = 0 if range_map is None else int(range_map.object_frames.sum())
             axes.set_title(f"{object_class}, {direction.value}\n{total} object-frames", pad=3, fontsize=7)
-            axes.tick_params(labelleft=c == 0, labelbottom=r == 1)
-    tall_in, wide_in = 2 * panel_in + _GAP_Y_IN, len(classes) * (panel_in + _GAP_X_IN)
-    across, up = (_LEFT_IN + (wide_in - _GAP_X_IN) / 2) / _WIDTH_IN, (_BOTTOM_IN + tall_in / 2) / full_in
-    figure.text(across, (_BOTTOM_IN - 0.3) / full_in, "y (m), left of the ego vehicle", ha="center", va="center")
-    figure.text(0.1 / _WIDTH_IN, up, "x (m), ahead of the ego vehicle", rotation=90, ha="center", va="center")
+    panels[-1, len(classes) // 2].set_xlabel("y (m), left of the ego vehicle")
     scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=100.0), cmap=COLOUR_MAP)
-    bar = axes_at(figure, _LEFT_IN + wide_in, _BOTTOM_IN, 0.1, tall_in)
-    figure.colorbar(scale, cax=bar, ticks=range(0, 101, 20)).set_label("detection rate (%)", labelpad=2)
+    bar = figure.colorbar(scale, ax=panels, ticks=range(0, 101, 20), aspect=40, pad=0.01)
+    bar.set_label("detection rate (%)", labelpad=2)
     _draw_legend(figure, found)
     return figure
 
@@ -131,7 +123,7 @@ def _draw_legend(figure: Figure, found: RangeMaps) -> None:
         facecolor="white", edgecolor="#808080", hatch=HATCH, linewidth=0.4, label=f"fewer than {least} object-frames"
     )
     none = Patch(facecolor="white", edgecolor="#808080", linewidth=0.4, label="none")
-    figure.legend(handles=[few, none], loc="lower center", ncols=2, frameon=False)
+    figure.legend(handles=[few, none], loc="outside lower center", ncols=2, frameon=False)
     if found.unplaced:
         note = f"{found.unplaced} object-frames of unknown direction left out"
         figure.text(0.99, 0.02, note, ha="right", va="bottom", fontsize=6)

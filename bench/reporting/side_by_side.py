@@ -24,12 +24,13 @@ from bench.reporting.count_view import (
     AREA_COLOURS,
     AREA_NAMES,
     PixelClass,
+    areas_of,
     detected_pixels,
     false_positive_text,
     pixel_classes,
 )
 from bench.reporting.formats import frame_name, shortened
-from bench.reporting.overlay import draw_outline, outlined, place_labels
+from bench.reporting.overlay import draw_outline, outlined, overlay_areas, place_labels
 from bench.reporting.stored_run import StoredRun
 
 ImageKey = tuple[str, str, int]  # recording, camera, timestamp_ns
@@ -101,19 +102,17 @@ def _draw_areas(axes: Axes, processed: ProcessedFrame) -> bool:
     reference, detected = processed.reference, detected_pixels(processed)
     classes = pixel_classes(reference, detected=detected)
     banded = bool((classes == PixelClass.UNKNOWN).any())
-    canvas.show_image(axes, _tinted(canvas.rgb_image(processed.pixels), classes))
+    canvas.show_image(axes, _tinted(processed.pixels, classes))
     _hatch_ignored(axes, classes)
     _, objects = count_frame(reference, detected, component_size_px=0)
     _name_objects(axes, reference, objects, outline=not banded)
     return banded
 
 
-def _tinted(image_rgb: NDArray[np.uint8], classes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    grey = canvas.faded(image_rgb, _BACKGROUND_STRENGTH).astype(np.float32)
-    grey[classes == PixelClass.OUTSIDE] *= _OUTSIDE_STRENGTH
-    for kind, colour in AREA_COLOURS.items():
-        canvas.tint(grey, classes == kind, colour, _TINT)
-    return grey.astype(np.uint8)
+def _tinted(image: NDArray[np.uint8], classes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    grey = canvas.faded(image, _BACKGROUND_STRENGTH)
+    darker = np.where(classes == PixelClass.OUTSIDE, _OUTSIDE_STRENGTH * grey, grey).astype(np.uint8)
+    return overlay_areas(darker, areas_of(classes), strength=_TINT)
 
 
 def _hatch_ignored(axes: Axes, classes: NDArray[np.uint8]) -> None:

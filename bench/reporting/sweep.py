@@ -61,8 +61,8 @@ def report(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: st
 @canvas.styled
 def draw(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Figure:
     """Draw the headline metrics of every value, in percent, with their 95 % intervals."""
-    figure = canvas.new_figure(5.2, 3.4)
-    axes = canvas.axes_at(figure, 0.55, 0.75, 4.5, 2.1)
+    figure = canvas.new_figure(5.2, 3.4, layout="constrained")
+    axes = figure.add_subplot()
     positions = place_values(axes, list(runs))
     order = np.argsort(positions, kind="stable")
     found = [headline_metrics(summary) for summary in runs.values()]
@@ -84,7 +84,7 @@ def draw(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str 
     axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
     axes.set_title(f"{title}\nwith 95 % intervals, by recording", loc="left", pad=18)
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 0.99), ncols=4, frameon=False, handletextpad=0.3)
-    figure.text(0.02, 0.02, note, fontsize=6, color="#555555")
+    figure.supxlabel(note, x=0.02, ha="left", fontsize=6, color="#555555")
     return figure
 
 

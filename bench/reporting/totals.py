@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from bench.evaluation import Protocol
+from bench.evaluation.summary import not_annotated
 from bench.harness import Provenance, RunSummary
 from bench.reference import IgnoreReason
 from bench.reporting.tables import threshold_free_line
@@ -22,6 +23,8 @@ def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
     if summary.threshold_free is not None:
         yield threshold_free_line(summary.threshold_free)
     yield f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed"
+    if unscored := not_annotated(summary):
+        yield unscored
 
 
 def cost_lines(made: Provenance) -> Iterator[str]:

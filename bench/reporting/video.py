@@ -17,6 +17,7 @@ from bench.errors import OutputError, ShapeError, UsageError
 from bench.evaluation.counts import count_frame
 from bench.harness import ProcessedFrame
 from bench.recordings import ImageRef, MountedCamera, Recording
+from bench.reference.exposure import Readout
 from bench.reference.sweeps import SweepCache
 from bench.reporting.canvas import category_colour
 from bench.reporting.count_view import AREA_COLOURS, AREA_NAMES, PixelClass, detected_pixels, overlay_counts
@@ -67,7 +68,9 @@ class SweepViewer:
         vehicle_from_world = self._recording.trajectory.world_from_vehicle(image.timestamp_ns).inverse()
         points_vehicle = vehicle_from_world.apply(points_world)
         points_camera = self._camera.vehicle_from_camera.inverse().apply(points_vehicle)
-        pixels, valid = self._camera.model.project(points_camera)
+        readout = Readout.at(image.timestamp_ns, trajectory=self._recording.trajectory, camera=self._camera)
+        shown = points_camera if readout is None else readout.seen(points_camera, self._camera.model)
+        pixels, valid = self._camera.model.project(shown)
         seen = valid & self._camera.model.contains(pixels)
         return SeenSweep(
             points_world=points_world,

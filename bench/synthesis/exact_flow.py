@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
 from bench.egomotion import camera_motion
+from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane, cross, dot
 from bench.records.recording import MountedCamera
 from bench.synthesis.placement import FIRST_IMAGE_NS
@@ -58,9 +59,16 @@ class ExactFlowCaster:
         camera: with its true lens and mounting.
         valid: (H, W) bool, pixels that see something else than the ego vehicle's own body.
         cell_size_px: side of the cells; 1 for every pixel.
+
+    Raises:
+        UsageError: a camera with a rolling shutter.
     """
 
     def __init__(self, scene: Scene, camera: MountedCamera, *, valid: NDArray[np.bool_], cell_size_px: int = 1) -> None:
+        if camera.rolling_shutter is not None:
+            raise UsageError(
+                f"exact flow: camera {camera.name!r}: expected one that exposes all rows at once, got a rolling shutter"
+            )
         self._scene, self._camera, self._valid = scene, camera, valid
         self._cells = ray_grid(camera.model, cell_size_px)
         self._world_m = scene.world.corners_m

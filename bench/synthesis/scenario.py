@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from bench.cameras import camera_from_parameters
 from bench.errors import BenchError, UnknownNameError
+from bench.recordings.schema import RollingShutterHead
 from bench.recordings.validation import FileModel
 from bench.synthesis.bodies import BODIES
 from bench.synthesis.draws import DrawError, Sampler
@@ -81,6 +82,7 @@ class CameraSpec(FileModel):
         pitch_down_deg: of the optical axis, below the horizon.
         roll_deg: about the optical axis, clockwise as seen from behind the camera.
         sensor: how it errs.
+        rolling_shutter: its readout; null where all rows are exposed at once.
     """
 
     name: Name
@@ -93,6 +95,7 @@ class CameraSpec(FileModel):
     pitch_down_deg: Number = 0.0
     roll_deg: Number = 0.0
     sensor: SensorSpec = SensorSpec()
+    rolling_shutter: RollingShutterHead | None = None
 
     @model_validator(mode="after")
     def _lens_exists(self) -> CameraSpec:

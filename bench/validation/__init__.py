@@ -7,7 +7,14 @@ lidar sweeps, boxes against the points in them, stated velocities against positi
 """
 
 from bench.validation.findings import Finding, Severity
-from bench.validation.report import Depth, RecordingReport, ValidationReport, validate_dataset, validate_recording
+from bench.validation.report import (
+    Depth,
+    RecordingReport,
+    ValidationReport,
+    read_report,
+    validate_dataset,
+    validate_recording,
+)
 
 __all__ = [
     "Depth",
@@ -15,6 +22,7 @@ __all__ = [
     "RecordingReport",
     "Severity",
     "ValidationReport",
+    "read_report",
     "validate_dataset",
     "validate_recording",
 ]

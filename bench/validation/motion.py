@@ -26,7 +26,28 @@ SHORTEST_CHUNK_S = 0.25
 OFF_MPS, OFF_SHARE = 1.0, 0.25
 FAR_M = 50.0
 MOVING_MPS = 2.0
-SLIDING_DEG, BACKWARDS_DEG = 50.0, 130.0
+WALKING_MPS = 0.7
+ROLLING = frozenset({"vehicle", "cyclist"})
+SLIDING_DEG, BACKWARDS_DEG, SAME_DEG = 50.0, 130.0, 20.0
+# What the box's heading may be, the sign and the offset in degrees that undo it, and what to do.
+HEADINGS: tuple[tuple[str, float, float, str], ...] = (
+    ("it is right", 1.0, 0.0, ""),
+    ("the box is back to front", 1.0, 180.0, "turn it by 180 degrees, unless the object reverses"),
+    (
+        "x points to its left",
+        1.0,
+        -90.0,
+        "turn it by 90 degrees to the right, or swap length and width with the heading",
+    ),
+    (
+        "x points to its right",
+        1.0,
+        90.0,
+        "turn it by 90 degrees to the left, or swap length and width with the heading",
+    ),
+    ("the sign of the yaw is reversed", -1.0, 0.0, "reverse the yaw: positive is to the left"),
+    ("the yaw is a compass's", -1.0, 90.0, "count the yaw from x to the left, not from y to the right"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,6 +127,7 @@ def _turned(rotations: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDA
 def check_motion(recording: Recording) -> Iterator[Finding]:
     """Every track for itself; a fault that many of them share is reported once."""
     velocities: dict[str, list[tuple[str, float]]] = defaultdict(list)
+    headings: dict[str, NDArray[np.float64]] = {}
     for track in recording.tracks:
         limits = BODIES.get(track.object_class)
         path = track_path(track, recording.trajectory)
@@ -115,11 +137,14 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
         yield from _jumps(path, field)
         yield from _too_fast(path, limits, field)
         yield from _turns(path, limits, field)
-        if track.object_class in ("vehicle", "cyclist"):
-            yield from _heading(path, field)
+        errors_deg = _heading_errors(path, MOVING_MPS if track.object_class in ROLLING else WALKING_MPS)
+        if errors_deg is not None:
+            headings[field] = errors_deg
         fault = _velocity_fault(path)
         if fault is not None:
             velocities[fault[0]].append((track.track_id, fault[1]))
+    rolling = frozenset(object_field(track) for track in recording.tracks if track.object_class in ROLLING)
+    yield from _headings(headings, rolling)
     for cause, found in velocities.items():
         yield Finding(
             check="velocity",
@@ -184,30 +209,58 @@ def _turns(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Finding]
         )
 
 
-def _heading(path: TrackPath, field: str) -> Iterator[Finding]:
-    """Wheels roll along the length of a body."""
+def _heading_errors(path: TrackPath, least_mps: float) -> NDArray[np.float64] | None:
+    """Medians over the path of the angle between the box's x, in each of `HEADINGS`, and the way the object goes.
+
+    Returns:
+        (H,) float64, degrees; None where the object does not go anywhere, or has no heading.
+    """
     angles = []
     for first, last in _chunks(path):
-        way = (path.positions_m[last] - path.positions_m[first])[:2]
+        way = path.positions_m[last] - path.positions_m[first]
         seconds = (path.times_ns[last] - path.times_ns[first]) / SECOND_NS
-        forward = path.forward[(first + last) // 2]
-        if np.hypot(*way) / seconds > MOVING_MPS and np.isfinite(forward).all() and path.range_m[first] < FAR_M:
-            cosine = forward @ way / max(np.hypot(*forward) * np.hypot(*way), 1e-9)
-            angles.append(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
-    if not angles or np.median(angles) < SLIDING_DEG:
+        middle = (first + last) // 2
+        if np.hypot(*way[:2]) / seconds > least_mps and path.range_m[first] < FAR_M:
+            axes = path.rotations[middle].T  # vehicle_from_world
+            forward = axes @ np.append(path.forward[middle], 0.0)
+            ways = axes @ way
+            yaw_deg, way_deg = (float(np.degrees(np.arctan2(v[1], v[0]))) for v in (forward, ways))
+            turned = np.array([sign * yaw_deg + offset_deg for _, sign, offset_deg, _ in HEADINGS]) - way_deg
+            angles.append(np.abs((turned + 180.0) % 360.0 - 180.0))
+    if not angles or not np.isfinite(angles).all():
+        return None
+    return np.asarray(np.median(angles, axis=0))
+
+
+def _headings(errors_deg: dict[str, NDArray[np.float64]], single: frozenset[str]) -> Iterator[Finding]:
+    """Wheels roll along the length of a body: one mistake of all boxes, else object by object.
+
+    Args:
+        errors_deg: from `_heading_errors`, by the objects' fields.
+        single: objects reported for themselves; people may walk sideways.
+    """
+    wrong = {name: errors for name, errors in errors_deg.items() if errors[0] > SLIDING_DEG}
+    mean = np.mean(list(errors_deg.values()), axis=0) if wrong else np.zeros(len(HEADINGS))
+    if wrong and len(errors_deg) > 1 and mean.min() < SAME_DEG:
+        yield _heading_finding("all boxes", mean, times=len(errors_deg))
         return
-    backwards = np.median(angles) > BACKWARDS_DEG
-    yield Finding(
+    for name, errors in wrong.items():
+        if name in single or len(errors_deg) == 1:
+            yield _heading_finding(name, errors, times=1)
+
+
+def _heading_finding(field: str, errors_deg: NDArray[np.float64], *, times: int) -> Finding:
+    fitting = [entry for entry, off in zip(HEADINGS, errors_deg, strict=True) if off < errors_deg.min() + SAME_DEG]
+    backwards = times == 1 and errors_deg[0] > BACKWARDS_DEG
+    return Finding(
         check="heading",
         severity=Severity.WARNING if backwards else Severity.ERROR,
         field=field,
-        expected="a box whose x points where the object goes",
-        got=f"{np.median(angles):.0f} degrees between them",
-        hint="back to front, unless it reverses"
-        if backwards
-        else "length and width swapped, or another zero of the angle",
-        times=len(angles),
-        timestamp_ns=int(path.times_ns[0]),
+        expected="boxes whose x points where the object goes",
+        got=f"{errors_deg[0]:.0f} degrees between them; {errors_deg.min():.0f} if "
+        + " or ".join(description for description, *_ in fitting),
+        hint="; or ".join(hint for *_, hint in fitting),
+        times=times,
     )
 
 

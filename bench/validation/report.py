@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import count
 from operator import attrgetter
+from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
 from bench.errors import DataError
 from bench.recordings import Recording, RecordingHandle
 from bench.recordings.handles import LenientReading
+from bench.recordings.validation import FileModel, read_json
+from bench.validation.annotated import check_annotated
+from bench.validation.box_fit import BoxFit
 from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
+from bench.validation.cameras import check_cameras
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
-from bench.validation.ego_motion import check_ego_limits, check_path
-from bench.validation.findings import Finding, Severity, annotation_file, calibration_file, unusable
+from bench.validation.ego_motion import check_ego_limits
+from bench.validation.findings import Finding, Severity, Undecided, annotation_file, calibration_file, unusable
 from bench.validation.images import check_images
 from bench.validation.motion import check_motion
-from bench.validation.occupancy import Occupancy
+from bench.validation.static_world import check_static_world
 from bench.validation.sweeps import SweepChecks
+from bench.validation.units import check_length_units, check_time_units
 
 SAMPLED_IMAGES = 40  # of each camera, in pairs of neighbours
 SAMPLED_SWEEPS = 20
@@ -43,30 +49,75 @@ class RecordingReport:
         name: of the recording.
         findings: errors first, in the order in which they were found; causes before their possible consequences.
         images: how many images were read, and how many there are.
+        undecided: quantities that the recording cannot tell.
         sweeps: how many sweeps were read, and how many there are.
     """
 
     name: str
     findings: tuple[Finding, ...]
+    undecided: tuple[Undecided, ...] = ()
     images: tuple[int, int] = (0, 0)
     sweeps: tuple[int, int] = (0, 0)
 
 
-Check = Callable[[Recording], Iterator[Finding]]
+Check = Callable[[Recording], Iterator[Finding | Undecided]]
 # Each with the parts of a recording that it cannot do without, and the file of findings that name none.
 CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] = (
+    (check_time_units, frozenset(), attrgetter("root")),
+    (check_length_units, frozenset(), attrgetter("root")),
     (check_calibration, frozenset(), calibration_file),
     (check_clocks, frozenset(), attrgetter("root")),
     (check_coverage, frozenset({"trajectory"}), attrgetter("root")),
     (check_ego_limits, frozenset({"trajectory"}), attrgetter("trajectory.source")),
-    (check_path, frozenset({"trajectory"}), attrgetter("trajectory.source")),
+    (check_static_world, frozenset({"trajectory"}), attrgetter("trajectory.source")),
+    (check_annotated, frozenset({"annotations"}), annotation_file),
     (check_annotation_times, frozenset({"annotations"}), annotation_file),
     (check_boxes, frozenset({"annotations"}), annotation_file),
     (check_motion, frozenset({"trajectory", "annotations"}), annotation_file),
+    (check_cameras, frozenset({"trajectory"}), calibration_file),
 )
 
-EGO_MOTION_CHECKS = frozenset({"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit"})
-BY_EGO_MOTION = frozenset({"object-jump", "object-speed", "heading", "velocity", "empty-box", "tight-box"})
+EGO_MOTION_CHECKS = frozenset(
+    {"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit", "ego-motion-scale"}
+)
+BY_EGO_MOTION = frozenset(
+    [
+        "object-jump",
+        "object-speed",
+        "heading",
+        "velocity",
+        "empty-box",
+        "tight-box",
+        "box-time",
+        "box-short",
+        "box-reading",
+        "box-place",
+    ]
+)
+BY_TIMES = frozenset(
+    ["image-times", "ego-motion-missing", "sensor-overlap", "point-times", "annotation-time", "annotation-outside"]
+)
+BY_LENGTHS = BY_EGO_MOTION | frozenset(
+    [
+        "camera-mounting",
+        "lidar-mounting",
+        "sensor-outside",
+        "sweep-range",
+        "road-height",
+        "box-size",
+        "box-grows",
+        "box-height",
+        "object-in-ego",
+        "same-object",
+        "crowded-boxes",
+    ]
+)
+CAUSES = (  # what causes it, by which findings that is known, and findings that may follow from it
+    ("the unit of times", frozenset({"time-unit"}), BY_TIMES),
+    ("the unit of lengths", frozenset({"length-unit"}), BY_LENGTHS),
+    ("the lidar's mounting", frozenset({"lidar-pose"}), BY_EGO_MOTION),
+    ("the ego-motion", EGO_MOTION_CHECKS, BY_EGO_MOTION),
+)
 
 
 def validate_recording(
@@ -81,16 +132,21 @@ def validate_recording(
     """
     opened = _opened(handle)
     findings = [unusable(error) for error in opened.errors]
+    undecided: list[Undecided] = []
     images = sweeps = (0, 0)
     if (recording := opened.recording) is not None:
         for check, needs, file in CHECKS:
             if not needs & opened.missing:
-                findings += [replace(found, file=found.file or str(file(recording))) for found in check(recording)]
+                for found in check(recording):
+                    if isinstance(found, Undecided):
+                        undecided.append(found)
+                    else:
+                        findings.append(replace(found, file=found.file or str(file(recording))))
         rows = {camera: _pairs(len(recording.images[camera]), depth) for camera in recording.cameras}
         sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
         images = sum(map(len, rows.values())), sum(map(len, recording.images.values()))
         sweeps = len(sweep_rows), len(recording.sweeps)
-        occupancy = None if opened.missing else Occupancy(recording)
+        box_fit = None if opened.missing else BoxFit(recording)
         steps = count(1)
 
         def step() -> None:
@@ -98,22 +154,24 @@ def validate_recording(
 
         for camera in recording.cameras:
             findings += check_images(recording, camera, rows[camera], step)
-        findings += SweepChecks(recording, occupancy).check(sweep_rows, step)
-        findings += occupancy.findings() if occupancy is not None else ()
-    named = _causes_first([replace(finding, recording=handle.name) for finding in findings])
+        findings += SweepChecks(recording, box_fit).check(sweep_rows, step)
+        findings += box_fit.findings() if box_fit is not None else ()
+    named = [replace(finding, recording=handle.name) for finding in findings]
+    for name, causing, following in CAUSES:
+        named = _causes_first(named, name, causing, following)
     ordered = tuple(sorted(named, key=lambda finding: finding.severity != "error"))
-    return RecordingReport(name=handle.name, findings=ordered, images=images, sweeps=sweeps)
+    return RecordingReport(name=handle.name, findings=ordered, undecided=tuple(undecided), images=images, sweeps=sweeps)
 
 
-def _causes_first(findings: list[Finding]) -> list[Finding]:
-    """Move findings that rely on a wrong ego-motion to the end, as warnings."""
-    if not any(finding.check in EGO_MOTION_CHECKS and finding.severity is Severity.ERROR for finding in findings):
+def _causes_first(
+    findings: list[Finding], name: str, causing: frozenset[str], following: frozenset[str]
+) -> list[Finding]:
+    """Move findings that may follow from a cause to the end, as warnings; as they are where it is not found."""
+    if not any(finding.check in causing and finding.severity is Severity.ERROR for finding in findings):
         return findings
-    others = [finding for finding in findings if finding.check not in BY_EGO_MOTION]
-    return others + [
-        replace(finding, severity=Severity.WARNING, hint="may follow from the ego-motion: correct that, validate again")
-        for finding in findings
-        if finding.check in BY_EGO_MOTION
+    hint = f"may follow from {name}: correct that, validate again"
+    return [finding for finding in findings if finding.check not in following] + [
+        replace(finding, severity=Severity.WARNING, hint=hint) for finding in findings if finding.check in following
     ]
 
 
@@ -167,23 +225,70 @@ class ValidationReport:
 
     def as_json(self) -> str:
         """JSON text, one object with a list of findings."""
-        content = {
-            "schema_version": SCHEMA_VERSION,
-            "dataset": self.dataset,
-            "depth": self.depth.value,
-            "errors": self.count(Severity.ERROR),
-            "warnings": self.count(Severity.WARNING),
-            "recordings": [
-                {
-                    "name": recording.name,
-                    "images": {"read": recording.images[0], "all": recording.images[1]},
-                    "sweeps": {"read": recording.sweeps[0], "all": recording.sweeps[1]},
-                }
-                for recording in self.recordings
-            ],
-            "findings": [asdict(finding) for finding in self.findings],
-        }
-        return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+        stored = _StoredReport(
+            schema_version=SCHEMA_VERSION,
+            dataset=self.dataset,
+            depth=self.depth,
+            errors=self.count(Severity.ERROR),
+            warnings=self.count(Severity.WARNING),
+            recordings=tuple(
+                _StoredRecording(
+                    name=one.name,
+                    images=_StoredCount.of(one.images),
+                    sweeps=_StoredCount.of(one.sweeps),
+                    undecided=one.undecided,
+                )
+                for one in self.recordings
+            ),
+            findings=self.findings,
+        )
+        return stored.model_dump_json(indent=1, by_alias=True) + "\n"
+
+
+class _StoredCount(FileModel):
+    read: int
+    every: int = Field(alias="all")
+
+    @classmethod
+    def of(cls, counts: tuple[int, int]) -> _StoredCount:
+        return cls(read=counts[0], all=counts[1])
+
+
+class _StoredRecording(FileModel):
+    name: str
+    images: _StoredCount
+    sweeps: _StoredCount
+    undecided: tuple[Undecided, ...]
+
+
+class _StoredReport(FileModel):
+    schema_version: int
+    dataset: str
+    depth: Depth
+    errors: int
+    warnings: int
+    recordings: tuple[_StoredRecording, ...]
+    findings: tuple[Finding, ...]
+
+
+def read_report(file: Path) -> ValidationReport:
+    """Read a report that was stored as JSON.
+
+    Raises:
+        DataError: missing or not a report.
+    """
+    stored = read_json(_StoredReport, file)
+    recordings = [
+        RecordingReport(
+            name=one.name,
+            findings=tuple(finding for finding in stored.findings if finding.recording == one.name),
+            images=(one.images.read, one.images.every),
+            sweeps=(one.sweeps.read, one.sweeps.every),
+            undecided=one.undecided,
+        )
+        for one in stored.recordings
+    ]
+    return ValidationReport(dataset=stored.dataset, depth=stored.depth, recordings=tuple(recordings))
 
 
 def validate_dataset(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
+from bench.validation.box_fit import BoxFit
 from bench.validation.findings import (
     LIDAR_REACH_M,
     Finding,
@@ -22,7 +23,6 @@ from bench.validation.findings import (
     sweep_times,
     unusable,
 )
-from bench.validation.occupancy import Occupancy
 
 RING_M = (2.5, 14.0)  # around the vehicle's origin
 CELL_M = 1.0
@@ -122,11 +122,11 @@ class SweepChecks:
 
     Args:
         recording: the drive.
-        occupancy: finds the boxes that are empty.
+        box_fit: finds the boxes that are empty.
     """
 
-    def __init__(self, recording: Recording, occupancy: Occupancy | None) -> None:
-        self._recording, self._occupancy = recording, occupancy
+    def __init__(self, recording: Recording, box_fit: BoxFit | None) -> None:
+        self._recording, self._box_fit = recording, box_fit
         self._counts: list[tuple[int, int, str]] = []
         self._roads: list[SeenRoad] = []
         self._faults: dict[str, list[tuple[int, str, str]]] = {}
@@ -173,8 +173,8 @@ class SweepChecks:
         road = seen_road(points_vehicle)
         if road is not None:
             self._roads.append(road)
-        if self._occupancy is not None:
-            self._occupancy.add(sweep)
+        if self._box_fit is not None:
+            self._box_fit.add(sweep)
 
     def _look_at_times(self, sweep: LidarSweep, file: str) -> None:
         offsets_ns = sweep.time_offset_ns

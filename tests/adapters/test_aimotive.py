@@ -8,7 +8,7 @@ import pytest
 
 from bench.adapters.aimotive.adapter import aimotive_recordings
 from bench.adapters.aimotive.calibration import AimotiveOptions, read_cameras
-from bench.cameras import UnifiedCamera
+from bench.cameras import RollingShutter, UnifiedCamera
 from bench.errors import DataError
 from bench.lidar import deskew, interpolation_timestamps
 from bench.recordings import load_card, open_dataset, read_image
@@ -64,9 +64,12 @@ def test_velocity_over_the_ground_is_the_egos_plus_the_relative_one(folder, tmp_
     assert track.states[0].shape.vehicle_from_object.translation_m.tolist() == [2.0, -4.0, 1.0]
 
 
-def test_field_of_view_and_size_come_from_the_card(folder, tmp_path):
-    recording = opened(tmp_path, evaluated_size_px=[32, 18], field_of_view_deg={tiny.CAMERA: 180})
+def test_field_of_view_size_and_rolling_shutter_come_from_the_card(folder, tmp_path):
+    shutter = {"readout_s": 0.02, "direction": "left"}
+    options = {"field_of_view_deg": {tiny.CAMERA: 180}, "rolling_shutter": {tiny.CAMERA: shutter}}
+    recording = opened(tmp_path, evaluated_size_px=[32, 18], **options)
     camera = recording.cameras[tiny.CAMERA]
+    assert camera.rolling_shutter == RollingShutter(**shutter)
     assert (camera.model.width, camera.model.height) == (32, 18)
     assert camera.stored_size_px == (64, 36)
     assert camera.model.limit_angle_rad == pytest.approx(np.pi / 2)

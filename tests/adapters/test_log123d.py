@@ -11,7 +11,7 @@ from bench.adapters.log123d.adapter import log123d_recordings
 from bench.adapters.log123d.boxes import CLASSES
 from bench.adapters.log123d.rig import CameraHead
 from bench.adapters.log123d.sensors import decode_points
-from bench.cameras import RadialPolynomialCamera, UnifiedCamera
+from bench.cameras import RadialPolynomialCamera, RollingShutter, UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.evaluation import load_protocol
 from bench.recordings import load_card, open_dataset, read_image
@@ -71,8 +71,9 @@ def assert_same(found, native, *, points_m=1e-5):
 @pytest.mark.parametrize("compression", [None, "zstd"])
 def test_a_log_reads_as_the_recording_that_it_was_made_of(native, tmp_path, compression):
     log123d.write_log(native, tmp_path, compression=compression)
-    found = opened(tmp_path)
+    found = opened(tmp_path, rolling_shutter={"ftcam_f0": {"readout_s": 0.02}})
     assert_same(found, native)
+    assert found.cameras["ftcam_f0"].rolling_shutter == RollingShutter(readout_s=0.02)
     assert found.name == "drive"
     np.testing.assert_allclose(found.vehicle_outline_m.min(axis=0), [1.4 - 2.4, -0.9])
 

@@ -13,11 +13,11 @@ from mcap.writer import CompressionType, Writer
 
 from bench.adapters.rosbag.adapter import rosbag_recordings
 from bench.adapters.rosbag.rig import Rig, RosbagOptions
-from bench.cameras import camera_from_parameters
+from bench.cameras import RollingShutter, camera_from_parameters
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.harness.digests import RecordingInputs
-from bench.recordings import load_card, read_image
+from bench.recordings import COMPLETELY, NOT_ANNOTATED, load_card, read_image
 from bench.recordings.contract import check_adapter
 from bench.recordings.validation import validated
 from tests.support import tiny
@@ -148,11 +148,12 @@ def test_a_bag_of_ros_1_says_how_to_convert_it(tmp_path):
         opened(root)
 
 
-def test_without_annotations_a_recording_opens_and_nothing_is_scored(tmp_path):
-    bags.write_data_set(tmp_path / "data")
+def test_a_bag_is_annotated_where_its_file_is_there(tmp_path):
+    folder = bags.write_data_set(tmp_path / "data")
+    assert opened(tmp_path / "data", annotations=folder).annotated == COMPLETELY
     recording = opened(tmp_path / "data")
     assert recording.tracks == ()
-    assert not any(ref.scored for ref in recording.images["front"])
+    assert recording.annotated == NOT_ANNOTATED
 
 
 def test_the_clock_and_offsets(tmp_path):
@@ -365,6 +366,13 @@ def test_the_example_card_shows_a_rig_that_is_one():
     assert camera_from_parameters(parameters.pop("model"), width=1280, height=960, **parameters).width == 1280
     card = load_card(REPOSITORY / "datasets" / "rosbag-example.yaml")
     validated(RosbagOptions, card.content.options, file=card.file)
+
+
+def test_the_rig_states_a_rolling_shutter(tmp_path):
+    rig = rig_with()
+    rig["cameras"]["front"]["rolling_shutter"] = {"readout_s": 0.02, "direction": "up"}
+    camera = opened(bags.data_set(tmp_path, bags.drive(), rig)).cameras["front"]
+    assert camera.rolling_shutter == RollingShutter(readout_s=0.02, direction="up")
 
 
 def test_the_hosts_body_is_a_mask_and_polygons(tmp_path):

@@ -30,9 +30,6 @@ def test_cells_hold_what_a_loop_finds(region: NDArray[np.bool_], cell: int) -> N
     rows, columns = (range(0, size, cell) for size in region.shape)
     expected = [[int(region[v : v + cell, u : u + cell].sum()) for u in columns] for v in rows]
     assert count_by_cell(region, cell).tolist() == expected
-    held = tuple(slice(int(one.min(initial=99)), int(one.max(initial=98)) + 1) for one in np.nonzero(region))
-    window = (held[0], held[1]) if region.any() else (slice(0, 0), slice(0, 0))
-    assert count_by_cell(region, cell, window=window).tolist() == expected
 
 
 @given(frames(), masks)

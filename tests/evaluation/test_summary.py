@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +13,8 @@ import pytest
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from bench.evaluation import Metric, Summary, load_protocol, summarise
+from bench.evaluation import Metric, Summary, definitions, load_protocol, summarise
+from bench.evaluation import summary as summary_module
 from bench.records.reference import Category, ReferenceFrame, Status
 from tests.evaluation.frames import frames, mask, picture, reference_frame, reference_object
 from tests.evaluation.runs import PAPER, joined, random_run, scored
@@ -214,3 +216,14 @@ def test_the_same_image_twice_is_our_own_mistake() -> None:
     tables = scored([(reference_frame(picture("1.")), mask("x."))])
     with pytest.raises(AssertionError, match="names each row once"):
         summary_of(joined([tables, tables]))
+
+
+def test_a_metric_that_is_added_to_the_definitions_is_in_the_summary(monkeypatch: pytest.MonkeyPatch) -> None:
+    added = replace(definitions.FALSE_POSITIVES[0], name="added", short_name="")
+    for module in (definitions, summary_module):
+        monkeypatch.setattr(module, "FALSE_POSITIVES", (*definitions.FALSE_POSITIVES, added))
+    monkeypatch.setitem(definitions.FIXED, "added", added)
+    found = summarise(*random_run(1), protocol=PAPER)
+    stored = Summary.model_validate_json(found.model_dump_json())
+    assert stored.false_positives.metric("added") == found.false_positives.coverage
+    assert "added" in stored.false_positives.metric_names()

@@ -1,5 +1,8 @@
 """Gate and comparison are one: of the same two runs they say the same."""
 
+import math
+from dataclasses import asdict
+
 from bench.gate import judge, load_tolerances, read_baseline, read_run_sums
 from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
@@ -15,8 +18,11 @@ def test_the_gate_has_the_changes_intervals_and_p_values_of_compare(tmp_path):
     verdict = judge(read_baseline(folders[0]), read_run_sums(folders[1]), tolerances=load_tolerances())
     (comparison,) = compare_runs(read_comparable(folders))
     gate = {(row.slice_name, row.metric): row.change for row in verdict.rows}
-    compared = {(row.name, metric): found.change for row in comparison.rows for metric, found in row.metrics.items()}
-    shared = {key for key, change in compared.items() if change.cases_before and change.cases_after}
-    assert shared <= gate.keys()
-    assert {key: gate[key] for key in shared} == {key: compared[key] for key in shared}
-    assert any(gate[key].ci95 is not None and gate[key].p_value is not None for key in shared)
+    rows = comparison.changes.reset_index().to_dict("records")
+    compared = {(row["slice"], row["metric"]): row for row in rows if row["cases_before"] and row["cases_after"]}
+    assert compared.keys() <= gate.keys()
+    for key, row in compared.items():
+        assert asdict(gate[key]) == {name: row[name] for name in asdict(gate[key])} | (
+            {"p_value": None} if math.isnan(row["p_value"]) else {}
+        )
+    assert any(gate[key].ci95 is not None and gate[key].p_value is not None for key in compared)

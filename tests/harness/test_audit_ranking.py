@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.lines import Line2D
 
@@ -23,7 +24,17 @@ from bench.audit.ranking import (
     run_ranking,
     surface_fits,
 )
-from bench.audit.ranking_sums import EXACT, PAPER, REFERENCES, ROWS, SUMS, SURFACE, RankingSums, lidar_references
+from bench.audit.ranking_sums import (
+    EXACT,
+    FIT_SLICES,
+    FITS,
+    PAPER,
+    REFERENCES,
+    SCORED,
+    SURFACE,
+    RankingRows,
+    lidar_references,
+)
 from bench.audit.sources import same_objects
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.evaluation import load_protocol
@@ -54,11 +65,19 @@ ANY = [Prediction(name=name, method=build_method(name)) for name in ("everything
 
 def row(*, by_lidar: list[float], by_masks: list[float], recordings: int = 1, predictions=ANY) -> RankedRow:
     """A row of predictions with these IoU: one object-frame a recording, all lidar references alike."""
-    sums = np.zeros((recordings, len(REFERENCES), len(predictions), len(SUMS)))
-    sums[..., SUMS.index("every")] = 1
-    sums[..., SUMS.index("iou")] = by_lidar
-    sums[:, -1, :, SUMS.index("iou")] = by_masks
-    return rank_row("crossing", sums, np.zeros(recordings), predictions)
+    values = np.broadcast_to(by_lidar, (recordings, len(REFERENCES), len(predictions))).copy()
+    values[:, -1] = by_masks
+    return rank_row("crossing", scores(values, predictions), predictions)
+
+
+def scores(iou: np.ndarray, predictions, *, cases: np.ndarray | float = 1.0) -> pd.DataFrame:
+    """Sums of one row, (recordings, references, predictions)."""
+    names = [prediction.name for prediction in predictions]
+    every = pd.MultiIndex.from_product(
+        [[f"drive-{k}" for k in range(len(iou))], REFERENCES, names], names=["recording", "reference", "prediction"]
+    )
+    terms = {"numerator": iou.ravel(), "denominator": np.broadcast_to(cases, iou.shape).ravel()}
+    return pd.DataFrame(terms, index=every).reset_index().assign(slice="crossing", metric="iou")
 
 
 def test_a_reference_with_the_scores_of_the_truth_agrees_with_it():
@@ -104,8 +123,9 @@ def test_intervals_need_six_recordings_and_are_the_same_again(monkeypatch):
     assert found.tau.ci95 == pytest.approx((1, 1))
     assert found.difference["iou"].ci95 == pytest.approx((0.1 / 3, 0.1 / 3))  # all recordings are alike
     rng = np.random.default_rng(1)
-    sums = rng.random((8, len(REFERENCES), 3, len(SUMS))) + 0.1
-    first, second = (rank_row("crossing", sums, np.zeros(8), ANY) for _ in range(2))
+    cases = rng.random((8, 1, 1)) + 0.1
+    sums = scores(rng.random((8, len(REFERENCES), 3)) * cases, ANY, cases=cases)
+    first, second = (rank_row("crossing", sums, ANY) for _ in range(2))
     assert first.model_dump_json() == second.model_dump_json()
     low, high = first.agreement[PAPER].difference["iou"].ci95
     assert low < first.agreement[PAPER].difference["iou"].value < high
@@ -148,15 +168,15 @@ def test_the_tables_show_differences_order_and_which_aims_are_missed(monkeypatch
     six = row(by_lidar=[0.2, 0, 0.8, 0.9], by_masks=[0.1, 0, 1, 0.7], recordings=6, predictions=predictions)
     names = [prediction.name for prediction in predictions]
     # Of ten pixels of cores five lie outside of the masks; of ten of masks one is in neither core nor band.
-    near = {("pedestrian", "[0, 2)", "[0, 0.05)"): np.array([1, 4, 1, 8, 0, 0.5])}
-    far = {("pedestrian", "[2, 4)", "[0, 0.05)"): np.array([1, 6, 4, 2, 1, 0.25])}
+    near = ("pedestrian", "[0, 2)", "[0, 0.05)", 1, 4, 1, 8, 0, 0.5)
+    far = ("pedestrian", "[2, 4)", "[0, 0.05)", 1, 6, 4, 2, 1, 0.25)
     found = RankingSummary.model_construct(
         predictions=names,
         real=names[:2],
         errors={"fat": "outlines"},
         ceiling="truth",
         rows=(six,),
-        fits=surface_fits([near, far]),
+        fits=surface_fits(pd.DataFrame([near, far], columns=[*FIT_SLICES, *FITS])),
     )
     (*_, surface), agreement_of_rows = overview_table(found).rows, agreement_table(found).rows
     # Differences of 10, 0, 20 and 20 points; of six pairs five are in the same order, so tau is (5 - 1) / 6.
@@ -181,21 +201,32 @@ def test_the_lidar_references_are_those_of_the_protocols():
 def test_sums_of_an_image():
     frame = reference_frame(picture("11.\n11.\n..."))
     half = mask("#..\n#..\n..#")  # 2 of the object's 4 px, and 1 of 9 elsewhere
-    sums = RankingSums.empty(2)
     unknown = replace(frame, objects=(replace(frame.objects[0], unknown_px=1),))
-    references = [frame, frame, frame, unknown, frame]
-    sums.add(references, [half, np.ones((3, 3), dtype=bool)], component_size_px=0)
+    rows = RankingRows(["half", "all"], component_size_px=0)
+    rows.add([frame, frame, frame, unknown, frame], [half, np.ones((3, 3), dtype=bool)])
+    sums = rows.scores().set_index(["slice", "metric", *SCORED])[["numerator", "denominator"]]
     for name in ("crossing", "all_moving"):
-        first, whole = sums.sums[ROWS.index(name), 0]
-        assert dict(zip(SUMS, first, strict=True)) == {
-            "every": 1, "iou": 0.5, "detected": 1, "coverage_detected": 0.5, "detected_50": 1, "share": 0,
+        terms = sums.loc[name].xs((PAPER, "half", "drive"), level=SCORED)
+        assert {metric: tuple(values) for metric, values in terms.T.items()} == {
+            "iou": (0.5, 1), "tpr": (0.5, 1), "detection_rate_50": (1, 1), "unknown_share": (0, 1),
         }  # fmt: skip
-        assert whole[SUMS.index("iou")] == pytest.approx(4 / 9)
-        assert sums.unknown[ROWS.index(name)] == 1 / 5
-    first, whole = sums.sums[ROWS.index("false_positives"), 0, :, SUMS.index("share")]
+        assert sums.loc[(name, "iou", PAPER, "all", "drive"), "numerator"] == pytest.approx(4 / 9)
+        assert sums.loc[(name, "unknown_share", SURFACE, "half", "drive"), "numerator"] == 1 / 5
+    first, whole = (
+        sums.loc[("false_positives", "false_positive_coverage", PAPER, name, "drive"), "numerator"]
+        for name in ("half", "all")
+    )
     assert (first, whole) == (pytest.approx(1 / 9), pytest.approx(5 / 9))
-    assert not sums.sums[ROWS.index("overtaking")].any()
-    assert sums.images == 1
+    assert "overtaking" not in sums.index.get_level_values("slice")
+    assert rows.images == 1
+    (fit,) = rows.fits()[FITS].to_numpy().tolist()
+    assert fit == [1, 4, 0, 4, 0, 0.2]
+
+
+def test_a_recording_without_images_has_no_sums():
+    rows = RankingRows(["half", "all"], component_size_px=0)
+    assert len(rows.scores()) == len(rows.fits()) == 0
+    assert rank_row("crossing", rows.scores(), ANY).cases == 0
 
 
 def test_an_object_that_one_reference_ignores_is_ignored_in_all():

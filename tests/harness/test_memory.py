@@ -34,7 +34,7 @@ if __name__ == "__main__":
     for turn in range(int(sys.argv[2])):
         for handle in open_dataset(load_card(sys.argv[1])):
             for unit in plan_recording(spec, handle).units:
-                assert score_unit(spec, UnitTask(handle=handle, unit=unit, stored={run: frozenset()})).failure is None
+                assert score_unit(spec, UnitTask(handle=handle, unit=unit, stored={run: {}})).failure is None
         sizes.append(resident_mb())
     print(json.dumps(sizes))
 """

@@ -39,6 +39,7 @@ def test_history_colour_and_ego_motion_arrive_and_nothing_else(tiny_card):
         "road",
         "current_from_previous",
         "valid",
+        "rolling_shutter",
         "recording",
         "camera_name",
         "cached_step",

@@ -14,6 +14,7 @@ from bench.errors import UsageError
 from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import read_run
 from bench.harness.digests import MethodCode
+from tests.support.commands import called_here
 from tests.support.processes import PATIENCE_S
 from tests.support.runs import ALL, NONE, bytes_of
 from tests.support.troubled_runs import call, command, environment, score
@@ -69,6 +70,19 @@ def test_a_setting_that_the_method_forgets_to_report_decides_what_is_found_done(
     again = call(tiny_card, run, *options, "--set", "level=200", "--overwrite")
     assert "units computed 3, found done 0; computed again since these changed: settings (3)" in again.stdout
     assert bytes_of(run)["objects.parquet"] != bright["objects.parquet"]
+
+
+def test_a_setting_that_the_method_forgets_to_report_decides_which_cached_steps_are_found(tiny_card, tmp_path):
+    def rows(level: int, out: str) -> bytes:
+        options = ("--method", "forgetful:Forgetful", "--set", f"level={level}", "--workers", "1")
+        words = ["run", str(tiny_card), *options, "--cache", str(tmp_path / "cache"), "--out", str(tmp_path / out)]
+        assert called_here(*words, "--no-pictures").returncode == 0
+        return bytes_of(tmp_path / out)["objects.parquet"]
+
+    bright = rows(50, "first")
+    assert rows(200, "second") != bright
+    assert rows(50, "third") == bright
+    assert read_run(tmp_path / "third").provenance.work.steps_computed == {}
 
 
 def test_a_run_without_a_scored_image_is_no_success(tiny_card, tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from bench.errors import DataError
 from bench.evaluation import ImageMap, load_protocol
 from bench.harness import plan_units, read_image_maps, read_tables
-from bench.harness.unit_files import load_image_maps, write_image_maps
+from bench.harness.unit_files import image_maps_bytes, load_image_maps
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.support.runs import run_one
@@ -66,13 +66,13 @@ def test_maps_of_an_older_run_do_not_stay_behind(tiny_card, tmp_path):
 
 def test_maps_survive_their_file(tmp_path):
     maps = [image_map("front"), image_map("rear/left ü", width=33, seed=1)]
-    write_image_maps(tmp_path / "maps.npz", maps)
+    (tmp_path / "maps.npz").write_bytes(image_maps_bytes(maps))
     for one, other in zip(maps, load_image_maps(tmp_path / "maps.npz"), strict=True):
         assert_equal(one, other)
 
 
 def test_a_camera_of_several_sizes_has_a_map_of_each(tmp_path):
-    write_image_maps(tmp_path / "image_maps.npz", [image_map(), image_map(width=64), image_map("left")])
+    (tmp_path / "image_maps.npz").write_bytes(image_maps_bytes([image_map(), image_map(width=64), image_map("left")]))
     assert list(read_image_maps(tmp_path)) == ["front, 20 x 9", "front, 64 x 9", "left"]
 
 
@@ -80,7 +80,7 @@ def test_missing_and_damaged_maps_are_named(tmp_path):
     with pytest.raises(DataError, match=r"image_maps\.npz: expected the image maps of a run, got no such file"):
         read_image_maps(tmp_path)
     file = tmp_path / "image_maps.npz"
-    write_image_maps(file, [image_map()])
+    file.write_bytes(image_maps_bytes([image_map()]))
     whole = file.read_bytes()
     for damaged in (b"", b"words", whole[:200], whole[:-40]):
         file.write_bytes(damaged)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep, write_sweep
-from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
+from bench.recordings import NOT_ANNOTATED, Cuboid, ObjectState, Recording, SweepRef, Track
 
 FORMATS = (  # of labelling tools
     "sustechpoints",
@@ -109,6 +109,7 @@ def recording(root: Path, *, names: tuple[str, ...] | None = None) -> Recording:
         vehicle_from_lidar=VEHICLE_FROM_LIDAR,
         sweeps=tuple(refs),
         tracks=(),
+        annotated=NOT_ANNOTATED,
     )
 
 

@@ -2,12 +2,13 @@
 
 import json
 import pickle
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
-from bench.cameras import BrownConradyCamera, KannalaBrandtCamera, PinholeCamera, UnifiedCamera
+from bench.cameras import BrownConradyCamera, KannalaBrandtCamera, PinholeCamera, RollingShutter, UnifiedCamera
 from bench.cameras.registry import CAMERA_MODELS
 from bench.egomotion import read_tum
 from bench.errors import DataError, ShapeError
@@ -114,6 +115,22 @@ def test_evaluated_at_half_the_size(root):
     assert np.abs(read_image(image, camera) - means).max() <= 1.0
     assert read_image(image, camera, colour=True).shape == (24, 32, 3)
     assert set(np.unique(read_truth(image, camera))) == {0, 40_000}
+
+
+@pytest.mark.parametrize("size_px", [None, (32, 24)])
+def test_a_rolling_shutter_comes_back(root, size_px):
+    assert open_native(root).cameras["front"].rolling_shutter is None
+    assert "rolling_shutter" not in (root / "recording.json").read_text()
+    shutter = RollingShutter(readout_s=0.025, direction="left")
+    RecordingWriter(root).header(
+        name="drive",
+        licence="Apache-2.0",
+        frame_interval_ns=tiny.STEP_NS,
+        cameras={"front": replace(tiny.front_camera(), rolling_shutter=shutter)},
+        vehicle_from_lidar=tiny.VEHICLE_FROM_LIDAR,
+        vehicle_outline_m=tiny.OUTLINE_M,
+    )
+    assert open_native(root, evaluated_size_px=size_px).cameras["front"].rolling_shutter == shutter
 
 
 def test_the_ground_may_lie_elsewhere(tmp_path):
@@ -231,6 +248,8 @@ HEAD_FAULTS = [
         "cameras.front.ego_body_mask: expected a relative path without '..'",
     ),
     ("cameras.front.ego_body_mask", "none.png", "none.png: expected an image file"),
+    ("cameras.front.rolling_shutter", {"readout_s": 25.0}, "readout_s: expected less than or equal to 0.2, got 25.0"),
+    ("cameras.front.rolling_shutter", {"readout_s": 0.02, "direction": "in"}, "direction: expected 'down', 'up'"),
     ("cameras", {}, "cameras: expected"),
 ]
 
@@ -307,9 +326,6 @@ def test_missing_and_doubled_files_are_named(root):
     with pytest.raises(DataError, match=r"expected one of egomotion.csv and poses.csv, got both"):
         open_native(root)
     (root / "poses.csv").unlink()
-    (root / "annotations.json").rename(root / "labels.json")
-    with pytest.raises(DataError, match=r"annotations\.json: expected an annotation file, got no such file"):
-        open_native(root)
     (root / "egomotion.csv").unlink()
     with pytest.raises(DataError, match="got neither"):
         open_native(root)

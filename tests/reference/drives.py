@@ -12,6 +12,7 @@ from bench.geometry import RigidTransform, RoadPlane, advance_twist
 from bench.geometry.raster import Raster
 from bench.lidar import LidarSweep
 from bench.recordings import (
+    COMPLETELY,
     Cuboid,
     ImageRef,
     MountedCamera,
@@ -134,7 +135,9 @@ def sweep_of(boxes, trajectory: Trajectory, reference_ns: int, points_each=400, 
     return LidarSweep(timestamp_ns=reference_ns, points_lidar=points, time_offset_ns=times if timed else None)
 
 
-def drive(boxes, trajectory, *, sweep_ns=(0,), state_ns=(0,), exposures_ns=(0,), classes=None, **words) -> Recording:
+def drive(
+    boxes, trajectory, *, sweep_ns=(0,), state_ns=(0,), exposures_ns=(0,), classes=None, annotated=COMPLETELY, **words
+) -> Recording:
     """A recording of boxes, with sweeps and states at the given times."""
     tracks = [
         Track(
@@ -158,6 +161,7 @@ def drive(boxes, trajectory, *, sweep_ns=(0,), state_ns=(0,), exposures_ns=(0,),
             SweepRef(timestamp_ns=t, path=Path(f"{t}.npz"), reader=lambda _, time_ns: sweeps[time_ns]) for t in sweep_ns
         ),
         tracks=tuple(tracks),
+        annotated=annotated,
     )
 
 

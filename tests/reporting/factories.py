@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,7 +20,6 @@ from bench.records.reference import (
     Status,
 )
 from bench.records.segmentation import Segmentation
-from bench.reporting.frame_pictures import ClusterView
 
 CELL_PX = 5
 
@@ -123,7 +123,8 @@ def segmentation(reference: ReferenceFrame, *, parts: bool = True) -> Segmentati
     )
 
 
-def cluster_view(*, outline: bool = True) -> ClusterView:
+def cluster(*, outline: bool = True) -> dict[str, Any]:
+    """What `draw_cluster` takes."""
     random = np.random.default_rng(3)
     azimuth = np.tile(np.linspace(-np.pi, np.pi, 900), 20)
     radius = np.repeat(np.geomspace(3.5, 25, 20), 900) + random.normal(0, 0.02, azimuth.size)
@@ -133,15 +134,15 @@ def cluster_view(*, outline: bool = True) -> ClusterView:
     cluster = np.concatenate([side, back])
     pixels = np.column_stack([330 - 90 * cluster[:, 1] / cluster[:, 0] * 2, 250 - 60 * (cluster[:, 2] - 0.7)])
     hull = box(pixels[:, 0].min(), pixels[:, 1].min(), pixels[:, 0].max(), pixels[:, 1].max())
-    return ClusterView(
-        geometry=ObjectGeometry(
+    return {
+        "geometry": ObjectGeometry(
             surroundings_vehicle=np.concatenate([ground, cluster]),
             cluster_vehicle=cluster,
             outline_m=np.array([[4.0, 2.1], [8.4, 2.1], [8.4, 3.9], [4.0, 3.9]]) if outline else np.empty((0, 2)),
             pixels=pixels,
         ),
-        image=fisheye_image(),
-        polygon=hull,
-        vehicle_outline_m=np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]]),
-        title="fisheye image, front, car-7",
-    )
+        "image": fisheye_image(),
+        "polygon": hull,
+        "vehicle_outline_m": np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]]),
+        "title": "fisheye image, front, car-7",
+    }

@@ -5,7 +5,7 @@ from unittest.mock import Mock
 from bench.evaluation.rows import objects_table
 from bench.records.reference import Category
 from bench.reporting.frame_pictures import draw_cluster, example_frames, write_frame_pictures
-from tests.reporting.factories import busy_frame, cluster_view, fisheye_image, reference_frame, segmentation
+from tests.reporting.factories import busy_frame, cluster, fisheye_image, reference_frame, segmentation
 from tests.support.result_rows import object_row
 
 
@@ -24,7 +24,7 @@ def test_every_picture_of_a_frame_stays_in_the_folder_whatever_the_track_is_call
         segmentation=segmentation(reference),
         reference=reference,
     )
-    view = cluster_view()
+    view = SimpleNamespace(**cluster())
     pipeline = Mock()
     pipeline.references.geometry.return_value = view.geometry
     pipeline.recording.vehicle_outline_m = view.vehicle_outline_m
@@ -35,7 +35,7 @@ def test_every_picture_of_a_frame_stays_in_the_folder_whatever_the_track_is_call
 
 
 def test_both_views_with_the_enlarged_object():
-    figure = draw_cluster(cluster_view())
+    figure = draw_cluster(**cluster())
     plan, picture = figure.axes
     assert plan.get_xlabel() == "y (m), left of the ego vehicle"
     assert plan.get_xlim()[0] > plan.get_xlim()[1]  # y grows to the left
@@ -44,5 +44,5 @@ def test_both_views_with_the_enlarged_object():
 
 
 def test_a_cluster_of_named_points_has_no_outline():
-    with_outline, without = (draw_cluster(cluster_view(outline=o)).axes[0].patches for o in (True, False))
+    with_outline, without = (draw_cluster(**cluster(outline=o)).axes[0].patches for o in (True, False))
     assert len(without) == len(with_outline) - 1

@@ -6,7 +6,7 @@ import pytest
 from shapely import box
 
 from bench.errors import ShapeError
-from bench.reporting.overlay import LINE_PX, overlay_mask, overlay_polygons, unknown_bands
+from bench.reporting.overlay import LINE_PX, overlay_areas, overlay_polygons, unknown_bands
 from bench.reporting.video import draw_frame
 from tests.reporting.factories import banded_frame, busy_frame, segmentation
 
@@ -14,7 +14,7 @@ from tests.reporting.factories import banded_frame, busy_frame, segmentation
 def test_a_mask_tints_its_pixels_and_no_others():
     image = np.full((4, 4), 100, dtype=np.uint8)
     mask = np.eye(4, dtype=bool)
-    tinted = overlay_mask(image, mask=mask, colour="#ff0000", strength=1.0)
+    tinted = overlay_areas(image, {"#ff0000": mask}, strength=1.0)
     assert (tinted[mask] == (0, 0, 255)).all()  # BGR
     assert (tinted[~mask] == 100).all()
     assert (image == 100).all()
@@ -51,4 +51,4 @@ def test_one_overlay_for_pictures_and_videos_shows_the_areas_and_the_bands():
 
 def test_sizes_must_agree():
     with pytest.raises(ShapeError, match="mask"):
-        overlay_mask(np.zeros((4, 4), dtype=np.uint8), mask=np.zeros((3, 4), dtype=bool))
+        overlay_areas(np.zeros((4, 4), dtype=np.uint8), {"#ff0000": np.zeros((3, 4), dtype=bool)})

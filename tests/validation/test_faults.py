@@ -13,7 +13,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings, open_native
-from bench.validation import Depth, Severity, boxes, occupancy, validate_recording
+from bench.validation import Depth, Severity, box_fit, boxes, validate_recording
 from bench.validation.boxes import check_boxes
 from bench.validation.report import BY_EGO_MOTION
 from bench.validation.sweeps import seen_road
@@ -245,7 +245,8 @@ def test_points_that_are_not_finite(root):
 
 def test_millimetres(root):
     change_sweeps(root, with_points(lambda points: points * 1000))
-    (told,) = found(root)
+    cause, told = found(root)
+    assert (cause.check, cause.severity) == ("length-unit", Severity.ERROR)
     assert (told.check, told.times) == ("sweep-range", drive.SWEEPS)
 
 
@@ -268,8 +269,9 @@ def test_point_times_in_microseconds(root):
         return LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=sweep.points_lidar, time_offset_ns=offsets_ns)
 
     change_sweeps(root, timed)
-    (told,) = found(root)
-    assert (told.check, told.hint) == ("point-times", "check the unit: expected nanoseconds")
+    cause, told = found(root)
+    assert (cause.check, cause.severity, cause.hint) == ("time-unit", Severity.ERROR, "multiply them by 1000")
+    assert (told.check, told.severity) == ("point-times", Severity.WARNING)
 
 
 def test_a_lidar_mounted_too_low(root):
@@ -414,11 +416,11 @@ def test_a_box_whose_points_lie_on_and_outside_of_its_faces(root):
 def test_a_lidar_that_is_mirrored_left_to_right(root):
     change_sweeps(root, with_points(lambda points: points * np.float32([1, -1, 1])))
     recording = open_native(root)
-    looked = occupancy.Occupancy(recording)
+    looked = box_fit.BoxFit(recording)
     for sweep in recording.sweeps:
         looked.add(sweep.read())
-    (rider,) = [finding for finding in looked.findings() if finding.field == "object 'rider' (cyclist)"]
-    assert (rider.check, rider.hint.split("?")[0]) == ("empty-box", "the lidar's y has the wrong sign")
+    (told,) = looked.findings()
+    assert (told.check, told.hint.split(":")[0]) == ("box-reading", "the lidar's y has the wrong sign")
 
 
 def test_an_object_that_jumps(root):
@@ -507,7 +509,7 @@ def test_one_object_under_two_names(root):
 def test_many_boxes_at_one_place_are_told_in_bounded_work(monkeypatch, tiny_recording):
     """All of 60 overlap with each other: 1770 pairs at each of three times, of which 2000 in all are looked at."""
     monkeypatch.setattr(boxes, "MOST_PAIRS", 2000)
-    monkeypatch.setattr(occupancy, "MOST_BOXES", 25)
+    monkeypatch.setattr(box_fit, "MOST_BOXES", 25)
     write_heap(tiny_recording, objects=60)
     told = found(tiny_recording, depth=Depth.DEEP)
     same = [finding for finding in told if finding.check == "same-object"]
@@ -524,11 +526,11 @@ def test_many_boxes_at_one_place_are_told_in_bounded_work(monkeypatch, tiny_reco
 
 
 def test_boxes_that_were_looked_at_least_come_first(monkeypatch, tiny_recording):
-    monkeypatch.setattr(occupancy, "MOST_BOXES", 30)
+    monkeypatch.setattr(box_fit, "MOST_BOXES", 30)
     write_heap(tiny_recording, objects=60)
     (handle,) = native_recordings(tiny_recording, options={}, card=tiny_recording / "card.yaml", annotations=None)
     recording = handle.open()
-    looked = occupancy.Occupancy(recording)
+    looked = box_fit.BoxFit(recording)
     for sweep in recording.sweeps:
         looked.add(sweep.read())
     assert {tally.tried for tally in looked._tallies.values()} == {1}

@@ -40,12 +40,12 @@ from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
-from bench.recordings.annotations import annotations_or_none
+from bench.recordings.annotations import annotation_file_in, annotations_or_none
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
 from bench.recordings.files import framed_files
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.validation import validated
-from bench.records.recording import ImageRef, Recording, SweepRef, Track
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, Recording, SweepRef, Track
 
 BOXES, SWEEPS = "dynamic/box/3d_body", "dynamic/raw-revolutions"
 
@@ -66,7 +66,7 @@ def aimotive_recordings(
             root,
             sequence=sequence.relative_to(root).as_posix(),
             options=chosen,
-            annotations=None if annotations is None else annotations / f"{sequence.name}.json",
+            annotations=annotation_file_in(annotations, sequence.name),
         )
         handles.append(RecordingHandle(name=sequence.name, opener=opener, lenient=True))
     return tuple(handles)
@@ -86,7 +86,7 @@ def open_aimotive(
         root: folder of the data set, above `data`.
         sequence: path of the sequence below `root`.
         options: as in the card.
-        annotations: annotation file that stands in for the boxes where it exists.
+        annotations: annotation file that stands in for the boxes; None for none.
         on_error: takes errors; the default raises the first.
 
     Raises:
@@ -130,6 +130,7 @@ def open_aimotive(
         vehicle_from_lidar=RigidTransform.identity(),
         sweeps=sweeps,
         tracks=tracks or (),
+        annotated=NOT_ANNOTATED if tracks is None else COMPLETELY,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
         lidar_from_sensor=lidar_from_sensor,
     )
@@ -163,7 +164,7 @@ def _tracks(
     boxes: Mapping[int, BoxFrame], trajectory: Trajectory | None, annotations: Path | None, on_error: ErrorHandler
 ) -> tuple[Track, ...] | None:
     """None after an error, or where there is no ego-motion to add to the velocities."""
-    if annotations is not None and annotations.is_file():
+    if annotations is not None:
         return annotations_or_none(annotations, on_error)
     if trajectory is not None:
         with reporting(on_error):

@@ -16,6 +16,7 @@ from bench.geometry import RigidTransform
 from bench.recordings.error_handlers import STRICT, OnError, reporting
 from bench.recordings.files import read_object
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
+from bench.recordings.schema import RollingShutterHead
 from bench.recordings.validation import FileModel, SidePx, located, validated
 from bench.records.recording import MountedCamera
 
@@ -47,6 +48,7 @@ class AimotiveOptions(FileModel):
         field_of_view_deg: per camera, full angle of the lens, beyond which the image is dark; absent for as far as the
             calibration holds.
         body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
+        rolling_shutter: per camera, its readout; the data do not state it. Absent where all rows are exposed at once.
         ground_height_m: height of the road in the body frame.
         vehicle_outline_m: the ego vehicle seen from above, body frame, where the size of the ego vehicle is known.
         follow_links: how many levels below `root` links to folders are followed; 1 for those in `root` itself.
@@ -58,6 +60,7 @@ class AimotiveOptions(FileModel):
     evaluated_size_px: tuple[SidePx, SidePx] | None = None
     field_of_view_deg: dict[str, float] = Field(default_factory=dict)
     body_polygons: dict[str, tuple[Polygon, ...]] = Field(default_factory=dict)
+    rolling_shutter: dict[str, RollingShutterHead] = Field(default_factory=dict)
     ground_height_m: float = 0.0
     vehicle_outline_m: Polygon = Field(default=((-1.1, -0.95), (3.9, -0.95), (3.9, 0.95), (-1.1, 0.95)), min_length=3)
     follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
@@ -158,6 +161,7 @@ def _camera(name: str, content: Mapping[str, Any], file: Path, options: Aimotive
         ground_height_m=options.ground_height_m,
         ego_body=body_mask(entry.image_resolution_px, options.body_polygons.get(name, ())),
         evaluated_size_px=options.evaluated_size_px,
+        rolling_shutter=options.rolling_shutter.get(name),
         file=file,
         field=name,
     )

@@ -14,7 +14,8 @@ What is translated here, once:
   Everything of a frame has the time that the first evaluated camera notes for it.
 - Sensors go from the frame of the GPS/IMU to the vehicle frame as `calibration` says, the world of the data
   set to one with z up as `times` says.
-- Images outside of the annotated stretches of a drive are left out: what moves there has no box.
+- Images outside of the annotated stretches of a drive are left out: what moves there has no box. A drive without a file
+  of boxes, as of the test set, is not annotated.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ from bench.adapters.kitti360.files import Drive, FrameClock, drive_through, read
 from bench.adapters.kitti360.tracks import Annotated, tracks_from_world
 from bench.atomic import linked_folder, refuse_escape
 from bench.errors import DataError
-from bench.recordings.annotations import annotations_or_none
+from bench.recordings.annotations import annotation_file_in, annotations_or_none
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, at_most, reporting, stationary
 from bench.recordings.files import framed_files
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.validation import MOST_FAULTS, validated
-from bench.records.recording import ImageRef, Recording, SweepRef
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, Recording, SweepRef
 
 IMAGES, SWEEPS, POSES, BOXES = "data_2d_raw", "data_3d_raw", "data_poses", "data_3d_bboxes"
-EVERYTHING = Annotated(tracks=(), windows=())
+NO_BOXES = Annotated(tracks=(), windows=())
 SEQUENCE = re.compile(r"\d{4}_\d\d_\d\d_drive_(\d{4})_sync")
 
 
@@ -61,7 +62,7 @@ def kitti360_recordings(
     sequences = sorted(p.name for p in folder.iterdir() if SEQUENCE.fullmatch(p.name) and _camera_names(p, chosen))
     handles = []
     for name in sequences:
-        file = None if annotations is None else annotations / f"{name}.json"
+        file = annotation_file_in(annotations, name)
         opener = partial(open_kitti360, root, sequence=name, options=chosen, annotations=file)
         handles.append(RecordingHandle(name=name, opener=opener, lenient=True))
     return tuple(handles)
@@ -81,7 +82,7 @@ def open_kitti360(
         root: folder of the data set.
         sequence: name of its folders.
         options: as in the card.
-        annotations: annotation file that stands in for the boxes where it exists.
+        annotations: annotation file that stands in for the boxes; None for none.
         on_error: takes errors; the default raises the first.
 
     Raises:
@@ -101,7 +102,7 @@ def open_kitti360(
     clock = _clock(within(folder), folder, images, on_error)
     drive = _drive(root, sequence, clock, rig, options, on_error)
     annotated = _annotated(root, sequence, drive, clock, options, annotations, on_error)
-    evaluated = partial(_evaluated, sequence=sequence, options=options, annotated=annotated or EVERYTHING)
+    evaluated = partial(_evaluated, sequence=sequence, options=options, annotated=annotated or NO_BOXES)
     refs: dict[str, tuple[ImageRef, ...]] = {}
     if clock is not None:
         for name in names:
@@ -131,6 +132,7 @@ def open_kitti360(
             SweepRef(timestamp_ns=t, path=path, reader=reader) for t, path in _timed(evaluated(scans), clock, on_error)
         ),
         tracks=() if annotated is None else annotated.tracks,
+        annotated=NOT_ANNOTATED if annotated in {None, NO_BOXES} else COMPLETELY,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
     )
 
@@ -205,14 +207,13 @@ def _annotated(
     on_error: ErrorHandler,
 ) -> Annotated | None:
     """None where there is no trajectory to place the boxes along, or after an error of the whole file."""
-    if annotations is not None and annotations.is_file():
+    if annotations is not None:
         tracks = annotations_or_none(annotations, on_error)
         return None if tracks is None else Annotated(tracks=tracks, windows=())
     file = root / BOXES / options.boxes / f"{sequence}.xml"
     with reporting(on_error):
         if not file.is_file():
-            hint = "test sequences have none; choose a split that has, or name a folder of annotations in the card"
-            raise DataError(file, expected="a file of boxes", got="no such file", hint=hint)
+            return NO_BOXES
         refuse_escape(linked_folder(root, file, levels=options.follow_links), file, file=file)
         boxes = read_boxes(file, at_most(MOST_FAULTS, on_error))
         if drive is None or clock is None:

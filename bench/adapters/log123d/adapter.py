@@ -36,11 +36,11 @@ from bench.atomic import linked_folder, refuse_escape
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.annotations import annotations_or_none
+from bench.recordings.annotations import annotation_file_in, annotations_or_none
 from bench.recordings.error_handlers import STRICT, ErrorHandler, reporting, stationary
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.validation import validated
-from bench.records.recording import ImageRef, MountedCamera, Recording, SweepRef, Track
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, MountedCamera, Recording, SweepRef, Track
 
 SYNC, EGO, BOXES = "sync.arrow", "ego_state_se3.arrow", "box_detections_se3.arrow"
 MERGED = "lidar_merged"
@@ -66,7 +66,7 @@ def log123d_recordings(
                 root,
                 log=sync.parent.relative_to(root).as_posix(),
                 options=chosen,
-                annotations=None if annotations is None else annotations / f"{sync.parent.name}.json",
+                annotations=annotation_file_in(annotations, sync.parent.name),
             ),
             lenient=True,
         )
@@ -88,7 +88,7 @@ def open_log(
         root: folder of the data set.
         log: folder of the log, below `root`.
         options: as in the card.
-        annotations: annotation file that stands in for the boxes where it exists.
+        annotations: annotation file that stands in for the boxes; None for none.
         on_error: takes errors; the default raises the first.
 
     Raises:
@@ -122,17 +122,16 @@ def open_log(
         sweeps, imu_from_sensor = _sweeps(folder, options)
     trajectory: Trajectory | None = None
     tracks: tuple[Track, ...] | None = None
+    annotated = annotations is not None or (folder / BOXES).is_file()
     with reporting(on_error):
         trajectory = _trajectory(ego, imu_from_vehicle)
-        if annotations is not None and annotations.is_file():
+        if annotations is not None:
             tracks = annotations_or_none(annotations, on_error)
-        elif (folder / BOXES).is_file():
+        elif annotated:
             tracks = read_tracks(LogTable(folder / BOXES), trajectory)
-        else:
-            on_error(DataError(folder / BOXES, expected="tracked boxes", got="no such file"))
     if trajectory is None:
         on_error.leave_out("trajectory")
-    if tracks is None:
+    if annotated and tracks is None:
         on_error.leave_out("annotations")
     steps_ns = [np.diff([image.timestamp_ns for image in own]) for own in images.values() if len(own) > 1]
     return Recording(
@@ -146,6 +145,7 @@ def open_log(
         vehicle_from_lidar=vehicle_from_imu,
         sweeps=sweeps,
         tracks=tracks or (),
+        annotated=NOT_ANNOTATED if tracks is None else COMPLETELY,
         vehicle_outline_m=ego_head.outline_m(),
         lidar_from_sensor=imu_from_sensor,
     )

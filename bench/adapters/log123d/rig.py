@@ -15,6 +15,7 @@ from bench.cameras import CameraModel, camera_from_parameters
 from bench.errors import ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
+from bench.recordings.schema import RollingShutterHead
 from bench.recordings.validation import FileModel, SidePx, located, validated
 from bench.records.recording import MountedCamera
 
@@ -36,6 +37,7 @@ class LogOptions(FileModel):
         field_of_view_deg: per camera, full angle of the lens, beyond which the image is dark; absent for as far as the
             calibration holds.
         body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
+        rolling_shutter: per camera, its readout; the data do not state it. Absent where all rows are exposed at once.
         ground_height_m: height of the road at the rear axle's; null for half of the vehicle's height below its centre.
         follow_links: how many levels below `root` links to folders are followed; 1 for those in `root` itself.
         licence: of the data.
@@ -50,6 +52,7 @@ class LogOptions(FileModel):
     evaluated_size_px: tuple[SidePx, SidePx] | None = None
     field_of_view_deg: dict[str, float] = Field(default_factory=dict)
     body_polygons: dict[str, tuple[Polygon, ...]] = Field(default_factory=dict)
+    rolling_shutter: dict[str, RollingShutterHead] = Field(default_factory=dict)
     ground_height_m: float | None = None
     follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
     licence: str = "see the data set"
@@ -188,6 +191,7 @@ def mounted(name: str, table: LogTable, *, vehicle_from_imu: RigidTransform, opt
         vehicle_from_camera,
         ego_body=body_mask((head.width, head.height), options.body_polygons.get(name, ())),
         evaluated_size_px=options.evaluated_size_px,
+        rolling_shutter=options.rolling_shutter.get(name),
         file=table.path,
         field="metadata",
     )

@@ -42,14 +42,14 @@ from bench.atomic import linked_folder, path_inside
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.annotations import annotations_or_none
+from bench.recordings.annotations import annotation_file_in, annotations_or_none
 from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_mask
 from bench.recordings.mounting import body_mask, camera_model, mounted_camera
 from bench.recordings.schema import Mounting
 from bench.recordings.validation import validated
-from bench.records.recording import ImageRef, MountedCamera, Recording, SweepRef, Track
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, MountedCamera, Recording, SweepRef, Track
 
 
 def rosbag_recordings(
@@ -64,7 +64,7 @@ def rosbag_recordings(
     sources = []
     for path in bags_below(root):
         name = root.resolve().name if path == root else path.stem if path.is_file() else path.name
-        file = None if annotations is None else annotations / f"{name}.json"
+        file = annotation_file_in(annotations, name)
         sources.append(_Source(root=root, path=path, name=name, card=card, options=chosen, annotations=file))
     return tuple(RecordingHandle(name=each.name, opener=each.open, lenient=True) for each in sources)
 
@@ -79,7 +79,7 @@ class _Source:
         name: of the recording.
         card: for errors.
         options: as in the card.
-        annotations: the file that may have its annotations.
+        annotations: its annotation file; None where it is not annotated.
     """
 
     root: Path
@@ -138,7 +138,7 @@ class _Opening:
         images: dict[str, tuple[ImageRef, ...]] = {}
         for name, camera in self.rig.cameras.items():
             with reporting(self.on_error):
-                refs = tuple(self._images(name, camera, scored=tracks is not None))
+                refs = tuple(self._images(name, camera))
                 cameras[name], images[name] = self._camera(name, camera), refs
         if not cameras:
             raise DataError(self.bag.path, expected="a camera that can be used", got="none")
@@ -159,6 +159,7 @@ class _Opening:
             vehicle_from_lidar=vehicle_from_lidar,
             sweeps=sweeps,
             tracks=tracks or (),
+            annotated=NOT_ANNOTATED if tracks is None else COMPLETELY,
             vehicle_outline_m=np.array(self.rig.vehicle.outline_m, dtype=np.float64),
         )
 
@@ -197,17 +198,18 @@ class _Opening:
             ground_height_m=self.rig.vehicle.ground_height_m,
             ego_body=ego_body,
             evaluated_size_px=self.source.options.evaluated_size_px,
+            rolling_shutter=camera.rolling_shutter,
             file=file,
             field=field,
         )
 
-    def _images(self, name: str, camera: CameraRig, *, scored: bool) -> Iterator[ImageRef]:
+    def _images(self, name: str, camera: CameraRig) -> Iterator[ImageRef]:
         """The images of a camera, by time."""
         for time_ns, file, position, topic in self._messages(camera, f"cameras.{name}", IMAGE, COMPRESSED_IMAGE):
             path = file / name / str(time_ns)
             compressed, size_px, white_level = self.bag.compressed, camera.image_size, camera.white_level
             stored = BagImage(file, position, topic, compressed, size_px, white_level, path)
-            yield ImageRef(camera=name, timestamp_ns=time_ns, path=path, scored=scored, stored=stored)
+            yield ImageRef(camera=name, timestamp_ns=time_ns, path=path, stored=stored)
 
     def _sweeps(self, lidar: LidarRig) -> Iterator[SweepRef]:
         """The sweeps of the lidar, by time."""
@@ -251,8 +253,8 @@ class _Opening:
     def _tracks(self) -> tuple[Track, ...] | None:
         """The annotated objects; None where the bag is not annotated."""
         file = self.source.annotations
-        tracks = annotations_or_none(file, self.on_error) if file is not None and file.is_file() else None
-        if tracks is None:
+        tracks = None if file is None else annotations_or_none(file, self.on_error)
+        if file is not None and tracks is None:
             self.on_error.leave_out("annotations")
         return tracks
 

@@ -18,7 +18,7 @@ from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
 from bench.recordings.mounting import Polygon
-from bench.recordings.schema import Mounting, Name
+from bench.recordings.schema import Mounting, Name, RollingShutterHead
 from bench.recordings.validation import FileModel, SidePx, validated
 
 STATIC_FRAMES = "/tf_static"
@@ -78,6 +78,7 @@ class CameraRig(MountedRig):
         white_level: value of 16-bit images that is white; fixed, since flow compares images.
         body_polygons: outlines of the ego vehicle's own body, (u, v) in stored pixels.
         ego_body_mask: image, relative to the data set's root, that is not 0 where the camera sees its own vehicle.
+        rolling_shutter: null where all rows are exposed at once.
     """
 
     topic: TopicName
@@ -87,6 +88,7 @@ class CameraRig(MountedRig):
     white_level: int = Field(default=65535, ge=255, le=65535)
     body_polygons: tuple[Polygon, ...] = ()
     ego_body_mask: str | None = None
+    rolling_shutter: RollingShutterHead | None = None
 
 
 class LidarRig(MountedRig):

@@ -36,7 +36,7 @@ from bench.geometry import RigidTransform
 from bench.recordings.error_handlers import STRICT, ErrorHandler, reporting_all, stationary
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.validation import json_faults, read_json, validated
-from bench.records.recording import ImageRef, MountedCamera, Recording
+from bench.records.recording import COMPLETELY, ImageRef, MountedCamera, Recording
 
 STAND_IN_TIMES_NS = (0, 33_320_000)  # of a pair whose own cannot be read
 
@@ -98,6 +98,7 @@ def open_woodscape(root: Path, *, pair: str, options: WoodscapeOptions, on_error
         vehicle_from_lidar=RigidTransform.identity(),
         sweeps=(),
         tracks=(),
+        annotated=COMPLETELY,
         vehicle_outline_m=np.array(options.outline_m(int(pair.split("_")[0])), dtype=np.float64),
     )
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
+import zlib
 from dataclasses import fields
 from typing import Any
 
-import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -26,22 +27,24 @@ PLAIN = tuple(field.name for field in fields(ReferenceObject) if field.name not 
 
 
 def reference_arrays(frame: ReferenceFrame) -> Arrays:
-    """A reference as arrays; without what the reader knows: recording, camera, time and V."""
+    """A reference as arrays; without what the reader knows: recording, camera, time, V and whether it is annotated."""
     objects = [{name: getattr(item, name) for name in PLAIN} for item in frame.objects]
     outlines = [b"" if item.polygon is None else item.polygon.wkb for item in frame.objects]
+    moving = frame.labels > 0
     return {
         "ego_speed_mps": np.array([frame.ego_speed_mps], dtype=np.float64),
         "objects": np.frombuffer(json.dumps(objects).encode(), dtype=np.uint8),
         "centroids_m": np.array([item.centroid_m for item in frame.objects], dtype=np.float64).reshape(-1, 2),
         "outline_bytes": np.array([len(outline) for outline in outlines], dtype=np.int64),
         "outlines": np.frombuffer(b"".join(outlines), dtype=np.uint8),
-        "labels": _packed(frame.labels.astype(np.uint16)),
-        "ignored": _packed(frame.ignored.view(np.uint8)),
+        "moving": _packed(moving),
+        "labels": frame.labels[moving],
+        "ignored": _packed(frame.ignored),
     }
 
 
 def reference_from_arrays(
-    arrays: Arrays, *, recording: str, camera: str, timestamp_ns: int, valid: NDArray[np.bool_]
+    arrays: Arrays, *, recording: str, camera: str, timestamp_ns: int, valid: NDArray[np.bool_], annotated: bool
 ) -> ReferenceFrame:
     """The reference again, equal in every value.
 
@@ -51,6 +54,7 @@ def reference_from_arrays(
         camera: name.
         timestamp_ns: exposure.
         valid: (H, W) bool, the region V.
+        annotated: of the image.
     """
     ends = np.cumsum(arrays["outline_bytes"]).tolist()
     content = arrays["outlines"].tobytes()
@@ -66,15 +70,18 @@ def reference_from_arrays(
             json.loads(arrays["objects"].tobytes()), outlines, arrays["centroids_m"], strict=True
         )
     )  # fmt: skip
+    labels = np.zeros(valid.shape, dtype=np.int32)
+    labels[_unpacked(arrays["moving"], valid.shape)] = arrays["labels"]
     return ReferenceFrame(
         recording=recording,
         camera=camera,
         timestamp_ns=timestamp_ns,
         ego_speed_mps=float(arrays["ego_speed_mps"][0]),
         objects=objects,
-        labels=_unpacked(arrays["labels"]).astype(np.int32),
-        ignored=_unpacked(arrays["ignored"]).view(np.bool_),
+        labels=labels,
+        ignored=_unpacked(arrays["ignored"], valid.shape),
         valid=valid,
+        annotated=annotated,
     )
 
 
@@ -86,11 +93,10 @@ def _polygon(outline: bytes) -> Outline | None:
     return polygon
 
 
-def _packed(image: NDArray[Any]) -> NDArray[np.uint8]:
-    done, content = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    assert done, "an array of two dimensions can be a PNG"
-    return np.asarray(content, dtype=np.uint8).ravel()
+def _packed(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    return np.frombuffer(zlib.compress(np.packbits(mask).tobytes(), 1), dtype=np.uint8)
 
 
-def _unpacked(content: NDArray[Any]) -> NDArray[Any]:
-    return np.asarray(cv2.imdecode(content, cv2.IMREAD_UNCHANGED))
+def _unpacked(content: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    bits = np.frombuffer(zlib.decompress(content.tobytes()), dtype=np.uint8)
+    return np.unpackbits(bits, count=math.prod(shape)).reshape(shape).view(np.bool_)

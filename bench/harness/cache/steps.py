@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,7 +11,7 @@ from bench.harness.cache.reference_arrays import reference_arrays, reference_fro
 from bench.harness.digests import MethodCode, RecordingInputs, code_digest, digest_of
 from bench.harness.digests.content import METHOD_PACKAGES, REFERENCE_CODE
 from bench.methods import MethodInput
-from bench.methods.contract import StepOf
+from bench.methods.contract import CachedStep, StepOf
 from bench.recordings import ImageRef, Recording
 from bench.reference import ReferenceBuilder, ReferenceFrame
 
@@ -25,19 +25,22 @@ class StepCache:
         recording: the drive.
         inputs: digests of it.
         method_code: of the method whose steps they are.
+        unreported: settings that were asked for and that the method does not report, by name. A method that forgets
+            them there forgets them in the settings of its steps, too.
     """
 
     folder: CacheFolder
     recording: Recording
     inputs: RecordingInputs
     method_code: MethodCode
+    unreported: Mapping[str, object]
 
     @cached_property
-    def code(self) -> str:
-        """Digest of the code and the files that a method's steps depend on."""
-        return digest_of(code_digest(METHOD_PACKAGES), self.method_code.steps_digest)
+    def of_all_images(self) -> str:
+        """Digest of the code, the files and the unreported settings that a method's steps depend on."""
+        return digest_of(code_digest(METHOD_PACKAGES), self.method_code.steps_digest, self.unreported)
 
-    def of_image(self, given: MethodInput, images: Sequence[ImageRef], *, colour: bool) -> ImageSteps:
+    def of_image(self, given: MethodInput, images: Sequence[ImageRef], *, colour: bool) -> CachedStep:
         """The cached steps of a method on an image.
 
         Args:
@@ -45,7 +48,29 @@ class StepCache:
             images: the images that it sees, in the same order.
             colour: it sees them in colour.
         """
-        return ImageSteps(cache=self, given=given, images=images, colour=colour)
+
+        def cached_step(step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
+            seen = self._seen(given, images, of=of)
+            digest = digest_of(self.of_all_images, step, settings, seen, colour)
+            found = self.folder.get(step, digest)
+            if found is None:
+                found = compute()
+                self.method_code.refuse_change()
+                self.folder.put(step, digest, found)
+            return found
+
+        return cached_step
+
+    def _seen(self, given: MethodInput, images: Sequence[ImageRef], *, of: StepOf) -> str:
+        """Digest of what a step depends on beside the method: pixels, or all that the method is given."""
+        model, errors = given.camera, self.inputs.input_errors
+        seeds = (given.recording, given.camera_name, given.timestamps_ns)  # of noise; without any, flow is the same
+        noise = (errors.image_noise_grey, *seeds) if errors.image_noise_grey else None
+        pixels = (model.width, model.height, [self.inputs.image(ref) for ref in images], noise)
+        if of == "images":
+            return digest_of(pixels)
+        camera = self.inputs.camera(given.camera_name)
+        return digest_of(pixels, given.timestamps_ns, camera, errors, given.current_from_previous, given.recording)
 
     def reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
         """The reference of an image; see `ReferenceBuilder.build`."""
@@ -72,56 +97,5 @@ class StepCache:
             camera=image.camera,
             timestamp_ns=image.timestamp_ns,
             valid=builder.valid,
+            annotated=self.recording.annotated.covers(image.timestamp_ns),
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ImageSteps:
-    """See `bench.methods.contract.CachedStep`.
-
-    Attributes:
-        cache: where to look.
-        given: what the method sees.
-        images: the images that it sees.
-        colour: it sees them in colour.
-    """
-
-    cache: StepCache
-    given: MethodInput
-    images: Sequence[ImageRef]
-    colour: bool
-
-    def __call__(self, step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
-        """The step's arrays, from the cache or computed and then stored."""
-        digest = digest_of(self.cache.code, step, settings, self._seen(of))
-        found = self.cache.folder.get(step, digest)
-        if found is None:
-            found = compute()
-            self.cache.method_code.refuse_change()
-            self.cache.folder.put(step, digest, found)
-        return found
-
-    def _seen(self, of: StepOf) -> str:
-        inputs, model = self.cache.inputs, self.given.camera
-        pixels = (
-            (model.width, model.height, self.colour),
-            [inputs.image(ref) for ref in self.images],
-            self._noise,
-        )
-        if of == "images":
-            return digest_of(pixels)
-        return digest_of(
-            pixels,
-            self.given.timestamps_ns,
-            inputs.camera(self.given.camera_name),
-            inputs.input_errors,
-            self.given.current_from_previous,
-            self.given.recording,
-        )
-
-    @property
-    def _noise(self) -> object:
-        """Values that the noise of the images depends on; None without noise, so that all other errors share flow."""
-        strength_grey = self.cache.inputs.input_errors.image_noise_grey
-        seeds = self.given.recording, self.given.camera_name, self.given.timestamps_ns
-        return (strength_grey, *seeds) if strength_grey else None

@@ -6,8 +6,8 @@ import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 
 import bench
 from bench.errors import DataError
@@ -75,13 +75,10 @@ class WorkerRequirements:
         return None
 
     def _other_method(self) -> str | None:
-        module, _, name = self.method.place.partition(":")
         try:
-            kind = import_module(module)
-            for part in name.split("."):
-                kind = getattr(kind, part)
+            resolve_name(self.method.place)
             self.method.refuse_change()
-        except (ImportError, AttributeError) as error:
+        except (ImportError, AttributeError, ValueError) as error:
             return (
                 f"it cannot import the method {self.method.place} ({error}); set PYTHONPATH where workers are started"
             )

@@ -110,7 +110,7 @@ def columns_of(values: Sequence[Any]) -> Any:
     return tuple(values)
 
 
-MISSING = "missing"
+MISSING, UNREADABLE = "missing", "unreadable"
 
 
 class FileDigests:
@@ -138,7 +138,7 @@ def _part_digest(stored: StoredPart) -> str:
     try:
         return hashlib.sha256(stored.content()).hexdigest()
     except DataError as error:
-        return f"unreadable: {error}"
+        return f"{UNREADABLE}: {error}"
 
 
 def _digest(path: Path) -> str:
@@ -148,7 +148,7 @@ def _digest(path: Path) -> str:
     except FileNotFoundError:
         return MISSING
     except OSError as error:
-        return f"unreadable: {error.strerror}"
+        return f"{UNREADABLE}: {error.strerror}"
 
 
 _READING = ("records", "recordings", "adapters")

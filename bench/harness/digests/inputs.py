@@ -31,7 +31,8 @@ class RecordingInputs:
             trajectory.max_extrapolation_ns,
         )
         self.annotations = digest_of(
-            [(columns_of([replace(track, states=())]), columns_of(track.states)) for track in recording.tracks]
+            recording.annotated,
+            [(columns_of([replace(track, states=())]), columns_of(track.states)) for track in recording.tracks],
         )
         self.lidar_mounting = digest_of(recording.vehicle_from_lidar, recording.lidar_from_sensor)
         self.input_errors = recording.input_errors

@@ -1,4 +1,4 @@
-"""Comparison of a loaded module with its source: stale bytecode, and what was changed in the process since."""
+"""The source of a loaded module: what it imports, whether it was loaded from it, what the process changed since."""
 
 from __future__ import annotations
 
@@ -8,10 +8,37 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from importlib.util import MAGIC_NUMBER
+from itertools import accumulate
 from pathlib import Path
 from types import FunctionType, ModuleType
 
 from bench.errors import DataError
+
+
+@cache
+def imported_names(module: str, path: Path, sha256: str) -> frozenset[str]:
+    """Dotted names that the import statements of a module name, and calls of `import_module`; and what holds them.
+
+    Args:
+        module: its name.
+        path: of its source.
+        sha256: of the source's content.
+    """
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    found = set[str]()
+    for node in ast.walk(_tree(path, sha256)):
+        match node:
+            case ast.Import(names=names):
+                found |= {alias.name for alias in names}
+            case ast.ImportFrom(module=base, names=names, level=level):
+                above = package.split(".")[: len(package.split(".")) - level + 1] if level else []
+                found |= {".".join([*above, *([base] if base else []), alias.name]) for alias in names}
+            case ast.Call(
+                func=ast.Name(id="import_module") | ast.Attribute(attr="import_module"),
+                args=[ast.Constant(value=str(name)), *_],
+            ):
+                found.add(name)
+    return frozenset(start for name in found for start in accumulate(name.split("."), "{}.{}".format))
 
 
 def refuse_stale_bytecode(module: ModuleType, path: Path, sha256: str) -> None:
@@ -64,14 +91,23 @@ def _canonical(value: object) -> str:
 
 
 @cache
+def _tree(path: Path, _: str) -> ast.Module:
+    """The statements of a source; none of what is no Python, as a library of machine code or a file half edited."""
+    try:
+        return ast.parse(path.read_bytes())
+    except (SyntaxError, ValueError):
+        return ast.Module(body=[], type_ignores=[])
+
+
+@cache
 def _compiled(path: Path, _: str) -> object:
     return compile(path.read_bytes(), path, "exec", dont_inherit=True)
 
 
 @cache
-def _constants(path: Path, _: str) -> dict[str, object]:
+def _constants(path: Path, sha256: str) -> dict[str, object]:
     """Values that the source gives to names of the module once, but for those that its functions change."""
-    tree = ast.parse(path.read_bytes())
+    tree = _tree(path, sha256)
     changed = {name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names}
     names = [node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
     found: dict[str, object] = {}

@@ -11,7 +11,6 @@ method imports later, while it segments, is refused.
 from __future__ import annotations
 
 import hashlib
-import re
 import sys
 import sysconfig
 from collections.abc import Iterable, Iterator, Mapping
@@ -25,7 +24,7 @@ from uuid import uuid4
 
 from bench.errors import DataError, UsageError
 from bench.harness.digests.content import METHOD_PACKAGES, digest_of, source_digest
-from bench.harness.digests.loaded_code import changed_here, refuse_stale_bytecode
+from bench.harness.digests.loaded_code import changed_here, imported_names, refuse_stale_bytecode
 from bench.methods import Scorable
 from bench.methods.contract import refuse_unfit
 
@@ -135,15 +134,13 @@ class MethodCode:
                 hint = "start the run again: what is stored stays, and what follows is computed by the new state"
                 got = "other content on disk"
                 raise DataError(path, expected="the file as it was when the run began", got=got, hint=hint)
-        begun = _begun.setdefault(self.digest, frozenset(here))
-        for name in here.keys() - begun - {file.name for file in self.files}:
+        for name in sorted(here.keys() - names):
             hint = "import it at the top of a module, or when the method is built"
             got = f"{name}, which was imported later"
             raise DataError(here[name], expected="code that is loaded when the run begins", got=got, hint=hint)
 
 
 _met: dict[str, tuple[ModuleSpec | None, str]] = {}  # digests of sources when this process met the module first
-_begun: dict[str, frozenset[str]] = {}  # by digest, the modules that were loaded when it was checked first
 
 
 def _first_met(name: str, path: Path) -> str:
@@ -217,24 +214,31 @@ def _own_modules(module: str, *, held: frozenset[str] = frozenset()) -> dict[str
     if _of_bench(module):
         return {}
     package = module.partition(".")[0]
-    found: dict[str, Path] = {}
-    others: dict[str, Path] = {}
-    for name, loaded in list(sys.modules.items()):
-        source = getattr(loaded, "__file__", None)
-        if source is not None and name.partition(".")[0] == package:
-            found[name] = Path(source)
-        elif source is not None and not (_of_bench(name) or name in PROGRAM or _is_library(source)):
-            (found if name in held else others)[name] = Path(source)
+    loaded = {name: getattr(one, "__file__", None) for name, one in list(sys.modules.items())}
+    sources = {
+        name: Path(source)
+        for name, source in loaded.items()
+        if source is not None and (_is_in(name, package) or not _is_of_others(name, source))
+    }
+    found = {name for name in sources if _is_in(name, package) or name in held}
     new = found
     while new:
-        named = _named(new)
-        new = {name: others.pop(name) for name in list(others) if name in named}
+        new = (sources.keys() & _named({name: sources[name] for name in new})) - found
         found |= new
-    return dict(sorted(found.items()))
+    return {name: sources[name] for name in sorted(found)}
+
+
+def _is_in(module: str, package: str) -> bool:
+    return module.partition(".")[0] == package
 
 
 def _of_bench(module: str) -> bool:
-    return module.partition(".")[0] == "bench"
+    return _is_in(module, "bench")
+
+
+def _is_of_others(module: str, source: str) -> bool:
+    """True for a module of this package, of the interpreter or an installed package, and for the program itself."""
+    return _of_bench(module) or module in PROGRAM or _is_library(source)
 
 
 @cache
@@ -262,30 +266,4 @@ def _distributions() -> Mapping[str, list[str]]:
 
 def _named(modules: Mapping[str, Path]) -> frozenset[str]:
     """Names of all that import statements of modules name, and of the packages that hold it."""
-    return frozenset().union(*(_named_in(name, path, _on_disk(path)) for name, path in modules.items()))
-
-
-_IMPORT = re.compile(
-    r"(?:^|[:;])[ \t]*(?:from[ \t]+(\.*)([\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n#;]+)"
-    r"|import[ \t]+([^\n#;]+))",
-    re.MULTILINE,
-)
-_DYNAMIC_IMPORT = re.compile(r"""import_module\(\s*["']([\w.]+)["']""")
-
-
-@cache
-def _named_in(module: str, source: Path, _: str) -> frozenset[str]:
-    """Names in the import statements of a file with this digest."""
-    found = set[str]()
-    holder = module if source.name == "__init__.py" else module.rpartition(".")[0]
-    text = source.read_text(encoding="utf-8", errors="replace")
-    statements = [*_IMPORT.findall(text), *(("", "", "", name) for name in _DYNAMIC_IMPORT.findall(text))]
-    for dots, base, items, whole in statements:
-        if dots:
-            above = holder.split(".")[: len(holder.split(".")) - len(dots) + 1]
-            base = ".".join([*above, *([base] if base else [])])
-        for part in (items or whole).strip("() \t").split(","):
-            name = (part.split() or [""])[0]
-            parts = f"{base}.{name}".strip(".").split(".")
-            found |= {".".join(parts[:count]) for count in range(1, len(parts) + 1)}
-    return frozenset(found)
+    return frozenset().union(*(imported_names(name, path, _on_disk(path)) for name, path in modules.items()))

@@ -141,7 +141,7 @@ def _image_channels(pair: WorkingPair) -> dict[str, Bytes]:
 
 def _geometry_channels(pair: WorkingPair) -> dict[str, Bytes]:
     """Compensated images, their differences, and where rays point; all by the recorded motion."""
-    scene = _recorded_scene(pair)
+    scene = RigidScene.of(pair.given)
     grey, now = _standardised(pair), pair.current.astype(np.float32)
     far, near = (np.nan_to_num(scene.flow_at(rho), nan=OUTSIDE_PX) for rho in (0.0, 1 / PARALLAX_M))
     rotation = at_every_pixel(far, scene.camera)
@@ -169,7 +169,7 @@ def _geometry_channels(pair: WorkingPair) -> dict[str, Bytes]:
 
 def _likelihood_channels(pair: WorkingPair) -> dict[str, Bytes]:
     """Flow beyond the rigid scene's first guess, and the paper's deviations by the motion that the flow corrects."""
-    given, scene = pair.given, _recorded_scene(pair)
+    given, scene = pair.given, RigidScene.of(pair.given)
     found = guided_flow(pair.current, pair.previous, valid=pair.valid, scene=scene, flow=FLOW)
     seconds = (given.timestamps_ns[-1] - given.timestamps_ns[-2]) / 1e9
     seen = correspondences(found, pair.current, scene.camera)
@@ -203,11 +203,6 @@ def _deviations(pair: WorkingPair, flow: Image, scene: RigidScene) -> dict[str, 
     none = np.zeros(found.likelihood.shape)
     measured = {CONSTRAINTS[0]: found.likelihood} if found.stationary else found.deviations
     return {name: np.where(found.seen, measured.get(name, none), 0.0) for name in CONSTRAINTS}
-
-
-def _recorded_scene(pair: WorkingPair) -> RigidScene:
-    given = pair.given
-    return RigidScene(camera=given.camera, current_from_previous=given.current_from_previous[-1], road=given.road)
 
 
 def _standardised(pair: WorkingPair) -> Callable[[Bytes], Image]:

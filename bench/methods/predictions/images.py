@@ -42,11 +42,12 @@ class NamedImage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraImages:
-    """All images of a camera in a recording, excluded ones included, by increasing time."""
+    """All images of a camera in a recording, excluded ones included, by increasing time; `annotated` where any is."""
 
     recording: str
     camera: str
     sizes: ImageSizes
+    annotated: bool
     images: tuple[NamedImage, ...]
 
     def key(self, image: NamedImage) -> ImageKey:
@@ -87,6 +88,7 @@ def camera_images(handle: RecordingHandle, *, history: int) -> Iterator[CameraIm
                 evaluated_px=(camera.model.width, camera.model.height),
                 stored_px=(camera.stored_size_px[0], camera.stored_size_px[1]),
             ),
+            annotated=any(whole.annotated.covers(ref.timestamp_ns) for ref in remaining[name]),
             images=tuple(
                 NamedImage(
                     timestamp_ns=ref.timestamp_ns, frame=frame, file=ref.path.name, scored=ref.timestamp_ns in scored

@@ -350,15 +350,15 @@ def index_predictions(
         progress: called with the recordings done, fractions included, and their number.
 
     Raises:
-        DataError: no such folder, nothing in it names an image, masks and scores together, or scores on a scale of
-            8 bits in files of 16.
+        DataError: no such folder, no image is annotated, nothing in it names an image, masks and scores together, or
+            scores on a scale of 8 bits in files of 16.
         UsageError: names that may be times or frame numbers.
     """
     files = list_predictions(root)
     handles = open_dataset(card, split)
     everywhere = {handle.name for handle in open_dataset(card)} | {e.recording for e in card.content.exclusions}
     pairing = Pairing(files, naming=naming, alone=len(everywhere) == 1)
-    opened, example = set[str](), ""
+    opened, example, annotated = set[str](), "", False
     for number, handle in enumerate(handles):
         try:
             cameras = list(camera_images(handle, history=history))
@@ -366,11 +366,15 @@ def index_predictions(
             continue  # the run lists it; its files count as of elsewhere
         opened.add(handle.name)
         example = example or _example(cameras)
+        annotated = annotated or any(camera.annotated for camera in cameras)
         for share, camera in enumerate(cameras):
             pairing.take(camera)
             if progress is not None:
                 progress(number + (share + 1) / len(cameras), len(handles))
         pairing.end_recording(handle.name, cameras)
+    if opened and not annotated:
+        hint = "annotate some first (annotations/README.md)"
+        raise DataError(card.file, field="annotations", expected="an annotated image", got="none", hint=hint)
     return pairing.index(others=everywhere - opened, example=example)
 
 

@@ -19,6 +19,7 @@ from bench.methods.rigid_scene.first_guess import GuidedFlow, guided_flow, warp
 from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
 from bench.methods.rigid_scene.objects import Candidates, ObjectSettings, Pair, draw_objects, find_candidates
 from bench.methods.rigid_scene.scene import RigidScene
+from bench.methods.row_times import RowTimes
 from bench.records.segmentation import Segmentation
 
 FINE_PX = 640  # width about which outlines are drawn, and twice that on which all else is computed
@@ -134,7 +135,7 @@ class RigidSceneMethod(FlowMethod):
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
         """See `bench.methods.contract.FlowMethod`."""
         views = _Views.of(frame)
-        scene = RigidScene(camera=views.camera, current_from_previous=frame.current_from_previous[-1], road=frame.road)
+        scene = replace(RigidScene.of(frame), camera=views.camera)
         found = self._guided_flow(views, 1, scene)
         grid = ray_grid(frame.camera, self.flow_cell_px(frame.camera.width)).valid.shape
         return _flow_at(found.flow, grid, size=frame.valid.shape, was=views.valid.shape)
@@ -161,7 +162,8 @@ class RigidSceneMethod(FlowMethod):
         motion, road = (last, frame.road) if known is None else (known.current_from_previous, known.road)
         for step in reversed(earlier):
             motion = motion @ step
-        scene = RigidScene(camera=views.camera, current_from_previous=motion, road=road)
+        row_times = RowTimes.of(frame, back=back)
+        scene = RigidScene(camera=views.camera, current_from_previous=motion, road=road, row_times=row_times)
         found = self._guided_flow(views, back, scene)
         if given is not None:
             found = replace(found, flow=np.where(np.isfinite(given), given, found.flow))

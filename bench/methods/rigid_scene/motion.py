@@ -9,7 +9,7 @@ and is left out. Where too little agrees, or the correction is not credible, the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from bench.geometry import RigidTransform, RoadPlane, cross, dot, normalise
 from bench.methods.rigid_scene.deviation import LEAST_NOISE, flow_information, gradients, noise_of, structure_tensor
 from bench.methods.rigid_scene.first_guess import GuidedFlow
 from bench.methods.rigid_scene.scene import RigidScene, pixel_positions
+from bench.methods.row_times import seen_before
 
 Floats = NDArray[np.float64]
 CORRECTIONS = 8  # about and along down, ahead and right; tilt of the road about ahead and right
@@ -187,9 +188,25 @@ def _seen_before(
     rotations, translations, down = _correct(scene, axes, corrections)
     on_road = scene.road_inverse_depth(down @ rays.T)
     depths = np.stack([np.broadcast_to(depth, on_road.shape), on_road])  # (2, K, N)
-    points = (rays - depths[..., None] * translations[:, None]) @ rotations
+    if scene.row_times is None:
+        points = (rays - depths[..., None] * translations[:, None]) @ rotations
+    else:
+        points = _points_by_rows(_corrected(scene, axes, corrections[0]), rotations, translations, rays, depths)
     pixels = scene.camera.project(points.reshape(-1, 3))[0].reshape(*depths.shape, 2)
     return pixels[0], pixels[1]
+
+
+def _points_by_rows(
+    scene: RigidScene, rotations: Floats, translations_m: Floats, rays: Floats, depths: Floats
+) -> Floats:
+    """The points of `_seen_before`, (2, K, N, 3), at the rows that see them by the first of the K motions: the others
+    differ too little from it to change rows."""
+    points = np.empty((*depths.shape, 3))
+    for sought, found in zip(depths, points, strict=True):
+        extra = scene.extra_motion(rays, sought[0])
+        for k, motion in enumerate(RigidTransform.each(rotations, translations_m)):
+            found[k] = seen_before(rays, sought[k], current_from_previous=motion, extra_motion=extra)
+    return points
 
 
 def _axes(scene: RigidScene) -> Floats:
@@ -214,11 +231,8 @@ def _correct(scene: RigidScene, axes: Floats, corrections: Floats) -> tuple[Floa
 
 def _corrected(scene: RigidScene, axes: Floats, correction: Floats) -> RigidScene:
     rotation, translation_m, down = _correct(scene, axes, correction)
-    return RigidScene(
-        camera=scene.camera,
-        current_from_previous=RigidTransform(rotation, translation_m),
-        road=RoadPlane(down, scene.road.height_m),
-    )
+    motion, road = RigidTransform(rotation, translation_m), RoadPlane(down, scene.road.height_m)
+    return replace(scene, current_from_previous=motion, road=road)
 
 
 def _road_inverse_depth(scene: RigidScene, rays: Floats) -> Floats:

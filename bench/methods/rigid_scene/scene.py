@@ -18,8 +18,11 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, RayGrid, ray_grid
 from bench.geometry import RigidTransform, RoadPlane, dot
+from bench.methods.contract import MethodInput
+from bench.methods.row_times import RowTimes, seen_before
 
 GRID_PX = 4  # the motion of a rigid scene is smooth: computed on every fourth pixel, interpolated between
+ROW_STEPS = 2  # to the row of the previous image that shows a point
 OUTSIDE_PX = -1e4  # a displacement that surely ends outside of the image, where a NaN would spread
 
 
@@ -31,11 +34,19 @@ class RigidScene:
         camera: the lens.
         current_from_previous: motion of the camera.
         road: the road below the current camera.
+        row_times: when the rows of the two images were exposed; None for all at once.
     """
 
     camera: CameraModel
     current_from_previous: RigidTransform
     road: RoadPlane
+    row_times: RowTimes | None = None
+
+    @classmethod
+    def of(cls, frame: MethodInput) -> RigidScene:
+        """The scene of the last two images, by the motion that a method is told of."""
+        motion, row_times = frame.current_from_previous[-1], RowTimes.of(frame)
+        return cls(camera=frame.camera, current_from_previous=motion, road=frame.road, row_times=row_times)
 
     @property
     def grid(self) -> RayGrid:
@@ -67,9 +78,26 @@ class RigidScene:
             rays_camera: (N, 3) float64, unit rays of the current camera.
             inverse_depth: 1/m along each ray, (N,) or one number.
         """
-        motion = self.current_from_previous
-        points = rays_camera - np.reshape(inverse_depth, (-1, 1)) * motion.translation_m  # p' - rho t
-        return self.camera.project(points @ motion.rotation)[0]
+        motion, depths = self.current_from_previous, np.broadcast_to(np.ravel(inverse_depth), len(rays_camera))
+        if self.row_times is None:
+            points = rays_camera - depths[:, None] * motion.translation_m  # p' - rho t
+            return self.camera.project(points @ motion.rotation)[0]
+        extra = self.extra_motion(rays_camera, depths)
+        points = seen_before(rays_camera, depths, current_from_previous=motion, extra_motion=extra)
+        return self.camera.project(points)[0]
+
+    def extra_motion(
+        self, rays_camera: NDArray[np.float64], inverse_depth: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """x of `bench.methods.row_times`, (N,) float64, of static points; arguments as of `previous_pixels`."""
+        assert self.row_times is not None, "only of a rolling shutter"
+        now, extra = self.camera.project(rays_camera)[0], np.zeros(len(rays_camera))
+        for _ in range(ROW_STEPS):
+            points = seen_before(
+                rays_camera, inverse_depth, current_from_previous=self.current_from_previous, extra_motion=extra
+            )
+            extra = self.row_times.extra_motion(now, self.camera.project(points)[0], self.camera)
+        return extra
 
     def flow_at(self, inverse_depth: NDArray[np.floating] | float) -> NDArray[np.float32]:
         """Motion of static points, from the current to the previous image.

@@ -61,6 +61,7 @@ def deviations(
     *,
     current_from_previous: RigidTransform,
     road: RoadPlane,
+    path_share: NDArray[np.float64] | float = 1.0,
     lambda_height: float = 0.001,
     lambda_anti_parallel: float = 0.001,
     min_epipole_sine: float = 0.01,
@@ -74,6 +75,8 @@ def deviations(
         current_from_previous: motion of the camera, metric for positive height and anti-parallel; epipolar and positive
             depth do not depend on its scale.
         road: the road below the current camera.
+        path_share: (...) float64, by how much longer than the translation the camera's path is between the rows that
+            saw the point (`bench.methods.row_times`); 1 where all rows are exposed at once.
         lambda_height: threshold of positive height, subtracted.
         lambda_anti_parallel: threshold of anti-parallel, subtracted.
         min_epipole_sine: alpha_min, the sine of the angle between q and the epipole below which the epipolar plane
@@ -116,7 +119,8 @@ def deviations(
         positive_depth = np.where(behind, np.abs(n_dot_pn), 0.0)  # eq. 10
 
         below = (dot(q, road.down) > 0) & (dot(p, road.down) > 0)
-        p_on_road = normalise(road.distance_m(q)[..., None] * q + t)  # p'_r, eq. 12 and 13; NaN above the horizon
+        path_m = np.multiply.outer(path_share, t)  # t, as long as it is for this point
+        p_on_road = normalise(road.distance_m(q)[..., None] * q + path_m)  # p'_r, eq. 12, 13; NaN above the horizon
         v = cross(p_in_plane, p_on_road)  # eq. 14; it lies along n
         n_dot_v = dot(n, v)
         towards = below & (n_dot_pn < 0)

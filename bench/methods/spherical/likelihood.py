@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
+from bench.methods.row_times import rotated_halfway
 from bench.methods.spherical.constraints import (
     PAPER,
     Deviations,
@@ -194,6 +195,7 @@ class SphericalSettings:
         current_from_previous: RigidTransform,
         road: RoadPlane,
         three_view: NDArray[np.float64] | None = None,
+        extra_motion: NDArray[np.float64] | None = None,
     ) -> LikelihoodMap:
         """Likelihood of motion by the constraints of a moving or of a stationary camera, as its motion asks for.
 
@@ -204,7 +206,15 @@ class SphericalSettings:
             current_from_previous: motion of the camera.
             road: the road below the camera.
             three_view: (...) float64, xi_3v where tracks over three views exist.
+            extra_motion: (...) float64, share of the motion by which more of it lies between two rows of a rolling
+                shutter, see `bench.methods.row_times`; None where all rows are exposed at once.
         """
+        path_share: NDArray[np.float64] | float = 1.0
+        if extra_motion is not None:
+            rays_previous, rays_current = rotated_halfway(
+                rays_previous, rays_current, current_from_previous=current_from_previous, extra_motion=extra_motion
+            )
+            path_share = 1.0 + extra_motion
         if np.linalg.norm(current_from_previous.translation_m) < self.static_below_m:
             deviation, defined = static_camera_deviation(
                 rays_previous,
@@ -222,6 +232,7 @@ class SphericalSettings:
             rays_current,
             current_from_previous=current_from_previous,
             road=road,
+            path_share=path_share,
             lambda_height=self.lambda_height,
             lambda_anti_parallel=self.lambda_anti_parallel,
             min_epipole_sine=self.min_epipole_sine,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from bench.methods.contract import Arrays, FlowMethod, MethodInput
 from bench.methods.rigid_scene.first_guess import guided_flow
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene
+from bench.methods.row_times import extra_motion
 from bench.methods.spherical.likelihood import (
     CONSTRAINTS,
     PAPER_WEIGHTS,
@@ -94,9 +95,7 @@ class SphericalMethod(SphericalSettings, FlowMethod):
             return cell_flow(frame, self.flow, self.flow_parameters, self.cell_size_px)
 
         def compute() -> Arrays:
-            scene = RigidScene(
-                camera=frame.camera, current_from_previous=frame.current_from_previous[-1], road=frame.road
-            )
+            scene = RigidScene.of(frame)
             flow = dense_flow(self.flow, **self.flow_parameters)
             found = guided_flow(frame.images[-1], frame.images[-2], valid=frame.valid, scene=scene, flow=flow)
             return {"flow": cell_mean(found.flow, self.cell_size_px)}
@@ -117,7 +116,7 @@ class SphericalMethod(SphericalSettings, FlowMethod):
             information=np.tile(np.eye(2) / FLOW_SIGMA_PX**2, (int(used.sum()), 1, 1)),
         )
         seconds = (frame.timestamps_ns[-1] - frame.timestamps_ns[-2]) / 1e9
-        scene = RigidScene(camera=frame.camera, current_from_previous=motion, road=frame.road)
+        scene = replace(RigidScene.of(frame), current_from_previous=motion)
         return refine_motion(scene, given, seconds=seconds, accuracy=MotionAccuracy())
 
     def motion(self, frame: MethodInput) -> RigidTransform | None:
@@ -145,7 +144,12 @@ class SphericalMethod(SphericalSettings, FlowMethod):
             refined = self._refined(frame, flow, seen=seen, motion=motion)
             motion, road = refined.current_from_previous, refined.road
         return self.likelihood_of_rays(
-            rays_previous, cells.rays_camera, seen=seen, current_from_previous=motion, road=road
+            rays_previous,
+            cells.rays_camera,
+            seen=seen,
+            current_from_previous=motion,
+            road=road,
+            extra_motion=extra_motion(frame, cells.pixels, cells.pixels + flow),
         )
 
     def segmentation(

@@ -13,6 +13,7 @@ from bench.cameras import RayGrid, ray_grid
 from bench.flow import LucasKanadeTracker, Tracks
 from bench.methods.cells import flow_parts
 from bench.methods.contract import Method, MethodInput
+from bench.methods.row_times import extra_motion
 from bench.methods.spherical.constraints import three_view_deviation
 from bench.methods.spherical.likelihood import (
     CONSTRAINTS,
@@ -80,6 +81,7 @@ class SparseSphericalMethod(SphericalSettings, Method):
             current_from_previous=frame.current_from_previous[-1],
             road=frame.road,
             three_view=self._three_view(frame, rays[:, usable]),
+            extra_motion=extra_motion(frame, tracks.pixels[0, usable], tracks.pixels[1, usable]),
         )
         flow = (tracks.pixels[1, usable] - tracks.pixels[0, usable]).astype(np.float32)
 

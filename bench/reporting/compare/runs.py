@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +21,7 @@ from bench.evaluation.rows import (
 )
 from bench.harness import RunSummary
 from bench.harness.manifest import Aspect, all_settings, differences
-from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_digest
+from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_digest, refuse_unscored
 from bench.reporting.stored_run import StoredRun, read_stored_run
 
 if TYPE_CHECKING:
@@ -44,19 +44,23 @@ def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
     return runs
 
 
-def differing_settings(summaries: Sequence[RunSummary]) -> list[dict[str, object]]:
-    """For each run its settings that are not the same in all runs of its method."""
-    manifests = [summary.manifest for summary in summaries]
-    found = []
+def name_methods(summaries: Sequence[RunSummary], *, hidden: Collection[str] = ()) -> list[str]:
+    """Name the method of each run, with those settings that are not the same in all runs of it, as `--set` takes them.
+
+    Args:
+        summaries: of the runs.
+        hidden: settings that are not named.
+
+    Returns:
+        For example "spherical (flow=dis, weights.anti_parallel=0)".
+    """
+    manifests, named = [summary.manifest for summary in summaries], []
     for own in manifests:
         names = {d.name for other in manifests for d in differences(own, other) if d.aspect is Aspect.SETTINGS}
-        found.append({name: value for name, value in all_settings(own.method).items() if name in names})
-    return found
-
-
-def settings_text(settings: dict[str, object]) -> str:
-    """For example "flow=dis, weights.anti_parallel=0", as `--set` takes them."""
-    return ", ".join(f"{name}={value}" for name, value in sorted(settings.items()))
+        settings = {name: value for name, value in all_settings(own.method).items() if name in names - set(hidden)}
+        text = ", ".join(f"{name}={value}" for name, value in sorted(settings.items()))
+        named.append(f"{own.method.name} ({text})" if text else own.method.name)
+    return named
 
 
 def _refuse_different(first: StoredRun, other: StoredRun) -> None:
@@ -84,6 +88,8 @@ def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, St
         DataError: a table is damaged.
         UsageError: no image was scored by both, or their references differ on these; says in what.
     """
+    for run in (before, after):
+        refuse_unscored(run.summary, run.folder)
     numbers = [run.summary.images.evaluated for run in (before, after)]
     if before.summary.manifest.reference == after.summary.manifest.reference:
         return before, after, numbers[0]

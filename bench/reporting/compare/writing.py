@@ -5,21 +5,18 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bench.atomic import replacing, write_bytes
-from bench.evaluation import Metric, find_metric
+import pandas as pd
+
+from bench.atomic import replacing
+from bench.evaluation import find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.reporting import document
 from bench.reporting.compare.changes import (
     HEADLINES,
     LISTED,
-    ChangedFrame,
-    Kind,
-    MetricChange,
-    RowChange,
     RunComparison,
     compare_runs,
     paired_objects,
@@ -28,13 +25,7 @@ from bench.reporting.compare.changes import (
 from bench.reporting.compare.pictures import draw_changed_frames, frame_title
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.document import Block, Cell, Column, Heading, Paragraph, Picture, Table
-from bench.reporting.formats import (
-    CEILING,
-    INTERVALS,
-    hundredths,
-    metric_cell,
-    write_texts,
-)
+from bench.reporting.formats import CEILING, INTERVALS, LABELS, hundredths, metric_cell, write_texts
 from bench.reporting.side_by_side import Progress
 from bench.reporting.stored_run import StoredRun
 
@@ -74,7 +65,9 @@ def points(ratio: float) -> str:
 
 
 def p_text(p_value: float) -> str:
-    """For example "0.012" or "<0.001"."""
+    """For example "0.012" or "<0.001"; "" for NaN."""
+    if math.isnan(p_value):
+        return ""
     return "<0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
@@ -83,10 +76,26 @@ def _interval(ci95: tuple[float, float]) -> str:
     return " to ".join(map(points, ci95))
 
 
-_CHANGE: list[Column | Cell | str] = [
-    *("Recs", Column("before", hundredths), Column("after", hundredths)),
-    *(Column("change", points), Column("95 %", _interval)),
-]
+def _bound(ratio: float) -> str:
+    return "" if math.isnan(ratio) else hundredths(ratio)
+
+
+_COLUMNS: dict[str, Column | Cell | str] = {
+    "metric": Column("Metric", lambda name: find_metric(name).label),
+    "label": "Type",
+    "verdict": "Verdict",
+    "frames": "Frames",
+    "recordings": "Recs",
+    "before": Column("before", hundredths),
+    "after": Column("after", hundredths),
+    "difference": Column("change", points),
+    "ci95": Column("95 %", _interval),
+    "p_holm": Column("p (Holm)", p_text),
+    "chance_before": Column("chance before", _bound),
+    "chance_after": Column("after", _bound),
+    "ceiling": Column("ceiling", _bound),
+}
+_CHANGE = ["recordings", "before", "after", "difference", "ci95"]
 
 
 def _section(comparison: RunComparison) -> Iterator[Block]:
@@ -96,88 +105,56 @@ def _section(comparison: RunComparison) -> Iterator[Block]:
     yield Paragraph(f"Before: {before}, {comparison.methods[0]}. After: {after}, {comparison.methods[1]}.")
     yield from map(Paragraph, comparison.notes)
     yield headline_table(comparison)
-    yield _further_table(comparison.rows)
+    yield _further_table(comparison.changes)
     yield _detection_table(comparison)
-    for kind in Kind:
-        if frames := [frame for frame in comparison.frames if frame.kind is kind]:
-            yield _frame_table(kind, frames)
-    for picture in comparison.drawn:
-        yield Paragraph(picture.title, "strong")
-        yield Picture(f"pictures/{picture.name}", picture.title)
+    for kind, frames in comparison.frames.groupby("kind", sort=False):
+        yield _frame_table(str(kind), frames)
+    for name, title in comparison.pictures.items():
+        yield Paragraph(title, "strong")
+        yield Picture(f"pictures/{name}", title)
     yield from (Paragraph(remark, "dim") for remark in comparison.remarks)
 
 
 def headline_table(comparison: RunComparison) -> Table:
     """The metrics that are judged, by kind of motion, with their verdicts; kinds without object-frames are left out."""
-    return Table(
-        title=f"{comparison.after.label} (after) against {comparison.before.label} (before), percent",
-        columns=["Metric", "Type", "Verdict", *_CHANGE, Column("p (Holm)", p_text)],
-        rows=[
-            [*line, cell.verdict, *change, cell.p_holm]
-            for _, line, change, cell in _lines(comparison.rows, HEADLINES)
-            if cell.verdict is not None
-        ],
-        words=3,
-    )
+    title = f"{comparison.after.label} (after) against {comparison.before.label} (before), percent"
+    return _change_table(comparison.changes, HEADLINES, title, ["metric", "label", "verdict"], [*_CHANGE, "p_holm"])
 
 
-def _further_table(rows: Sequence[RowChange]) -> Table:
+def _further_table(changes: pd.DataFrame) -> Table:
     """The other metrics, and what bounds all of them: the chance level of detection, the score of the exact masks."""
-    further = dict.fromkeys(metric for row in rows for metric in row.metrics)
-    bounds = [Column(heading, hundredths) for heading in ("chance before", "after", "ceiling")]
-    return Table(
-        title="All metrics, percent, with chance levels and the ceiling",
-        columns=["Metric", "Type", "Frames", *_CHANGE, *bounds],
-        rows=[
-            [
-                *line,
-                row.frames,
-                *change,
-                *((m.value for m in cell.chance) if cell.chance else (None, None)),
-                cell.ceiling,
-            ]
-            for row, line, change, cell in _lines(rows, further)
-        ],
-        words=2,
-    )
+    title = "All metrics, percent, with chance levels and the ceiling"
+    numbers = ["frames", *_CHANGE, "chance_before", "chance_after", "ceiling"]
+    return _change_table(changes, changes.index.unique("metric"), title, ["metric", "label"], numbers)
 
 
-def _chances(cell: MetricChange) -> tuple[float | None, float | None]:
-    return (None, None) if cell.chance is None else (cell.chance[0].value, cell.chance[1].value)
-
-
-def _lines(
-    rows: Sequence[RowChange], metrics: Iterable[str]
-) -> Iterator[tuple[RowChange, list[object], list[object], MetricChange]]:
-    """For each metric the rows that have it: both names, the numbers in the columns `_CHANGE`, the change itself."""
-    for metric in metrics:
-        for row in rows:
-            cell = row.metrics.get(metric)
-            if cell is not None and row.frames:
-                change = cell.change
-                numbers: list[object] = [change.recordings, change.before, change.after, change.difference, change.ci95]
-                yield row, [find_metric(metric).label, row.label], numbers, cell
+def _change_table(
+    changes: pd.DataFrame, metrics: Iterable[str], title: str, words: Sequence[str], numbers: Sequence[str]
+) -> Table:
+    """For each metric the rows that have it."""
+    shown = [*words, *numbers]
+    held = changes[changes["frames"] > 0].reset_index()
+    rows = pd.concat([held[held["metric"] == metric] for metric in metrics])
+    return Table(title=title, columns=[_COLUMNS[name] for name in shown], rows=rows[shown], words=len(words))
 
 
 def _detection_table(comparison: RunComparison) -> Table:
-    labels = {row.name: row.label for row in comparison.rows}
-    counted = comparison.detections
     return Table(
         title="Object-frames gained and lost",
         columns=["Type", "Object-frames", "detected before", "after", "newly detected", "newly missed"],
-        rows=[[labels[c.name], c.object_frames, c.before, c.after, c.gained, c.lost] for c in counted],
+        rows=comparison.detections.rename(index=LABELS).reset_index(),
     )
 
 
-def _frame_table(kind: Kind, frames: Sequence[ChangedFrame]) -> Table:
+def _frame_table(kind: str, frames: pd.DataFrame) -> Table:
     what, which = "share of the image", "the image with most"
-    if frames[0].track_id is not None:
+    if frames["track_id"].notna().all():
         what, which = "coverage", f"largest first, one per object, at most {LISTED}"
-    names = [frame_title(frame).removeprefix(kind.value).lstrip(": ") for frame in frames]
+    names = [frame_title(frame).removeprefix(kind).lstrip(": ") for frame in frames.to_dict("records")]
     return Table(
-        title=f"{kind.value.capitalize()}: {which}",
+        title=f"{kind.capitalize()}: {which}",
         columns=["Frame", Column(f"{what} before, percent", hundredths), Column("after", hundredths)],
-        rows=[[name, frame.before, frame.after] for name, frame in zip(names, frames, strict=True)],
+        rows=frames[["before", "after"]].assign(name=names)[["name", "before", "after"]],
     )
 
 
@@ -194,16 +171,19 @@ def to_latex(comparisons: Sequence[RunComparison]) -> str:
 
 def _latex(comparison: RunComparison) -> str:
     runs, first = (comparison.before, comparison.after), comparison.before.summary
+    judged = comparison.changes.query("frames > 0 and metric in @HEADLINES")
+    rows: list[list[object]] = []
+    for _, part in judged.groupby(["breakdown", "slice"], sort=False):
+        of_metric = part.droplevel(["breakdown", "slice"])
+        counted = of_metric["metric_before"].iloc[0]
+        for run, side in zip(runs, ("before", "after"), strict=True):
+            cells = of_metric[f"metric_{side}"].map(metric_cell)
+            counts = [of_metric["label"].iloc[0], run.label, counted.recordings, counted.cases]
+            rows.append([*counts, *map(cells.get, HEADLINES)])
     table = Table(
         title=" and ".join(run.label for run in runs),
         columns=["Type", "Run", "Recordings", "Cases", *HEADLINES.values()],
-        rows=[
-            [row.label, run.label, row.recordings, row.frames]
-            + [_value(row.metrics.get(metric), side) for metric in HEADLINES]
-            for row in comparison.rows
-            if row.frames
-            for side, run in enumerate(runs)
-        ],
+        rows=rows,
         words=2,
         note=_LATEX_NOTE,
     )
@@ -213,41 +193,27 @@ def _latex(comparison: RunComparison) -> str:
     return document.to_latex([table], label="-".join(["compare", *(run.label for run in runs)]), about=about)
 
 
-def _value(cell: MetricChange | None, side: int) -> Cell | None:
-    """Of the run before (0) or after (1), with its interval."""
-    if cell is None:
-        return None
-    value, cases = ((cell.change.before, cell.change.cases_before), (cell.change.after, cell.change.cases_after))[side]
-    return metric_cell(Metric(value=value, ci95=cell.intervals[side], cases=cases, recordings=cell.change.recordings))
-
-
 SCHEMA_VERSION = 1
 _CHANGED = ("gained", "lost", "both")
 
 
 def to_csv(comparisons: Sequence[RunComparison]) -> str:
     """One line per pair of runs, row and metric, ratios at full precision; empty where there is no number."""
-    return document.to_csv(
-        {"before_run": comparison.before.label, "after_run": comparison.after.label} | record | _images(comparison)
-        for comparison in comparisons
-        for record in _records(comparison)
-    )
+    tables = {(c.before.label, c.after.label): _numbers(c).assign(**_images(c)) for c in comparisons}
+    return pd.concat(tables, names=["before_run", "after_run"]).droplevel(2).to_csv(lineterminator="\n")
 
 
 def _images(comparison: RunComparison) -> dict[str, int]:
     return dict(zip(("images_before", "images_after", "images_compared"), comparison.images, strict=True))
 
 
-def _records(comparison: RunComparison) -> Iterator[dict[str, object]]:
-    """A record for each row and metric."""
-    for row in comparison.rows:
-        for metric, cell in row.metrics.items():
-            change = asdict(cell.change)
-            low, high = change.pop("ci95") or (None, None)
-            before, after = _chances(cell)
-            own = {"row": row.name, "frames": row.frames, "metric": metric, "verdict": cell.verdict}
-            yield own | change | {"ci95_low": low, "ci95_high": high, "p_holm": cell.p_holm, "chance_before": before,
-                                  "chance_after": after, "ceiling": cell.ceiling}  # fmt: skip
+def _numbers(comparison: RunComparison) -> pd.DataFrame:
+    """A line for each row and metric."""
+    table = comparison.changes.reset_index().rename(columns={"slice": "row"})
+    table[["ci95_low", "ci95_high"]] = [ci95 or (math.nan, math.nan) for ci95 in table["ci95"]]
+    counts = ["p_value", "cases_before", "cases_after", "recordings"]
+    shown = ["row", "frames", "metric", "verdict", "before", "after", "difference", *counts]
+    return table[[*shown, "ci95_low", "ci95_high", "p_holm", "chance_before", "chance_after", "ceiling"]]
 
 
 def write_object_changes(file: Path, comparisons: Sequence[RunComparison]) -> None:
@@ -286,10 +252,10 @@ def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
         **_images(comparison),
         "verdict": verdict_line(comparison),
         "notes": list(comparison.notes),
-        "rows": list(_records(comparison)),
-        "detections": [asdict(counts) for counts in comparison.detections],
-        "changed_frames": [asdict(frame) for frame in comparison.frames],
-        "pictures": [{"file": f"pictures/{picture.name}", "title": picture.title} for picture in comparison.drawn],
+        "rows": _numbers(comparison).to_dict("records"),
+        "detections": comparison.detections.reset_index().to_dict("records"),
+        "changed_frames": comparison.frames.to_dict("records"),
+        "pictures": [{"file": f"pictures/{name}", "title": title} for name, title in comparison.pictures.items()],
         "remarks": comparison.remarks,
     }
 
@@ -348,16 +314,15 @@ def write_comparison(
     comparisons = compare_runs(read_comparable(folders))
     if pictures:
         numbered = enumerate(comparisons, start=1)
-        comparisons = [draw_changed_frames(found, number=number, progress=progress) for number, found in numbered]
+        folder = out / "pictures"
+        comparisons = [draw_changed_frames(c, folder, number=number, progress=progress) for number, c in numbered]
     texts = {
         "compare.md": document.to_markdown(report(comparisons)),
         "compare.csv": to_csv(comparisons),
         "compare.json": to_json(comparisons),
         "compare.tex": to_latex(comparisons),
     }
-    shown = {picture.name: picture.jpeg for comparison in comparisons for picture in comparison.drawn}
-    for name, jpeg in shown.items():
-        write_bytes(out / "pictures" / name, jpeg)
+    shown = [name for comparison in comparisons for name in comparison.pictures]
     write_texts(out, texts)
     write_object_changes(out / CHANGES, comparisons)
     for old in sorted((out / "pictures").glob("*.jpg")):

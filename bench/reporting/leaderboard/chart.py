@@ -30,8 +30,7 @@ def draw_quality_and_cost(groups: Sequence[Group]) -> Figure:
     """
     columns = min(len(groups), COLUMNS)
     rows = -(-len(groups) // columns)
-    figure = canvas.new_figure(WIDTH_IN * columns, HEIGHT_IN * rows)
-    figure.set_layout_engine("constrained")  # makes room for the names beside each panel
+    figure = canvas.new_figure(WIDTH_IN * columns, HEIGHT_IN * rows, layout="constrained")
     for number, group in enumerate(groups, start=1):
         _draw(figure.add_subplot(rows, columns, number, xscale="log"), group)
     return figure
@@ -77,7 +76,8 @@ def _draw(axes: Axes, group: Group) -> None:
     axes.set_xlabel("time of the method for an image, one thread (ms)")
     axes.set_ylabel("IoU over all moving object-frames (%)")
     axes.set_title(
-        f"{group.dataset}, {group.protocol}: {group.images} images, {group.rows[0].recordings} recordings", pad=4
+        f"{group.dataset}, {group.protocol}: {group.images} images, {group.rows[ALL_MOVING].recordings} recordings",
+        pad=4,
     )
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)

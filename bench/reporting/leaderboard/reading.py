@@ -6,26 +6,20 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
 from pathlib import Path
 
 from bench.atomic import is_temporary
 from bench.errors import BenchError, DataError
 from bench.evaluation import find_metric, summary_of
 from bench.evaluation.rows import CommonImages
-from bench.evaluation.summary import Metric
+from bench.evaluation.summary import Metric, ObjectMetrics, Summary
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness import RunSummary
 from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
-from bench.harness.stored import reference_digest
+from bench.harness.stored import reference_digest, refuse_unscored
 from bench.reporting import formats
-from bench.reporting.compare.runs import (
-    differing_settings,
-    digest,
-    restricted,
-    settings_text,
-)
+from bench.reporting.compare.runs import digest, name_methods, restricted
 from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.sweep import TABLE as TABLE_OF_SWEEP
 
@@ -43,26 +37,6 @@ class Kind(StrEnum):
     METHOD = "method"
     ORACLE = "oracle"  # is given what no method may know
     CEILING = "ceiling"  # the exact masks, pixel by pixel
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
-    """A kind of motion, or all moving objects.
-
-    Attributes:
-        name: category, or "all_moving".
-        object_frames: evaluated.
-        recordings: that hold them.
-    """
-
-    name: str
-    object_frames: int
-    recordings: int
-
-    @property
-    def label(self) -> str:
-        """For people."""
-        return formats.LABELS[self.name]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,14 +72,8 @@ class Entry:
         """Over all moving objects."""
         return self.values[ALL_MOVING]
 
-    @property
-    def order(self) -> tuple[float, str]:
-        """Sorts the best first."""
-        value = self.metrics[ORDERED_BY].value
-        return (math.inf if math.isnan(value) else -value), self.run
 
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Group:
     """Runs of one data set, split and protocol, on the images that all of them scored, where their references agree.
 
@@ -113,7 +81,7 @@ class Group:
 
     Attributes:
         card: file of the data set's card, as the runs name it.
-        rows: all moving objects, then the categories that occur.
+        rows: all moving objects, then the categories that occur, by name; of the first run, for their cases.
         images: that all runs scored; all values are of these.
         reference_digest: of the reference on these images.
     """
@@ -125,7 +93,7 @@ class Group:
     protocol_digest: str
     reference_digest: str
     images: int
-    rows: tuple[Row, ...]
+    rows: Mapping[str, ObjectMetrics]
     entries: tuple[Entry, ...]
 
     @property
@@ -138,17 +106,14 @@ class Group:
         """Those that anybody could run, best first."""
         return tuple(entry for entry in self.entries if entry.kind is Kind.METHOD)
 
-    @cached_property
-    def _exact(self) -> Entry | None:
-        return next((entry for entry in self.entries if entry.kind is Kind.CEILING), None)
-
     def ceiling(self, row: str, metric: str) -> float:
         """Return the value of the exact masks; NaN where it is unknown.
 
         The run of the exact masks gives it for every metric; without it, the runs of data with truth give it for two.
         """
-        if self._exact is not None:
-            return self._exact.values[row][metric].value
+        exact = next((entry for entry in self.entries if entry.kind is Kind.CEILING), None)
+        if exact is not None:
+            return exact.values[row][metric].value
         own = self.entries[0].values[row].get(f"ceiling_{metric}")
         return math.nan if own is None else own.value
 
@@ -195,7 +160,9 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     for run in sorted(found):
         name = run.relative_to(folder).as_posix()
         try:
-            sound.append(read_stored_run(run, label=name))
+            stored = read_stored_run(run, label=name)
+            refuse_unscored(stored.summary, run)
+            sound.append(stored)
         except BenchError as error:
             damaged.append((name, str(error)))
     groups: list[Group] = []
@@ -205,7 +172,7 @@ def read_leaderboard(folder: Path) -> Leaderboard:
         groups += [_group(alike) for alike in _comparable(runs)]
     most: dict[str, int] = {}
     for group in groups:
-        most[group.dataset] = max(group.rows[0].recordings, most.get(group.dataset, 0))
+        most[group.dataset] = max(group.rows[ALL_MOVING].recordings, most.get(group.dataset, 0))
     groups.sort(key=lambda g: (-most[g.dataset], g.dataset, g.split or "", not g.judged))  # else as they came
     return Leaderboard(groups=tuple(groups), damaged=tuple(sorted(damaged)))
 
@@ -275,15 +242,14 @@ def _common_images(runs: Sequence[StoredRun]) -> CommonImages:
 
 def _group(runs: Sequence[StoredRun]) -> Group:
     first = runs[0]
-    reference, summaries = _reference(first), [run.summary for run in runs]
+    reference, summaries = _reference(first), [run.metrics for run in runs]
     if len({_reference(run) for run in runs}) > 1:
         images = _common_images(runs)
         reference = digest(first, images)
-        summaries = [_summary_of(restricted(run, images)) for run in runs]
-    settings = differing_settings([run.summary for run in runs])
-    entries = [_entry(run, of_run, own) for run, of_run, own in zip(runs, summaries, settings, strict=True)]
-    found = {ALL_MOVING: summaries[0].all_moving} | summaries[0].categories
-    rows = [Row(name=k, object_frames=v.object_frames, recordings=v.recordings) for k, v in found.items()]
+        summaries = [summary_of(restricted(run, images).sums, protocol=run.protocol) for run in runs]
+    methods = name_methods([run.summary for run in runs], hidden=HIDDEN_SETTINGS)
+    entries = [_entry(run, of_run, own) for run, of_run, own in zip(runs, summaries, methods, strict=True)]
+    categories = {name: row for name, row in summaries[0].categories.items() if row.object_frames}
     return Group(
         dataset=first.summary.manifest.dataset.name,
         card=first.summary.manifest.dataset.card,
@@ -292,31 +258,29 @@ def _group(runs: Sequence[StoredRun]) -> Group:
         protocol_digest=first.summary.protocol.digest,
         reference_digest=reference,
         images=summaries[0].images.evaluated,
-        rows=tuple(row for row in rows if row.object_frames or row.name == ALL_MOVING),
-        entries=tuple(sorted(entries, key=lambda entry: entry.order)),
+        rows={ALL_MOVING: summaries[0].all_moving} | categories,
+        entries=tuple(sorted(entries, key=_best_first)),
     )
 
 
-def _summary_of(run: StoredRun) -> RunSummary:
-    """The summary with all metrics of the run's rows only."""
-    found = summary_of(run.sums, protocol=run.protocol)
-    return run.summary.model_copy(update={name: getattr(found, name) for name in type(found).model_fields})
+def _best_first(entry: Entry) -> tuple[float, str]:
+    value = entry.metrics[ORDERED_BY].value
+    return (math.inf if math.isnan(value) else -value), entry.run
 
 
 ORACLE_SETTINGS = ("sees_the_truth", "sees_the_reference")  # true for what is given more than a method may know
 HIDDEN_SETTINGS = (*ORACLE_SETTINGS, "scenario")  # distinguish no methods: a table says the kind, and a path is a path
 
 
-def _entry(run: StoredRun, compared: RunSummary, settings: dict[str, object]) -> Entry:
+def _entry(run: StoredRun, compared: Summary, method: str) -> Entry:
     summary, code = run.summary, run.summary.manifest.code
-    shown = {name: value for name, value in settings.items() if name not in HIDDEN_SETTINGS}
     commit = "" if code.commit is None else f" {code.commit[:8]}{'+' if code.commit.endswith('+') else ''}"
     of_images = {FALSE_POSITIVES: compared.false_positives.coverage, OF_PIXELS: compared.segmentation.iou}
     of_rows = {ALL_MOVING: compared.all_moving} | compared.categories
     return Entry(
         run=run.label,
         folder=run.folder,
-        method=f"{summary.manifest.method.name} ({settings_text(shown)})" if shown else summary.manifest.method.name,
+        method=method,
         kind=_kind(summary),
         values={
             row: {name: found.metric(name) for name in found.metric_names()} | of_images

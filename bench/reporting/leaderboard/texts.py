@@ -62,7 +62,7 @@ def leaderboard_tables(found: Leaderboard) -> Iterator[Block]:
                      Cell("ms per", ("image,", "ratio")), Cell("Date,", ("code",))],
             rows=[
                 [Cell(entry.run, (_method(entry),), "strong"),
-                 Cell(str(entry.images), (str(group.rows[0].recordings),)),
+                 Cell(str(entry.images), (str(group.rows[ALL_MOVING].recordings),)),
                  *(_lines(group, entry, name) for name in columns),
                  Cell("") if entry.cost is None else Cell(f"{entry.cost.method_ms:.1f}", (f"{entry.cost.ratio:.2f}",)),
                  Cell(entry.date, (entry.code,))]
@@ -121,10 +121,10 @@ def _overall(group: Group) -> Table:
 
 def _by_row(group: Group) -> Table:
     """IoU of each kind of motion."""
-    kinds = group.rows[1:]
-    columns = ["IoU over all object-frames", *(row.label for row in kinds), "False positives"]
-    keys = [*((row.name, ORDERED_BY) for row in kinds), (ALL_MOVING, FALSE_POSITIVES)]
-    frames = [f"{row.object_frames}, {row.recordings}" for row in kinds]
+    kinds = {name: row for name, row in group.rows.items() if name != ALL_MOVING}
+    columns = ["IoU over all object-frames", *(formats.LABELS[name] for name in kinds), "False positives"]
+    keys = [*((name, ORDERED_BY) for name in kinds), (ALL_MOVING, FALSE_POSITIVES)]
+    frames = [f"{row.object_frames}, {row.recordings}" for row in kinds.values()]
     rows = [
         [f"{entry.method}{_SUFFIXES[entry.kind]}", *(metric_cell(entry.values[row][name]) for row, name in keys)]
         for entry in group.entries
@@ -150,11 +150,11 @@ def to_csv(found: Leaderboard) -> str:
     return document.to_csv(
         _fields(group, _OF_GROUP) | {"images_compared": group.images} | _fields(entry, _OF_ENTRY)
         | {"method_ms": entry.cost and entry.cost.method_ms, "farneback_ms": entry.cost and entry.cost.farneback_ms,
-           "row": row.name, "metric": name, **metric_record(metric), "ceiling": _known_ceiling(group, row.name, name)}
+           "row": row, "metric": name, **metric_record(metric), "ceiling": _known_ceiling(group, row, name)}
         for group in found.groups
         for entry in group.entries
         for row in group.rows
-        for name, metric in entry.values[row.name].items()
+        for name, metric in entry.values[row].items()
     )  # fmt: skip
 
 
@@ -188,21 +188,19 @@ def to_json(found: Leaderboard) -> str:
 def json_group(group: Group) -> dict[str, object]:
     """A group as JSON has it, and the page: values as [value, low, high] of the interval, or [value]."""
     names = shown_metrics(group)
-    ceilings = {row.name: {name: _known_ceiling(group, row.name, name) for name in names} for row in group.rows}
+    ceilings = {row: {name: _known_ceiling(group, row, name) for name in names} for row in group.rows}
     return _fields(group, (*_OF_GROUP, "judged", "images")) | {
         "metrics": names,
         "rows": [
-            _fields(row, ("name", "label", "object_frames", "recordings"))
-            | {"ceiling": {name: value for name, value in ceilings[row.name].items() if value is not None}}
-            for row in group.rows
+            {"name": row, "label": formats.LABELS[row], "object_frames": of.object_frames, "recordings": of.recordings}
+            | {"ceiling": {name: value for name, value in ceilings[row].items() if value is not None}}
+            for row, of in group.rows.items()
         ],
         "entries": [
             _fields(entry, _OF_ENTRY)
             | {
                 "cost": None if entry.cost is None else [entry.cost.method_ms, entry.cost.ratio],
-                "values": {
-                    row.name: {name: _numbers(entry.values[row.name][name]) for name in names} for row in group.rows
-                },
+                "values": {row: {name: _numbers(entry.values[row][name]) for name in names} for row in group.rows},
             }
             for entry in group.entries
         ],
@@ -265,7 +263,7 @@ def best_line(file: Path, *, dataset: str) -> str | None:
 def group_title(group: Group) -> str:
     """Return the title of a group: what its runs have in common."""
     protocol = f"{group.protocol} ({group.protocol_digest[:SHOWN_DIGEST]})"
-    every = group.rows[0]
+    every = group.rows[ALL_MOVING]
     return (
         f"{group.dataset}, {group.split or 'all recordings'}, {protocol}, "
         f"reference {group.reference_digest[:SHOWN_DIGEST]}: {group.images} images that all scored, "

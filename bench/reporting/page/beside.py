@@ -12,26 +12,13 @@ from bench.evaluation.definitions import OBJECT_FRAMES
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.reference import Category
 from bench.reporting.compare.runs import on_common_images, read_comparable
-from bench.reporting.document import Column, Table
+from bench.reporting.document import Column, Picture, Table
 from bench.reporting.formats import LABELS, headline_metrics, image_name, with_interval
 from bench.reporting.frame_pictures import example_frames
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.page.worst import image_key, worst_objects
 from bench.reporting.side_by_side import ImageKey, Progress, Side, draw_images, draw_side_by_side
 from bench.reporting.stored_run import StoredRun, read_stored_run
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PairPicture:
-    """An image as both runs were scored on it.
-
-    Attributes:
-        title: why it is shown, and which image it is.
-        uri: the picture as a `data:` address.
-    """
-
-    title: str
-    uri: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +32,7 @@ class Beside:
     """
 
     table: Table
-    pictures: list[PairPicture]
+    pictures: list[Picture]
     problems: list[str]
 
 
@@ -69,7 +56,7 @@ def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | 
     one, two, common = on_common_images(*both)
     chosen = _chosen(one, two) if pictures else {}
     uris, problems = draw_images((one, two), chosen, partial(_picture, (one, two)), progress=progress)
-    found = [PairPicture(title=title, uri=uris[key]) for key, title in chosen.items() if key in uris]
+    found = [Picture(uris[key], title, title) for key, title in chosen.items() if key in uris]
     table = Table(
         title=f"Both runs, on the {common} images that both scored",
         columns=["", Column(one.label, with_interval), Column(two.label, with_interval)],

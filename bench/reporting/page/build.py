@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -14,13 +14,14 @@ from bench.atomic import write_text
 from bench.evaluation import published
 from bench.reference import Category
 from bench.reporting.document import Block, Folded, Paragraph, environment
+from bench.reporting.findings import run_findings
 from bench.reporting.formats import LABELS
 from bench.reporting.page import tables
 from bench.reporting.page.beside import Beside, beside
 from bench.reporting.page.charts import draw_charts, inline_svg
 from bench.reporting.page.object_table import table_data
-from bench.reporting.page.summary import breakdowns, kind_table, kinds_of, remarks, tiles
-from bench.reporting.page.worst import IMAGE_NOTE, OBJECT_NOTE, Card, WorstCases, worst_cases, worst_table
+from bench.reporting.page.summary import breakdowns, kind_tables, remarks, tiles
+from bench.reporting.page.worst import IMAGE_NOTE, OBJECT_NOTE, Card, Gallery, worst_cases
 from bench.reporting.side_by_side import Progress
 from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.tables import left_out_note, rows_with_cases, table_note, table_rows, text_tables
@@ -67,16 +68,16 @@ def write_page(
     run = read_stored_run(folder, category=category)
     pair = None if other is None else beside(run, other, pictures=pictures, progress=progress)
     most = WORST if category is None else WORST_OF_CATEGORY
-    worst = worst_cases(run, most=most, pictures=pictures, progress=progress)
+    worst, problems = worst_cases(run, most=most, pictures=pictures, progress=progress)
     file = out or folder / ("index.html" if category is None else f"index-{category.value}.html")
-    write_text(file, _render(run, worst, pair, pictures=pictures))
-    problems = dict.fromkeys([*worst.problems, *(pair.problems if pair else ())])
-    return Page(file=file, problems=tuple(problems))
+    write_text(file, _render(run, worst, problems, pair, pictures=pictures))
+    return Page(file=file, problems=tuple(dict.fromkeys([*problems, *(pair.problems if pair else ())])))
 
 
-def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures: bool) -> str:
+def _render(run: StoredRun, worst: list[Gallery], problems: list[str], pair: Beside | None, *, pictures: bool) -> str:
     whole, found, made = run.category is None, run.metrics, run.summary.provenance
-    kinds, recordings = kinds_of(found), found.false_positives.recordings
+    cards = [card for gallery in worst for card in gallery.cards]
+    recordings = found.false_positives.recordings
     of_recordings = "" if recordings is None else f" of {recordings} recordings"
     context: dict[str, Any] = {
         "run": run.summary,
@@ -89,24 +90,25 @@ def _render(run: StoredRun, worst: WorstCases, pair: Beside | None, *, pictures:
         "paper": published.SOURCE,
         "changed_settings": run.summary.manifest.method.changed_settings(),
         "tiles": tiles(found, category=run.category),
-        "kinds": [kind_table(kinds)] if kinds else [],
-        "remarks": remarks(found, kinds),
+        "kinds": kind_tables(found),
+        "remarks": remarks(found),
         "results": _results(run),
-        "unknown": any("unknown_share" in kind.row.metric_names() for kind in kinds),
+        "unknown": "unknown_share" in found.all_moving.metric_names(),
         "breakdowns": breakdowns(found),
-        "recordings": [tables.recording_table(run, worst)],
+        "recordings": [tables.recording_table(run, cards)],
         "charts": draw_charts(run),
         "causes": tables.cause_table(found, of_recordings=of_recordings),
-        "worst": worst,
+        "problems": problems,
         "worst_notes": [Paragraph(note, "dim") for note in (OBJECT_NOTE, *([IMAGE_NOTE] if whole else []))],
-        "galleries": list(_galleries(worst, whole=whole)),
+        "galleries": worst,
         "beside": pair,
         "pictures": pictures,
-        "objects": table_data(run, pictured=_pictured(worst)),
+        "objects": table_data(run, pictured=_pictured(cards)),
         "time": [tables.time_table(made.stage_seconds, images=made.images)],
         "computed": made.images if made.work is None else made.work.images_computed,
         "origin": [tables.origin_table(run)],
         "ledger": tables.ledger_tables(found),
+        "findings": run_findings(run.folder),
         "style": _packaged("page.css"),
         "script": _packaged("page.js"),
         "svg": inline_svg,
@@ -127,23 +129,10 @@ def _results(run: StoredRun) -> list[Block]:
     return [*blocks, Paragraph(table_note(rows), "dim")]
 
 
-def _galleries(worst: WorstCases, *, whole: bool) -> Iterator[tuple[str, list[Block], list[Card]]]:
-    """Heading, table and cards of each kind of motion, and of the images with most false marks."""
-    for name, cards in worst.objects.items():
-        yield _gallery(LABELS[name], cards, "object", "No object-frame of this kind was evaluated.")
-    if whole:
-        yield _gallery("Most false marks", worst.images, "image", "No image has false marks.")
-
-
-def _gallery(title: str, cards: list[Card], first: str, none: str) -> tuple[str, list[Block], list[Card]]:
-    table = worst_table(cards, title=f"{title}, the worst first", first=first) if cards else None
-    return title, [table or Paragraph(none, "bad")], cards
-
-
-def _pictured(worst: WorstCases) -> dict[tuple[str, str, int, str], str]:
+def _pictured(cards: Sequence[Card]) -> dict[tuple[str, str, int, str], str]:
     """The card of every object and, under track "", of every image; of several cards of an image the first."""
-    cards = [*worst.all_objects, *worst.images]
-    return {(*card.key, track): card.element for card in reversed(cards) if card.view for track in ("", card.track)}
+    shown = [card for card in reversed(cards) if card.view]
+    return {(*card.key, track): card.element for card in shown for track in ("", card.track or "")}
 
 
 def _packaged(name: str) -> Markup:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 
 from bench.evaluation import Metric, find_metric
 from bench.evaluation.definitions import IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.summary import ObjectMetrics, Summary
+from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
 from bench.reference import Category
-from bench.reporting.document import Cell, Style, Table
+from bench.reporting.document import Cell, Paragraph, Style, Table
 from bench.reporting.formats import LABELS, chance_of, headline_metrics, metric_cell, percent
 from bench.reporting.page.tables import bound_note, breakdown_table
 
@@ -28,63 +27,40 @@ BREAKDOWNS = {
 LEAST_OBJECT_FRAMES = 10  # of fewer nothing is said
 
 
-class Standing(StrEnum):
-    """Result of a kind of motion against chance, when half of an object must be found."""
+def against_chance(row: ObjectMetrics) -> tuple[Style, str, str]:
+    """Compare the rate of object-frames of which half is found, or any pixel by a protocol without that level.
 
-    ABOVE = "Above chance"
-    NOT_SHOWN = "Not shown to be above chance"
-    FEW_RECORDINGS = "Too few recordings to tell from chance"
-    FEW_CASES = f"Fewer than {LEAST_OBJECT_FRAMES} object-frames"
-    NO_CHANCE = "Without a chance level"
-
-
-_STYLES: dict[Standing, Style] = {Standing.ABOVE: "good", Standing.NOT_SHOWN: "bad"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kind:
-    """A kind of motion with object-frames: a row of the table, and what the statements are made of.
-
-    Attributes:
-        label: for people.
-        row: its metrics.
-        half: rate of object-frames of which half is found, or any pixel by a protocol without that level.
-        standing: of that rate against chance.
+    Returns:
+        style: "good" only where the 95 % interval lies wholly above chance.
+        statement: of a row against chance; it is one of several that exclude each other.
+        numbers: that it rests on.
     """
-
-    label: str
-    row: ObjectMetrics
-    half: str
-    standing: Standing
-
-
-def kinds_of(found: Summary) -> list[Kind]:
-    """The kinds of motion that have object-frames, the lowest IoU first."""
-    rows = {name: row for name, row in found.categories.items() if row.object_frames}
-    ordered = sorted(rows, key=lambda name: rows[name].iou.value)
-    return [_kind(name, rows[name]) for name in ordered]
-
-
-def _kind(name: str, row: ObjectMetrics) -> Kind:
     half = _HALF if _HALF in row.metric_names() else "detection_rate"
-    return Kind(label=LABELS[name], row=row, half=half, standing=_standing(row, half))
-
-
-def _standing(row: ObjectMetrics, half: str) -> Standing:
     rate, chance = row.metric(half), row.metric(chance_of(half)).value
     if row.object_frames < LEAST_OBJECT_FRAMES:
-        return Standing.FEW_CASES
+        return "", f"Fewer than {LEAST_OBJECT_FRAMES} object-frames", f"({row.object_frames})"
     if math.isnan(chance):
-        return Standing.NO_CHANCE
+        return "", "Without a chance level", ""
     if rate.ci95 is None:
-        return Standing.FEW_RECORDINGS
-    return Standing.ABOVE if rate.ci95[0] > chance else Standing.NOT_SHOWN
+        return "", f"Too few recordings to tell from chance, {FEWEST_RECORDINGS} are needed", f"({row.recordings})"
+    condition = " when half of an object must be found" if half == _HALF else ""
+    numbers = f"({percent(rate.value)}, by chance {percent(chance)})"
+    if rate.ci95[0] > chance:
+        return "good", f"Above chance{condition}", numbers
+    return "bad", f"Not shown to be above chance{condition}", numbers
 
 
-def kind_table(kinds: list[Kind]) -> Table:
-    """A row for each kind of motion in their order."""
-    rows = {kind.label: kind.row for kind in kinds}
-    return breakdown_table("By kind of motion, the lowest IoU first", "kind", rows, lowest=lowest_of(rows))
+def kinds_of(found: Summary) -> dict[str, ObjectMetrics]:
+    """The kinds of motion that have object-frames, by their labels, the lowest IoU first."""
+    rows = {LABELS[name]: row for name, row in found.categories.items() if row.object_frames}
+    return dict(sorted(rows.items(), key=lambda item: item[1].iou.value))
+
+
+def kind_tables(found: Summary) -> list[Table]:
+    """A row for each kind of motion in their order; no table without any."""
+    kinds = kinds_of(found)
+    title = "By kind of motion, the lowest IoU first"
+    return [breakdown_table(title, "kind", kinds, lowest=lowest_of(kinds))] if kinds else []
 
 
 def breakdowns(found: Summary) -> list[Table]:
@@ -132,56 +108,28 @@ def _tile(metric: Metric, about: str) -> Cell:
     return replace(cell, below=(*cell.below, about))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Remark:
-    """One statement; `style` gives its mark."""
-
-    style: Style
-    text: str
-
-
-def remarks(found: Summary, kinds: list[Kind]) -> list[Remark]:
+def remarks(found: Summary) -> list[Paragraph]:
     """List what a reader should know first: one statement on chance for each kind of motion; what is clearly lowest.
 
-    Args:
-        found: metrics of a run.
-        kinds: of it, as the table has them.
+    The style of a statement is "good", "bad", or neither.
     """
+    kinds = {label.lower(): row for label, row in kinds_of(found).items()}
     if not kinds:
-        return [Remark(style="", text="No object-frame was evaluated: there is nothing to say of moving objects.")]
-    said = []
-    for standing in Standing:
-        named = [f"{kind.label.lower()} {_beside(kind)}" for kind in kinds if kind.standing is standing]
-        if named:
-            text = f"{standing}{_condition(standing, kinds[0].half)}: {', '.join(named)}."
-            said.append(Remark(style=_STYLES.get(standing, ""), text=text))
-    lowest = [("kind {}", {kind.label.lower(): kind.row for kind in kinds})]
-    lowest += [(words, found.breakdowns.get(name, {})) for name, (_, _, words) in BREAKDOWNS.items()]
-    named = [
-        f"{words.format(name)} with {percent(rows[name].iou.value)}"
-        for words, rows in lowest
-        if (name := lowest_of(rows)) is not None
-    ]
+        why = not_annotated(found) or "No object-frame was evaluated: there is nothing to say of moving objects."
+        return [Paragraph(why)]
+    chances: dict[tuple[Style, str], list[str]] = {}
+    for label, row in kinds.items():
+        style, statement, numbers = against_chance(row)
+        chances.setdefault((style, statement), []).append(f"{label} {numbers}".rstrip())
+    ordered = sorted(chances.items(), key=lambda item: ("good", "bad", "").index(item[0][0]))
+    said = [Paragraph(f"{text}: {', '.join(named)}.", style) for (style, text), named in ordered]
+    split = {"kind {}": kinds} | {words: found.breakdowns.get(name, {}) for name, (_, _, words) in BREAKDOWNS.items()}
+    lowest = [(words, rows, lowest_of(rows)) for words, rows in split.items()]
+    named = [f"{words.format(name)} with {percent(rows[name].iou.value)}" for words, rows, name in lowest if name]
     if named:
-        said.append(Remark(style="bad", text=f"IoU is clearly lower than elsewhere: {'; '.join(named)}."))
+        said.append(Paragraph(f"IoU is clearly lower than elsewhere: {'; '.join(named)}.", "bad"))
     images = found.images
     if left := images.failed + images.skipped:
         text = f"{left} of {images.images} images could not be scored; the last section says why."
-        said.append(Remark(style="bad", text=text))
+        said.append(Paragraph(text, "bad"))
     return said
-
-
-def _condition(standing: Standing, half: str) -> str:
-    if standing is Standing.FEW_RECORDINGS:
-        return f", {FEWEST_RECORDINGS} are needed"
-    return " when half of an object must be found" if standing in _STYLES and half == _HALF else ""
-
-
-def _beside(kind: Kind) -> str:
-    """Return the numbers that the statement on a kind rests on, in parentheses."""
-    rate, chance = kind.row.metric(kind.half), kind.row.metric(chance_of(kind.half)).value
-    if kind.standing is Standing.FEW_CASES:
-        return f"({kind.row.object_frames})"
-    if kind.standing in _STYLES:
-        return f"({percent(rate.value)}, by chance {percent(chance)})"
-    return f"({kind.row.recordings})" if kind.standing is Standing.FEW_RECORDINGS else ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import pandas as pd
@@ -14,7 +14,7 @@ from bench.evaluation.summary import ObjectMetrics, Summary
 from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.reporting.document import Bar, Cell, Column, Table
 from bench.reporting.formats import chance_of, metric_cell, percent
-from bench.reporting.page.worst import WorstCases
+from bench.reporting.page.worst import Card
 from bench.reporting.stored_run import StoredRun
 
 COUNTS = ("object-frames", "objects", "recordings")
@@ -75,7 +75,7 @@ def breakdown_table(caption: str, heading: str, rows: Mapping[str, ObjectMetrics
     )
 
 
-def recording_table(run: StoredRun, worst: WorstCases) -> Table:
+def recording_table(run: StoredRun, cards: Sequence[Card]) -> Table:
     """The recordings with the lowest IoU first, those without object-frames last; at most `LISTED_RECORDINGS`."""
     sums = run.sums.set_index("recording")
     wanted = {"iou": ALL_MOVING, "tpr_all": ALL_MOVING, "false_positive_coverage": FRAMES}
@@ -84,7 +84,7 @@ def recording_table(run: StoredRun, worst: WorstCases) -> Table:
     cases = pd.DataFrame({name: of["denominator"] for name, of in rows.items()})
     found = found.assign(object_frames=cases["iou"], images=cases["false_positive_coverage"]).rename_axis("recording")
     found = found.reset_index().sort_values(["iou", "recording"], ignore_index=True)
-    cards = {card.key[0]: card.element for card in reversed([*worst.all_objects, *worst.images])}
+    first = {card.key[0]: card.element for card in reversed(cards)}
     found = found.fillna({"object_frames": 0, "images": 0})
     shares = [Column(heading, percent) for heading in ("IoU, all", "TPR, all", "wrongly marked")]
     counts = [Column(heading, "{:.0f}".format) for heading in ("object-frames", "images")]
@@ -93,7 +93,7 @@ def recording_table(run: StoredRun, worst: WorstCases) -> Table:
         title=f"By recording, over all its object-frames, the lowest IoU first{shown}",
         columns=["recording", *shares, *counts, "to look at"],
         rows=[
-            [Cell(name, link="#frames"), *values, Cell("worst case", link=f"#{cards[name]}") if name in cards else None]
+            [Cell(name, link="#frames"), *values, Cell("worst case", link=f"#{first[name]}") if name in first else None]
             for name, *values in found[:LISTED_RECORDINGS].itertuples(index=False)
         ],
         look="metrics",
@@ -174,6 +174,7 @@ def ledger_tables(found: Summary) -> list[Table]:
         ["scored", images.evaluated, ""],
         ["skipped", images.skipped, "no image before it to compare with, at the time that is due"],
         ["failed", images.failed, "could not be used"],
+        *([["not annotated", images.not_annotated, "masks without scores"]] if images.not_annotated else []),
         ["all, the sum", images.images, "but the first of each recording, which have no history"],
     ]
     columns = ["outcome", "number", "why"]

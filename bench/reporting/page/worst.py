@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,8 +20,8 @@ from bench.harness import FramePipeline, ProcessedFrame
 from bench.reference import Category, ReferenceObject, Status
 from bench.reporting.canvas import jpeg_uri
 from bench.reporting.count_view import PixelClass, detected_pixels, overlay_counts, pixel_classes
-from bench.reporting.document import Cell, Table
-from bench.reporting.formats import frame_name, image_name
+from bench.reporting.document import Cell, Paragraph, Table
+from bench.reporting.formats import LABELS, frame_name, image_name
 from bench.reporting.overlay import captioned, overlay_polygons
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.panels import draw_panels
@@ -29,7 +29,7 @@ from bench.reporting.side_by_side import ImageKey, Progress, Side, draw_images, 
 from bench.reporting.stored_run import StoredRun, pick
 
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
-Measure = Callable[[pd.DataFrame], "pd.Series[float]"]
+Rank = Callable[[pd.DataFrame], pd.DataFrame]
 APART_NS = 1_000_000_000
 
 
@@ -40,12 +40,10 @@ def worst_objects(objects: Rows, categories: Sequence[Category], *, most: int) -
     """
 
     def rank(rows: pd.DataFrame) -> pd.DataFrame:
-        return rows.sort_values(["coverage", "region_px"], ascending=[True, False], kind="stable")
+        measured = rows.assign(coverage=coverage)
+        return measured.sort_values(["coverage", "region_px"], ascending=[True, False], kind="stable")
 
-    def worst(rows: pd.DataFrame) -> pd.DataFrame:
-        return _spread(rank(rows), by=["category", *IMAGE[:2], "track_id"]).groupby("category").head(most).sort_index()
-
-    found = _records(rank(pick(_parts(objects, OBJECTS_SCHEMA, key=OBJECT, measure=coverage), worst)))
+    found = _worst(objects, OBJECTS_SCHEMA, rank, key=OBJECT, each=["category"], of=[*IMAGE[:2], "track_id"], most=most)
     return {category.value: [row for row in found if row["category"] == category] for category in categories}
 
 
@@ -57,12 +55,10 @@ def worst_frames(frames: Rows, *, most: int) -> list[Row]:
     """
 
     def rank(rows: pd.DataFrame) -> pd.DataFrame:
-        return rows[rows["fp_px"] > 0].sort_values("coverage", ascending=False, kind="stable")
+        marked = rows[rows["fp_px"] > 0].assign(coverage=false_share)
+        return marked.sort_values("coverage", ascending=False, kind="stable")
 
-    def worst(rows: pd.DataFrame) -> pd.DataFrame:
-        return _spread(rank(rows), by=IMAGE[:2]).head(most).sort_index()
-
-    return _records(rank(pick(_parts(frames, FRAMES_SCHEMA, key=IMAGE, measure=false_share), worst)))
+    return _worst(frames, FRAMES_SCHEMA, rank, key=IMAGE, each=["status"], of=IMAGE[:2], most=most)
 
 
 def image_key(row: Row) -> ImageKey:
@@ -70,22 +66,21 @@ def image_key(row: Row) -> ImageKey:
     return row["recording"], row["camera"], row["timestamp_ns"]
 
 
-def _parts(rows: Rows, schema: pa.Schema, *, key: Sequence[str], measure: Measure) -> Iterator[pd.DataFrame]:
-    """The scored rows, in the order of their key, without histograms."""
+def _worst(
+    source: Rows, schema: pa.Schema, rank: Rank, *, key: Sequence[str], each: list[str], of: Sequence[str], most: int
+) -> list[Row]:
+    """The first of the ranked rows of `each` kind; of what `of` names one a second, the first of all before others."""
     flat = [field.name for field in schema if not pa.types.is_list(field.type)]
-    for part in read_parts(rows, flat):
-        yield sort_rows(part[part["status"] == EVALUATED], key).assign(coverage=measure)
+    scored = (part[part["status"] == EVALUATED] for part in read_parts(source, flat))
 
+    def first(rows: pd.DataFrame) -> pd.DataFrame:
+        seconds = rank(rows).assign(second=rows["timestamp_ns"] // APART_NS)
+        apart = seconds.drop_duplicates([*each, *of, "second"])
+        again = apart.duplicated([*each, *of])
+        return pd.concat([apart[~again], apart[again]]).groupby(each).head(most).sort_index()
 
-def _records(rows: pd.DataFrame) -> list[Row]:
-    return [{str(name): value for name, value in row.items()} for row in rows.to_dict("records")]
-
-
-def _spread(ranked: pd.DataFrame, *, by: Sequence[str]) -> pd.DataFrame:
-    """Ranked rows, one a second of each group; the first of every group before all others."""
-    apart = ranked[~ranked.assign(second=ranked["timestamp_ns"] // APART_NS).duplicated([*by, "second"])]
-    again = apart.duplicated(list(by))
-    return pd.concat([apart[~again], apart[again]])
+    chosen = rank(pick((sort_rows(part, key) for part in scored), first)).drop(columns="second")
+    return [{str(name): value for name, value in row.items()} for row in chosen.to_dict("records")]
 
 
 BLIND_BAND_DEG = 10.0
@@ -163,22 +158,13 @@ class FrameView:
         areas: what was found, missed and wrongly marked, as a `data:` address.
         panels: what the method saw.
         close_ups: by track, an evaluated object enlarged.
-        objects: by track, the facts of it that only the image shows.
-        facts: the same of the false positives.
+        facts: by track, those of an evaluated object that only the image shows; None for those of the false positives.
     """
 
     areas: str
     panels: str
     close_ups: dict[str, str]
-    objects: dict[str, dict[str, str]]
-    facts: dict[str, str]
-
-
-def view_frames(
-    run: StoredRun, images: Iterable[ImageKey], *, progress: Progress | None = None
-) -> tuple[dict[ImageKey, FrameView], list[str]]:
-    """Draw images as they were scored; the views of those that could be processed, and why others could not."""
-    return draw_images([run], images, lambda _, frames, pipeline: _view(frames[0], pipeline), progress=progress)
+    facts: dict[str | None, dict[str, str]]
 
 
 def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
@@ -186,16 +172,16 @@ def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
     areas = draw_side_by_side([Side(processed=processed)])
     panels = draw_panels(processed.pixels, segmentation=processed.segmentation, reference=reference)
     tinted = overlay_counts(processed)
-    evaluated = [(k, one) for k, one in enumerate(reference.objects) if one.status is Status.EVALUATED]
+    evaluated = {k: one for k, one in enumerate(reference.objects, start=1) if one.status is Status.EVALUATED}
+    facts: dict[str | None, dict[str, str]] = {None: _facts_of_false(pipeline, processed)}
+    for k, one in evaluated.items():
+        missed = (reference.labels == k) & ~detected
+        facts[one.track_id] = facts_of_missed(pipeline, processed, missed=missed)
     return FrameView(
         areas=figure_uri(areas),
         panels=figure_uri(panels, scale=_PANELS_SCALE),
-        close_ups={one.track_id: _close_up(tinted, one, frame_name(reference)) for _, one in evaluated},
-        objects={
-            one.track_id: facts_of_missed(pipeline, processed, missed=(reference.labels == k + 1) & ~detected)
-            for k, one in evaluated
-        },
-        facts=_facts_of_false(pipeline, processed),
+        close_ups={one.track_id: _close_up(tinted, one, frame_name(reference)) for one in evaluated.values()},
+        facts=facts,
     )
 
 
@@ -280,8 +266,7 @@ class Card:
         title: what it shows.
         facts: what was measured, by heading.
         view: pictures; None without the data.
-        track: of the object; empty for an image.
-        close_up: the object enlarged; empty for an image or without the data.
+        track: of the object; None for an image.
     """
 
     element: str
@@ -289,8 +274,7 @@ class Card:
     title: str
     facts: Mapping[str, str]
     view: FrameView | None
-    track: str = ""
-    close_up: str = ""
+    track: str | None = None
 
     @property
     def facts_line(self) -> str:
@@ -299,45 +283,39 @@ class Card:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WorstCases:
-    """Cards of the galleries, worst first.
+class Gallery:
+    """The worst object-frames of a kind, or images, worst first.
 
     Attributes:
-        objects: cards by category.
-        images: those with most false positives; none on a page of one kind of motion.
-        problems: why pictures are missing, one line each.
+        title: names the kind.
+        of: "object" or "image".
+        cards: with pictures.
     """
 
-    objects: dict[str, list[Card]]
-    images: list[Card]
-    problems: list[str]
+    title: str
+    of: str
+    cards: list[Card]
 
     @property
-    def all_objects(self) -> list[Card]:
-        """The cards of all categories."""
-        return [card for cards in self.objects.values() for card in cards]
+    def table(self) -> Table | Paragraph:
+        """The cards as rows that lead to them; columns that nothing is known of are left out."""
+        if not self.cards:
+            none = {"object": "No object-frame of this kind was evaluated.", "image": "No image has false marks."}
+            return Paragraph(none[self.of], "bad")
+        headings = [heading for heading in self.cards[0].facts if any(card.facts[heading] for card in self.cards)]
+        return Table(
+            title=f"{self.title}, the worst first",
+            columns=[self.of, *headings],
+            rows=[
+                [Cell(card.title, link=f"#{card.element}"), *(card.facts[heading] for heading in headings)]
+                for card in self.cards
+            ],
+        )
 
 
-def worst_table(cards: Sequence[Card], *, title: str, first: str) -> Table:
-    """The cards as the rows of a table, worst first; columns that nothing is known of are left out.
-
-    Args:
-        cards: at least one.
-        title: of the table.
-        first: heading of the first column, which leads to the cards.
-    """
-    headings = [heading for heading in cards[0].facts if any(card.facts[heading] for card in cards)]
-    return Table(
-        title=title,
-        columns=[first, *headings],
-        rows=[
-            [Cell(card.title, link=f"#{card.element}"), *(card.facts[heading] for heading in headings)]
-            for card in cards
-        ],
-    )
-
-
-def worst_cases(run: StoredRun, *, most: int, pictures: bool, progress: Progress | None = None) -> WorstCases:
+def worst_cases(
+    run: StoredRun, *, most: int, pictures: bool, progress: Progress | None = None
+) -> tuple[list[Gallery], list[str]]:
     """Choose the worst of each category and, on a page of all, of the images; draw and measure them.
 
     Args:
@@ -345,43 +323,30 @@ def worst_cases(run: StoredRun, *, most: int, pictures: bool, progress: Progress
         most: cards of a category, and of images.
         pictures: process the images once more.
         progress: called with the images done and their number.
+
+    Returns:
+        galleries: one for each category, then that of the images.
+        problems: why pictures are missing, one line each.
     """
     names = run.protocol.reference.categories if run.category is None else (run.category,)
     objects = worst_objects(run.objects, [Category(name) for name in names], most=most)
     images = worst_frames(run.frames, most=most) if run.category is None else []
-    views: dict[ImageKey, FrameView] = {}
-    problems: list[str] = []
-    if pictures:
-        keys = {image_key(row) for rows in (*objects.values(), images) for row in rows}
-        views, problems = view_frames(run, keys, progress=progress)
-    return WorstCases(
-        objects={
-            name: [_object_card(f"worst-{name}-{n}", row, views) for n, row in enumerate(rows)]
-            for name, rows in objects.items()
-        },
-        images=[_image_card(f"false-{n}", row, views) for n, row in enumerate(images)],
-        problems=problems,
-    )
+    keys = {image_key(row) for rows in (*objects.values(), images) for row in rows} if pictures else set()
+    views, problems = draw_images([run], keys, lambda _, frames, of: _view(frames[0], of), progress=progress)
+    galleries = [
+        Gallery(title=LABELS[name], of="object", cards=[_card(f"worst-{name}-{n}", row, views) for n, row in rows])
+        for name, rows in ((name, enumerate(rows)) for name, rows in objects.items())
+    ]
+    if run.category is None:
+        cards = [_card(f"false-{n}", row, views) for n, row in enumerate(images)]
+        galleries.append(Gallery(title="Most false marks", of="image", cards=cards))
+    return galleries, problems
 
 
-def _object_card(element: str, row: Row, views: Mapping[ImageKey, FrameView]) -> Card:
-    track, view = row["track_id"], views.get(image_key(row))
-    return Card(
-        element=element,
-        key=image_key(row),
-        title=f"{row['object_class']} “{track}”, {_image(row)}",
-        facts=object_facts(row, view.objects.get(track, {}) if view else {}),
-        view=view,
-        track=track,
-        close_up=view.close_ups.get(track, "") if view else "",
-    )
-
-
-def _image_card(element: str, row: Row, views: Mapping[ImageKey, FrameView]) -> Card:
-    view = views.get(image_key(row))
-    facts = image_facts(row, view.facts if view else {})
-    return Card(element=element, key=image_key(row), title=_image(row), facts=facts, view=view)
-
-
-def _image(row: Row) -> str:
-    return image_name(row["recording"], row["camera"], row["timestamp_ns"])
+def _card(element: str, row: Row, views: Mapping[ImageKey, FrameView]) -> Card:
+    key, track = image_key(row), row.get("track_id")
+    view, name = views.get(key), image_name(*key)
+    seen = view.facts.get(track, {}) if view else {}
+    facts = image_facts(row, seen) if track is None else object_facts(row, seen)
+    title = name if track is None else f"{row['object_class']} “{track}”, {name}"
+    return Card(element=element, key=key, title=title, facts=facts, view=view, track=track)

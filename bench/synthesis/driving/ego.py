@@ -88,6 +88,7 @@ def mounted_camera(spec: CameraSpec, *, vehicle_from_camera: RigidTransform | No
         road=RoadPlane.below(mounting),
         stored_size_px=(spec.width, spec.height),
         ego_body=ego_body if ego_body.any() else None,
+        rolling_shutter=None if spec.rolling_shutter is None else spec.rolling_shutter.shutter,
     )
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.cameras import CameraModel, RollingShutter
 from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera, RecordingWriter
 from bench.synthesis.draws import named_rng
@@ -25,6 +28,8 @@ from bench.synthesis.mesh import Mesh, PlacedMesh
 from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.scenario import RecordingSpec, Scenario, SensorSpec
 from bench.synthesis.scene import Lighting, Scene
+
+BAND_S = 1e-3  # in which a car at 50 km/h drives 14 mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,6 +59,28 @@ class Moment:
 
     placed: Sequence[PlacedMesh]
     world_from_vehicle: RigidTransform
+
+
+class _Seen(NamedTuple):
+    """An image before the sensor reads it out: grey values, 1 is white, and the rest as of `RenderedImage`."""
+
+    grey: NDArray[np.float32]
+    instance_ids: NDArray[np.uint16]
+    distances_m: NDArray[np.float32]
+
+
+def readout_bands(camera: CameraModel, shutter: RollingShutter) -> list[tuple[tuple[slice, slice], int]]:
+    """Bands of rows that are rendered at one time each: their pixels, and ns from the middle row to their middle."""
+    upright, everything = shutter.direction in {"down", "up"}, slice(None)
+    size = camera.height if upright else camera.width
+    edges = np.linspace(0, size, min(int(np.ceil(shutter.readout_s / BAND_S)), size) + 1).round().astype(int)
+    middles = np.repeat((edges[1:] + edges[:-1] - 1)[:, None] / 2, 2, axis=1)
+    offsets_ns = np.rint(shutter.row_time_offset_s(middles, camera) * 1e9).astype(int).tolist()
+    spans = [slice(first, last) for first, last in pairwise(edges.tolist())]
+    return [
+        ((span, everything) if upright else (everything, span), offset_ns)
+        for span, offset_ns in zip(spans, offsets_ns, strict=True)
+    ]
 
 
 class ImageRenderer:
@@ -106,6 +133,37 @@ class ImageRenderer:
             shutter: the scene when the shutter opens and closes; None for a still. With `middle` as the first
                 saves posing everything once more: all then moves before the middle as it does after it.
         """
+        return self._read_out(self._seen(middle, shutter), rng)
+
+    def render_rows(
+        self,
+        exposed: Callable[[int], tuple[Moment, tuple[Moment, Moment] | None]],
+        *,
+        shutter: RollingShutter,
+        rng: np.random.Generator,
+    ) -> RenderedImage:
+        """Render one image whose rows are exposed one after the other, in bands of at most a millisecond.
+
+        Args:
+            exposed: gives `middle` and `shutter` of `render`, of rows exposed so many ns after the middle row.
+            shutter: the readout.
+            rng: the sensor noise.
+        """
+        shape = self._lens.valid.shape
+        whole = _Seen(np.empty(shape, np.float32), np.empty(shape, np.uint16), np.empty(shape, np.float32))
+        for band, offset_ns in readout_bands(self._camera.model, shutter):
+            seen = self._seen(*exposed(offset_ns))
+            whole.grey[band] = seen.grey[band]
+            whole.instance_ids[band] = seen.instance_ids[band]
+            whole.distances_m[band] = seen.distances_m[band]
+        return self._read_out(whole, rng)
+
+    def _read_out(self, seen: _Seen, rng: np.random.Generator) -> RenderedImage:
+        pixels = self._sensor.expose(seen.grey, rng)
+        return RenderedImage(pixels=pixels, instance_ids=seen.instance_ids, distances_m=seen.distances_m)
+
+    def _seen(self, middle: Moment, shutter: tuple[Moment, Moment] | None) -> _Seen:
+        """The whole image as all of its rows would see it; arguments as of `render`."""
         lens = self._lens
         shape = lens.valid.shape[0], lens.valid.shape[1]
         bodies = self._bodies.at(self._meshes(middle))
@@ -134,9 +192,7 @@ class ImageRenderer:
         )
         with np.errstate(divide="ignore"):
             distances_m = np.float32(1.0) / inverse_depth  # infinite in the sky
-        return RenderedImage(
-            pixels=self._sensor.expose(grey, rng), instance_ids=ids[triangles], distances_m=distances_m
-        )
+        return _Seen(grey, ids[triangles], distances_m)
 
     def _shaded(
         self,
@@ -206,12 +262,17 @@ def write_images(
     exposure_ms = scene.light.kind.shutter_ms if sensor.exposure_ms is None else sensor.exposure_ms
     half_ns = round(exposure_ms * 1e6 / 2)
     for frame, time_ns in enumerate(scene.image_times_ns.tolist()):
-        middle = moment(scene, time_ns)
-        image = renderer.render(
-            middle,
-            shutter=(middle, moment(scene, time_ns + half_ns)) if half_ns else None,
-            rng=named_rng(scenario.seed, spec.name, camera.name, frame),
-        )
+
+        def exposed(offset_ns: int, time_ns: int = time_ns) -> tuple[Moment, tuple[Moment, Moment] | None]:
+            middle = moment(scene, time_ns + offset_ns)
+            return middle, (middle, moment(scene, time_ns + offset_ns + half_ns)) if half_ns else None
+
+        rng = named_rng(scenario.seed, spec.name, camera.name, frame)
+        if camera.rolling_shutter is None:
+            middle, shutter = exposed(0)
+            image = renderer.render(middle, rng=rng, shutter=shutter)
+        else:
+            image = renderer.render_rows(exposed, shutter=camera.rolling_shutter, rng=rng)
         timestamp_ns = time_ns + FIRST_IMAGE_NS
         writer.image(camera.name, timestamp_ns, image.pixels, jpeg_quality=sensor.jpeg_quality)
         writer.truth(camera.name, timestamp_ns, image.instance_ids)

@@ -4,7 +4,7 @@ import importlib
 
 import pytest
 
-from bench.harness.digests.loaded_code import changed_here
+from bench.harness.digests.loaded_code import changed_here, imported_names
 
 SOURCE = """
 NAMES = {"run", "gate", "view", "sweep", "audit", "compare", "validate", "report", "leaderboard", "evaluate"}
@@ -32,3 +32,28 @@ def test_a_constant_that_was_changed_in_the_process_is_named(module, change):
     vars(loaded).update(change)
     (name,) = change
     assert changed_here(loaded, path, "1") == f"{loaded.__name__}.{name}"
+
+
+IMPORTS = '''
+"""
+import mentioned
+"""
+import one.two as other
+from .beside import NAME
+from ..above import deep
+def late():
+    from lazily import factor; import_module("by.name")  # import remarked
+'''
+
+
+def test_imports_are_those_of_statements_and_nothing_that_text_mentions(tmp_path):
+    (tmp_path / "module.py").write_text(IMPORTS)
+    names = {"one", "one.two", "lazily", "lazily.factor", "by", "by.name"}
+    names |= {"pack", "pack.inner", "pack.inner.beside", "pack.inner.beside.NAME", "pack.above", "pack.above.deep"}
+    assert imported_names("pack.inner.module", tmp_path / "module.py", "1") == names
+
+
+@pytest.mark.parametrize("content", [b"def half(:", b"\x7fELF\0"], ids=["half edited", "machine code"])
+def test_what_is_no_python_imports_nothing(tmp_path, content):
+    (tmp_path / "module.py").write_bytes(content)
+    assert imported_names("module", tmp_path / "module.py", "1") == frozenset()

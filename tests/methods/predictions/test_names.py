@@ -11,7 +11,7 @@ SIZES = ImageSizes(evaluated_px=(8, 4), stored_px=(8, 4))
 
 def camera(images) -> CameraImages:
     named = [NamedImage(timestamp_ns=t, frame=f, file=f"{s}.png", scored=True) for t, f, s in images]
-    return CameraImages(recording="drive", camera="front", sizes=SIZES, images=tuple(named))
+    return CameraImages(recording="drive", camera="front", sizes=SIZES, annotated=True, images=tuple(named))
 
 
 DRIVE = camera([(1_000, 0, "1000"), (2_000, 1, "2000"), (3_000, 2, "3000")])

@@ -1,6 +1,7 @@
 import math
 import re
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -8,17 +9,20 @@ import pytest
 from bench.errors import DataError, UsageError
 from bench.evaluation import holm
 from bench.reporting.compare.changes import HEADLINES, Kind, Verdict, compare_runs, verdict_line
-from bench.reporting.compare.runs import differing_settings, read_comparable
+from bench.reporting.compare.runs import name_methods, read_comparable
 from tests.reporting.compare.runs import IMAGE_PX, IMAGES, RECORDINGS, drawn, write_run
 from tests.support.stored_files import change_summary
+
+CATEGORIES = ["crossing", "overtaking", "preceding", "approaching", "static_ego"]
 
 
 def compared(*folders):
     return compare_runs(read_comparable(folders))
 
 
-def rows_by_name(comparison):
-    return {row.name: row for row in comparison.rows}
+def change(comparison, name, metric):
+    """Of a metric of a kind of motion."""
+    return comparison.changes.droplevel("breakdown").loc[(name, metric)]
 
 
 @pytest.fixture(scope="module")
@@ -29,13 +33,13 @@ def half(tmp_path_factory):
 
 def test_a_run_against_itself_differs_in_nothing(half):
     (found,) = compared(half, half)
-    for row in found.rows:
-        for cell in row.metrics.values():
-            assert cell.change.difference == 0 or cell.change.cases_before == 0
-            assert cell.change.p_value in (None, 1.0)
-            assert cell.verdict in (None, Verdict.THE_SAME, Verdict.NO_CASES)
-    assert [(c.gained, c.lost) for c in found.detections] == [(0, 0)] * 6
-    assert found.frames == []
+    known = found.changes["cases_before"] > 0
+    assert (found.changes.loc[known, "difference"] == 0).all()
+    assert set(found.changes["p_value"].dropna()) == {1.0}
+    assert set(found.changes["verdict"].dropna()) == {Verdict.THE_SAME, Verdict.NO_CASES}
+    assert (found.detections[["gained", "lost"]] == 0).all(axis=None)
+    assert list(found.detections.index) == [*CATEGORIES, "all_moving"]
+    assert found.frames.empty
     assert found.after.label == "half (2)"
     assert verdict_line(found).startswith("half (2) against half, over everything: the same: IoU, all; TPR, all")
 
@@ -43,42 +47,39 @@ def test_a_run_against_itself_differs_in_nothing(half):
 def test_a_run_that_finds_nothing_loses_everything(half, tmp_path):
     nothing = write_run(tmp_path / "nothing", drawn(0), fp_px=0)
     (found,) = compared(half, nothing)
-    whole = found.detections[-1]
+    whole = found.detections.loc["all_moving"]
     assert whole.object_frames == RECORDINGS * IMAGES + 3 * IMAGES
     assert (whole.before, whole.after, whole.gained, whole.lost) == (whole.object_frames, 0, 0, whole.object_frames)
-    rows = rows_by_name(found)
-    assert rows["all_moving"].metrics["detection_rate_50"].verdict is Verdict.WORSE
-    assert rows["crossing"].metrics["detection_rate"].change.difference == -1
-    assert rows["preceding"].metrics["detection_rate_50"].verdict is Verdict.TOO_FEW, "three recordings"
-    assert rows["overtaking"].metrics["iou"].verdict is Verdict.NO_CASES
-    assert math.isnan(rows["all_moving"].metrics["tpr"].change.after), "no detected object-frame"
-    assert rows["frames"].metrics["false_positive_coverage"].change.before == 3072 / IMAGE_PX
-    assert rows["frames"].metrics["false_positive_coverage"].verdict is Verdict.BETTER
-    assert {frame.kind for frame in found.frames} == {Kind.LOST, Kind.FEWER_FALSE}
-    tracks = [(f.recording, f.track_id) for f in found.frames]
-    assert len(tracks) == len(set(tracks)), "one frame per object"
+    assert change(found, "all_moving", "detection_rate_50").verdict == Verdict.WORSE
+    assert change(found, "crossing", "detection_rate").difference == -1
+    assert change(found, "preceding", "detection_rate_50").verdict == Verdict.TOO_FEW, "three recordings"
+    assert change(found, "overtaking", "iou").verdict == Verdict.NO_CASES
+    assert math.isnan(change(found, "all_moving", "tpr").after), "no detected object-frame"
+    assert change(found, "frames", "false_positive_coverage").before == 3072 / IMAGE_PX
+    assert change(found, "frames", "false_positive_coverage").verdict == Verdict.BETTER
+    assert set(found.frames["kind"]) == {Kind.LOST, Kind.FEWER_FALSE}
+    assert not found.frames.duplicated(["recording", "track_id"]).any(), "one frame per object"
 
 
 def test_gained_and_lost_add_up_with_the_detected(half, tmp_path):
     before = drawn(50) | {(r, 0, "crossing"): 0 for r in range(4)}
     after = drawn(50) | {(r, 1, "crossing"): 0 for r in range(7)} | {(0, 2, "preceding"): 0}
     (found,) = compared(write_run(tmp_path / "a", before), write_run(tmp_path / "b", after))
-    counts = {c.name: c for c in found.detections}
-    assert (counts["crossing"].gained, counts["crossing"].lost) == (4, 7)
-    assert (counts["preceding"].gained, counts["preceding"].lost) == (0, 1)
-    for row in found.detections:
-        assert row.after - row.before == row.gained - row.lost
-        cell = rows_by_name(found)[row.name].metrics["detection_rate"]
-        if row.object_frames:
-            assert cell.change.difference * row.object_frames == pytest.approx(row.after - row.before)
+    counts = found.detections
+    assert counts.loc["crossing", ["gained", "lost"]].tolist() == [4, 7]
+    assert counts.loc["preceding", ["gained", "lost"]].tolist() == [0, 1]
+    assert (counts["after"] - counts["before"] == counts["gained"] - counts["lost"]).all()
+    for name, row in counts[counts["object_frames"] > 0].iterrows():
+        difference = change(found, name, "detection_rate").difference
+        assert difference * row.object_frames == pytest.approx(row.after - row.before)
 
 
 def test_the_largest_changes_of_coverage_come_first(half, tmp_path):
     after = drawn(50) | {(1, 1, "crossing"): 20, (2, 1, "crossing"): 5, (2, 2, "crossing"): 10, (3, 0, "crossing"): 80}
     (found,) = compared(half, write_run(tmp_path / "b", after))
-    fell = [(f.recording, f.before, f.after) for f in found.frames if f.kind is Kind.FELL]
-    assert fell == [("drive-2", 0.5, 0.05), ("drive-1", 0.5, 0.2)]
-    assert [(f.recording, f.after) for f in found.frames if f.kind is Kind.ROSE] == [("drive-3", 0.8)]
+    shown = found.frames.set_index("kind")[["recording", "before", "after"]]
+    assert shown.loc[[Kind.FELL]].to_numpy().tolist() == [["drive-2", 0.5, 0.05], ["drive-1", 0.5, 0.2]]
+    assert shown.loc[[Kind.ROSE]].to_numpy().tolist() == [["drive-3", 0.5, 0.8]]
 
 
 def test_holm_runs_over_the_rows_of_one_metric_with_a_p_value(half, tmp_path):
@@ -87,29 +88,27 @@ def test_holm_runs_over_the_rows_of_one_metric_with_a_p_value(half, tmp_path):
     before = drawn(50) | {(0, 0, "approaching"): 50}
     (found,) = compared(write_run(tmp_path / "a", before), write_run(tmp_path / "b", after))
     for metric in HEADLINES:
-        cells = [row.metrics[metric] for row in found.rows if metric in row.metrics]
-        assert [cell.p_holm for cell in cells] == holm([cell.change.p_value for cell in cells])
-    rows = rows_by_name(found)
-    tested = [row.name for row in found.rows if "tpr_all" in row.metrics and row.metrics["tpr_all"].p_holm is not None]
-    assert tested == ["crossing", "all_moving"], "three recordings are no test"
-    lowest, other = rows["all_moving"].metrics["tpr_all"], rows["crossing"].metrics["tpr_all"]
-    assert lowest.p_holm == pytest.approx(2 * lowest.change.p_value)
-    assert other.p_holm == other.change.p_value == 2 / 2**RECORDINGS, "all of them agree"
-    alone = rows["frames"].metrics["false_positive_coverage"]
-    assert alone.p_holm == alone.change.p_value == 1
-    extras = [cell for row in found.rows for name, cell in row.metrics.items() if name not in HEADLINES]
-    assert extras
-    assert all(cell.p_holm is None and cell.verdict is None for cell in extras)
+        rows = found.changes.xs(metric, level="metric")
+        p_values, p_holm = ([None if math.isnan(p) else p for p in rows[name]] for name in ("p_value", "p_holm"))
+        assert p_holm == holm(p_values)
+    tested = found.changes["p_holm"].xs("tpr_all", level="metric").dropna()
+    assert list(tested.index.get_level_values("slice")) == ["crossing", "all_moving"], "three recordings are no test"
+    lowest, other = (change(found, name, "tpr_all") for name in ("all_moving", "crossing"))
+    assert lowest.p_holm == pytest.approx(2 * lowest.p_value)
+    assert other.p_holm == other.p_value == 2 / 2**RECORDINGS, "all of them agree"
+    alone = change(found, "frames", "false_positive_coverage")
+    assert alone.p_holm == alone.p_value == 1
+    extras = found.changes.drop(HEADLINES, level="metric")
+    assert len(extras)
+    assert extras[["p_holm", "verdict"]].isna().all(axis=None)
 
 
 def test_chance_stands_beside_detection_only(half):
     (found,) = compared(half, half)
-    crossing = rows_by_name(found)["crossing"].metrics
-    assert {name for name, cell in crossing.items() if cell.chance} == {
-        "detection_rate", "detection_rate_10", "detection_rate_50",
-    }  # fmt: skip
-    before, after = crossing["detection_rate"].chance
-    assert before.value == after.value == 1, "5 pixels of the other mask"
+    crossing = found.changes.xs("crossing", level="slice").droplevel("breakdown")
+    chances = crossing["chance_before"].dropna()
+    assert set(chances.index) == {"detection_rate", "detection_rate_10", "detection_rate_50"}
+    assert chances["detection_rate"] == crossing["chance_after"]["detection_rate"] == 1, "5 pixels of the other mask"
 
 
 @pytest.mark.parametrize(
@@ -157,12 +156,8 @@ def test_the_order_of_the_rows_changes_nothing(half, tmp_path):
         pq.write_table(table.take(pa.array(range(len(table))[::-1])), two / name)
     change_summary(two)
     (first,), (second,) = compared(half, one), compared(half, two)
-    # As text, since NaN is not equal to itself; sums may differ in their last digits.
-    texts = [
-        re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):.10f}", repr((one.rows, one.frames, one.detections)))
-        for one in (first, second)
-    ]
-    assert texts[0] == texts[1]
+    for name in ("changes", "detections", "frames"):
+        pd.testing.assert_frame_equal(getattr(first, name), getattr(second, name), rtol=1e-10)
 
 
 def test_settings_are_named_where_they_differ(tmp_path):
@@ -170,5 +165,5 @@ def test_settings_are_named_where_they_differ(tmp_path):
     runs = [write_run(tmp_path / str(n), drawn(50), settings=own) for n, own in enumerate(weights)]
     (found,) = compared(*runs)
     assert found.methods == ("nothing (weights.height=0.2)", "nothing (weights.height=0.0)")
-    assert differing_settings([found.before.summary, found.before.summary]) == [{}, {}]
+    assert name_methods([found.before.summary, found.before.summary]) == ["nothing", "nothing"]
     assert re.fullmatch("[01]", found.before.label)

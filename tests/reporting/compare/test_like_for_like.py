@@ -82,22 +82,23 @@ def test_figures_are_those_of_the_images_that_both_scored(runs, order):
         summarise(*(rows_on_both(runs, n, f"{t}.parquet") for t in ("objects", "frames")), protocol=PROTOCOL)
         for n in order
     ]
-    for row in found.rows:
-        if row.name == "frames":
-            figures = [figure.false_positives.coverage for figure in expected]
-            change = row.metrics["false_positive_coverage"].change
-            assert row.frames == 9
+    changes = found.changes.droplevel("breakdown")
+    for name in changes.index.unique("slice"):
+        if name == "frames":
+            figures = [of.false_positives.coverage for of in expected]
+            change = changes.loc[(name, "false_positive_coverage")]
+            assert change.frames == 9
         else:
-            of_row = [e.all_moving if row.name == "all_moving" else e.categories[row.name] for e in expected]
-            assert row.frames == of_row[0].object_frames == of_row[1].object_frames
+            of_row = [e.all_moving if name == "all_moving" else e.categories[name] for e in expected]
+            change = changes.loc[(name, "tpr_all")]
+            assert change.frames == of_row[0].object_frames == of_row[1].object_frames
             figures = [of.tpr_all for of in of_row]
-            change = row.metrics["tpr_all"].change
-            chance = row.metrics["detection_rate"].chance
-            assert [c.cases for c in chance] == [of.chance.cases for of in of_row]
+            chances = changes.loc[(name, "detection_rate"), ["chance_before", "chance_after"]].tolist()
+            assert chances == pytest.approx([of.chance.value for of in of_row], rel=1e-12, nan_ok=True)
         assert (change.before, change.after) == pytest.approx([f.value for f in figures], rel=1e-12, nan_ok=True)
     whole = read_run(runs["one"]).all_moving
-    assert found.detections[-1].object_frames < whole.object_frames, "the first images are left out"
-    assert all(frame.timestamp_ns > 100_000_000 for frame in found.frames)
+    assert found.detections.loc["all_moving"].object_frames < whole.object_frames, "the first images are left out"
+    assert (found.frames["timestamp_ns"] > 100_000_000).all()
 
 
 def test_every_form_says_how_many_images_each_run_had(runs, tmp_path, capsys):
@@ -131,7 +132,7 @@ def test_the_leaderboard_ranks_both_on_their_common_images(runs, tiny_card, tmp_
         rows = [rows_on_both(runs, name, f"{t}.parquet") for t in ("objects", "frames")]
         expected = summarise(*rows, protocol=PROTOCOL)
         assert values[name] == pytest.approx(expected.all_moving.tpr_all.value)
-        assert group.rows[0].object_frames == expected.all_moving.object_frames
+        assert group.rows["all_moving"].object_frames == expected.all_moving.object_frames
     assert values["again"] == values["one"]
 
 

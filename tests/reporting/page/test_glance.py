@@ -9,13 +9,13 @@ from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
 from bench.reference import Category
 from bench.reporting.document import to_html
 from bench.reporting.formats import percent
-from bench.reporting.page.summary import Standing, breakdowns, kind_table, kinds_of, lowest_of, remarks, tiles
+from bench.reporting.page.summary import against_chance, breakdowns, kind_tables, lowest_of, remarks, tiles
 from bench.reporting.page.tables import breakdown_table
 from tests.reporting.summaries import figure, object_figures, summary
 
 
 def told(figures):
-    return [(remark.style, remark.text) for remark in remarks(figures, kinds_of(figures))]
+    return [(remark.style, remark.text) for remark in remarks(figures)]
 
 
 def of_kinds(**rows):
@@ -39,22 +39,21 @@ def without_chance(row):
 
 
 @pytest.mark.parametrize(
-    ("row", "standing", "style", "statement"),
+    ("row", "style", "statement"),
     [
-        (object_figures(0.6), Standing.ABOVE, "good",
+        (object_figures(0.6), "good",
          "Above chance when half of an object must be found: crossing (30.0 %, by chance 6.0 %)"),
-        (at_chance(object_figures(0.6)), Standing.NOT_SHOWN, "bad",
+        (at_chance(object_figures(0.6)), "bad",
          "Not shown to be above chance when half of an object must be found: crossing (20.0 %, by chance 15.0 %)"),
-        (without_intervals(object_figures(0.6)), Standing.FEW_RECORDINGS, "",
+        (without_intervals(object_figures(0.6)), "",
          "Too few recordings to tell from chance, 6 are needed: crossing (5)"),
-        (object_figures(0.6, object_frames=9), Standing.FEW_CASES, "", "Fewer than 10 object-frames: crossing (9)"),
-        (without_chance(object_figures(0.6)), Standing.NO_CHANCE, "", "Without a chance level: crossing"),
+        (object_figures(0.6, object_frames=9), "", "Fewer than 10 object-frames: crossing (9)"),
+        (without_chance(object_figures(0.6)), "", "Without a chance level: crossing"),
     ],
 )  # fmt: skip
-def test_a_kind_of_motion_stands_in_one_statement_on_chance(row, standing, style, statement):
+def test_a_kind_of_motion_stands_in_one_statement_on_chance(row, style, statement):
     found = of_kinds(crossing=row, overtaking=object_figures(0.62))
-    (kind,) = [kind for kind in kinds_of(found) if kind.label == "Crossing"]
-    assert kind.standing is standing
+    assert statement.startswith(against_chance(row)[1])
     ((told_style, text),) = [(style, text) for style, text in told(found) if "crossing" in text]
     assert told_style == style
     assert text.startswith(statement)
@@ -62,7 +61,8 @@ def test_a_kind_of_motion_stands_in_one_statement_on_chance(row, standing, style
 
 
 def test_the_kinds_are_in_the_order_of_iou_and_those_without_cases_left_out():
-    rows = kind_table(kinds_of(summary())).cells()
+    (table,) = kind_tables(summary())
+    rows = table.cells()
     assert [cells[0].text for cells in rows] == ["Preceding", "Approaching", "Crossing", "Overtaking"]
     assert [cells[1].text for cells in rows] == ["15.0 %", "22.5 %", "32.5 %", "45.0 %"]
     assert [cells[1].style for cells in rows] == ["bad", "strong", "strong", "strong"], "clearly the lowest"

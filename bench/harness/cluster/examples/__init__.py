@@ -1,5 +1,23 @@
 """Files that start a run on many machines, ready to be filled in: for SLURM with and without Dask, for Kubernetes."""
 
-from bench.harness.cluster.examples.reading import EXAMPLES, cluster_example
+from __future__ import annotations
 
-__all__ = ["EXAMPLES", "cluster_example"]
+from importlib import resources
+
+from bench.errors import UnknownNameError
+
+EXAMPLES = {"slurm-array": "slurm-array.sh", "slurm-dask": "slurm-dask.sh", "kubernetes": "kubernetes.yaml"}
+
+
+def cluster_example(name: str) -> str:
+    """The text of an example.
+
+    Args:
+        name: one of `EXAMPLES`.
+
+    Raises:
+        UnknownNameError: another one.
+    """
+    if name not in EXAMPLES:
+        raise UnknownNameError("example", name, EXAMPLES)
+    return resources.files(__name__).joinpath(EXAMPLES[name]).read_text(encoding="utf-8")

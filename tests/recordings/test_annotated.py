@@ -1,0 +1,82 @@
+"""What of a recording is annotated: stated by its head or its card, else complete with a file and none without."""
+
+import json
+
+import pytest
+
+from bench.errors import DataError
+from bench.recordings import COMPLETELY, NOT_ANNOTATED, Annotated, load_card, open_dataset, open_native
+from bench.records.recording import ALWAYS_NS
+from tests.support import tiny
+
+AREA = ((-50.0, 4.0), (50.0, 4.0), (50.0, 30.0))
+PARTLY = {"timestamps_ns": [[tiny.TIMES_NS[1], None]], "left_out_m": [[list(point) for point in AREA]]}
+PART = Annotated(spans_ns=((tiny.TIMES_NS[1], ALWAYS_NS[1]),), left_out_m=(AREA,))
+
+
+@pytest.fixture
+def root(tmp_path):
+    return tiny.write_recording(tmp_path / "drives" / "drive")
+
+
+def state(root, annotated):
+    file = root / "recording.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"annotated": annotated}))
+
+
+def by_card(root, **keys):
+    lines = ["name: drives", "title: t", "adapter: native", "root: drives", "licence: none"]
+    card = root.parent.parent / "drives.yaml"
+    card.write_text("\n".join([*lines, *(f"{key}: {json.dumps(value)}" for key, value in keys.items())]))
+    (handle,) = open_dataset(load_card(card))
+    return handle.open()
+
+
+def test_a_file_counts_as_complete_unless_the_recording_says_otherwise(root):
+    assert open_native(root).annotated == COMPLETELY
+    for statement, annotated in (("complete", COMPLETELY), ("none", NOT_ANNOTATED), (PARTLY, PART), (None, COMPLETELY)):
+        state(root, statement)
+        found = open_native(root)
+        assert found.annotated == annotated
+        assert found.tracks, "there to be looked at, whatever counts"
+
+
+def test_without_a_file_nothing_is_annotated(root):
+    (root / "annotations.json").unlink()
+    for statement in (None, "none"):
+        state(root, statement)
+        found = open_native(root)
+        assert (found.annotated, found.tracks) == (NOT_ANNOTATED, ())
+    for statement in ("complete", PARTLY):
+        state(root, statement)
+        with pytest.raises(DataError, match=r"annotations\.json: expected annotations, as recording\.json states them"):
+            open_native(root)
+
+
+def test_a_card_says_it_of_recordings_that_are_annotated(root):
+    assert by_card(root).annotated == COMPLETELY
+    assert by_card(root, annotated=PARTLY).annotated == PART
+    assert by_card(root, annotated="none").annotated == NOT_ANNOTATED
+    state(root, PARTLY)
+    assert by_card(root).annotated == PART
+    assert by_card(root, annotated="complete").annotated == COMPLETELY
+    (root / "annotations.json").unlink()
+    state(root, None)
+    assert by_card(root, annotated="complete").annotated == NOT_ANNOTATED
+
+
+def test_a_folder_of_annotations_stands_in_for_a_missing_file(root):
+    folder = root.parent.parent / "labels"
+    folder.mkdir()
+    (root / "annotations.json").rename(folder / "drive.json")
+    assert by_card(root, annotations="labels").annotated == COMPLETELY
+    assert len(by_card(root, annotations="labels").tracks) == len(tiny.tracks())
+
+
+@pytest.mark.parametrize(
+    "statement", ["some", 1, {"timestamps_ns": []}, {"timestamps_ns": [[5, 4]]}, {"left_out_m": [[[0, 0], [1, 1]]]}]
+)
+def test_statements_that_say_nothing_are_refused(root, statement):
+    state(root, statement)
+    with pytest.raises(DataError, match="annotated"):
+        open_native(root)

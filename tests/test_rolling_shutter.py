@@ -1,0 +1,168 @@
+"""A rendered drive of a camera with a rolling shutter: its truth, its reference and what methods make of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from bench.errors import UsageError
+from bench.evaluation.protocol import load_protocol
+from bench.harness.frames import FramePipeline
+from bench.methods import Method
+from bench.methods.registry import build_method
+from bench.recordings import MountedCamera, Recording, open_native, read_truth
+from bench.reference import visible_region
+from bench.reference.exposure import Exposure
+from bench.reporting.video import SweepViewer
+from bench.synthesis import read_scenario, synthesize
+from bench.synthesis.driving.ego import mounted_rig, own_body
+from bench.synthesis.exact_flow import ExactFlowCaster
+from bench.synthesis.imaging.renderer import ImageRenderer, moment, readout_bands
+from bench.synthesis.imaging.textures import texture_atlas
+from bench.synthesis.mesh import PlacedMesh
+from bench.synthesis.placement import FIRST_IMAGE_NS
+from bench.synthesis.scenario import Scenario
+from bench.synthesis.scene import Scene, build_scene
+
+SCENARIO = """
+name: rolling
+licence: CC0-1.0
+seed: 5
+cameras:
+  - name: left
+    model: radial_polynomial
+    width: 320
+    height: 240
+    parameters: {coefficients: [120.0, -10.0, 17.0, -3.0], principal_point: [159.5, 119.5], max_angle_rad: 1.25}
+    position_m: [2.0, 1.0, 1.0]
+    yaw_deg: 90
+    pitch_down_deg: 10
+    rolling_shutter: {readout_s: 0.025, direction: right}
+lidar: {position_m: [1.2, 0.0, 1.8], rotation_hz: 10, max_range_m: 15}
+recordings:
+  - name: straight          # at 14 m/s, between a car ahead and one behind
+    frames: 4
+    host: {speed_kmh: [50.4]}
+    street: {trees: 0, hedges: 0}
+    actors:
+      - {name: ahead, kind: car, at_s: 0.2, position_m: [8.5, 3.8]}
+      - {name: behind, kind: car, at_s: 0.2, position_m: [-4.0, 3.8]}
+  - name: turning
+    frames: 4
+    host: {speed_kmh: [30], yaw_rate_degps: [30]}
+    street: {curvature_per_m: 0.0628}
+"""
+PROTOCOL = load_protocol("paper-v1")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("rolling")
+    (folder / "scenario.yaml").write_text(SCENARIO)
+    synthesize(folder / "scenario.yaml", folder / "out", workers=1)
+    return folder
+
+
+def opened(folder: Path, name: str, *, rolling: bool = True) -> Recording:
+    drive = open_native(folder / "out" / name)
+    if rolling:
+        return drive
+    return replace(drive, cameras={"left": replace(drive.cameras["left"], rolling_shutter=None)})
+
+
+def staged(folder: Path) -> tuple[Scenario, Scene, MountedCamera]:
+    """The straight drive's scenario, scene and camera."""
+    scenario = read_scenario(folder / "scenario.yaml")
+    spec = scenario.recordings[0]
+    return scenario, build_scene(scenario, spec), mounted_rig(scenario, spec).cameras["left"]
+
+
+def error_m(drive: Recording, scene: Scene, car: PlacedMesh) -> float:
+    """By how much a standing car has to be shifted along the street for its surface to fit the exact mask best."""
+    image, camera = drive.images["left"][-1], drive.cameras["left"]
+    valid = visible_region(camera)
+    exposure = Exposure.at(image.timestamp_ns, recording=drive, camera=camera, valid=valid)
+    scene_from_vehicle = scene.ego.at([image.timestamp_ns - FIRST_IMAGE_NS]).transform()
+    corners = scene_from_vehicle.inverse().apply(car.mesh.corners_m.reshape(-1, 3))
+    true, world_from_vehicle = read_truth(image) == car.instance_id, exposure.vehicle_from_world.inverse()
+    shifts_m, overlaps = np.arange(-0.3, 0.31, 0.02), []
+    for shift_m in shifts_m:
+        shifted = corners + np.array([shift_m, 0.0, 0.0])
+        triangles = exposure.project(world_from_vehicle.apply(shifted)).reshape(-1, 3, 2) * 5 + 2
+        fine = np.zeros((5 * 240, 5 * 320), dtype=np.uint8)
+        for triangle in triangles[np.isfinite(triangles).all(axis=(1, 2))]:
+            cv2.fillConvexPoly(fine, np.rint(triangle).astype(np.int32), 1)
+        shown = valid & (fine[2::5, 2::5] > 0)  # at the centres of the pixels
+        overlaps.append((true & shown).sum() / (true | shown).sum())
+    return float(shifts_m[np.argmax(overlaps)])
+
+
+def test_an_image_is_off_by_what_is_driven_between_its_rows(folder: Path) -> None:
+    """0.35 m are driven in 25 ms at 14 m/s; two cars are seen by the first and the last sixth of the rows."""
+    _, scene, _ = staged(folder)
+    with_rows, at_once = (
+        [error_m(opened(folder, "straight", rolling=rolling), scene, actor.placed(0)) for actor in scene.actors]
+        for rolling in (True, False)
+    )
+    assert np.abs(with_rows).max() < 0.03
+    assert abs(at_once[0] - at_once[1]) > 0.2
+
+
+def test_lidar_points_are_drawn_at_their_rows(folder: Path) -> None:
+    found = []
+    for drive in (opened(folder, "straight"), opened(folder, "straight", rolling=False)):
+        image, camera = drive.images["left"][-1], drive.cameras["left"]
+        exposure = Exposure.at(image.timestamp_ns, recording=drive, camera=camera, valid=visible_region(camera))
+        seen = SweepViewer(drive, camera).see(image)
+        assert seen is not None
+        expected = exposure.project(seen.points_world)
+        assert np.allclose(seen.pixels, expected[camera.model.contains(expected)], atol=1e-6)
+        found.append(expected)
+    assert np.nanmax(np.abs(found[0] - found[1])) > 3
+
+
+def test_each_band_shows_the_scene_at_its_own_time(folder: Path) -> None:
+    scenario, scene, camera = staged(folder)
+    assert camera.rolling_shutter is not None
+    bands = readout_bands(camera.model, camera.rolling_shutter)
+    assert len(bands) == 25
+    assert sorted(u for (_, columns), _ in bands for u in range(320)[columns]) == list(range(320))
+    assert [bands[0][1], bands[-1][1]] == pytest.approx([-12e6, 12e6], abs=0.05e6)
+    image = opened(folder, "straight").images["left"][-1]
+    renderer = ImageRenderer(
+        camera, own_body=own_body(), world=scene.world, atlas=texture_atlas(scenario.seed), light=scene.light,
+        sensor=scenario.cameras[0].sensor,
+    )  # fmt: skip
+    truth, differing = read_truth(image), 0
+    middle = renderer.render(moment(scene, image.timestamp_ns - FIRST_IMAGE_NS), rng=np.random.default_rng(0))
+    for band, offset_ns in bands[3:-3:6]:
+        then = moment(scene, image.timestamp_ns - FIRST_IMAGE_NS + offset_ns)
+        assert np.array_equal(renderer.render(then, rng=np.random.default_rng(0)).instance_ids[band], truth[band])
+        differing += (middle.instance_ids[band] != truth[band]).sum()
+    assert differing > 10
+
+
+@pytest.mark.parametrize("drive", ["straight", "turning"])
+@pytest.mark.parametrize(
+    "method",
+    [build_method("spherical", {"first_guess": True}), build_method("rigid-scene", {"refine_motion": False})],
+    ids=["spherical", "rigid-scene"],
+)
+def test_methods_that_are_told_mark_less_of_what_is_static(folder: Path, drive: str, method: Method) -> None:
+    shares = []
+    for rolling in (True, False):
+        pipeline = FramePipeline(opened(folder, drive, rolling=rolling), "left", method=method, protocol=PROTOCOL)
+        given = pipeline.method_input(3)
+        assert (given.rolling_shutter is not None) == rolling
+        shares.append(method.segment(given).mask.mean())
+    assert shares[0] < 0.6 * shares[1]
+
+
+def test_exact_flow_refuses_a_rolling_shutter(folder: Path) -> None:
+    _, scene, camera = staged(folder)
+    with pytest.raises(UsageError, match="rolling shutter"):
+        ExactFlowCaster(scene, camera, valid=visible_region(camera))

@@ -1,0 +1,185 @@
+"""Each unit that people mistake is really written into a copy of a clean recording: file, field and factor are told."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from bench.egomotion.time_units import other_unit
+from bench.lidar import LidarSweep
+from bench.validation import Severity
+from tests.validation import drive
+from tests.validation.test_faults import (
+    change_boxes,
+    change_bus,
+    change_head,
+    change_json,
+    change_sweeps,
+    found,
+    with_points,
+)
+
+TIMES = {"microseconds": 10**3, "milliseconds": 10**6, "seconds": 10**9}
+LENGTHS = {"centimetres": 100, "millimetres": 1000}
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    return drive.write_drive(tmp_path_factory.mktemp("clean") / "drive")
+
+
+@pytest.fixture
+def root(clean, tmp_path):
+    return shutil.copytree(clean, tmp_path / "drive")
+
+
+def rename(folder):
+    def change(root, factor):
+        for path in sorted((root / folder).iterdir()):
+            path.rename(path.with_stem(str(int(path.stem) // factor)))
+
+    return change
+
+
+def bus_times(root, factor):
+    change_bus(root, lambda row: row.update(timestamp_ns=str(int(row["timestamp_ns"]) // factor)))
+
+
+def annotated_times(root, factor):
+    def change(content):
+        for frame in content["openlabel"]["frames"].values():
+            frame["frame_properties"]["timestamp"] //= factor
+
+    change_json(root / "annotations.json", change)
+
+
+def pose_times(root, factor):
+    """`factor` nanoseconds in place of a second, as a float."""
+    path = drive.trajectory()
+    (root / "egomotion.csv").unlink()
+    rows = zip(path.timestamps_ns.tolist(), path.positions_m.tolist(), path.rotations.as_quat().tolist(), strict=True)
+    lines = [" ".join(map(repr, [time_ns / factor, *place, *turn])) for time_ns, place, turn in rows]
+    (root / "poses.csv").write_text("\n".join(lines) + "\n")
+
+
+def cause(root):
+    """The first finding; all that may follow from it comes later, as warnings."""
+    first, *others = found(root)
+    assert first.severity is Severity.ERROR
+    assert {one.severity for one in others} <= {Severity.WARNING}, others
+    return first
+
+
+@pytest.mark.parametrize("unit", TIMES)
+@pytest.mark.parametrize(
+    ("change", "file", "field"),
+    [
+        (rename("images/front"), "images/front", "names of the images of front"),
+        (rename("lidar"), "lidar", "names of the sweeps"),
+        (bus_times, "egomotion.csv", "time"),
+        (annotated_times, "annotations.json", "timestamp"),
+    ],
+)
+def test_times(root, unit, change, file, field):
+    change(root, TIMES[unit])
+    told = cause(root)
+    assert told.file == str(root / file)
+    assert field in told.field
+    assert unit in f"{told.got} {told.hint}"
+    assert told.hint.endswith(f"multiply them by {TIMES[unit]}")
+
+
+@pytest.mark.parametrize(("unit", "per_ns"), [("milliseconds", 10**6), ("microseconds", 10**3), ("nanoseconds", 1)])
+def test_times_of_poses_are_seconds(root, unit, per_ns):
+    pose_times(root, per_ns)
+    told = cause(root)
+    assert (told.file, told.field) == (str(root / "poses.csv"), "t")
+    assert told.hint == f"these would be {unit}: divide them by {10**9 // per_ns}"
+
+
+def test_seconds_with_decimals(root):
+    change_bus(root, lambda row: row.update(timestamp_ns=str(int(row["timestamp_ns"]) / 1e9)))
+    for path in (root / "images" / "front").iterdir():
+        path.rename(path.with_name(f"{int(path.stem) / 1e9:.6f}.png"))
+    told = [finding for finding in found(root) if finding.hint.startswith("these would be seconds")]
+    files = [finding.file for finding in told]
+    assert str(root / "egomotion.csv") in files
+    assert sum("images/front" in file for file in files) == drive.IMAGES
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("microseconds", 10**3), ("milliseconds", 10**6)])
+def test_times_of_points(root, unit, factor):
+    def timed(sweep):
+        offsets = np.linspace(-50_000_000 // factor, 50_000_000 // factor, len(sweep.points_lidar)).astype(np.int64)
+        return LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=sweep.points_lidar, time_offset_ns=offsets)
+
+    change_sweeps(root, timed)
+    told = cause(root)
+    assert (told.check, told.field) == ("time-unit", "times of the points")
+    assert told.got.startswith(unit)
+    assert told.hint == f"multiply them by {factor}"
+
+
+def scale_boxes(*, places=1, sizes=1):
+    def change(_name, _number, data):
+        values = data["cuboid"][0]["val"]
+        data["cuboid"][0]["val"] = [*(places * v for v in values[:3]), *values[3:7], *(sizes * v for v in values[7:])]
+
+    return lambda root: change_boxes(root, change)
+
+
+def scale_head(*keys):
+    def scale(values, factor):
+        return [scale(one, factor) for one in values] if isinstance(values, list) else values * factor
+
+    def change(root, factor):
+        def head(content):
+            for key in keys[:-1]:
+                content = content[key]
+            content[keys[-1]] = scale(content[keys[-1]], factor)
+
+        change_head(root, head)
+
+    return change
+
+
+@pytest.mark.parametrize("unit", LENGTHS)
+@pytest.mark.parametrize(
+    ("change", "file", "field"),
+    [
+        (lambda root, factor: change_sweeps(root, with_points(lambda p: p * factor)), ".npz", "points"),
+        (scale_head("cameras", "front", "vehicle_from_camera", "translation_m"), "recording.json", "cameras.front."),
+        (scale_head("lidar", "vehicle_from_lidar", "translation_m"), "recording.json", "lidar.vehicle_from_lidar"),
+        (scale_head("vehicle", "outline_m"), "recording.json", "vehicle.outline_m"),
+        (lambda root, factor: scale_boxes(sizes=factor)(root), "annotations.json", "sizes of the boxes"),
+        (lambda root, factor: scale_boxes(places=factor)(root), "annotations.json", "places of the boxes"),
+    ],
+)
+def test_lengths(root, unit, change, file, field):
+    change(root, LENGTHS[unit])
+    told = cause(root)
+    assert told.check == "length-unit"
+    assert told.file.endswith(file)
+    assert told.field.startswith(field)
+    assert told.hint == f"these would be {unit}: multiply them by {1 / LENGTHS[unit]:g}"
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "remedy"),
+    [
+        ("speed_mps", 3.6, "multiply the speed by 0.2778"),
+        ("speed_mps", 1000.0, "multiply the speed by 0.001"),
+        ("yaw_rate_radps", 180 / np.pi, "multiply the yaw rate by 0.01745"),
+    ],
+)
+def test_speed_and_yaw_rate_of_the_bus(root, column, factor, remedy):
+    change_bus(root, lambda row: row.update({column: str(float(row[column]) * factor)}))
+    (told,) = [finding for finding in found(root) if finding.check == "ego-motion-unit"]
+    assert told.hint == f"check unit and sign: {remedy}"
+
+
+@pytest.mark.parametrize("start_ns", [0, 3 * 10**14, 1_700_000_000 * 10**9])
+@pytest.mark.parametrize("step_ns", [500_000, 10**7, 10**8, 2 * 10**9])
+def test_nanoseconds_are_left_alone_whatever_the_clock(start_ns, step_ns):
+    assert other_unit(start_ns + step_ns * np.arange(20)) is None
+    assert other_unit(start_ns + step_ns * np.arange(1)) is None
