@@ -92,7 +92,7 @@ def draw_calibration(recording: Recording, camera_name: str, index: int) -> Figu
         DataError: the image or its sweep cannot be read.
     """
     camera, image = recording.cameras[camera_name], recording.images[camera_name][index]
-    grey = canvas.faded(canvas.rgb_image(read_image(image, camera)), _FADE)
+    grey = canvas.faded(read_image(image, camera), _FADE)
     height_in = _WIDTH_IN * grey.shape[0] / grey.shape[1]
     full_in = 2 * (height_in + _TOP_IN) + _FOOT_IN
     figure = canvas.new_figure(2 * _WIDTH_IN + 3 * _GAP_IN, full_in)
@@ -130,10 +130,11 @@ def _draw_points(axes: Axes, title: str, points_vehicle: NDArray[np.float64], ca
     pixels, seen = _project(points_camera, camera)
     range_m = np.linalg.norm(points_camera[seen], axis=1)
     far_first = np.argsort(-range_m)
+    dots = pixels[seen][far_first]
+    norm = LogNorm(NEAREST_M, FARTHEST_M)
     axes.scatter(
-        pixels[seen][far_first, 0], pixels[seen][far_first, 1], c=range_m[far_first], norm=LogNorm(NEAREST_M, FARTHEST_M), cmap="viridis_r",
-        s=0.35, linewidths=0, rasterized=True,
-    )  # fmt: skip
+        dots[:, 0], dots[:, 1], c=range_m[far_first], norm=norm, cmap="viridis_r", s=0.35, linewidths=0, rasterized=True
+    )
     axes.set_title(title if seen.any() else f"{title}: no points within 100 ms", pad=3)
 
 
