@@ -7,6 +7,7 @@ leads. Flow is computed once; a calibration then costs two projections of a few 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -95,19 +96,31 @@ def seen_flows(recording: Recording, camera: MountedCamera) -> Iterator[SeenFlow
         camera: one of its cameras, `reduced`.
     """
     for row in chosen_pairs(recording, camera.name):
-        previous, current = recording.images[camera.name][row - 1 : row + 1]
-        try:
-            flow = _seen(read_image(current, camera), read_image(previous, camera), camera)
-            points_world = _static_points(recording, current.timestamp_ns)
-        except DataError:
-            continue  # reported by the checks of images and sweeps
-        if flow is not None and points_world is not None:
-            yield SeenFlow(
-                current_ns=current.timestamp_ns,
-                previous_ns=previous.timestamp_ns,
-                flow=flow,
-                points_world=points_world,
-            )
+        with suppress(DataError):  # reported by the checks of images and sweeps
+            found = seen_flow(recording, camera, row)
+            if found is not None:
+                yield found
+
+
+def seen_flow(recording: Recording, camera: MountedCamera, row: int) -> SeenFlow | None:
+    """Flow from an image to the one before it; None where too little moves or has texture, or no sweep is near.
+
+    Args:
+        recording: the drive.
+        camera: one of its cameras, `reduced`.
+        row: index of the image, at least 1.
+
+    Raises:
+        DataError: an image or the sweep cannot be read.
+    """
+    previous, current = recording.images[camera.name][row - 1 : row + 1]
+    flow = _seen(read_image(current, camera), read_image(previous, camera), camera)
+    points_world = _static_points(recording, current.timestamp_ns)
+    if flow is None or points_world is None:
+        return None
+    return SeenFlow(
+        current_ns=current.timestamp_ns, previous_ns=previous.timestamp_ns, flow=flow, points_world=points_world
+    )
 
 
 def chosen_pairs(recording: Recording, camera: str) -> list[int]:
@@ -145,8 +158,10 @@ def _seen(current: NDArray[np.uint8], previous: NDArray[np.uint8], camera: Mount
 
 
 def _static_points(recording: Recording, time_ns: int) -> NDArray[np.float64] | None:
-    """Returns of the nearest sweep that lie on no annotated object, (N, 3), m, world frame."""
+    """Returns of the nearest sweep that lie on no annotated object, (N, 3), m, world frame; None where none is near."""
     sweeps_ns = sweep_times(recording)
+    if not len(sweeps_ns) or np.abs(sweeps_ns - time_ns).min() > SAMPLING.nearest_sweep_ns:
+        return None
     nearest = int(np.argmin(np.abs(sweeps_ns - time_ns)))
     sweep = recording.sweeps[nearest].read()
     points_vehicle = recording.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64))
