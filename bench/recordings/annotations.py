@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from os.path import lexists
 from pathlib import Path
 from typing import Annotated as Of
 from typing import Any, Literal
@@ -69,7 +70,7 @@ def annotated_as(statement: Statement) -> Annotated:
 def annotation_file_in(folder: Path | None, recording: str) -> Path | None:
     """The file of a folder of annotations that stands in for a recording's own; None where there is none."""
     file = None if folder is None else folder / f"{recording}.json"
-    return file if file is not None and file.is_file() else None
+    return file if file is not None and lexists(file) else None  # what is there but no file is an error when it is read
 
 
 def read_annotations(file: Path) -> tuple[Track, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import partial
+from os.path import lexists
 from pathlib import Path
 from typing import Any, Literal
 
@@ -204,7 +205,7 @@ def _tracks(
 
 def _own_annotations(root: Path, stated: Statement | None) -> Path | None:
     file = root / "annotations.json"
-    if file.is_file():
+    if lexists(file):
         refuse_escape(root, file, file=file)
         return file
     if stated not in {None, "none"}:

@@ -166,10 +166,10 @@ def test_the_committed_cards_are_cards():
 
 def test_the_examples_of_the_documentation_are_valid(tmp_path, root):
     text = (REPOSITORY / "docs/your-data.md").read_text("utf-8")
-    (card,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
+    card, annotated = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
     world = (REPOSITORY / "docs/simulated-world.md").read_text("utf-8")
     (series,) = re.findall(r"```yaml\n(.*?)```", world, re.DOTALL)
-    (tmp_path / "example.yaml").write_text(card)
+    (tmp_path / "example.yaml").write_text(card + annotated)
     assert len(load_card(tmp_path / "example.yaml").content.exclusions) == 3
     head = (REPOSITORY / "datasets/demo.scenario.yaml").read_text().split("\nrecordings:")[0]
     (tmp_path / "example.scenario.yaml").write_text(f"{head}\n{series}")
