@@ -85,6 +85,7 @@ SPEEDS = {
     3.6: "m/s read as km/h",
     0.44704: "mph read as m/s",
     0.01: "centimetres read as metres",
+    0.001: "millimetres read as metres",
     -1.0: "the wrong way, forwards for backwards",
     0.0: "a stationary vehicle",
 }
@@ -243,7 +244,7 @@ class _Verdict:
             field=field,
             expected="mounting of the lidar and ego-motion with which neighbouring lidar sweeps meet",
             got=f"{what}; {100 * fit.apart_m:.1f} cm if this is {name}{witnesses}",
-            hint="correct the axes of the points, or the mounting" if one.remounted else "check unit and sign",
+            hint="correct the axes of the points, or the mounting" if one.remounted else _remedy(one, fit),
             times=len(self._compared.steps.motion),
         )
 
@@ -323,6 +324,23 @@ def _penalised(pair: tuple[Hypothesis, Fit]) -> float:
     return pair[1].cost + 10.0 * len(pair[0].free) ** 2
 
 
+def _usual(factor: float, names: dict[float, str]) -> float:
+    """The known factor that a fitted one is, else itself."""
+    near = [value for value in names if abs(factor - value) < max(0.06 * abs(value), 4e-4)]
+    return min(near, key=lambda value: abs(value - factor), default=factor)
+
+
 def _factor_name(factor: float, names: dict[float, str]) -> str:
-    near = [name for value, name in names.items() if abs(factor - value) < max(0.06 * abs(value), 0.004)]
-    return near[0] if near else f"{factor:.3g} times as large"
+    return names.get(_usual(factor, names), f"{factor:.3g} times as large")
+
+
+def _remedy(one: Hypothesis, fit: Fit) -> str:
+    """What to do where odometry of these factors is right."""
+    known = (("speed", "the speed", SPEEDS), ("turn", "the yaw rate", TURNS))
+    usual = {
+        name: _usual(float(fit.values[PARAMETERS.index(free)]), names)
+        for free, name, names in known
+        if free in one.free
+    }
+    scaled = [f"multiply {name} by {factor:.4g}" for name, factor in usual.items() if factor not in {0.0, 1.0}]
+    return f"check unit and sign: {' and '.join(scaled)}" if scaled else "check unit and sign"
