@@ -1,303 +1,37 @@
 """Mistakes that people make with a drive of their own, planted into rendered drives: what `validate` says of each.
 
 python -m benchmarks.planted_mistakes writes the table into docs/your-data.md; with --clean CARD it counts what is found
-in drives without mistakes. Each mistake goes into a copy of each
-drive of planted.scenario.yaml that it can be told in, and the copy is validated. A mistake is found with the right lead
-where a finding that the clean drive does not have names the cause (`Mistake.lead`), weakly where findings name
-something else, and it is silent where there is none.
+in drives without mistakes. Each mistake goes into a copy of each drive of planted.scenario.yaml that it can be told in,
+and the copy is validated. A mistake is found with the right lead where a finding that the clean drive does not have
+names the cause (`Mistake.lead`), weakly where findings name something else, and it is silent where there is none.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import shutil
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
+from functools import cache
 from itertools import groupby
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from bench.recordings import load_card, open_dataset
 from bench.recordings.native import native_recordings
 from bench.synthesis import synthesize
 from bench.validation import Finding, validate_recording
 from benchmarks.false_alarms import with_table
-from tests.support import planting
+from benchmarks.mistakes import MISTAKES, Mistake
 
 HERE = Path(__file__).parent
 SCENARIO = HERE / "planted.scenario.yaml"
 DOCS = HERE.parent / "docs" / "your-data.md"
 MARKERS = "<!-- written by python -m benchmarks.planted_mistakes -->", "<!-- end -->"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mistake:
-    """A mistake.
-
-    Attributes:
-        name: as the table says it.
-        part: the part of the data it is in: lidar, camera, clocks, ego-motion, boxes or units.
-        plant: makes it in a recording's folder.
-        lead: regular expression for the right finding's text, check to hint, without case.
-        drives: the names of the drives in which the data can tell; all drives if empty.
-    """
-
-    name: str
-    part: str
-    plant: Callable[[Path], object]
-    lead: str
-    drives: tuple[str, ...] = ()
-
-
-TURNING = ("turning-by-day", "turning-by-night", "car-park")
-BY_DAY = ("turning-by-day", "straight-by-day", "car-park")
-
-
-def _axes(matrix: Sequence[Sequence[float]], root: Path) -> None:
-    """Multiply every point by a matrix."""
-    turned = np.asarray(matrix, dtype=np.float32)
-    planting.change_sweeps(root, lambda sweep: replace(sweep, points_lidar=sweep.points_lidar @ turned.T))
-
-
-def _turned_mounting(axis: str, degrees: float, root: Path, camera: str = "front") -> None:
-    """Turn a camera about an axis of the vehicle."""
-
-    def turn(head: planting.Json) -> None:
-        mounting = head["cameras"][camera]["vehicle_from_camera"]
-        w, x, y, z = mounting["quaternion_wxyz"]
-        turned = Rotation.from_euler(axis, degrees, degrees=True) * Rotation.from_quat([x, y, z, w])
-        x, y, z, w = turned.as_quat()
-        mounting["quaternion_wxyz"] = [w, x, y, z]
-
-    planting.change_head(root, turn)
-
-
-def _shift_sweeps(milliseconds: float, root: Path) -> None:
-    planting.shift_times(root / "lidar", round(milliseconds * 1e6))
-
-
-def _shift_images(milliseconds: float, root: Path) -> None:
-    for folder in (root / "images").iterdir():
-        planting.shift_times(folder, round(milliseconds * 1e6))
-
-
-def _shift_bus(milliseconds: float, root: Path) -> None:
-    offset_ns = round(milliseconds * 1e6)
-    planting.change_bus(root, lambda row: row.update(timestamp_ns=str(int(row["timestamp_ns"]) + offset_ns)))
-
-
-def _scaled_bus(column: str, factor: float, root: Path) -> None:
-    planting.change_bus(root, lambda row: row.update({column: str(float(row[column]) * factor)}))
-
-
-def _each_box(change: Callable[[list[float]], object], root: Path, only: str | None = None) -> None:
-    """Change x, y, z, quaternion (x, y, z, w), length, width and height of every box, in place."""
-    planting.change_boxes(root, lambda _name, _i, data: change(data["cuboid"][0]["val"]), only=only)
-
-
-def _resized(order: Sequence[int], factor: float, val: list[float]) -> None:
-    val[7:10] = [factor * val[7:10][i] for i in order]
-
-
-def _shortened(by_m: float, val: list[float]) -> None:
-    val[7] = max(val[7] - by_m, 0.2)
-
-
-def _turned(degrees: float, val: list[float]) -> None:
-    turned = Rotation.from_quat(val[3:7]) * Rotation.from_euler("z", degrees, degrees=True)
-    val[3:7] = turned.as_quat().tolist()
-
-
-def _yaw_reversed(val: list[float]) -> None:
-    x, y, z, w = val[3:7]
-    val[3:7] = [-x, y, -z, w]
-
-
-def _mirrored(val: list[float]) -> None:
-    val[1] *= -1
-    _yaw_reversed(val)
-
-
-def _aside(val: list[float]) -> None:
-    way_m = Rotation.from_quat(val[3:7]).apply([0.0, 0.5, 0.0])
-    val[:3] = np.add(val[:3], way_m).tolist()
-
-
-def _raised(heights: float, val: list[float]) -> None:
-    val[2] += heights * val[9]
-
-
-def _into_frame(sensor: str, root: Path) -> None:
-    """Move boxes from the vehicle frame into a sensor's."""
-    head = json.loads((root / "recording.json").read_text())
-    mounting = (
-        head["lidar"]["vehicle_from_lidar"] if sensor == "lidar" else head["cameras"][sensor]["vehicle_from_camera"]
-    )
-    rotation = Rotation.from_quat(mounting["quaternion_wxyz"], scalar_first=True)
-
-    def move(val: list[float]) -> None:
-        val[:3] = rotation.inv().apply(np.subtract(val[:3], mounting["translation_m"])).tolist()
-        val[3:7] = (rotation.inv() * Rotation.from_quat(val[3:7])).as_quat().tolist()
-
-    _each_box(move, root)
-
-
-def _into_world(root: Path) -> None:
-    """Move boxes from the vehicle frame into the frame of the path."""
-    (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
-    path = handle.open().trajectory
-    frames = json.loads((root / "annotations.json").read_text())["openlabel"]["frames"]
-    poses = {int(i): path.world_from_vehicle(one["frame_properties"]["timestamp"]) for i, one in frames.items()}
-
-    def move(_name: str, i: int, data: planting.Json) -> None:
-        val = data["cuboid"][0]["val"]
-        val[:3] = poses[i].apply(np.array(val[:3])).tolist()
-        val[3:7] = (Rotation.from_matrix(poses[i].rotation) * Rotation.from_quat(val[3:7])).as_quat().tolist()
-
-    planting.change_boxes(root, move)
-
-
-def _shift_boxes(milliseconds: float, root: Path) -> None:
-    def later(content: planting.Json) -> None:
-        for frame in content["openlabel"]["frames"].values():
-            frame["frame_properties"]["timestamp"] += round(milliseconds * 1e6)
-
-    planting.change_json(root / "annotations.json", later)
-
-
-def _velocities(change: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]], root: Path) -> None:
-    """Change velocities, given those of the ego vehicle."""
-    (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
-    path = handle.open().trajectory
-    frames = json.loads((root / "annotations.json").read_text())["openlabel"]["frames"]
-    ego = {int(i): path.velocity_vehicle_mps(one["frame_properties"]["timestamp"]) for i, one in frames.items()}
-
-    def each(_name: str, i: int, data: planting.Json) -> None:
-        for entry in data["vec"]:
-            if entry["name"] == "velocity_mps":
-                entry["val"] = change(np.array(entry["val"]), ego[i]).tolist()
-
-    planting.change_boxes(root, each)
-
-
-def _reversed(own_mps: NDArray[np.float64], _ego_mps: NDArray[np.float64]) -> NDArray[np.float64]:
-    return -own_mps
-
-
-def _one_object(root: Path) -> str:
-    """Name of the object that moves fastest."""
-    fastest: dict[str, float] = {}
-
-    def note(name: str, _i: int, data: planting.Json) -> None:
-        speeds = [np.linalg.norm(entry["val"]) for entry in data["vec"] if entry["name"] == "velocity_mps"]
-        fastest[name] = max([fastest.get(name, 0.0), *map(float, speeds)])
-
-    planting.change_boxes(root, note)
-    return max(fastest, key=lambda name: fastest[name])
-
-
-def _left_out(root: Path) -> None:
-    """Leave out the object that moves fastest."""
-    name = _one_object(root)
-
-    def leave_out(content: planting.Json) -> None:
-        del content["openlabel"]["objects"][name]
-        for frame in content["openlabel"]["frames"].values():
-            frame["objects"].pop(name, None)
-
-    planting.change_json(root / "annotations.json", leave_out)
-
-
-def _one_aside(root: Path) -> None:
-    """Move the boxes of the object that moves fastest half a metre to its left."""
-    _each_box(_aside, root, only=_one_object(root))
-
-
-def _box_mistake(
-    name: str, lead: str, change: Callable[[list[float]], object], drives: tuple[str, ...] = ()
-) -> Mistake:
-    return Mistake(name=name, part="boxes", plant=partial(_each_box, change), lead=lead, drives=drives)
-
-
-OBLIQUE = ("turning-by-day", "turning-by-night")  # boxes that are neither along the vehicle nor across it
-SAME = (0, 1, 2)
-BOX_MISTAKES = (
-    _box_mistake("boxes of half size", "half", partial(_resized, SAME, 0.5)),
-    _box_mistake("boxes of double size", "doubled", partial(_resized, SAME, 2.0)),
-    _box_mistake("length and width swapped", "length and width", partial(_resized, (1, 0, 2), 1.0)),
-    _box_mistake("width and height swapped", "width and height", partial(_resized, (0, 2, 1), 1.0)),
-    _box_mistake("boxes 30 cm too short", "too short|too tight", partial(_shortened, 0.3)),
-    _box_mistake("boxes 60 cm too short", "too short|too tight", partial(_shortened, 0.6)),
-    _box_mistake("boxes turned by 90 degrees", "turn(ed)?.*90|90 degrees", partial(_turned, 90.0)),
-    _box_mistake("boxes turned by 180 degrees", "back to front|180", partial(_turned, 180.0)),
-    _box_mistake("boxes mirrored in y", "sign of y|reverse y", _mirrored),
-    _box_mistake("yaw of boxes reversed", "yaw", _yaw_reversed, OBLIQUE),
-    _box_mistake("bottoms given for centres", "bottom", partial(_raised, -0.5)),
-    Mistake(name="boxes in the lidar frame", part="boxes", plant=partial(_into_frame, "lidar"), lead="lidar frame"),
-    Mistake(name="boxes in the front camera's frame", part="boxes", plant=partial(_into_frame, "front"),
-            lead="frame of the camera front"),
-    Mistake(name="boxes in the world frame", part="boxes", plant=_into_world, lead="world frame"),
-    Mistake(name="boxes one sweep late", part="boxes", plant=partial(_shift_boxes, 100.0), lead="boxes.*late"),
-    Mistake(name="boxes one sweep early", part="boxes", plant=partial(_shift_boxes, -100.0), lead="boxes.*early"),
-    Mistake(name="boxes 50 ms late", part="boxes", plant=partial(_shift_boxes, 50.0), lead="boxes.*late"),
-    Mistake(name="velocities relative to the vehicle", part="boxes",
-            plant=partial(_velocities, np.subtract), lead="velocity.*relative"),
-    Mistake(name="velocities reversed", part="boxes", plant=partial(_velocities, _reversed),
-            lead="velocity.*sign"),
-    Mistake(name="the fastest object left out", part="boxes", plant=_left_out, lead="without a box|in no box"),
-    Mistake(name="the fastest object's boxes half a metre to its left", part="boxes",
-            plant=_one_aside, lead="object.*farther"),
-)  # fmt: skip
-
-
-MISTAKES: tuple[Mistake, ...] = (
-    *BOX_MISTAKES,
-    Mistake(
-        name="lidar mirrored in x",
-        part="lidar",
-        plant=partial(_axes, [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]),
-        lead="lidar.*(mirror|x reversed)",
-    ),
-    Mistake(
-        name="front camera turned by 2 degrees to the left",
-        part="camera",
-        plant=partial(_turned_mounting, "z", 2.0),
-        lead="camera.*(turn|yaw|mount)",
-        drives=BY_DAY,
-    ),
-    Mistake(
-        name="sweeps 50 ms late",
-        part="clocks",
-        plant=partial(_shift_sweeps, 50.0),
-        lead="clock.*sweep|sweep.*late",
-        drives=TURNING,
-    ),
-    Mistake(
-        name="images 100 ms late",
-        part="clocks",
-        plant=partial(_shift_images, 100.0),
-        lead="clock.*image|image.*late",
-        drives=TURNING,
-    ),
-    Mistake(
-        name="odometry 100 ms late",
-        part="clocks",
-        plant=partial(_shift_bus, 100.0),
-        lead="clock.*ego|ego.*late",
-        drives=TURNING,
-    ),
-    Mistake(name="speed in km/h", part="units", plant=partial(_scaled_bus, "speed_mps", 3.6), lead="speed.*km/h"),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -325,6 +59,11 @@ def findings_of(root: Path) -> tuple[Finding, ...]:
     return validate_recording(handle).findings
 
 
+@cache
+def _clean_texts(drive: Path) -> frozenset[str]:
+    return frozenset(text_of(finding) for finding in findings_of(drive))
+
+
 def text_of(finding: Finding) -> str:
     """Text of a finding, check to hint."""
     return " | ".join(
@@ -338,7 +77,7 @@ def judged(mistake: Mistake, drive: Path) -> Outcome:
         root = shutil.copytree(drive, Path(folder) / drive.name)
         mistake.plant(root)
         found = {text_of(finding) for finding in findings_of(root)}
-    new = sorted(found - {text_of(finding) for finding in findings_of(drive)})
+    new = sorted(found - _clean_texts(drive))
     right = any(re.search(mistake.lead, text, re.IGNORECASE) for text in new)
     verdict = "right lead" if right else "weak" if new else "silent"
     return Outcome(mistake=mistake.name, part=mistake.part, drive=drive.name, verdict=verdict, findings=tuple(new))
@@ -374,6 +113,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=HERE.parent / "datasets" / "data" / "planted")
     parser.add_argument("--only", default="", help="regular expression of mistakes' names or parts; writes no docs")
+    parser.add_argument("--drives", default="", help="regular expression of drives' names")
     parser.add_argument("--clean", metavar="CARD", help="validate a data set without mistakes instead")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
@@ -384,13 +124,19 @@ def main() -> None:
     synthesize(SCENARIO, asked.data, workers=asked.workers)
     drives = {folder.name: folder for folder in sorted(asked.data.iterdir()) if (folder / "recording.json").is_file()}
     chosen = [one for one in MISTAKES if re.search(asked.only, f"{one.part} {one.name}")]
-    tasks = [(mistake, drives[name]) for mistake in chosen for name in mistake.drives or sorted(drives)]
+    tasks = [
+        (mistake, drives[name])
+        for mistake in chosen
+        for name in mistake.drives or sorted(drives)
+        if re.search(asked.drives, name)
+    ]
     with ProcessPoolExecutor(asked.workers) as pool:
-        outcomes = list(pool.map(judged, *zip(*tasks, strict=True)))
-    for outcome in outcomes:
-        sys.stdout.write(f"{outcome.mistake} in {outcome.drive}: {outcome.verdict}\n")
-        for text in outcome.findings:
-            sys.stdout.write(f"    {text}\n")
+        outcomes = []
+        for outcome in pool.map(judged, *zip(*tasks, strict=True)):
+            outcomes.append(outcome)
+            lines = [f"{outcome.mistake} in {outcome.drive}: {outcome.verdict}", *outcome.findings]
+            sys.stdout.write("\n    ".join(lines) + "\n")
+            sys.stdout.flush()
     if not asked.only:
         DOCS.write_text(with_table(DOCS.read_text("utf-8"), list(table(outcomes)), MARKERS), "utf-8")
 

@@ -31,7 +31,9 @@ def view(
         str | None, typer.Option(metavar="FIRST:LAST[:STEP]", help="Several images, the last one included.")
     ] = None,
     time_ns: Annotated[int | None, typer.Option(help="The image nearest to this time.")] = None,
-    method: options.MethodName = "spherical",
+    method: Annotated[
+        str | None, typer.Option(help="Draw what this method finds, too: a name, or module:Class; default: none.")
+    ] = None,
     set_: options.Settings = None,
     protocol: options.ProtocolName = "paper-v1",
     out: Annotated[
@@ -48,28 +50,53 @@ def view(
         Path | None, typer.Option(help="File for the viewer rerun (the optional extra `viewer`), with lidar and boxes.")
     ] = None,
     lidar: Annotated[bool, typer.Option(help="Draw lidar points into the video.")] = True,
+    calibration: Annotated[
+        bool,
+        typer.Option(
+            "--calibration",
+            help="Draw lidar, road, lens and flow by ego-motion onto the images of each camera instead; no method.",
+        ),
+    ] = False,
 ) -> None:
-    """Draw frames: panels, areas, overlay and lidar clusters of each, a video, or a log for the viewer."""
+    """Draw frames: reference and lidar clusters, with --method what it finds; a video, or a log for the viewer."""
     from bench.api.datasets import Dataset
     from bench.cli.request import render_if_synthetic
     from bench.evaluation import load_protocol
     from bench.harness import FramePipeline, build_scorable
+    from bench.harness.frames import InputOnly
     from bench.methods.settings import parse_settings
     from bench.recordings import load_card, open_dataset
+    from bench.reporting.calibration_view import write_calibration
     from bench.reporting.film import refuse_other_files, write_film
     from bench.reporting.formats import made_by
 
-    card, built = load_card(dataset), build_scorable(method, parse_settings(set_))
+    if method is None and set_:
+        raise UsageError("--set: expected --method, whose setting it is, got none")
+    card = load_card(dataset)
+    built = InputOnly(history=0) if method is None else build_scorable(method, parse_settings(set_))
     rules = load_protocol(protocol)
+    if calibration and video is not None:
+        raise UsageError("--video: expected none with --calibration, which draws pictures and logs (--out, --rrd)")
     refuse_other_files(video=video, rrd=rrd)
     render_if_synthetic(card)
     data = Dataset(card=card, handles=open_dataset(card))
     opened = data[recording or data.names[0]]
+    if camera is not None and camera not in opened.cameras:
+        raise UnknownNameError("camera", camera, opened.cameras)
+    if calibration:
+        cameras = sorted(opened.cameras) if camera is None else [camera]
+        chosen = {
+            name: chosen_frames(
+                opened.images[name], history=1, frame=frame, frames=frames, time_ns=time_ns, all_without=False
+            )
+            for name in cameras
+        }
+        with progress_bar(f"drawing {opened.name}", "images") as progress:
+            note_files(write_calibration(opened, chosen, out=out or PICTURES, rrd=rrd, progress=progress))
+        return
     name = camera or sorted(opened.cameras)[0]
-    if name not in opened.cameras:
-        raise UnknownNameError("camera", name, opened.cameras)
     pipeline = FramePipeline(opened, name, method=built, protocol=rules)
-    made = made_by(built.name, rules.name)
+    made = rules.name if method is None else made_by(built.name, rules.name)
     films = video is not None or rrd is not None
     indices = chosen_frames(
         pipeline.images,
@@ -82,13 +109,24 @@ def view(
     files: list[Path] = []
     if films:
         with progress_bar(f"drawing {opened.name}", "images") as progress:
-            files += write_film(pipeline, indices, video=video, rrd=rrd, lidar=lidar, made_by=made, progress=progress)
+            files += write_film(
+                pipeline,
+                indices,
+                video=video,
+                rrd=rrd,
+                lidar=lidar,
+                made_by=made,
+                with_method=method is not None,
+                progress=progress,
+            )
     if out is not None or not films:
-        files += _pictures(pipeline, indices, out, made)
+        files += _pictures(pipeline, indices, out, made, with_method=method is not None)
     note_files(files)
 
 
-def _pictures(pipeline: FramePipeline, indices: range, out: Path | None, made: str) -> Iterator[Path]:
+def _pictures(
+    pipeline: FramePipeline, indices: range, out: Path | None, made: str, *, with_method: bool
+) -> Iterator[Path]:
     """Pictures of every frame, in a folder named by its image: its index for `--frame`, and the name of its file.
 
     Those of a single frame lie in the folder that was asked for itself. Annotated objects that are not scored, and so
@@ -97,21 +135,26 @@ def _pictures(pipeline: FramePipeline, indices: range, out: Path | None, made: s
     from bench.harness.frames import UnscorableFrame
     from bench.reference import Status
     from bench.reporting.formats import file_name
-    from bench.reporting.frame_pictures import write_frame_pictures
+    from bench.reporting.frame_pictures import write_frame_pictures, write_reference_pictures
 
     usual = PICTURES / f"{file_name(pipeline.recording.name)}-{file_name(pipeline.camera.name)}"
     for index in indices:
         name = f"{index:06d}-{file_name(pipeline.images[index].path.stem)}"
         place = (out or usual) / name if out is None or len(indices) > 1 else out
         try:
-            processed = pipeline.process(index)
+            if with_method:
+                processed = pipeline.process(index)
+                reference = processed.reference
+                yield from write_frame_pictures(processed, pipeline, place, made_by=made)
+            else:
+                reference = pipeline.reference(index)
+                yield from write_reference_pictures(pipeline, index, place, made_by=made)
         except UnscorableFrame as reason:
             if len(indices) == 1:
                 raise UsageError(f"this frame has no score: {reason}") from reason
             say(f"left out: {reason}", style="yellow")
             continue
-        yield from write_frame_pictures(processed, pipeline, place, made_by=made)
-        for found in processed.reference.objects:
+        for found in reference.objects:
             if found.status is not Status.EVALUATED:
                 say(f"{name}: {_not_scored(found)}" if len(indices) > 1 else _not_scored(found))
 

@@ -11,7 +11,7 @@ from bench.harness.frames import UnscorableFrame
 from bench.recordings import read_image
 from bench.reporting.formats import image_name
 from bench.reporting.rerun_log import refuse_other_log, rerun_log, viewer
-from bench.reporting.video import SweepViewer, draw_frame, draw_plain, refuse_other_suffix, video_file
+from bench.reporting.video import SweepViewer, draw_frame, draw_plain, draw_reference, refuse_other_suffix, video_file
 
 
 def refuse_other_files(*, video: Path | None, rrd: Path | None) -> None:
@@ -35,6 +35,7 @@ def write_film(
     rrd: Path | None,
     lidar: bool,
     made_by: str,
+    with_method: bool,
     progress: Callable[[float, int], None],
 ) -> list[Path]:
     """Draw frames, those without a score as they are.
@@ -46,6 +47,7 @@ def write_film(
         rrd: the file for the viewer; None for none.
         lidar: draw lidar points into the pictures.
         made_by: method and protocol, in every picture.
+        with_method: ask the method; else the reference is drawn alone.
         progress: called with the pictures done and their number.
 
     Returns:
@@ -61,13 +63,18 @@ def write_film(
     rate_hz = 1e9 / recording.frame_interval_ns / indices.step
     with ExitStack() as stack:
         film = None if video is None else stack.enter_context(video_file(video, frame_rate_hz=rate_hz))
-        log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, camera=camera.name))
+        log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, cameras=[camera.name]))
         for number, index in enumerate(indices, start=1):
             image = pipeline.images[index]
             seen = sweeps.see(image) if lidar or log is not None else None
             name = f"{image_name(recording.name, camera.name, image.timestamp_ns)}; {made_by}"
+            shown = seen if lidar else None
             try:
-                picture = draw_frame(pipeline.process(index), name, seen if lidar else None)
+                if with_method:
+                    picture = draw_frame(pipeline.process(index), name, shown)
+                else:
+                    pixels = read_image(image, camera, colour=True)
+                    picture = draw_reference(pixels, pipeline.reference(index), name, shown)
             except UnscorableFrame as reason:
                 picture = draw_plain(read_image(image, camera, colour=True), name, f"no score: {reason}")
             if film is not None:

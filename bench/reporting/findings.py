@@ -48,7 +48,7 @@ def _findings(recording: RecordingReport) -> Iterator[Block]:
     for finding in recording.findings:
         text = (finding.severity, finding.expected, finding.got, finding.hint)
         checks.setdefault(finding.check, {}).setdefault(text, []).append(finding)
-    if checks:
+    if checks or recording.undecided:
         yield Heading(recording.name)
     for check, groups in checks.items():
         for (severity, expected, got, hint), findings in list(groups.items())[:SHOWN]:
@@ -59,6 +59,8 @@ def _findings(recording: RecordingReport) -> Iterator[Block]:
                 yield Paragraph(f"           {hint}")
         if rest := sum(map(len, list(groups.values())[SHOWN:])):
             yield Paragraph(f"           ... and {rest} more of {check}; --json FILE has all")
+    for undecided in recording.undecided:
+        yield Paragraph(f"  cannot tell  {undecided.about}: {undecided.why}")
 
 
 def _where(finding: Finding) -> str:

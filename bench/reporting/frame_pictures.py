@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import cv2
@@ -21,8 +21,8 @@ from bench.evaluation.rows import EVALUATED, IMAGE, read_parts
 from bench.harness import FramePipeline, ProcessedFrame, RunSummary, open_tables
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
-from bench.recordings import DatasetCard
-from bench.records.reference import ObjectGeometry, Outline
+from bench.recordings import DatasetCard, ImageRef, read_image
+from bench.records.reference import ObjectGeometry, Outline, ReferenceFrame
 from bench.reference import Category
 from bench.reporting import canvas, formats
 from bench.reporting.formats import file_name, frame_name
@@ -30,7 +30,7 @@ from bench.reporting.overlay import draw_outline, outlined
 from bench.reporting.panels import draw_panels
 from bench.reporting.side_by_side import ImageKey, Side, draw_side_by_side
 from bench.reporting.stored_run import pick
-from bench.reporting.video import draw_frame
+from bench.reporting.video import draw_frame, draw_reference
 
 _WIDTH_IN, _LEFT_IN, _BOTTOM_IN, _TOP_IN, _GAP_IN, _RIGHT_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
 _SURROUNDINGS_M = 3.0
@@ -152,11 +152,40 @@ def write_frame_pictures(
         "areas": canvas.figure_bytes(areas, "png"),
         "overlay": cv2.imencode(".png", overlay)[1].tobytes(),
     }
+    return _written(pictures | _cluster_pictures(reference, processed.image, processed.pixels, pipeline), folder)
+
+
+def write_reference_pictures(pipeline: FramePipeline, index: int, folder: Path, *, made_by: str) -> tuple[Path, ...]:
+    """Write `reference.png` and `cluster-<track>.png` of the evaluated objects of an image, without any method.
+
+    Args:
+        pipeline: of the camera.
+        index: of the image.
+        folder: is made.
+        made_by: the protocol.
+
+    Returns:
+        The files.
+
+    Raises:
+        DataError: the image, its sweep or ego-motion cannot be used.
+    """
+    image, reference = pipeline.images[index], pipeline.reference(index)
+    pixels = read_image(image, pipeline.camera, colour=True)
+    drawn = draw_reference(pixels, reference, f"{frame_name(reference)}; {made_by}")
+    pictures = {"reference": cv2.imencode(".png", drawn)[1].tobytes()}
+    return _written(pictures | _cluster_pictures(reference, image, pixels, pipeline), folder)
+
+
+def _cluster_pictures(
+    reference: ReferenceFrame, image: ImageRef, pixels: NDArray[np.uint8], pipeline: FramePipeline
+) -> dict[str, bytes]:
+    pictures = {}
     for found, polygon in outlined(reference.objects):
-        if processed.image.moving_path is None:
+        if image.moving_path is None:
             cluster = draw_cluster(
-                pipeline.references.geometry(found.track_id, processed.image),
-                image=processed.pixels,
+                pipeline.references.geometry(found.track_id, image),
+                image=pixels,
                 polygon=polygon,
                 vehicle_outline_m=pipeline.recording.vehicle_outline_m,
                 title=f"{found.object_class} {found.track_id}, {found.category}, {found.range_m:.1f} m, "
@@ -164,6 +193,10 @@ def write_frame_pictures(
                 image_name=frame_name(reference),
             )
             pictures[f"cluster-{file_name(found.track_id)}"] = canvas.figure_bytes(cluster, "png")
+    return pictures
+
+
+def _written(pictures: Mapping[str, bytes], folder: Path) -> tuple[Path, ...]:
     for name, content in pictures.items():
         write_bytes(folder / f"{name}.png", content)
     return tuple(folder / f"{name}.png" for name in pictures)

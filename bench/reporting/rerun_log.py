@@ -5,7 +5,7 @@ The viewer knows pinhole cameras only, so what a fisheye sees is projected here 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -30,8 +30,8 @@ LEAST_ROOM_BYTES = 65_536  # with less the library waits for ever
 class RerunLog:
     """Takes frames in turn; see `rerun_log`."""
 
-    def __init__(self, rerun: ModuleType, stream: Any, recording: Recording, camera: str) -> None:
-        self._rr, self._stream, self._recording, self._camera = rerun, stream, recording, camera
+    def __init__(self, rerun: ModuleType, stream: Any, recording: Recording) -> None:
+        self._rr, self._stream, self._recording = rerun, stream, recording
         stream.log("world", rerun.ViewCoordinates.FLU, static=True)
         path_m = recording.trajectory.positions_m.astype(np.float32)
         stream.log("world/path", rerun.LineStrips3D([path_m]), static=True)
@@ -54,7 +54,7 @@ class RerunLog:
         pose = self._recording.trajectory.world_from_vehicle(image.timestamp_ns)
         stream.log("world/vehicle", rr.Transform3D(translation=pose.translation_m, mat3x3=pose.rotation))
         rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
-        stream.log(f"images/{self._camera}", rr.Image(rgb).compress(jpeg_quality=90))
+        stream.log(f"images/{image.camera}", rr.Image(rgb).compress(jpeg_quality=90))
         if seen is not None:
             stream.log("world/lidar", rr.Points3D(seen.points_world.astype(np.float32), radii=POINT_RADIUS_M))
         self._boxes(image.timestamp_ns)
@@ -84,13 +84,13 @@ class RerunLog:
 
 
 @contextmanager
-def rerun_log(path: Path, *, recording: Recording, camera: str) -> Iterator[RerunLog]:
+def rerun_log(path: Path, *, recording: Recording, cameras: Sequence[str]) -> Iterator[RerunLog]:
     """A file for the viewer that appears whole or not at all.
 
     Args:
         path: *.rrd.
         recording: the drive.
-        camera: name of the camera whose images are logged.
+        cameras: names of the cameras whose images are logged.
 
     Yields:
         Takes the frames.
@@ -102,12 +102,12 @@ def rerun_log(path: Path, *, recording: Recording, camera: str) -> Iterator[Reru
     rerun = viewer()
     refuse_other_log(path)
     with replacing(path) as temporary:
-        stream = rerun.RecordingStream("fisheye-bench", recording_id=f"{recording.name}-{camera}")
+        stream = rerun.RecordingStream("fisheye-bench", recording_id="-".join([recording.name, *cameras]))
         temporary.write_bytes(bytes(LEAST_ROOM_BYTES))
         with _write_errors(path):
             stream.save(str(temporary))
         try:
-            yield RerunLog(rerun, stream, recording, camera)
+            yield RerunLog(rerun, stream, recording)
             with _write_errors(path):
                 stream.flush()
         finally:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +17,21 @@ from bench.errors import OutputError, ShapeError, UsageError
 from bench.evaluation.counts import count_frame
 from bench.harness import ProcessedFrame
 from bench.recordings import ImageRef, MountedCamera, Recording
+from bench.records.reference import ReferenceFrame
 from bench.reference.exposure import Readout
 from bench.reference.sweeps import SweepCache
-from bench.reporting.canvas import category_colour
+from bench.reporting.canvas import GREEN, category_colour
 from bench.reporting.count_view import AREA_COLOURS, AREA_NAMES, PixelClass, detected_pixels, overlay_counts
-from bench.reporting.overlay import bgr_image, captioned, kind_legend, outlined, overlay_polygons
+from bench.reporting.overlay import (
+    Legend,
+    bgr_image,
+    captioned,
+    kind_legend,
+    outlined,
+    overlay_areas,
+    overlay_polygons,
+    unknown_bands,
+)
 
 FARTHEST_SWEEP_NS = 100_000_000
 
@@ -101,24 +111,51 @@ def draw_frame(processed: ProcessedFrame, name: str, seen: SeenSweep | None = No
     Returns:
         (H, W, 3) BGR uint8 of even sides; below the image which one it is, its counts and a legend.
     """
-    picture, scale = _enlarged(overlay_counts(processed))
+    reference = processed.reference
+    frame, objects = count_frame(reference, detected_pixels(processed), component_size_px=0)
+    tp, fn = sum(o.tp for o in objects), sum(o.fn for o in objects)
+    counts = f"TP {tp}  FN {fn}  FP {frame.fp_px} px   {len(outlined(reference.objects))} objects"
+    return _drawn(overlay_counts(processed), reference, [name, counts], LEGEND, seen)
+
+
+def draw_reference(
+    image: NDArray[np.uint8], reference: ReferenceFrame, name: str, seen: SeenSweep | None = None
+) -> NDArray[np.uint8]:
+    """Draw the reference of an image alone.
+
+    Args:
+        image: (H, W) grey or (H, W, 3) BGR uint8.
+        reference: of it.
+        name: which image it is, of which protocol.
+        seen: its lidar sweep, if it is to be drawn.
+
+    Returns:
+        (H, W, 3) BGR uint8 of even sides; below the image which one it is, its objects and a legend.
+    """
+    areas = {AREA_COLOURS[PixelClass.UNKNOWN]: unknown_bands(reference) > 0, GREEN: reference.labels > 0}
+    objects = f"{len(outlined(reference.objects))} evaluated objects of {len(reference.objects)} annotated ones"
+    picture = overlay_areas(image, areas, strength=0.4)
+    return _drawn(picture, reference, [name, objects], [(GREEN, "reference")], seen)
+
+
+def _drawn(
+    tinted: NDArray[np.uint8], reference: ReferenceFrame, lines: Sequence[str], legend: Legend, seen: SeenSweep | None
+) -> NDArray[np.uint8]:
+    """A tinted image, enlarged, with lidar points, outlines, lines of text and a legend."""
+    picture, scale = _enlarged(tinted)
     if seen is not None:
         picture = _with_points(picture, seen, scale)
-    shown = outlined(processed.reference.objects)
+    shown = outlined(reference.objects)
+    has_bands = any(target.unknown_px for target, _ in shown)
     shift = 0.5 * scale - 0.5
     picture = overlay_polygons(
         picture,
         polygons=[affine_transform(polygon, [scale, 0, 0, scale, shift, shift]) for _, polygon in shown],
         colours=[category_colour(target.category) for target, _ in shown],
-        thickness=1 if any(target.unknown_px for target, _ in shown) else 2,  # unknown bands stay visible beside it
+        thickness=1 if has_bands else 2,  # unknown bands stay visible beside it
     )
-    frame, objects = count_frame(processed.reference, detected_pixels(processed), component_size_px=0)
-    tp, fn = sum(o.tp for o in objects), sum(o.fn for o in objects)
-    counts = f"TP {tp}  FN {fn}  FP {frame.fp_px} px   {len(shown)} objects"
-    bands = [UNKNOWN] if any(target.unknown_px for target, _ in shown) else []
-    outlines = kind_legend(processed.reference)
-    legend = [*LEGEND, *bands, *([LIDAR] if seen is not None else []), *outlines]
-    return captioned(picture, [name, counts], legend=legend)
+    drawn = [*legend, *([UNKNOWN] if has_bands else []), *([LIDAR] if seen is not None else [])]
+    return captioned(picture, lines, legend=[*drawn, *kind_legend(reference)])
 
 
 def draw_plain(image: NDArray[np.uint8], name: str, text: str) -> NDArray[np.uint8]:

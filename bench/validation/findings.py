@@ -60,6 +60,19 @@ class Finding:
     timestamp_ns: int | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Undecided:
+    """A quantity that a recording cannot tell.
+
+    Attributes:
+        about: the quantity.
+        why: what is missing.
+    """
+
+    about: str
+    why: str
+
+
 def unusable(error: DataError, *, check: str = "file", timestamp_ns: int | None = None) -> Finding:
     """Finding of a file that cannot be read, from its reader's error."""
     fields = {name: getattr(error, name) for name in ("file", "field", "expected", "got", "hint")}

@@ -20,11 +20,13 @@ from bench.validation.annotated import check_annotated
 from bench.validation.box_fit import BoxFit
 from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
+from bench.validation.cameras import check_cameras
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
-from bench.validation.ego_motion import check_ego_limits, check_path
-from bench.validation.findings import Finding, Severity, annotation_file, calibration_file, unusable
+from bench.validation.ego_motion import check_ego_limits
+from bench.validation.findings import Finding, Severity, Undecided, annotation_file, calibration_file, unusable
 from bench.validation.images import check_images
 from bench.validation.motion import check_motion
+from bench.validation.static_world import check_static_world
 from bench.validation.sweeps import SweepChecks
 from bench.validation.units import check_length_units, check_time_units
 
@@ -47,16 +49,18 @@ class RecordingReport:
         name: of the recording.
         findings: errors first, in the order in which they were found; causes before their possible consequences.
         images: how many images were read, and how many there are.
+        undecided: quantities that the recording cannot tell.
         sweeps: how many sweeps were read, and how many there are.
     """
 
     name: str
     findings: tuple[Finding, ...]
+    undecided: tuple[Undecided, ...] = ()
     images: tuple[int, int] = (0, 0)
     sweeps: tuple[int, int] = (0, 0)
 
 
-Check = Callable[[Recording], Iterator[Finding]]
+Check = Callable[[Recording], Iterator[Finding | Undecided]]
 # Each with the parts of a recording that it cannot do without, and the file of findings that name none.
 CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] = (
     (check_time_units, frozenset(), attrgetter("root")),
@@ -65,14 +69,17 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
     (check_clocks, frozenset(), attrgetter("root")),
     (check_coverage, frozenset({"trajectory"}), attrgetter("root")),
     (check_ego_limits, frozenset({"trajectory"}), attrgetter("trajectory.source")),
-    (check_path, frozenset({"trajectory"}), attrgetter("trajectory.source")),
+    (check_static_world, frozenset({"trajectory"}), attrgetter("trajectory.source")),
     (check_annotated, frozenset({"annotations"}), annotation_file),
     (check_annotation_times, frozenset({"annotations"}), annotation_file),
     (check_boxes, frozenset({"annotations"}), annotation_file),
     (check_motion, frozenset({"trajectory", "annotations"}), annotation_file),
+    (check_cameras, frozenset({"trajectory"}), calibration_file),
 )
 
-EGO_MOTION_CHECKS = frozenset({"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit"})
+EGO_MOTION_CHECKS = frozenset(
+    {"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit", "ego-motion-scale"}
+)
 BY_EGO_MOTION = frozenset(
     [
         "object-jump",
@@ -108,6 +115,7 @@ BY_LENGTHS = BY_EGO_MOTION | frozenset(
 CAUSES = (  # what causes it, by which findings that is known, and findings that may follow from it
     ("the unit of times", frozenset({"time-unit"}), BY_TIMES),
     ("the unit of lengths", frozenset({"length-unit"}), BY_LENGTHS),
+    ("the lidar's mounting", frozenset({"lidar-pose"}), BY_EGO_MOTION),
     ("the ego-motion", EGO_MOTION_CHECKS, BY_EGO_MOTION),
 )
 
@@ -124,11 +132,16 @@ def validate_recording(
     """
     opened = _opened(handle)
     findings = [unusable(error) for error in opened.errors]
+    undecided: list[Undecided] = []
     images = sweeps = (0, 0)
     if (recording := opened.recording) is not None:
         for check, needs, file in CHECKS:
             if not needs & opened.missing:
-                findings += [replace(found, file=found.file or str(file(recording))) for found in check(recording)]
+                for found in check(recording):
+                    if isinstance(found, Undecided):
+                        undecided.append(found)
+                    else:
+                        findings.append(replace(found, file=found.file or str(file(recording))))
         rows = {camera: _pairs(len(recording.images[camera]), depth) for camera in recording.cameras}
         sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
         images = sum(map(len, rows.values())), sum(map(len, recording.images.values()))
@@ -147,7 +160,7 @@ def validate_recording(
     for name, causing, following in CAUSES:
         named = _causes_first(named, name, causing, following)
     ordered = tuple(sorted(named, key=lambda finding: finding.severity != "error"))
-    return RecordingReport(name=handle.name, findings=ordered, images=images, sweeps=sweeps)
+    return RecordingReport(name=handle.name, findings=ordered, undecided=tuple(undecided), images=images, sweeps=sweeps)
 
 
 def _causes_first(
@@ -219,7 +232,12 @@ class ValidationReport:
             errors=self.count(Severity.ERROR),
             warnings=self.count(Severity.WARNING),
             recordings=tuple(
-                _StoredRecording(name=one.name, images=_StoredCount.of(one.images), sweeps=_StoredCount.of(one.sweeps))
+                _StoredRecording(
+                    name=one.name,
+                    images=_StoredCount.of(one.images),
+                    sweeps=_StoredCount.of(one.sweeps),
+                    undecided=one.undecided,
+                )
                 for one in self.recordings
             ),
             findings=self.findings,
@@ -240,6 +258,7 @@ class _StoredRecording(FileModel):
     name: str
     images: _StoredCount
     sweeps: _StoredCount
+    undecided: tuple[Undecided, ...]
 
 
 class _StoredReport(FileModel):
@@ -265,6 +284,7 @@ def read_report(file: Path) -> ValidationReport:
             findings=tuple(finding for finding in stored.findings if finding.recording == one.name),
             images=(one.images.read, one.images.every),
             sweeps=(one.sweeps.read, one.sweeps.every),
+            undecided=one.undecided,
         )
         for one in stored.recordings
     ]

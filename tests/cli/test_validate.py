@@ -49,7 +49,17 @@ def test_faults_exit_with_1_and_stand_in_text_and_json(monkeypatch, capsys, fold
     content = json.loads(out.read_text())
     assert (content["dataset"], content["errors"], content["warnings"]) == ("street", 8, 0)
     assert content["recordings"] == [
-        {"name": "drive", "images": {"read": 24, "all": 24}, "sweeps": {"read": 16, "all": 16}}
+        {
+            "name": "drive",
+            "images": {"read": 24, "all": 24},
+            "sweeps": {"read": 16, "all": 16},
+            "undecided": [
+                {
+                    "about": "calibration and clock of camera front",
+                    "why": "no flow is seen: too dark, too little texture, or the vehicle stands",
+                }
+            ],
+        }
     ]
     assert [finding["file"] for finding in content["findings"]] == [str(images[i]) for i in (3, 7, *range(15, 21))]
     assert {finding["check"] for finding in content["findings"]} == {"image"}

@@ -1,16 +1,27 @@
 """`view`: single frames, spans, a time, videos and logs for the viewer."""
 
+import shutil
 import sys
 
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bench.cli.view import chosen_frames
 from bench.errors import UsageError
 from bench.recordings import ImageRef
+from tests.support import planting
 from tests.support.commands import call, error_line
 from tests.validation import drive
+
+
+def turn_camera(head, degrees):
+    mounting = head["cameras"]["front"]["vehicle_from_camera"]
+    turned = Rotation.from_euler("z", degrees, degrees=True) * Rotation.from_quat(
+        mounting["quaternion_wxyz"], scalar_first=True
+    )
+    mounting["quaternion_wxyz"] = turned.as_quat(scalar_first=True).tolist()
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +64,7 @@ def test_a_video_of_all_frames_with_and_without_lidar(monkeypatch, card, tmp_pat
 
 
 def test_pictures_of_several_frames_lie_in_folders_named_by_their_image(monkeypatch, card, tmp_path):
-    assert call(monkeypatch, "view", card, "--frames", "5:6", "--out", tmp_path / "p") == 0
+    assert call(monkeypatch, "view", card, "--method", "spherical", "--frames", "5:6", "--out", tmp_path / "p") == 0
     stems = [file.stem for file in sorted((card.parent / "data/drive").rglob("front/*.png"))]
     names = [f"{index:06d}-{stems[index]}" for index in (5, 6)]
     assert sorted(path.name for path in (tmp_path / "p").iterdir()) == names
@@ -61,7 +72,9 @@ def test_pictures_of_several_frames_lie_in_folders_named_by_their_image(monkeypa
         assert (tmp_path / "p" / name / "overlay.png").read_bytes().startswith(b"\x89PNG")
     monkeypatch.chdir(tmp_path)
     assert call(monkeypatch, "view", card, "--frame", 5) == 0
-    assert (tmp_path / "reports/runs/view/drive-front" / names[0] / "panels.png").is_file()
+    shown = {path.name for path in (tmp_path / "reports/runs/view/drive-front" / names[0]).iterdir()}
+    assert "reference.png" in shown
+    assert not shown & {"panels.png", "areas.png", "overlay.png"}, "no method was asked for"
 
 
 def test_a_frame_by_its_time(monkeypatch, capsys, card, tmp_path):
@@ -70,7 +83,7 @@ def test_a_frame_by_its_time(monkeypatch, capsys, card, tmp_path):
     told = capsys.readouterr().out.splitlines()
     assert told[:2] == ["vehicle 'parked': does not move", "pedestrian 'walker': ignored, polygon too small"]
     assert call(monkeypatch, "view", card, "--frame", 7, "--out", tmp_path / "b") == 0
-    assert (tmp_path / "a" / "overlay.png").read_bytes() == (tmp_path / "b" / "overlay.png").read_bytes()
+    assert (tmp_path / "a" / "reference.png").read_bytes() == (tmp_path / "b" / "reference.png").read_bytes()
 
 
 def test_a_log_for_the_viewer(monkeypatch, card, tmp_path):
@@ -91,9 +104,38 @@ def test_without_the_viewer_the_message_says_what_to_install(monkeypatch, capsys
     assert not list(tmp_path.iterdir())
 
 
+def test_the_calibration_of_each_camera_without_annotations(monkeypatch, tmp_path):
+    """Where the lidar's wall meets the image's moves with a camera that is turned in the head alone."""
+    root = drive.write_drive(tmp_path / "data" / "drive")
+    (root / "annotations.json").unlink()
+    (tmp_path / "card.yaml").write_text("name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\n")
+    pictures = []
+    for name, turn_deg in (("as-it-is", 0.0), ("turned", 10.0)):
+        planting.change_head(root, lambda head, turn_deg=turn_deg: turn_camera(head, turn_deg))
+        assert call(monkeypatch, "view", tmp_path / "card.yaml", "--calibration", "--out", tmp_path / name) == 0
+        (file,) = (tmp_path / name).rglob("*.png")
+        assert file.parent.parent.name == "drive-front"
+        assert file.name == "calibration.png"
+        pictures.append(cv2.imread(str(file)).astype(int))
+    differs = np.abs(pictures[0] - pictures[1]).max(axis=2) > 40
+    height, width = differs.shape
+    assert differs[: height // 2].mean() > 0.01  # lidar
+    assert differs[height // 2 :, width // 2 :].mean() > 0.002  # horizon and road
+
+
+def test_the_calibration_without_lidar(monkeypatch, tmp_path):
+    root = drive.write_drive(tmp_path / "data" / "drive")
+    shutil.rmtree(root / "lidar")
+    (root / "annotations.json").unlink()
+    (tmp_path / "card.yaml").write_text("name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\n")
+    assert call(monkeypatch, "view", tmp_path / "card.yaml", "--calibration", "--out", tmp_path / "p") == 0
+    assert len(list((tmp_path / "p").rglob("calibration.png"))) == 1
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (("--calibration", "--video", "OUT.mp4"), "--video: expected none with --calibration"),
         (("--video", "OUT.gif"), "expected a file *.mp4, *.webm, *.avi"),
         (("--rrd", "OUT.txt"), "expected a file *.rrd"),
         (("--frame", "5", "--frames", "5:6"), "expected one of --frame, --frames and --time-ns"),

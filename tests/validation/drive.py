@@ -9,6 +9,8 @@ from bench.egomotion import planar_trajectory
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
+from bench.recordings.native import native_recordings
+from bench.validation import Depth, validate_recording
 from tests.support.tiny import HEIGHT, OUTLINE_M, VEHICLE_FROM_LIDAR, WIDTH, front_camera
 
 START_NS = 1_700_000_000_000_000_000
@@ -124,3 +126,12 @@ def write_drive(root: Path) -> Path:
 def quaternion_wxyz(transform: RigidTransform, turn: Rotation) -> list[float]:
     """The mounting turned further, as the head writes it."""
     return (Rotation.from_matrix(transform.rotation) * turn).as_quat(canonical=True, scalar_first=True).tolist()
+
+
+def found(root, depth=Depth.SAMPLED):
+    (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
+    return list(validate_recording(handle, depth=depth).findings)
+
+
+def with_points(points):
+    return lambda sweep: LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=points(sweep.points_lidar))

@@ -13,7 +13,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings, open_native
-from bench.validation import Depth, Severity, box_fit, boxes, validate_recording
+from bench.validation import Depth, Severity, box_fit, boxes
 from bench.validation.boxes import check_boxes
 from bench.validation.report import BY_EGO_MOTION
 from bench.validation.sweeps import seen_road
@@ -29,6 +29,7 @@ from tests.support.planting import (
     sweep_files,
 )
 from tests.validation import drive
+from tests.validation.drive import found, with_points
 
 
 @pytest.fixture(scope="module")
@@ -41,11 +42,6 @@ def root(clean, tmp_path):
     return shutil.copytree(clean, tmp_path / "drive")
 
 
-def found(root, depth=Depth.SAMPLED):
-    (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
-    return list(validate_recording(handle, depth=depth).findings)
-
-
 def checks(root):
     return {(finding.check, finding.severity) for finding in found(root)}
 
@@ -56,10 +52,6 @@ def error(check):
 
 def warning(check):
     return {(check, Severity.WARNING)}
-
-
-def with_points(points):
-    return lambda sweep: LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=points(sweep.points_lidar))
 
 
 def images(root):

@@ -9,7 +9,8 @@ from bench.recordings.native import open_native
 from bench.validation.box_fit import BoxFit
 from bench.validation.boxes import check_boxes
 from bench.validation.motion import check_motion
-from benchmarks.planted_mistakes import BOX_MISTAKES, Outcome, table, text_of
+from benchmarks.mistakes import OF_BOXES
+from benchmarks.planted_mistakes import Outcome, table, text_of
 from tests.validation import drive
 
 # The small drive cannot tell: its lidar sees one side of the object, and its beams are few.
@@ -29,7 +30,7 @@ def findings(root):
     return [*check_boxes(recording), *check_motion(recording), *fit.findings()]
 
 
-@pytest.mark.parametrize("mistake", [pytest.param(m, id=m.name) for m in BOX_MISTAKES if m.name not in UNTOLD])
+@pytest.mark.parametrize("mistake", [pytest.param(m, id=m.name) for m in OF_BOXES if m.name not in UNTOLD])
 def test_a_planted_mistake_is_named(clean, tmp_path, mistake):
     root = shutil.copytree(clean, tmp_path / "drive")
     mistake.plant(root)
@@ -40,7 +41,7 @@ def test_a_planted_mistake_is_named(clean, tmp_path, mistake):
 @pytest.mark.parametrize(("name", "sign"), [("boxes 50 ms late", 1), ("boxes one sweep early", -2)])
 def test_lateness_has_an_interval_that_holds_it(clean, tmp_path, name, sign):
     root = shutil.copytree(clean, tmp_path / "drive")
-    (mistake,) = [one for one in BOX_MISTAKES if one.name == name]
+    (mistake,) = [one for one in OF_BOXES if one.name == name]
     mistake.plant(root)
     (told,) = [finding for finding in findings(root) if "ms to" in finding.got or "ms)" in finding.got]
     low, high = map(int, re.search(r"\((\d+) to (\d+) ms\)", told.got).groups())

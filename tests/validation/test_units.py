@@ -8,16 +8,9 @@ import pytest
 from bench.egomotion.time_units import other_unit
 from bench.lidar import LidarSweep
 from bench.validation import Severity
+from tests.support.planting import change_boxes, change_bus, change_head, change_json, change_sweeps
 from tests.validation import drive
-from tests.validation.test_faults import (
-    change_boxes,
-    change_bus,
-    change_head,
-    change_json,
-    change_sweeps,
-    found,
-    with_points,
-)
+from tests.validation.drive import found, with_points
 
 TIMES = {"microseconds": 10**3, "milliseconds": 10**6, "seconds": 10**9}
 LENGTHS = {"centimetres": 100, "millimetres": 1000}

@@ -1,0 +1,299 @@
+"""Least squares of a camera's calibration and clock on the flow seen at static lidar returns.
+
+Rotation, focal length, centre of the image, position and clock leave different residual fields. Each has a prior: the
+wide one where it is taken for the cause, the narrow one, what a good calibration leaves, where it is not. What the
+ego-motion does not know (bias of its yaw rate, scale of its speed, springs of the body) is fitted along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bench.cameras import CameraModel
+from bench.egomotion import Trajectory
+from bench.geometry import RigidTransform
+from bench.validation.static_flow import SeenFlow
+
+Floats = NDArray[np.float64]
+DEGREE = float(np.pi / 180)
+SECOND_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """Numbers of the calibration that are wrong together.
+
+    Attributes:
+        numbers: how many.
+        narrow: standard deviation where it is right: what a calibration at the end of the line leaves.
+        wide: standard deviation where it is wrong.
+        step: of the numeric derivative, about a pixel.
+    """
+
+    numbers: int
+    narrow: float
+    wide: float
+    step: float
+
+
+PARTS = {
+    "rotation": Part(numbers=3, narrow=0.15 * DEGREE, wide=5.0 * DEGREE, step=0.005),  # rad, camera axes
+    "focal": Part(numbers=1, narrow=0.003, wide=0.2, step=0.005),  # logarithm of the scale
+    "centre": Part(numbers=2, narrow=0.5, wide=20.0, step=1.0),  # px, right and down
+    "position": Part(numbers=3, narrow=0.02, wide=0.3, step=0.02),  # m, vehicle axes
+    "clock": Part(numbers=1, narrow=0.001, wide=0.1, step=0.004),  # s, that the stated times are early
+    # What the ego-motion gets wrong, the same in the whole drive; never the cause here.
+    "yaw bias": Part(numbers=1, narrow=0.2 * DEGREE, wide=0.0, step=0.01),  # rad/s
+    "speed scale": Part(numbers=1, narrow=0.01, wide=0.0, step=0.01),
+    "direction": Part(numbers=2, narrow=0.3 * DEGREE, wide=0.0, step=0.01),  # rad, left and up
+}
+CAUSES = ("rotation", "focal", "centre", "position", "clock")
+_STARTS = np.cumsum([0, *(part.numbers for part in PARTS.values())])
+SLICES = {name: slice(int(a), int(b)) for name, a, b in zip(PARTS, _STARTS[:-1], _STARTS[1:], strict=True)}
+STEPS = np.concatenate([np.full(part.numbers, part.step) for part in PARTS.values()])
+# Of each pair: rotation about the vehicle's axes, rad/s; speed to the front, to the left and up, parts of the speed.
+# Braking from 30 km/h lets a nose dive by 1 degree in half a second; bumps are slower.
+PAIR_SIGMAS = np.array([1.5 * DEGREE, 1.5 * DEGREE, 0.2 * DEGREE, 0.01, 0.005, 0.015])
+PAIR_STEPS = np.array([0.05, 0.05, 0.05, 0.01, 0.01, 0.01])
+POINTS = 250  # of each pair
+LEAST_POINTS, LEAST_PAIRS = 40, 6
+STEPS_OF_FIT = 6
+STARTS = {
+    "rotation": tuple(sign * size * DEGREE for sign in (-1, 1) for size in (1.0, 2.0, 3.5, 5.0)),
+    "focal": (-0.2, -0.1, -0.05, 0.05, 0.1, 0.2),
+    "centre": (-20.0, -10.0, -5.0, 5.0, 10.0, 20.0),
+    "position": (-0.5, -0.3, -0.15, 0.15, 0.3, 0.5),
+    "clock": (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1),
+}
+AGREES_PX, AGREES = 0.4, 0.15  # residual of flow as predicted, px or part of its length
+LEAST_SEEN = 0.3  # of the points: on fewer a fit says nothing
+SCALE_PX = (0.15, 1.0)  # of the residual, for Cauchy's weights
+TOGETHER = 10.0  # points whose flow errs alike: DIS smooths over patches, and lidar returns lie close
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit:
+    """A calibration that fits the flow.
+
+    Attributes:
+        values: (14,) float64, as `PARTS`: true minus stated.
+        sigmas: (14,) float64, standard deviations.
+        cost: minus the logarithm of the likelihood.
+        lengths_px: (N,) float64, residual of each point; NaN where its flow is not seen.
+        share: of the points whose flow is as predicted.
+        residual_px: median length of the residual.
+        scale_px: of the residual, for Cauchy's weights.
+    """
+
+    values: Floats
+    sigmas: Floats
+    cost: float
+    lengths_px: Floats
+    share: float
+    residual_px: float
+    scale_px: float
+
+
+def gain(stated: Fit, other: Fit) -> float:
+    """By how much another fit, of the same points and scale, raises the log-likelihood of what both see."""
+    both = np.isfinite(stated.lengths_px) & np.isfinite(other.lengths_px)
+    if both.mean() < LEAST_SEEN:
+        return 0.0
+    one, two = (np.log1p((fit.lengths_px[both] / fit.scale_px) ** 2).mean() for fit in (stated, other))
+    return float(one - two) * len(both) / TOGETHER
+
+
+class CameraFit:
+    """A camera's seen flow, and its residual for any calibration.
+
+    Args:
+        flows: of pairs of images.
+        trajectory: ego-motion.
+        model: the lens, as stated.
+        vehicle_from_camera: the mounting, as stated.
+    """
+
+    def __init__(
+        self,
+        flows: Sequence[SeenFlow],
+        trajectory: Trajectory,
+        model: CameraModel,
+        vehicle_from_camera: RigidTransform,
+    ) -> None:
+        self._flows, self._trajectory, self._model, self._stated = flows, trajectory, model, vehicle_from_camera
+        self._times_ns = np.array([[f.current_ns, f.previous_ns] for f in flows], dtype=np.int64)
+        self._seconds = np.diff(self._times_ns[:, ::-1], axis=1)[:, 0] / SECOND_NS
+        self._no_errors = np.zeros((len(flows), len(PAIR_SIGMAS)))
+        self._points = np.concatenate([flow.points_world for flow in flows])
+        self._pair = np.repeat(np.arange(len(flows)), [len(flow.points_world) for flow in flows])
+        self.enough = self._select()
+        self.points = len(self._points) if self.enough else 0
+
+    def residuals(self, values: Floats, pair_errors: Floats | None = None) -> tuple[Floats, Floats]:
+        """Seen minus predicted place in the previous image, and seen flow, of all points; NaN where not seen.
+
+        Args:
+            values: (14,) float64, as `Fit`.
+            pair_errors: (pairs, 6) float64, as `PAIR_SIGMAS`.
+
+        Returns:
+            residual, flow: (N, 2) float64, px.
+        """
+        errors = self._no_errors if pair_errors is None else pair_errors
+        clock_ns = round(float(values[SLICES["clock"]][0]) * SECOND_NS)
+        rotations, positions_m, _ = self._trajectory.at((self._times_ns + clock_ns).ravel())
+        rotations, positions_m = rotations.reshape(-1, 2, 3, 3), positions_m.reshape(-1, 2, 3)
+        now, before = rotations[:, 0], rotations[:, 1]
+        back = before.transpose(0, 2, 1) @ now
+        path_m = np.einsum("nji,nj->ni", before, positions_m[:, 0] - positions_m[:, 1])
+        turn = errors[:, :3] * self._seconds[:, None]
+        turn[:, 2] += float(values[SLICES["yaw bias"]][0]) * self._seconds
+        back = Rotation.from_rotvec(turn).as_matrix() @ back
+        length_m, (left, up) = np.linalg.norm(path_m, axis=1), values[SLICES["direction"]]
+        path_m = path_m * (1.0 + values[SLICES["speed scale"]] + errors[:, 3:4])
+        path_m[:, 1] += length_m * (left + errors[:, 4])
+        path_m[:, 2] += length_m * (up + errors[:, 5])
+
+        pair = self._pair
+        vehicle_now = np.einsum("nji,nj->ni", now[pair], self._points - positions_m[pair, 0])
+        vehicle_before = np.einsum("nij,nj->ni", back[pair], vehicle_now) + path_m[pair]
+        seen = self._pixels(vehicle_now, values)
+        flow = np.full_like(seen, np.nan)
+        for i, one in enumerate(self._flows):
+            rows = slice(*np.searchsorted(pair, [i, i + 1]))
+            if rows.start == rows.stop:
+                continue
+            u, v = seen[rows].astype(np.float32).T
+            flow[rows] = cv2.remap(
+                one.flow, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(np.nan, np.nan)
+            ).reshape(-1, 2)
+        return seen + flow - self._pixels(vehicle_before, values), flow
+
+    def fit(self, causes: Collection[str], *, scale_px: float | None = None) -> Fit | None:
+        """Gauss-Newton with Cauchy's weights; the best of its steps.
+
+        Args:
+            causes: parts that may be wrong.
+            scale_px: of the residual; None to estimate it.
+
+        Returns:
+            None where too little is seen.
+        """
+        if not self.enough:
+            return None
+        sigmas = np.concatenate([np.full(p.numbers, p.wide if n in causes else p.narrow) for n, p in PARTS.items()])
+        values, errors = self._start(causes, scale_px), self._no_errors
+        best: Fit | None = None
+        for _ in range(STEPS_OF_FIT):
+            residual, slopes, pair_slopes = self._slopes(values, errors)
+            lengths = np.linalg.norm(residual, axis=1)
+            scale_px = scale_px or float(np.clip(np.median(lengths), *SCALE_PX))
+            weights = 1.0 / (1.0 + (lengths / scale_px) ** 2) / (scale_px**2 * TOGETHER)
+            values, errors, covariance = self._step(values, errors, sigmas, residual, slopes, pair_slopes, weights)
+            cost, share, lengths_px = self._cost(values, errors, scale_px)
+            cost += 0.5 * float(((values / sigmas) ** 2).sum() + ((errors / PAIR_SIGMAS) ** 2).sum())
+            if best is None or cost < best.cost:
+                deviations = np.sqrt(np.diag(covariance))
+                best = Fit(
+                    values=values,
+                    sigmas=deviations,
+                    cost=cost,
+                    lengths_px=lengths_px,
+                    share=share,
+                    residual_px=float(np.nanmedian(lengths_px)),
+                    scale_px=scale_px,
+                )
+        return best
+
+    def share(self, values: Floats | None = None) -> float:
+        """Share of the points whose flow is as predicted, without any fit."""
+        return self._cost(np.zeros(len(STEPS)) if values is None else values, self._no_errors, 1.0)[1]
+
+    def _start(self, causes: Collection[str], scale_px: float | None) -> Floats:
+        """Zeros, or what is better of some values of one number of a cause: flow is not smooth over many pixels."""
+        starts = [np.zeros(len(STEPS))]
+        for cause in causes if scale_px else ():
+            for index, value in product(range(PARTS[cause].numbers), STARTS[cause]):
+                start = np.zeros(len(STEPS))
+                start[SLICES[cause].start + index] = value
+                starts.append(start)
+        costs = [self._cost(start, self._no_errors, scale_px or 1.0)[0] for start in starts]
+        return starts[int(np.argmin(costs))]
+
+    def _cost(self, values: Floats, errors: Floats, scale_px: float) -> tuple[float, float, Floats]:
+        """Minus the logarithm of the likelihood, share of the points with the predicted flow, residuals."""
+        residual, flow = self.residuals(values, errors)
+        lengths = np.linalg.norm(residual, axis=1)
+        seen = np.isfinite(lengths)
+        if seen.mean() < LEAST_SEEN:
+            return float("inf"), 0.0, lengths
+        as_predicted = lengths[seen] < np.maximum(AGREES_PX, AGREES * np.linalg.norm(flow[seen], axis=1))
+        # Points whose flow is lost on the way count as the others: a camera that is moved right loses them, too.
+        cost = float(np.log1p((lengths[seen] / scale_px) ** 2).mean()) * len(lengths) / TOGETHER
+        return cost, float(as_predicted.mean()), lengths
+
+    def _pixels(self, points_vehicle: Floats, values: Floats) -> Floats:
+        turned = self._stated.rotation @ Rotation.from_rotvec(values[SLICES["rotation"]]).as_matrix()
+        points_camera = (points_vehicle - self._stated.translation_m - values[SLICES["position"]]) @ turned
+        centre = np.array(self._model.principal_point)
+        pixels, _ = self._model.project(points_camera)
+        return np.asarray((pixels - centre) * np.exp(values[SLICES["focal"]]) + centre + values[SLICES["centre"]])
+
+    def _select(self) -> bool:
+        """Take some of the points that are seen; False for too few."""
+        residual, _ = self.residuals(np.zeros(len(STEPS)))
+        seen = np.isfinite(residual).all(axis=1)
+        rows = [np.flatnonzero(seen & (self._pair == i))[:POINTS] for i in range(len(self._flows))]
+        rows = [few for few in rows if len(few) >= LEAST_POINTS]
+        if len(rows) < LEAST_PAIRS:
+            return False
+        chosen = np.concatenate(rows)
+        self._points, self._pair = self._points[chosen], self._pair[chosen]
+        return True
+
+    def _slopes(self, values: Floats, errors: Floats) -> tuple[Floats, Floats, Floats]:
+        """Residual (N, 2), and its slopes by values (N, 2, 14) and by the errors of each point's pair (N, 2, 6)."""
+        base, _ = self.residuals(values, errors)
+        by_values = [(self.residuals(values + step, errors)[0] - base) / step.sum() for step in np.diag(STEPS)]
+        by_errors = [(self.residuals(values, errors + step)[0] - base) / step.sum() for step in np.diag(PAIR_STEPS)]
+        slopes, pair_slopes = np.stack(by_values, axis=-1), np.stack(by_errors, axis=-1)
+        lost = ~(np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(pair_slopes).all(axis=(1, 2)))
+        base = base.copy()
+        base[lost], slopes[lost], pair_slopes[lost] = 0.0, 0.0, 0.0
+        return base, slopes, pair_slopes
+
+    def _step(
+        self,
+        values: Floats,
+        errors: Floats,
+        sigmas: Floats,
+        residual: Floats,
+        slopes: Floats,
+        pair_slopes: Floats,
+        weights: Floats,
+    ) -> tuple[Floats, Floats, Floats]:
+        """Solve the normal equations, the errors of each pair eliminated; new values, errors, covariance of values."""
+        normal, right = np.diag(sigmas**-2.0), -values / sigmas**2
+        kept = []
+        for i in range(len(self._flows)):
+            rows = slice(*np.searchsorted(self._pair, [i, i + 1]))
+            weight = np.repeat(weights[rows], 2)[:, None]
+            a, b = slopes[rows].reshape(-1, len(values)), pair_slopes[rows].reshape(-1, len(PAIR_SIGMAS))
+            r = residual[rows].ravel()
+            across, own = (weight * a).T @ b, (weight * b).T @ b + np.diag(PAIR_SIGMAS**-2.0)
+            own_right = -(weight * b).T @ r - errors[i] / PAIR_SIGMAS**2
+            gain = np.linalg.solve(own, np.column_stack([across.T, own_right]))
+            normal += (weight * a).T @ a - across @ gain[:, :-1]
+            right += -(weight * a).T @ r - across @ gain[:, -1]
+            kept.append(gain)
+        covariance = np.linalg.inv(normal)
+        change = covariance @ right
+        steps = [gain[:, -1] - gain[:, :-1] @ change for gain in kept]
+        return values + change, errors + np.array(steps), np.asarray(covariance, dtype=np.float64)

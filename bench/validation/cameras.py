@@ -1,0 +1,231 @@
+"""Cameras against the static world: flow seen at lidar returns, and flow that calibration and ego-motion predict.
+
+First the calibration as stated; where it predicts little of the flow, readings of it as people confuse them; where it
+predicts most, a least squares for each cause on its own: rotation, focal length, centre, position, clock. A finding
+names the one that fits best, if it does so clearly. Where the drive cannot tell, it says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.recordings import MountedCamera, Recording
+from bench.validation.camera_fit import CAUSES, DEGREE, SLICES, CameraFit, Fit, gain
+from bench.validation.camera_readings import Reading, readings
+from bench.validation.findings import Finding, Severity, Undecided, calibration_file
+from bench.validation.static_flow import SeenFlow, reduced, seen_flows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraLimits:
+    """Size and certainty from which a deviation is reported; tuned on clean rendered drives.
+
+    Attributes:
+        predicted: share of the flow that a calibration must predict for anything to be said.
+        sure: share that the best fit must predict; else the drive cannot tell.
+        better: share that another reading predicts more than the stated one.
+        alike: of the returns that the stated calibration sees in the image, as many another reading must see.
+        gain: by how much a cause must raise the logarithm of the likelihood.
+        deviations: standard deviations that it must differ from 0.
+        rotation_deg: at least; the flow cannot tell less from springs of the body and slip of the tyres.
+        focal: logarithm of the scale, at least.
+        centre_px: at least.
+        position_m: at least.
+        clock_s: at least.
+        turn_spread_radps: standard deviation of the yaw rate over the drive, from which on it tells a clock; on a
+            steady drive a wrong clock looks like a wrong position.
+        speed_spread: the same of the speed, part of its mean.
+    """
+
+    predicted: float = 0.6
+    sure: float = 0.75
+    better: float = 0.15
+    alike: float = 0.2
+    gain: float = 12.0
+    deviations: float = 4.0
+    rotation_deg: float = 0.8
+    focal: float = 0.012
+    centre_px: float = 4.0
+    position_m: float = 0.15
+    clock_s: float = 0.004
+    turn_spread_radps: float = 1.5 * DEGREE
+    speed_spread: float = 0.08
+
+
+LIMITS = CameraLimits()
+SMALLEST = {
+    "rotation": LIMITS.rotation_deg * DEGREE,
+    "focal": LIMITS.focal,
+    "centre": LIMITS.centre_px,
+    "position": LIMITS.position_m,
+    "clock": LIMITS.clock_s,
+}
+INTERVAL = 1.96
+
+
+def check_cameras(recording: Recording) -> Iterator[Finding | Undecided]:
+    """Verdicts on all cameras; none of a camera that fits."""
+    for camera in recording.cameras.values():
+        if (verdict := camera_verdict(recording, camera)) is not None:
+            yield verdict
+
+
+def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Undecided | None:
+    """Try a camera against the static world: what is wrong with it, or why the drive cannot tell; None if it fits."""
+
+    def untold(why: str) -> Undecided:
+        return Undecided(about=f"calibration and clock of camera {camera.name}", why=why)
+
+    seen = reduced(camera)
+    if not recording.sweeps:
+        return untold("no lidar")
+    flows = list(seen_flows(recording, seen))
+    if not flows:
+        return untold("no flow is seen: too dark, too little texture, or the vehicle stands")
+    stated = CameraFit(flows, recording.trajectory, seen.model, seen.vehicle_from_camera)
+    clean = stated.fit(())
+    if clean is None or clean.share < LIMITS.predicted:
+        others = [reduced(other) for other in recording.cameras.values() if other.name != camera.name]
+        found = _best_reading(recording, seen, others, flows, clean, better=LIMITS.better)
+        if found is not None:
+            return _misread(recording, camera, clean, *found)
+    if clean is None:
+        return untold("too few lidar returns on texture in the image")
+    causes = [cause for cause in CAUSES if cause != "clock" or _motion_changes(recording, flows)]
+    fits = {cause: fit for cause in causes if (fit := stated.fit((cause,), scale_px=clean.scale_px)) is not None}
+    cause = max(fits, key=lambda name: gain(clean, fits[name]))
+    best = fits[cause]
+    if best.share < LIMITS.sure:
+        return untold(f"only {100 * best.share:.0f} % of the flow is that of a static world")
+    size, sigma = _largest(cause, best)
+    if (
+        gain(clean, best) > LIMITS.gain
+        and abs(size) - INTERVAL * sigma > SMALLEST[cause] / 2
+        and abs(size) > max(SMALLEST[cause], LIMITS.deviations * sigma)
+    ):
+        others = [reduced(other) for other in recording.cameras.values() if other.name != camera.name]
+        if (found := _best_reading(recording, seen, others, flows, best, better=0.0)) is not None:
+            return _misread(recording, camera, clean, *found)
+        return _deviation(recording, camera, cause, clean, best)
+    return None
+
+
+def _motion_changes(recording: Recording, flows: Sequence[SeenFlow]) -> bool:
+    """The drive turns, brakes or accelerates enough that a shift of time shows."""
+    times_ns = np.array([(flow.previous_ns, flow.current_ns) for flow in flows], dtype=np.int64)
+    rotations, positions_m, _ = recording.trajectory.at(times_ns.ravel())
+    rotations, positions_m = rotations.reshape(-1, 2, 3, 3), positions_m.reshape(-1, 2, 3)
+    seconds = np.diff(times_ns, axis=1)[:, 0] / 1e9
+    speeds = np.linalg.norm(positions_m[:, 1] - positions_m[:, 0], axis=1) / seconds
+    turns = (rotations[:, 0].transpose(0, 2, 1) @ rotations[:, 1])[:, 1, 0] / seconds
+    return bool(
+        np.std(turns) > LIMITS.turn_spread_radps or np.std(speeds) > LIMITS.speed_spread * max(np.mean(speeds), 1.0)
+    )
+
+
+def _best_reading(
+    recording: Recording,
+    camera: MountedCamera,
+    others: Sequence[MountedCamera],
+    flows: Sequence[SeenFlow],
+    fitted_before: Fit | None,
+    better: float,
+) -> tuple[Reading, Fit] | None:
+    """The reading that predicts clearly more of the flow than the stated calibration; None without one."""
+    same_size = [o for o in others if (o.model.width, o.model.height) == (camera.model.width, camera.model.height)]
+    tried: list[tuple[float, Reading, CameraFit]] = []
+    most = 0
+    for reading in readings(camera, same_size):
+        fit = CameraFit(reading.flows(flows), recording.trajectory, reading.model, reading.vehicle_from_camera)
+        if fit.enough:
+            most = max(most, fit.points)
+            tried.append((fit.share(), reading, fit))
+    tried = sorted((one for one in tried if one[2].points > LIMITS.alike * most), key=lambda one: -one[0])[:3]
+    fitted = [(reading, best) for _, reading, fit in tried if (best := fit.fit(())) is not None]
+    if not fitted:
+        return None
+    reading, best = max(fitted, key=lambda one: one[1].share)
+    share = 0.0 if fitted_before is None else fitted_before.share
+    return (reading, best) if best.share > max(LIMITS.predicted, share + better) else None
+
+
+def _misread(recording: Recording, camera: MountedCamera, clean: Fit | None, reading: Reading, best: Fit) -> Finding:
+    field = f"images of {camera.name}" if reading.field == "images" else f"cameras.{camera.name}.{reading.field}"
+    before = "none of it is in the image" if clean is None else f"{clean.residual_px:.1f} px off"
+    return Finding(
+        check="camera-calibration",
+        file=calibration_file(recording),
+        field=field,
+        expected=f"flow of the static world as camera calibration, lidar and ego-motion predict it ({camera.name})",
+        got=f"flow {before}; {best.residual_px:.1f} px with {reading.description}",
+        hint=f"the camera's calibration fits with {reading.description}: correct it",
+    )
+
+
+def _largest(cause: str, fit: Fit) -> tuple[float, float]:
+    """The number of a cause that deviates most, in standard deviations, and its standard deviation."""
+    values, sigmas = fit.values[SLICES[cause]], fit.sigmas[SLICES[cause]]
+    i = int(np.argmax(np.abs(values)))
+    return float(values[i]), float(sigmas[i])
+
+
+def _deviation(recording: Recording, camera: MountedCamera, cause: str, clean: Fit, best: Fit) -> Finding:
+    values, half = best.values[SLICES[cause]], INTERVAL * best.sigmas[SLICES[cause]]
+    field = f"cameras.{camera.name}"
+    mounting = f"{field}.vehicle_from_camera"
+    file = calibration_file(recording)
+    check = "camera-calibration"
+    if cause == "clock":
+        milliseconds, interval = -1e3 * values[0], 1e3 * half[0]
+        late = "late" if milliseconds > 0 else "early"
+        return Finding(
+            check="image-clock",
+            file=str(recording.root / "images"),
+            field=f"images of {camera.name}",
+            expected="image times in the clock of the ego-motion",
+            got=f"images {abs(milliseconds):.0f} ms {late} (95 % interval +- {interval:.0f} ms); {_fall(clean, best)}",
+            hint=f"{'subtract' if milliseconds > 0 else 'add'} {abs(milliseconds):.0f} ms to their times; if the lidar "
+            "disagrees with the ego-motion alike, the clock of the ego-motion is off instead",
+        )
+    if cause == "rotation":
+        degrees, interval = values / DEGREE, half / DEGREE
+        text = ", ".join(
+            f"{abs(value):.1f} +- {around:.1f} degrees {ways[int(value < 0)]}"
+            for value, around, ways in zip(
+                degrees,
+                interval,
+                (("up", "down"), ("to its right", "to its left"), ("clockwise", "anticlockwise")),
+                strict=True,
+            )
+        )
+        got, field = f"a camera that is turned against its stated mounting: {text}", f"{mounting}.quaternion_wxyz"
+        hint = "turn the stated mounting so, about the camera's own axes"
+    elif cause == "focal":
+        scale, interval_percent = 100.0 * float(np.expm1(values[0])), 100.0 * float(half[0])
+        got = f"a focal length that is {scale:+.1f} +- {interval_percent:.1f} % of the stated one's more"
+        field, hint = f"{field}.model", f"multiply the lens's scale (focal or coefficients) by {np.exp(values[0]):.3f}"
+    elif cause == "centre":
+        got = (
+            f"a centre {values[0]:+.1f} +- {half[0]:.1f} px to the right and {values[1]:+.1f} +- {half[1]:.1f} px down"
+        )
+        field, hint = f"{field}.model.principal_point", "add that to the principal point (the image as evaluated)"
+    else:
+        got = "a camera {:+.2f} m to the front, {:+.2f} m to the left, {:+.2f} m up".format(*values)
+        got += " (95 % intervals +- {:.2f}, {:.2f}, {:.2f} m)".format(*half)
+        field, hint = f"{mounting}.translation_m", "add that to the stated position of the camera"
+    return Finding(
+        check=check,
+        severity=Severity.WARNING,
+        file=file,
+        field=field,
+        expected=f"flow of the static world as camera calibration, lidar and ego-motion predict it ({camera.name})",
+        got=f"{got}; {_fall(clean, best)}",
+        hint=hint,
+    )
+
+
+def _fall(clean: Fit, best: Fit) -> str:
+    return f"with that the residual of the flow falls from {clean.residual_px:.2f} to {best.residual_px:.2f} px"

@@ -1,0 +1,239 @@
+"""The lidar's own motion against what odometry, clock and mounting make of it: the one that is wrong is fitted.
+
+Odometry and mounting predict the motion between two sweeps. Each hypothesis frees one quantity (clock, mounting, speed,
+yaw rate), lets the others be off by as much as good ones are, and is fitted to the same measured steps. Pitch, roll and
+heave of the body are measured but not compared: odometry is planar.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from bench.egomotion import Trajectory
+from bench.geometry import RigidTransform, twist_between
+from bench.validation.scan_matching import Step
+
+Array = NDArray[np.float64]
+SECOND_NS = 1_000_000_000
+PARAMETERS = ("late_s", "speed", "turn", "bias_radps", "yaw_rad")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fitting:
+    """Tolerances of the fit.
+
+    Attributes:
+        usual: standard deviations of a good drive: clocks 1 ms apart, speed 1 % and yaw rate 2 % off (tyres, sensors),
+            a bias of 0.1 degrees per second, a lidar turned by half a degree.
+        most_usual: of these standard deviations; beyond them a drive is not good.
+        least_information: of the path across the least certain direction, as in `Matching`; below it a step tells only
+            how far the lidar turned.
+        step_m: error of a step: noise, cells, and what constant motion over two sweeps leaves out.
+        soft_m: error of a step beyond which it counts less: a match that slipped.
+        longest_late_s: of clocks that are tried.
+    """
+
+    usual: tuple[float, float, float, float, float] = (0.001, 0.01, 0.02, 0.0017, 0.009)
+    most_usual: float = 4.0
+    least_information: float = 0.025
+    step_m: float = 0.0015
+    soft_m: float = 0.02
+    longest_late_s: float = 0.2
+
+
+FITTING = Fitting()
+STATED = np.array([0.0, 1.0, 1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mounting:
+    """How the lidar's level motion follows from the vehicle's.
+
+    Attributes:
+        level_from_vehicle: (2, 2) float64, orthogonal; of determinant -1 where the points are mirrored.
+        lever_m: (2,) float64, m, x and y of the points' origin in the vehicle frame.
+    """
+
+    level_from_vehicle: Array
+    lever_m: Array
+
+    def turned(self, yaw_rad: float) -> Mounting:
+        """With the lidar turned to the left on the vehicle."""
+        cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+        return replace(self, level_from_vehicle=self.level_from_vehicle @ np.array([[cosine, sine], [-sine, cosine]]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LevelSteps:
+    """Measured steps along the road, seen from the road below the points' origin.
+
+    Attributes:
+        lidar_from_level: (3, 3) float64, axes x, y and up of the level frame as columns, axes of the points.
+        first_s: (K,) float64, s after `epoch_ns`.
+        last_s: (K,) float64.
+        epoch_ns: zero of the times.
+        motion: (K, 3) float64, path along x and y in m, turn about up in rad.
+        root: (K, 3, 3) float64, `root @ error` are the distances in m that an error of `motion` puts between surfaces.
+    """
+
+    lidar_from_level: Array
+    first_s: Array
+    last_s: Array
+    epoch_ns: int
+    motion: Array
+    root: Array
+
+    def stated(self, vehicle_from_lidar: RigidTransform) -> Mounting:
+        """The mounting that a transform states."""
+        matrix = (vehicle_from_lidar.rotation @ self.lidar_from_level)[:2, :2].T
+        left, _, right = np.linalg.svd(matrix)
+        return Mounting(level_from_vehicle=left @ right, lever_m=vehicle_from_lidar.translation_m[:2])
+
+
+def level_steps(steps: Sequence[Step], up: Array, height_m: float, forward: Array) -> LevelSteps:
+    """Reduce steps to the road's plane.
+
+    Args:
+        steps: as measured.
+        up: (3,) float64, unit, normal of the road, axes of the points.
+        height_m: of the points' origin above the road.
+        forward: (3,) float64, direction that becomes x, axes of the points; any that is not along `up`.
+    """
+    x = forward - up * (up @ forward)
+    x /= np.linalg.norm(x)
+    axes = np.column_stack([x, np.cross(up, x), up])
+    a = height_m * up
+    cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+    lidar_from_road = np.block([[np.eye(3), np.zeros((3, 3))], [-cross, np.eye(3)]])
+    both = lidar_from_road @ np.kron(np.eye(2), axes)
+    kept, free = [3, 4, 2], [0, 1, 5]
+    motion, roots = [], []
+    for step in steps:
+        path = step.path_m - np.cross(step.turn_rad, a)
+        motion.append([*(axes.T @ path)[:2], (axes.T @ step.turn_rad)[2]])
+        whole = both.T @ step.information @ both
+        across = whole[np.ix_(kept, free)]
+        level = whole[np.ix_(kept, kept)] - across @ np.linalg.pinv(whole[np.ix_(free, free)], rcond=1e-6) @ across.T
+        if np.linalg.eigvalsh(level[:2, :2])[0] < FITTING.least_information:  # along a wall
+            level = np.diag([0.0, 0.0, level[2, 2] - level[2, :2] @ np.linalg.pinv(level[:2, :2]) @ level[:2, 2]])
+        sizes, directions = np.linalg.eigh(level)
+        roots.append(np.sqrt(np.maximum(sizes, 0.0))[:, None] * directions.T)
+    epoch_ns = steps[0].first_ns
+    return LevelSteps(
+        lidar_from_level=axes,
+        first_s=np.array([step.first_ns - epoch_ns for step in steps]) / SECOND_NS,
+        last_s=np.array([step.last_ns - epoch_ns for step in steps]) / SECOND_NS,
+        epoch_ns=epoch_ns,
+        motion=np.array(motion),
+        root=np.array(roots),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Odometry:
+    """Path along x and y and turn since the first pose, vehicle axes: (N,) s and (N, 3) m, m, rad."""
+
+    seconds: Array
+    travelled: Array
+
+    @classmethod
+    def of(cls, path: Trajectory, epoch_ns: int) -> Odometry:
+        """Sum of the steps of a path."""
+        turns, paths_m = twist_between(
+            path.rotations[:-1], path.positions_m[:-1], path.rotations[1:], path.positions_m[1:]
+        )
+        steps = np.column_stack([paths_m[:, :2], turns[:, 2]])
+        return cls(
+            seconds=(path.timestamps_ns - epoch_ns) / SECOND_NS,
+            travelled=np.vstack([np.zeros(3), np.cumsum(steps, axis=0)]),
+        )
+
+    def between(self, first_s: Array, last_s: Array) -> Array:
+        """(K, 3) float64, motion between times; NaN beyond the ends."""
+        at = [
+            [np.interp(times, self.seconds, column, left=np.nan, right=np.nan) for column in self.travelled.T]
+            for times in (first_s, last_s)
+        ]
+        return np.asarray(np.transpose(at[1]) - np.transpose(at[0]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit:
+    """A fitted hypothesis.
+
+    Attributes:
+        values: (5,) float64, `PARAMETERS`: lateness of sweeps against odometry, factors of speed and yaw rate, what is
+            added to the yaw rate, turn of the lidar to the left.
+        sigma: (5,) float64, standard deviations.
+        cost: sum of squares of errors over their standard deviations, large ones counted less.
+        apart_m: root mean square of the distances that are left between sweeps, m.
+    """
+
+    values: Array
+    sigma: Array
+    cost: float
+    apart_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Comparison:
+    """Measured steps and stated odometry.
+
+    Attributes:
+        steps: measured.
+        odometry: stated.
+    """
+
+    steps: LevelSteps
+    odometry: Odometry
+
+    def predicted(self, mounting: Mounting, values: Array) -> Array:
+        """(K, 3) float64, motion of the lidar in the level frame under a hypothesis."""
+        late_s, speed, turn, bias_radps, yaw_rad = values
+        steps = self.steps
+        moved = self.odometry.between(steps.first_s - late_s, steps.last_s - late_s)
+        turned = turn * moved[:, 2] + bias_radps * (steps.last_s - steps.first_s)
+        path = speed * moved[:, :2] + np.outer(turned, [-mounting.lever_m[1], mounting.lever_m[0]])
+        level_from_vehicle = mounting.turned(yaw_rad).level_from_vehicle
+        return np.column_stack([path @ level_from_vehicle.T, turned * np.linalg.det(level_from_vehicle)])
+
+    def errors(self, mounting: Mounting, values: Array) -> Array:
+        """(K, 3) float64, distances in m that a hypothesis leaves between sweeps; 0 where odometry is missing."""
+        error = self.predicted(mounting, values) - self.steps.motion
+        return np.asarray(np.nan_to_num(np.einsum("kij,kj->ki", self.steps.root, error)))
+
+    def fit(self, mounting: Mounting, *, free: Sequence[str] = (), starts: Sequence[Array] = (STATED,)) -> Fit:
+        """Fit all parameters, those that are not free close to their usual values."""
+        freed = np.isin(PARAMETERS, free)
+        usual = np.array(FITTING.usual)
+        prior = np.where(freed, 1e-3, 1.0)  # weak, so that nothing is singular
+        limit = np.where(freed, np.inf, FITTING.most_usual)
+        limit[0] = FITTING.longest_late_s / usual[0] if freed[0] else limit[0]
+
+        def residuals(scaled: Array) -> Array:
+            errors = self.errors(mounting, STATED + scaled * usual)
+            size = np.linalg.norm(errors, axis=1) / FITTING.soft_m
+            less = np.sqrt(np.log1p(size**2)) / np.maximum(size, 1e-9)  # Cauchy
+            return np.concatenate([(errors * less[:, None] / FITTING.step_m).ravel(), prior * scaled])
+
+        found = [
+            least_squares(residuals, (start - STATED) / usual, bounds=(-limit, limit), x_scale="jac")
+            for start in starts
+        ]
+        best = min(found, key=lambda one: one.cost)
+        values = STATED + best.x * usual
+        errors = self.errors(mounting, values)
+        excess = max(1.0, 2.0 * best.cost / max(errors.size - len(usual), 1))
+        jacobian = np.asarray(best.jac)
+        covariance = np.linalg.inv(jacobian.T @ jacobian) * excess
+        return Fit(
+            values=values,
+            sigma=np.sqrt(np.diag(covariance)) * usual,
+            cost=2.0 * best.cost,
+            apart_m=float(np.sqrt((errors**2).sum() / max(len(errors), 1))),
+        )

@@ -1,0 +1,175 @@
+"""Flow seen between neighbouring images at lidar returns of the static world: what calibration is tried against.
+
+A return of what stands still, moved by ego-motion and projected into two images, must be where the flow between them
+leads. Flow is computed once; a calibration then costs two projections of a few thousand points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import DataError
+from bench.flow import DisFlow
+from bench.recordings import MountedCamera, Recording, read_image
+from bench.reference.sweeps import pose_sweep
+from bench.validation.clocks import distance_to, times_of
+from bench.validation.ego_motion import on_objects
+from bench.validation.findings import sweep_times
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowSampling:
+    """How much is looked at, and which flow counts as seen.
+
+    Attributes:
+        pairs: of neighbouring images, spread over the drive.
+        points: returns of each pair, before a camera sees some of them.
+        largest_width_px: larger images are reduced to this: flow takes 50 ms a pair then.
+        span_m: of returns from the camera: nearer ones are hidden from it by the car itself, farther ones hardly move.
+        nearest_sweep_ns: of a sweep to an image, half a revolution at 10 Hz.
+        return_px: flow there and back ends at most so far from its start.
+        texture: smaller eigenvalue of the structure tensor of a patch, grey levels squared as `cornerMinEigenVal`
+            scales them, at least.
+        over_noise: the same over that of a quarter of the pixels, which are sky, or noise at night.
+        moved_m: path of a pair, plus 10 m times its turn in radians, at least: else what moves is not the camera.
+        moved_px: median flow of a pair, at least: with less there is nothing to tell.
+        followed: share of the textured pixels whose flow must lead back.
+    """
+
+    pairs: int = 16
+    points: int = 6000
+    largest_width_px: int = 640
+    span_m: tuple[float, float] = (1.5, 40.0)
+    nearest_sweep_ns: int = 60_000_000
+    return_px: float = 0.4
+    texture: float = 1e-4
+    over_noise: float = 4.0
+    moved_m: float = 0.1
+    moved_px: float = 1.0
+    followed: float = 0.2
+
+
+SAMPLING = FlowSampling()
+PATCH_PX = 9  # as DIS matches
+FLOW = DisFlow(preset="fast", finest_scale=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenFlow:
+    """Flow from an image to the one before it.
+
+    Attributes:
+        current_ns: time of the image.
+        previous_ns: time of the one before it.
+        flow: (H, W, 2) float32, px, from the image to the one before it; NaN where it is not seen.
+        points_world: (N, 3) float64, m, returns of the static world.
+    """
+
+    current_ns: int
+    previous_ns: int
+    flow: NDArray[np.float32]
+    points_world: NDArray[np.float64]
+
+
+def reduced(camera: MountedCamera) -> MountedCamera:
+    """The camera at the size at which flow is computed."""
+    width, height = camera.model.width, camera.model.height
+    if width <= SAMPLING.largest_width_px:
+        return camera
+    size = SAMPLING.largest_width_px, round(height * SAMPLING.largest_width_px / width)
+    body = None if camera.ego_body is None else cv2.resize(camera.ego_body.astype(np.uint8), size) > 0
+    return replace(camera, model=camera.model.scaled(*size), ego_body=body)
+
+
+def seen_flows(recording: Recording, camera: MountedCamera) -> Iterator[SeenFlow]:
+    """Flow of the chosen pairs of a camera's images.
+
+    Args:
+        recording: the drive.
+        camera: one of its cameras, `reduced`.
+    """
+    for row in chosen_pairs(recording, camera.name):
+        with suppress(DataError):  # reported by the checks of images and sweeps
+            found = seen_flow(recording, camera, row)
+            if found is not None:
+                yield found
+
+
+def seen_flow(recording: Recording, camera: MountedCamera, row: int) -> SeenFlow | None:
+    """Flow from an image to the one before it; None where too little moves or has texture, or no sweep is near.
+
+    Args:
+        recording: the drive.
+        camera: one of its cameras, `reduced`.
+        row: index of the image, at least 1.
+
+    Raises:
+        DataError: an image or the sweep cannot be read.
+    """
+    previous, current = recording.images[camera.name][row - 1 : row + 1]
+    flow = _seen(read_image(current, camera), read_image(previous, camera), camera)
+    points_world = _static_points(recording, current.timestamp_ns)
+    if flow is None or points_world is None:
+        return None
+    return SeenFlow(
+        current_ns=current.timestamp_ns, previous_ns=previous.timestamp_ns, flow=flow, points_world=points_world
+    )
+
+
+def chosen_pairs(recording: Recording, camera: str) -> list[int]:
+    """Indices of images, not the first: in each of as many parts of the drive the one with most change of motion."""
+    times_ns, sweeps_ns = times_of(recording, camera), sweep_times(recording)
+    if len(times_ns) < 2 or not len(sweeps_ns):
+        return []
+    rotations, positions_m, valid = recording.trajectory.at(times_ns)
+    steps_ns = np.diff(times_ns)
+    usable = valid[1:] & valid[:-1] & (steps_ns < 1.5 * recording.frame_interval_ns)
+    usable &= distance_to(times_ns[1:], sweeps_ns) < SAMPLING.nearest_sweep_ns
+    moved = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
+    turned = np.linalg.norm(np.diff(rotations, axis=0), axis=(1, 2))
+    rows = np.flatnonzero(usable & (moved + 10.0 * turned > SAMPLING.moved_m)) + 1
+    parts = np.linspace(0, len(rows), min(SAMPLING.pairs, len(rows)) + 1).astype(int)
+    return [int(rows[(first + last) // 2]) for first, last in pairwise(parts)]
+
+
+def _seen(current: NDArray[np.uint8], previous: NDArray[np.uint8], camera: MountedCamera) -> NDArray[np.float32] | None:
+    """Flow where there is texture and the way back ends where it began, NaN elsewhere; None where too little is."""
+    smooth, smooth_previous = (np.asarray(cv2.GaussianBlur(i, (3, 3), 0), np.uint8) for i in (current, previous))
+    contrast = cv2.cornerMinEigenVal(smooth, PATCH_PX)
+    textured = contrast > max(SAMPLING.texture, SAMPLING.over_noise * float(np.quantile(contrast, 0.25)))
+    if camera.ego_body is not None:
+        textured &= ~camera.ego_body
+    flow, back = FLOW(smooth, smooth_previous), FLOW(smooth_previous, smooth)
+    v, u = np.indices(current.shape, dtype=np.float32)
+    returned = cv2.remap(back, u + flow[..., 0], v + flow[..., 1], cv2.INTER_LINEAR, borderValue=(1e3, 1e3))
+    followed = textured & (np.linalg.norm(flow + returned, axis=2) < SAMPLING.return_px)
+    if followed.sum() < max(SAMPLING.followed * textured.sum(), 1):
+        return None
+    if np.median(np.linalg.norm(flow[followed], axis=1)) < SAMPLING.moved_px:
+        return None
+    return np.where(followed[..., None], flow, np.float32(np.nan))
+
+
+def _static_points(recording: Recording, time_ns: int) -> NDArray[np.float64] | None:
+    """Returns of the nearest sweep that lie on no annotated object, (N, 3), m, world frame; None where none is near."""
+    sweeps_ns = sweep_times(recording)
+    if not len(sweeps_ns) or np.abs(sweeps_ns - time_ns).min() > SAMPLING.nearest_sweep_ns:
+        return None
+    nearest = int(np.argmin(np.abs(sweeps_ns - time_ns)))
+    sweep = recording.sweeps[nearest].read()
+    points_vehicle = recording.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64))
+    away_m = np.linalg.norm(points_vehicle, axis=1)
+    rows = np.flatnonzero((away_m > SAMPLING.span_m[0]) & (away_m < SAMPLING.span_m[1]))
+    # As many returns in each octave of distance: flow is largest near the car, and most returns are not.
+    generator = np.random.default_rng(0)
+    rows = generator.permutation(rows)[: 3 * SAMPLING.points]
+    rows = rows[~on_objects(points_vehicle[rows], sweep.timestamp_ns, recording)][: SAMPLING.points]
+    placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
+    return None if placed is None or not len(rows) else placed.points_world(rows)

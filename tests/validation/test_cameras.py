@@ -1,0 +1,64 @@
+"""A rendered turn: its clean camera passes, and each planted fault of the camera is named."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from bench.recordings.native import open_native
+from bench.synthesis import synthesize
+from bench.validation import cameras
+from bench.validation.findings import Finding, Undecided
+from bench.validation.report import CHECKS
+from benchmarks.mistakes import OF_CAMERAS
+
+SCENARIO = Path(__file__).with_name("turning.scenario.yaml")
+TOLD = {mistake.name: mistake for mistake in OF_CAMERAS}
+
+
+@pytest.fixture(scope="module")
+def turning(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drives")
+    synthesize(SCENARIO, folder / "data", workers=1)
+    return folder / "data" / "turning"
+
+
+def verdict(root):
+    drive = open_native(root)
+    return cameras.camera_verdict(drive, drive.cameras["front"])
+
+
+def test_a_clean_camera_passes(turning):
+    assert verdict(turning) is None
+    assert cameras.check_cameras in [check for check, _, _ in CHECKS]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "front camera turned -5 deg about the vehicle's z",
+        "quaternion as x, y, z, w",
+        "focal length times 0.95",
+        "focal length times 2",
+        "principal point 20 px off",
+        "images mirrored",
+        "images +50 ms",
+    ],
+)
+def test_a_planted_fault_is_named(turning, tmp_path, name):
+    root = shutil.copytree(turning, tmp_path / turning.name)
+    TOLD[name].plant(root)
+    finding = verdict(root)
+    assert isinstance(finding, Finding)
+    text = f"{finding.check} {finding.field} {finding.got} {finding.hint}"
+    assert re.search(TOLD[name].lead.removeprefix("camera.*"), text), text
+
+
+def test_a_drive_without_sweeps_says_why_it_cannot_tell(turning, tmp_path):
+    root = shutil.copytree(turning, tmp_path / turning.name)
+    for path in (root / "lidar").iterdir():
+        path.unlink()
+    told = verdict(root)
+    assert isinstance(told, Undecided)
+    assert told.why == "no lidar"

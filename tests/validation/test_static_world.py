@@ -1,0 +1,162 @@
+"""Mistakes of the lidar's mounting, odometry and their clocks, planted into a small drive: each is named."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.egomotion import planar_trajectory
+from bench.recordings import RecordingWriter
+from bench.recordings.native import open_native
+from bench.validation.findings import Finding, Undecided
+from bench.validation.mounting import mounting_name
+from bench.validation.scan_matching import scan_steps
+from bench.validation.static_world import check_static_world
+from tests.support.planting import change_bus, change_head, change_sweeps, shift_times
+from tests.support.tiny import VEHICLE_FROM_LIDAR
+from tests.validation import drive
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    return drive.write_drive(tmp_path_factory.mktemp("clean") / "drive")
+
+
+@pytest.fixture
+def root(clean, tmp_path):
+    return shutil.copytree(clean, tmp_path / "drive")
+
+
+def told(root):
+    return [one for one in check_static_world(open_native(root)) if isinstance(one, Finding)]
+
+
+def with_axes(root, matrix):
+    axes = np.array(matrix, dtype=np.float32)
+    change_sweeps(root, lambda sweep: replace(sweep, points_lidar=sweep.points_lidar @ axes.T))
+
+
+def test_sweeps_alone_measure_the_motion_whatever_ego_motion_says(root):
+    change_bus(root, lambda row: row.update(speed_mps="1.0", yaw_rate_radps="-0.5"))
+    steps = scan_steps(open_native(root))
+    assert len(steps) == drive.SWEEPS - 1
+    for step in steps:
+        assert step.turn_rad[2] == pytest.approx(0.1 * drive.TURN_RADPS, abs=1e-3)
+        sideways_m = 0.1 * drive.TURN_RADPS * VEHICLE_FROM_LIDAR.translation_m[0]
+        path_vehicle = VEHICLE_FROM_LIDAR.rotate(step.path_m)
+        assert path_vehicle[:2] == pytest.approx([0.1 * drive.SPEED_MPS, sideways_m], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("axes", "name"),
+    [
+        (np.diag([-1, 1, 1]), "x reversed: the points are mirrored"),
+        (np.diag([1, -1, 1]), "y reversed: the points are mirrored"),
+        (np.diag([1, 1, -1]), "z reversed: the points are mirrored"),
+        (np.diag([-1, -1, 1]), "x and y reversed: the lidar turned by 180 degrees"),
+        ([[0, 1, 0], [1, 0, 0], [0, 0, 1]], "x and y swapped: the points are mirrored"),
+        ([[0, 1, 0], [0, 0, 1], [1, 0, 0]], "the points' axes permuted: x, y, z are the file's z, x, y"),
+    ],
+)
+def test_axes_of_the_points(root, axes, name):
+    with_axes(root, axes)
+    (found,) = told(root)
+    assert found.check == "lidar-pose"
+    assert name in found.got
+    assert found.file.endswith("recording.json")
+
+
+def test_a_lidar_turned_by_5_degrees(root):
+    cosine, sine = np.cos(np.radians(5)), np.sin(np.radians(5))
+    with_axes(root, [[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])  # as a lidar that sits 5 degrees further left
+    (found,) = told(root)
+    assert (found.check, found.field) == ("lidar-pose", "lidar.vehicle_from_lidar, yaw")
+    assert float(found.got.split()[0]) == pytest.approx(5.0, abs=0.5)
+
+
+def test_the_inverse_of_a_turned_mounting(root):
+    """The axes of the points lie 90 degrees to the left, the calibration gives them to the right."""
+    with_axes(root, [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    half = float(np.sqrt(0.5))
+
+    def turn(head):
+        head["lidar"]["vehicle_from_lidar"]["quaternion_wxyz"] = [half, 0.0, 0.0, -half]
+
+    change_head(root, turn)
+    (found,) = told(root)
+    assert "the inverse of vehicle_from_lidar" in found.got
+
+
+def test_speed_5_percent_too_high(root):
+    change_bus(root, lambda row: row.update(speed_mps=str(1.05 * drive.SPEED_MPS)))
+    (found,) = told(root)
+    assert (found.check, found.field) == ("ego-motion-scale", "scale of the speed")
+    assert float(found.got.split()[0]) == pytest.approx(100 / 1.05 - 100, abs=1.0)
+
+
+BRAKING = {"seconds": np.arange(-0.2, 1.9, 0.01)}
+
+
+def braking_path():
+    times_ns = drive.START_NS + np.round(BRAKING["seconds"] * 1e9).astype(np.int64)
+    speed, turn = signals(BRAKING["seconds"])
+    return planar_trajectory(source="drive", timestamps_ns=times_ns, speed_mps=speed, yaw_rate_radps=turn)
+
+
+def signals(seconds):
+    return 7.0 - 2.0 * seconds, 0.3 * np.sin(4.0 * seconds)
+
+
+@pytest.fixture(scope="module")
+def winding(tmp_path_factory):
+    """A drive that brakes and turns in and out."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drive, "trajectory", braking_path)
+        root = drive.write_drive(tmp_path_factory.mktemp("winding") / "drive")
+    speed, turn = signals(BRAKING["seconds"])
+    times_ns = braking_path().timestamps_ns
+    RecordingWriter(root).bus_signals(
+        timestamps_ns=times_ns, speed_mps=speed, yaw_rate_radps=turn, gear=["D"] * len(turn)
+    )
+    return root
+
+
+@pytest.mark.parametrize("late_ms", [-50, -10, 10, 50])
+def test_odometry_on_another_clock(winding, tmp_path, late_ms):
+    root = shutil.copytree(winding, tmp_path / "drive")
+    change_bus(root, lambda row: row.update(timestamp_ns=str(int(row["timestamp_ns"]) + late_ms * 1_000_000)))
+    (found,) = told(root)
+    assert (found.check, found.file) == ("clock-offset", str(root / "egomotion.csv"))
+    assert float(found.got.split()[0]) == pytest.approx(-late_ms, abs=5.0)  # sweeps against ego-motion
+    assert (
+        f"the ego-motion is {abs(float(found.got.split()[0])):.0f} ms {'late' if late_ms > 0 else 'early'}"
+        in found.hint
+    )
+
+
+def test_sweeps_on_another_clock(winding, tmp_path):
+    root = shutil.copytree(winding, tmp_path / "drive")
+    shift_times(root / "lidar", 50_000_000)
+    (found,) = told(root)
+    assert (found.check, found.file) == ("clock-offset", str(root / "lidar"))
+    assert "late: subtract it from their times" in found.hint
+
+
+def test_a_clean_drive_says_only_what_it_cannot_tell(root):
+    """Constant speed and yaw rate are the same at any time."""
+    undecided = list(check_static_world(open_native(root)))
+    assert all(isinstance(one, Undecided) for one in undecided)
+    assert "clock of lidar sweeps against ego-motion" in {one.about for one in undecided}
+
+
+def test_a_drive_without_sweeps_says_so(root):
+    for path in (root / "lidar").iterdir():
+        path.unlink()
+    (undecided,) = check_static_world(replace(open_native(root), sweeps=()))
+    assert undecided.why == "no lidar sweeps"
+
+
+def test_a_mirrored_and_turned_mounting_has_a_name():
+    turned = np.array([[np.cos(0.5), -np.sin(0.5), 0], [np.sin(0.5), np.cos(0.5), 0], [0, 0, 1]])
+    assert mounting_name(np.eye(3), turned) == "the lidar turned by +28.6 degrees about the vehicle's z"
