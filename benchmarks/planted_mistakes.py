@@ -33,6 +33,8 @@ SCENARIO = HERE / "planted.scenario.yaml"
 DOCS = HERE.parent / "docs" / "your-data.md"
 MARKERS = "<!-- written by python -m benchmarks.planted_mistakes -->", "<!-- end -->"
 
+VERDICTS = {"right lead": "found with the right lead", "weak": "with another", "silent": "silent"}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
@@ -84,12 +86,17 @@ def judged(mistake: Mistake, drive: Path) -> Outcome:
 
 
 def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
-    """Lines of the table: in how many drives each mistake is found."""
+    """Lines of the table: in how many drives each mistake is found, and the sum."""
+    total = Counter(outcome.verdict for outcome in outcomes)
+    names = ", ".join(sorted({outcome.drive for outcome in outcomes}))
+    counts = ", ".join(f"{total[verdict]} {said}" for verdict, said in VERDICTS.items())
+    yield f"{len(outcomes)} planted mistakes in {names}: {counts}."
+    yield ""
     yield "| mistake | part | right lead | weak | silent |"
     yield "|---|---|---|---|---|"
     for (part, mistake), of_one in groupby(outcomes, key=lambda outcome: (outcome.part, outcome.mistake)):
         verdicts = Counter(outcome.verdict for outcome in of_one)
-        numbers = " | ".join(str(verdicts[verdict]) for verdict in ("right lead", "weak", "silent"))
+        numbers = " | ".join(str(verdicts[verdict]) for verdict in VERDICTS)
         yield f"| {mistake} | {part} | {numbers} |"
 
 
