@@ -126,23 +126,21 @@ class _Scan:
     normals: Array  # NaN where neighbours make no surface
 
 
-def scan_steps(recording: Recording, *, time_sign: float = 1.0, most: int | None = None) -> list[Step]:
+def scan_steps(recording: Recording) -> list[Step]:
     """Match neighbouring sweeps.
 
     Args:
         recording: the drive; its mounting and ego-motion choose only which returns are left out, and which sweeps.
-        time_sign: factor of the times of points within their sweep; 0 takes all at the reference time.
-        most: steps; None for `MATCHING.most_steps`.
 
     Returns:
         Steps that could be matched, by time.
     """
     steps: list[Step] = []
-    for run in _runs(recording, MATCHING.most_steps if most is None else most):
+    for run in _runs(recording):
         before: _Scan | None = None
         twist: Array | None = None
         for row in run:
-            returns = _read(recording, row, time_sign)
+            returns = _read(recording, row)
             if returns is None:
                 before = twist = None
                 continue
@@ -155,7 +153,7 @@ def scan_steps(recording: Recording, *, time_sign: float = 1.0, most: int | None
     return steps
 
 
-def _runs(recording: Recording, most: int) -> Iterator[Sequence[int]]:
+def _runs(recording: Recording) -> Iterator[Sequence[int]]:
     """Stretches of neighbouring sweeps: those in which the stated speed and yaw rate change most, clocks show there."""
     times_ns = sweep_times(recording)
     steps_s = np.diff(times_ns) / SECOND_NS
@@ -171,7 +169,7 @@ def _runs(recording: Recording, most: int) -> Iterator[Sequence[int]]:
         rows = slice(start, start + MATCHING.run - 1)
         moving = np.nan_to_num(speed[rows] / 10.0), np.nan_to_num(turn[rows])
         worth.append(sum(float(np.ptp(values)) + 0.1 * float(values.mean()) for values in moving))
-    chosen = np.argsort(worth, kind="stable")[::-1][: max(1, round(most / (MATCHING.run - 1)))]
+    chosen = np.argsort(worth, kind="stable")[::-1][: max(1, round(MATCHING.most_steps / (MATCHING.run - 1)))]
     for start in np.sort(starts[chosen]):
         run = [int(start)]
         for row in range(int(start), min(int(start) + MATCHING.run - 1, len(times_ns) - 1)):
@@ -182,15 +180,15 @@ def _runs(recording: Recording, most: int) -> Iterator[Sequence[int]]:
         yield run
 
 
-def _read(recording: Recording, row: int, time_sign: float) -> _Returns | None:
+def _read(recording: Recording, row: int) -> _Returns | None:
     try:
         sweep = recording.sweeps[row].read()
     except DataError:
         return None  # reported by the check of the sweeps
-    return static_returns(sweep, recording, time_sign)
+    return static_returns(sweep, recording)
 
 
-def static_returns(sweep: LidarSweep, recording: Recording, time_sign: float) -> _Returns | None:
+def static_returns(sweep: LidarSweep, recording: Recording) -> _Returns | None:
     """Returns within reach that lie on no annotated object, averaged in cells."""
     points = sweep.points_lidar.astype(np.float64)
     away_m = np.linalg.norm(points - recording.lidar_from_sensor.translation_m, axis=1)
@@ -199,7 +197,7 @@ def static_returns(sweep: LidarSweep, recording: Recording, time_sign: float) ->
     if len(rows) < MATCHING.least_points:
         return None
     offsets_ns = sweep.time_offset_ns
-    seconds = np.zeros(len(rows)) if offsets_ns is None else time_sign * offsets_ns[rows] / SECOND_NS
+    seconds = np.zeros(len(rows)) if offsets_ns is None else offsets_ns[rows] / SECOND_NS
     cell = np.floor(points[rows] / MATCHING.cell_m).astype(np.int64) + 1000
     _, number, count = np.unique(cell @ [1, 4000, 16_000_000], return_inverse=True, return_counts=True)
     columns = [np.bincount(number, weights=values) / count for values in (*points[rows].T, seconds)]
