@@ -45,15 +45,15 @@ class DataError(BenchError):
         hint: what the user can do about it.
     """
 
-    def __init__(self, file: Path | str, *, field: str | None = None, expected: str, got: str, near: str = "") -> None:
+    def __init__(self, file: Path | str, *, field: str | None = None, expected: str, got: str, hint: str = "") -> None:
         got = got if len(got) <= MAX_GOT_CHARS else got[: MAX_GOT_CHARS - 3] + "..."
-        self.file, self.field, self.expected, self.got, self.near = str(file), field, expected, got, near
+        self.file, self.field, self.expected, self.got, self.hint = str(file), field, expected, got, hint
         where = self.file if field is None else f"{self.file}: {field}"
-        super().__init__(plain(f"{where}: expected {expected}, got {got}" + (f"; {near}" if near else "")))
+        super().__init__(plain(f"{where}: expected {expected}, got {got}" + (f"; {hint}" if hint else "")))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way back from a worker process, keyword arguments included."""
-        return _data_error, (self.file, self.field, self.expected, self.got, self.near)
+        return _data_error, (self.file, self.field, self.expected, self.got, self.hint)
 
 
 class OutputError(BenchError):
@@ -65,9 +65,9 @@ class OutputError(BenchError):
         hint: what the user can do about it.
     """
 
-    def __init__(self, file: Path | str, *, got: str, near: str = "") -> None:
-        self.file, self.got, self.near = str(file), got, near
-        line = f"{self.file}: expected a writable path, got {got}" + (f"; {near}" if near else "")
+    def __init__(self, file: Path | str, *, got: str, hint: str = "") -> None:
+        self.file, self.got, self.hint = str(file), got, hint
+        line = f"{self.file}: expected a writable path, got {got}" + (f"; {hint}" if hint else "")
         super().__init__(plain(line))
 
     @classmethod
@@ -75,12 +75,12 @@ class OutputError(BenchError):
         """From what the system says when `file`, or a folder for it, is written."""
         above = error.filename is not None and str(file).startswith(f"{error.filename}{os.sep}")
         culprit = f" ({error.filename})" if above else ""
-        near = "free some disk space, then run the same command again" if error.errno in DISK_FULL else ""
-        return cls(file, got=f"{error.strerror or error}{culprit}", near=near)
+        hint = "free some disk space, then run the same command again" if error.errno in DISK_FULL else ""
+        return cls(file, got=f"{error.strerror or error}{culprit}", hint=hint)
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way back from a worker process, keyword arguments included."""
-        return _output_error, (self.file, self.got, self.near)
+        return _output_error, (self.file, self.got, self.hint)
 
 
 class UnknownNameError(UsageError):
@@ -93,24 +93,24 @@ class UnknownNameError(UsageError):
         hint: where they were looked up, or what else the user can do.
     """
 
-    def __init__(self, kind: str, name: str, known: Iterable[str], *, near: str = "") -> None:
-        self.kind, self.name, self.known, self.near = kind, name, sorted(known), near
+    def __init__(self, kind: str, name: str, known: Iterable[str], *, hint: str = "") -> None:
+        self.kind, self.name, self.known, self.hint = kind, name, sorted(known), hint
         nearest = get_close_matches(name, self.known, n=1, cutoff=0.5)
-        advice = f"; {near}" if near else ""
+        advice = f"; {hint}" if hint else ""
         near = f"; did you mean {nearest[0]!r}?" if nearest else ""
         super().__init__(f"unknown {kind} {name!r}: known are {', '.join(self.known) or 'none'}{advice}{near}")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _unknown_name, (self.kind, self.name, self.known, self.near)
+        return _unknown_name, (self.kind, self.name, self.known, self.hint)
 
 
-def _unknown_name(kind: str, name: str, known: Iterable[str], near: str) -> UnknownNameError:
-    return UnknownNameError(kind, name, known, near=near)
+def _unknown_name(kind: str, name: str, known: Iterable[str], hint: str) -> UnknownNameError:
+    return UnknownNameError(kind, name, known, hint=hint)
 
 
-def _output_error(file: str, got: str, near: str) -> OutputError:
-    return OutputError(file, got=got, near=near)
+def _output_error(file: str, got: str, hint: str) -> OutputError:
+    return OutputError(file, got=got, hint=hint)
 
 
-def _data_error(file: str, field: str | None, expected: str, got: str, near: str) -> DataError:
-    return DataError(file, field=field, expected=expected, got=got, near=near)
+def _data_error(file: str, field: str | None, expected: str, got: str, hint: str) -> DataError:
+    return DataError(file, field=field, expected=expected, got=got, hint=hint)

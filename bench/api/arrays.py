@@ -313,8 +313,8 @@ def _numbers(values: object, name: str) -> NDArray[np.float64]:
 def _array(values: object, name: str) -> NDArray[Any]:
     """An array of NumPy's own class; one that hides values is refused, since they would count."""
     if isinstance(values, np.ma.MaskedArray):
-        near = "pass values.filled(...), and what does not count as `ignored` or `valid`, or leave it out"
-        raise ShapeError(f"{name}: expected an array that hides nothing, got a masked one; {near}")
+        hint = "pass values.filled(...), and what does not count as `ignored` or `valid`, or leave it out"
+        raise ShapeError(f"{name}: expected an array that hides nothing, got a masked one; {hint}")
     return np.asarray(values)
 
 

@@ -138,10 +138,10 @@ class ClusterExecutor:
             self._seen_s = monotonic()
         elif monotonic() - self._seen_s > self.patience_s:
             got = f"none for {self.patience_s:g} s"
-            near = (
+            hint = (
                 f"start some, for example: dask worker {self.scheduler} --nthreads 1, then give the same command again"
             )
-            raise DataError(self.scheduler, expected="workers", got=got, near=near)
+            raise DataError(self.scheduler, expected="workers", got=got, hint=hint)
         return count
 
     def _refuse_unfit_workers(self) -> None:
@@ -189,10 +189,10 @@ class ClusterExecutor:
             raise self._lost() from error
 
     def _lost(self) -> DataError:
-        near = (
+        hint = (
             "start it and its workers, then give the same command again: units that are stored are not computed again"
         )
-        return DataError(self.scheduler, expected="the Dask scheduler", got="a connection that was lost", near=near)
+        return DataError(self.scheduler, expected="the Dask scheduler", got="a connection that was lost", hint=hint)
 
 
 _one_at_a_time = threading.Lock()
