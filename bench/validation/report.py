@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -242,7 +243,7 @@ class ValidationReport:
             ),
             findings=self.findings,
         )
-        return stored.model_dump_json(indent=1, by_alias=True) + "\n"
+        return json.dumps(stored.model_dump(by_alias=True), indent=1, ensure_ascii=False) + "\n"
 
 
 class _StoredCount(FileModel):

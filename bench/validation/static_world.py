@@ -290,9 +290,9 @@ class _Verdict:
             i = PARAMETERS.index(one.free[0])
             if len(one.free) == 1 and one.mounting is self._mounting and fit.sigma[i] > VERDICTS.known[i]:
                 field, unit, scale, _ = VALUES[one.free[0]]
-                yield Undecided(
-                    about=field, why=f"{WHY[one.free[0]]}: known to {1.96 * scale * fit.sigma[i]:.2g} {unit} only"
-                )
+                known = f": known to {1.96 * scale * fit.sigma[i]:.2g} {unit} only"
+                why = WHY[one.free[0]] + (known if fit.sigma[i] < VERDICTS.small[i] else "")
+                yield Undecided(about=field, why=why)
 
 
 # field, unit, units in one, zero

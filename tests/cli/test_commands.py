@@ -71,7 +71,7 @@ def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_ca
 
 def test_view_draws_the_frame_that_is_asked_for(monkeypatch, capsys, tiny_card, tmp_path):
     words = ("view", tiny_card, "--recording", "overtaking", "--frame", 3, "--out", tmp_path / "pictures")
-    assert call(monkeypatch, *words) == 0
+    assert call(monkeypatch, *words, "--method", "spherical") == 0
     made = sorted(path.name for path in (tmp_path / "pictures").iterdir())
     assert made == ["areas.png", "cluster-car.png", "overlay.png", "panels.png"]
     assert str(tmp_path / "pictures" / "panels.png") in capsys.readouterr().out
@@ -87,7 +87,7 @@ def test_view_draws_the_frame_that_is_asked_for(monkeypatch, capsys, tiny_card, 
         (("run", "CARD", "--set", "threshold"), "expected NAME=VALUE"),
         (("run", "CARD", "--set", "treshold=1"), "takes cell_size_px"),
         (("view", "CARD", "--recording", "crosing"), "did you mean 'crossing'"),
-        (("view", "CARD", "--frame", "0"), "--frame: expected 1 to 4, got 0"),
+        (("view", "CARD", "--method", "spherical", "--frame", "0"), "--frame: expected 1 to 4, got 0"),
         (("view", "CARD", "--camera", "rear"), "known are front"),
         (("synthesize", "nowhere.yaml", "--out", "OUT"), "nowhere.yaml"),
     ],

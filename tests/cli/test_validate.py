@@ -55,9 +55,13 @@ def test_faults_exit_with_1_and_stand_in_text_and_json(monkeypatch, capsys, fold
             "sweeps": {"read": 16, "all": 16},
             "undecided": [
                 {
+                    "about": "clock of lidar sweeps against ego-motion",
+                    "why": "the drive hardly brakes, speeds up or turns in and out",
+                },
+                {
                     "about": "calibration and clock of camera front",
                     "why": "no flow is seen: too dark, too little texture, or the vehicle stands",
-                }
+                },
             ],
         }
     ]

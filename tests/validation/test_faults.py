@@ -59,8 +59,8 @@ def images(root):
 
 
 def test_a_clean_recording_has_no_findings(root):
-    assert found(root) == []
-    assert found(root, Depth.DEEP) == []
+    assert found(root, static_world=True) == []
+    assert found(root, Depth.DEEP, static_world=True) == []
 
 
 # ---------------------------------------------------------------- ego-motion
@@ -76,7 +76,7 @@ def test_a_clean_recording_has_no_findings(root):
 )
 def test_units_and_signs_of_the_bus_are_tried_against_the_lidar(root, column, factor, field):
     change_bus(root, lambda row: row.update({column: str(float(row[column]) * factor)}))
-    told, *others = found(root)
+    told, *others = found(root, static_world=True)
     assert (told.check, told.field, told.severity) == ("ego-motion-unit", field, Severity.ERROR)
     assert told.file.endswith("egomotion.csv")
     assert {finding.severity for finding in others if finding.check in BY_EGO_MOTION} <= {Severity.WARNING}
@@ -90,18 +90,18 @@ def test_between_plain_walls_the_lidar_cannot_tell_the_speed(monkeypatch, tmp_pa
         monkeypatch.setattr(drive, name, value)
     corridor = drive.write_drive(tmp_path / "drive")
     change_bus(corridor, lambda row: row.update(speed_mps=str(stated_mps)))
-    assert "ego-motion-unit" not in {finding.check for finding in found(corridor)}
+    assert "ego-motion-unit" not in {finding.check for finding in found(corridor, static_world=True)}
 
 
 def test_reverse_gear_while_driving_forwards(root):
     change_bus(root, lambda row: row.update(gear="R"))
-    (told,) = [finding for finding in found(root) if finding.check == "ego-motion-unit"]
+    (told,) = [finding for finding in found(root, static_world=True) if finding.check == "ego-motion-unit"]
     assert "gear" in told.field
 
 
 def test_degrees_per_second(root):
     change_bus(root, lambda row: row.update(yaw_rate_radps=str(np.degrees(drive.TURN_RADPS))))
-    cause, *others = found(root)
+    cause, *others = found(root, static_world=True)
     assert (cause.check, cause.severity) == ("ego-turn", Severity.ERROR)
     labels = [finding for finding in others if finding.check in BY_EGO_MOTION]
     assert labels
@@ -628,7 +628,7 @@ def test_everything_at_once(root):
         content["openlabel"]["frames"]["1"]["objects"]["nobody"] = {"object_data": {}}
 
     change_json(root / "annotations.json", two)
-    told = [f"{finding.file}: {finding.field}" for finding in found(root)]
+    told = [f"{finding.file}: {finding.field}" for finding in found(root, static_world=True)]
     for part in (
         "cameras.rear",
         "late.png",
