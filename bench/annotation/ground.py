@@ -15,7 +15,6 @@ from scipy import ndimage
 
 from bench.annotation.settings import ProposalSettings
 from bench.geometry import RigidTransform
-from bench.records.recording import Recording
 
 Floats = NDArray[np.float64]
 FIT_RANGE_M, FIT_POINTS = 18.0, 6000  # returns that the plane is fitted to
@@ -52,15 +51,6 @@ class Road:
         """(N, 3) float64, world frame, m, of points (N, 3) whose third component is their height above the road."""
         matrix = self.world_from_levelled
         return np.asarray(points_levelled @ matrix[:, :3].T + matrix[:, 3])
-
-
-def road_height_m(recording: Recording) -> float:
-    """Height of the road in the vehicle frame, m, as the mounting of the cameras tells; 0 without cameras."""
-    heights = [
-        camera.vehicle_from_camera.apply(camera.road.down * camera.road.height_m)[2]
-        for camera in recording.cameras.values()
-    ]
-    return float(np.median(heights)) if heights else 0.0
 
 
 def fit_road(points_vehicle: Floats, world_from_vehicle: RigidTransform, height_m: float) -> Road:

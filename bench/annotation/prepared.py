@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from bench.annotation.free_space import RangeView, count_witness, range_view
-from bench.annotation.ground import HeightGrid, Road, fit_road, ground_heights, lowest_heights, road_height_m
+from bench.annotation.ground import HeightGrid, Road, fit_road, ground_heights, lowest_heights
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.geometry import RigidTransform
 from bench.records.recording import Recording, SweepRef
@@ -81,7 +81,7 @@ def clouds(recording: Recording, settings: ProposalSettings, *, progress: Callab
         settings: of the proposals.
         progress: called with the share of sweeps that are read.
     """
-    height_m = road_height_m(recording)
+    height_m = recording.ground_m
     window_ns = round(settings.window_s * SECOND_NS)
     held: deque[_Prepared] = deque()
     waiting: deque[_Prepared] = deque()

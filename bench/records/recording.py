@@ -47,6 +47,11 @@ class MountedCamera:
     ego_body: NDArray[np.bool_] | None = None
     rolling_shutter: RollingShutter | None = None
 
+    @property
+    def ground_m(self) -> float:
+        """Height of the road below the camera, vehicle frame, m."""
+        return float(self.vehicle_from_camera.translation_m[2]) - self.road.height_m
+
 
 class StoredPart(Protocol):
     """Part of a file that holds several, such as a message of a log; it travels to other processes."""
@@ -228,6 +233,11 @@ class Track:
             if not isinstance(value := getattr(self, name), str):
                 raise UsageError(f"track {self.track_id!r}: expected text as {name}, got {value!r}")
 
+    def state_near(self, time_ns: int, *, within_ns: int) -> ObjectState | None:
+        """The state nearest to a time; None where none is so near."""
+        nearest = min(self.states, key=lambda state: abs(state.timestamp_ns - time_ns), default=None)
+        return None if nearest is None or abs(nearest.timestamp_ns - time_ns) > within_ns else nearest
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Annotated:
@@ -331,6 +341,11 @@ class Recording:
     )
     lidar_from_sensor: RigidTransform = field(default_factory=RigidTransform.identity)
     input_errors: InputErrors = NO_INPUT_ERRORS
+
+    @property
+    def ground_m(self) -> float:
+        """Height of the road, vehicle frame, m: the median over the cameras; 0 without cameras."""
+        return float(np.median([camera.ground_m for camera in self.cameras.values()] or [0.0]))
 
 
 GAP_INTERVALS = 1.5  # a pair further apart than this many nominal intervals has an image missing between

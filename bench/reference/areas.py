@@ -29,9 +29,8 @@ def left_out_pixels(annotated: Annotated, camera: MountedCamera) -> NDArray[np.b
         (H, W) bool.
     """
     covered = np.zeros((camera.model.height, camera.model.width), dtype=bool)
-    ground_m = float(camera.vehicle_from_camera.translation_m[2]) - camera.road.height_m
     for outline in annotated.left_out_m:
-        body = GroundPolygon(outline_m=np.array(outline), bottom_m=ground_m, top_m=ground_m + TALLEST_M)
+        body = GroundPolygon(outline_m=np.array(outline), bottom_m=camera.ground_m, top_m=camera.ground_m + TALLEST_M)
         parts_camera = camera.vehicle_from_camera.inverse().apply(convex_parts(body))
         window, inside = silhouette(parts_camera, camera.model)
         covered[window] |= inside

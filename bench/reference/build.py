@@ -53,8 +53,7 @@ class ReferenceBuilder:
         self._sweeps = SweepCache(recording, settings.max_sweep_gap_ns)
         if beside is not None and beside.settings.max_sweep_gap_ns == settings.max_sweep_gap_ns:
             self._sweeps = beside._sweeps
-        ground_m = float(self.camera.vehicle_from_camera.translation_m[2]) - self.camera.road.height_m
-        self._lowest_m = ground_m + settings.ground_clearance_m
+        self._lowest_m = self.camera.ground_m + settings.ground_clearance_m
         clears_shape = settings.clearance_above_shape or self._kind.clears_shape
         self._clearance_m = settings.ground_clearance_m if clears_shape else 0.0
 

@@ -16,14 +16,12 @@ from bench.atomic import write_bytes
 from bench.cameras import ray_grid
 from bench.recordings import read_image
 from bench.records.recording import MountedCamera, Recording
-from bench.reference.sweeps import SweepCache
 from bench.reporting import canvas
 from bench.reporting.formats import file_name, image_name
 from bench.reporting.rerun_log import rerun_log
-from bench.reporting.video import SweepViewer
+from bench.reporting.video import SeenSweep, SweepViewer
 from bench.validation.static_flow import SeenFlow, reduced, seen_flow
 
-SWEEP_WITHIN_NS = 100_000_000
 NEAREST_M, FARTHEST_M = 1.0, 50.0
 GRID_M, GRID_STEP_M, LINE_STEP_M = 10.0, 1.0, 0.05  # reach of the grid, between its lines, between points of a line
 HORIZON_POINTS = 1441
@@ -59,15 +57,15 @@ def write_calibration(
     """
     tasks = [(name, index) for name, indices in chosen.items() for index in indices]
     tasks.sort(key=lambda task: recording.images[task[0]][task[1]].timestamp_ns)
+    sweeps = {name: SweepViewer(recording, recording.cameras[name]) for name in chosen}
     files = []
     with ExitStack() as stack:
         log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, cameras=list(chosen)))
         for number, (name, index) in enumerate(tasks, start=1):
             image = recording.images[name][index]
-            figure = draw_calibration(recording, name, index)
+            figure = draw_calibration(recording, name, index, sweeps[name])
             if log is not None:
-                seen = SweepViewer(recording, recording.cameras[name]).see(image)
-                log.add(image, canvas.figure_pixels(figure), seen)
+                log.add(image, canvas.figure_pixels(figure), sweeps[name].see(image))
             folder = out / f"{file_name(recording.name)}-{file_name(name)}"
             files.append(folder / f"{index:06d}-{file_name(image.path.stem)}" / "calibration.png")
             write_bytes(files[-1], canvas.figure_bytes(figure, "png"))
@@ -76,7 +74,7 @@ def write_calibration(
 
 
 @canvas.styled
-def draw_calibration(recording: Recording, camera_name: str, index: int) -> Figure:
+def draw_calibration(recording: Recording, camera_name: str, index: int, sweeps: SweepViewer) -> Figure:
     """Draw four panels of an image.
 
     Lidar points by range where they were when the image was exposed, and as they were measured; the flow of static
@@ -87,6 +85,7 @@ def draw_calibration(recording: Recording, camera_name: str, index: int) -> Figu
         recording: the drive; it needs no annotations.
         camera_name: one of its cameras.
         index: of the image.
+        sweeps: of the camera.
 
     Raises:
         DataError: the image or its sweep cannot be read.
@@ -104,9 +103,9 @@ def draw_calibration(recording: Recording, camera_name: str, index: int) -> Figu
             panel = canvas.axes_at(figure, left_in, bottom_in, _WIDTH_IN, height_in)
             canvas.show_image(panel, grey)
             axes.append(panel)
-    compensated, as_measured = _points_vehicle(recording, image.timestamp_ns)
-    _draw_points(axes[0], "(a) lidar at the exposure, by range", compensated, camera)
-    _draw_points(axes[1], "(b) lidar as measured, without motion compensation", as_measured, camera)
+    _draw_points(axes[0], "(a) lidar at the exposure, by range", sweeps.see(image))
+    as_measured = sweeps.see(image, compensated=False)
+    _draw_points(axes[1], "(b) lidar as measured, without motion compensation", as_measured)
     _draw_flow(axes[2], recording, camera, index)
     _draw_geometry(axes[3], camera)
     name = image_name(recording.name, camera_name, image.timestamp_ns)
@@ -115,27 +114,18 @@ def draw_calibration(recording: Recording, camera_name: str, index: int) -> Figu
     return figure
 
 
-def _points_vehicle(recording: Recording, time_ns: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points of the nearest sweep, (N, 3), m, vehicle frame: where they are at a time, and as they were measured."""
-    placed = SweepCache(recording, SWEEP_WITHIN_NS).nearest(None, time_ns)
-    if placed is None:
-        return np.empty((0, 3)), np.empty((0, 3))
-    vehicle_from_world = recording.trajectory.world_from_vehicle(time_ns).inverse()
-    as_measured = recording.vehicle_from_lidar.apply(placed.sweep.points_lidar.astype(np.float64))
-    return vehicle_from_world.apply(placed.points_world()), as_measured
-
-
-def _draw_points(axes: Axes, title: str, points_vehicle: NDArray[np.float64], camera: MountedCamera) -> None:
-    points_camera = camera.vehicle_from_camera.inverse().apply(points_vehicle)
-    pixels, seen = _project(points_camera, camera)
-    range_m = np.linalg.norm(points_camera[seen], axis=1)
-    far_first = np.argsort(-range_m)
-    dots = pixels[seen][far_first]
+def _draw_points(axes: Axes, title: str, seen: SeenSweep | None) -> None:
+    if seen is None or not len(seen.pixels):
+        axes.set_title(f"{title}: no points within 100 ms", pad=3)
+        return
+    far_first = np.argsort(-seen.range_m)
+    dots = seen.pixels[far_first]
     norm = LogNorm(NEAREST_M, FARTHEST_M)
     axes.scatter(
-        dots[:, 0], dots[:, 1], c=range_m[far_first], norm=norm, cmap="viridis_r", s=0.35, linewidths=0, rasterized=True
-    )
-    axes.set_title(title if seen.any() else f"{title}: no points within 100 ms", pad=3)
+        dots[:, 0], dots[:, 1], c=seen.range_m[far_first], norm=norm, cmap="viridis_r", s=0.35, linewidths=0,
+        rasterized=True,
+    )  # fmt: skip
+    axes.set_title(title, pad=3)
 
 
 def _draw_flow(axes: Axes, recording: Recording, camera: MountedCamera, index: int) -> None:

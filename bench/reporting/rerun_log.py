@@ -62,12 +62,8 @@ class RerunLog:
     def _boxes(self, time_ns: int) -> None:
         centres, halves, turns, labels = [], [], [], []
         for track in self._recording.tracks:
-            state = min(track.states, key=lambda state: abs(state.timestamp_ns - time_ns), default=None)
-            if (
-                state is None
-                or abs(state.timestamp_ns - time_ns) > NEAR_STATE_NS
-                or not isinstance(state.shape, Cuboid)
-            ):
+            state = track.state_near(time_ns, within_ns=NEAR_STATE_NS)
+            if state is None or not isinstance(state.shape, Cuboid):
                 continue
             pose = self._recording.trajectory.world_from_vehicle(state.timestamp_ns) @ state.shape.vehicle_from_object
             centres.append(pose.translation_m)

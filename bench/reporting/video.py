@@ -38,7 +38,7 @@ FARTHEST_SWEEP_NS = 100_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeenSweep:
-    """A motion-compensated sweep at an exposure.
+    """A sweep at an exposure.
 
     Attributes:
         points_world: (N, 3) float64, m.
@@ -65,8 +65,12 @@ class SweepViewer:
         self._recording, self._camera = recording, camera
         self._sweeps = SweepCache(recording, FARTHEST_SWEEP_NS)
 
-    def see(self, image: ImageRef) -> SeenSweep | None:
+    def see(self, image: ImageRef, *, compensated: bool = True) -> SeenSweep | None:
         """The sweep at an exposure; None where there is none within 100 ms, or no ego-motion.
+
+        Args:
+            image: the exposure.
+            compensated: False for points as they were measured, as if nothing moved meanwhile.
 
         Raises:
             DataError: the sweep's file cannot be read.
@@ -74,11 +78,15 @@ class SweepViewer:
         placed = self._sweeps.nearest(None, image.timestamp_ns)
         if placed is None:
             return None
-        points_world = placed.points_world()
-        vehicle_from_world = self._recording.trajectory.world_from_vehicle(image.timestamp_ns).inverse()
-        points_vehicle = vehicle_from_world.apply(points_world)
+        world_from_vehicle = self._recording.trajectory.world_from_vehicle(image.timestamp_ns)
+        if compensated:
+            points_world = placed.points_world()
+            points_vehicle = world_from_vehicle.inverse().apply(points_world)
+            readout = Readout.at(image.timestamp_ns, trajectory=self._recording.trajectory, camera=self._camera)
+        else:
+            points_vehicle = self._recording.vehicle_from_lidar.apply(placed.sweep.points_lidar.astype(np.float64))
+            points_world, readout = world_from_vehicle.apply(points_vehicle), None
         points_camera = self._camera.vehicle_from_camera.inverse().apply(points_vehicle)
-        readout = Readout.at(image.timestamp_ns, trajectory=self._recording.trajectory, camera=self._camera)
         shown = points_camera if readout is None else readout.seen(points_camera, self._camera.model)
         pixels, valid = self._camera.model.project(shown)
         seen = valid & self._camera.model.contains(pixels)

@@ -16,10 +16,9 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, Recording, Track
 from bench.reference.sweeps import pose_sweep
-from bench.validation.findings import road_height_m
+from bench.validation.findings import SECOND_NS
 from bench.validation.motion import box_of
 
-SECOND_NS = 1_000_000_000
 RING_M = 0.4  # around the box in which returns count as outside
 SLACK_M = 0.03  # scatter of ranges
 CORE = 0.6  # of the box's sizes that beams have to pass through
@@ -81,11 +80,7 @@ class Near:
         """
         half = boxes.sizes_m[:, None] / 2
         beyond = np.max(np.abs(_local(self.returns_m, boxes)) - half, axis=2)
-        start = _local(self.start_m[None], boxes)
-        along = _local(self.ends_m, boxes) - start
-        with np.errstate(divide="ignore", invalid="ignore"):
-            one, other = (-CORE * half - start) / along, (CORE * half - start) / along
-        enter, leave = np.fmin(one, other).max(axis=2), np.fmax(one, other).min(axis=2)
+        enter, leave = _crossing(_local(self.start_m[None], boxes), _local(self.ends_m, boxes), CORE * half)
         through = (enter > 0) & (enter < leave) & (leave < 1.0)
         inside, outside = beyond <= SLACK_M, (beyond > SLACK_M) & (beyond < RING_M)
         a_return, a_beam = self.weights
@@ -103,6 +98,14 @@ class Near:
 def _local(points_m: Vectors, boxes: Boxes) -> Vectors:
     """(H, N, 3), points in the frame of each box."""
     return np.asarray(np.einsum("hni,hij->hnj", points_m[None] - boxes.centres_m[:, None], boxes.rotations))
+
+
+def _crossing(start: Vectors, ends: Vectors, half_m: Vectors) -> tuple[Vectors, Vectors]:
+    """Parts of the way from a start to ends, box frame, at which beams enter and leave; enter >= leave if they miss."""
+    along = ends - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, other = (-half_m - start) / along, (half_m - start) / along
+    return np.fmin(one, other).max(axis=-1), np.fmax(one, other).min(axis=-1)
 
 
 class Beams:
@@ -131,7 +134,7 @@ class Beams:
         order = np.argsort(bearing)
         self._bearing, self._ends, self._starts = bearing[order], ends[order], starts[rows][order]
         self._times_ns, self._time_ns = posed.times_ns[order], sweep.timestamp_ns
-        self._trajectory, self._road_m = recording.trajectory, road_height_m(recording)
+        self._trajectory, self._road_m = recording.trajectory, recording.ground_m
 
     def near(self, box: Cuboid, *, time_ns: int, velocity_mps: Vectors, reach_m: float) -> Near | None:
         """Beams around a box.
@@ -161,10 +164,7 @@ class Beams:
         half = around.sizes_m[0] / 2
         lowest_m = self._road_m + min(ROAD_M, 0.3 * float(box.size_m[2]))
         close = (np.abs(local) < half).all(axis=1)
-        along = local - local_start
-        with np.errstate(divide="ignore", invalid="ignore"):
-            one, other = (-half - local_start) / along, (half - local_start) / along
-        enter, leave = np.fmin(one, other).max(axis=1), np.fmax(one, other).min(axis=1)
+        enter, leave = _crossing(local_start, local, half)
         returns, a_return = _thinned(ends[close & (ends[:, 2] > lowest_m)], MOST_RETURNS)
         passing, a_beam = _thinned(ends[(enter < leave) & (leave > 0)], MOST_BEAMS + MOST_RETURNS)
         return Near(start_m=start, returns_m=returns, ends_m=passing, weights=(a_return, a_beam))

@@ -22,7 +22,6 @@ from bench.validation.findings import (
     annotation_file,
     object_field,
     occurrences,
-    road_height_m,
     unusable,
 )
 from bench.validation.motion import box_of
@@ -152,7 +151,7 @@ def _tilt(track: Track) -> Iterator[Finding]:
 
 def _above_road(recording: Recording) -> Iterator[Finding]:
     """Bottoms of near boxes: centres taken for bottoms, or the other way round, put all off by half a height."""
-    road_m = road_height_m(recording)
+    road_m = recording.ground_m
     every: list[float] = []
     for track in recording.tracks:
         gaps = []

@@ -14,7 +14,6 @@ from bench.validation.findings import (
     SENSOR_OUTSIDE_M,
     Finding,
     Severity,
-    road_height_m,
 )
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -146,7 +145,7 @@ def _body_mask(camera: MountedCamera, field: str) -> Iterator[Finding]:
 def _lidar(recording: Recording) -> Iterator[Finding]:
     if not recording.sweeps:
         return
-    height_m = float(recording.vehicle_from_lidar.translation_m[2]) - road_height_m(recording)
+    height_m = float(recording.vehicle_from_lidar.translation_m[2]) - recording.ground_m
     merged = np.array_equal(recording.vehicle_from_lidar.matrix, np.eye(4))  # points come in the vehicle frame
     if not merged and not LIDAR_HEIGHT_M[0] <= height_m <= LIDAR_HEIGHT_M[1]:
         yield Finding(

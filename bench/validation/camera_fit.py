@@ -19,11 +19,10 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import CameraModel
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
+from bench.validation.findings import DEGREE, SECOND_NS
 from bench.validation.static_flow import SeenFlow
 
 Floats = NDArray[np.float64]
-DEGREE = float(np.pi / 180)
-SECOND_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations, product
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from bench.cameras import CameraModel, KannalaBrandtCamera, PinholeCamera
 from bench.errors import ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera
+from bench.validation.mounting import signed_axes
 from bench.validation.static_flow import SeenFlow
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
@@ -78,7 +78,9 @@ def readings(camera: MountedCamera, others: Sequence[MountedCamera]) -> Iterator
     for other in others:
         yield Reading(field="images", description=f"the images of {other.name}", model=other.model,
                       vehicle_from_camera=other.vehicle_from_camera)  # fmt: skip
-    for matrix in _axes():
+    for matrix in signed_axes():
+        if np.linalg.det(matrix) < 0 or np.array_equal(matrix, np.eye(3)):
+            continue
         axes = ", ".join("{}{}".format("-" if row.sum() < 0 else "", "xyz"[int(np.abs(row).argmax())])
                          for row in matrix)  # fmt: skip
         yield turned(f"the camera's axes as {axes}", rotation @ matrix)
@@ -109,11 +111,3 @@ def _other_lenses(model: CameraModel) -> Iterator[tuple[str, CameraModel]]:
             )  # fmt: skip
     except ShapeError:
         return
-
-
-def _axes() -> Iterator[np.ndarray]:
-    """The 23 rotations that permute and reverse axes, but the identity."""
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        matrix = np.eye(3)[list(order)] * np.array(signs)[:, None]
-        if np.linalg.det(matrix) > 0 and not np.array_equal(matrix, np.eye(3)):
-            yield matrix

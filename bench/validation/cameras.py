@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.recordings import MountedCamera, Recording
-from bench.validation.camera_fit import CAUSES, DEGREE, SLICES, CameraFit, Fit, gain
+from bench.validation.camera_fit import CAUSES, SLICES, CameraFit, Fit, gain
 from bench.validation.camera_readings import Reading, readings
-from bench.validation.findings import Finding, Severity, Undecided, calibration_file
+from bench.validation.findings import DEGREE, Finding, Severity, Undecided, calibration_file
 from bench.validation.static_flow import SeenFlow, reduced, seen_flows
 
 
@@ -76,38 +76,35 @@ def check_cameras(recording: Recording) -> Iterator[Finding | Undecided]:
 def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Undecided | None:
     """Try a camera against the static world: what is wrong with it, or why the drive cannot tell; None if it fits."""
 
-    def untold(why: str) -> Undecided:
+    def undecided(why: str) -> Undecided:
         return Undecided(about=f"calibration and clock of camera {camera.name}", why=why)
 
     seen = reduced(camera)
     if not recording.sweeps:
-        return untold("no lidar")
+        return undecided("no lidar")
     flows = list(seen_flows(recording, seen))
     if not flows:
-        return untold("no flow is seen: too dark, too little texture, or the vehicle stands")
+        return undecided("no flow is seen: too dark, too little texture, or the vehicle stands")
     stated = CameraFit(flows, recording.trajectory, seen.model, seen.vehicle_from_camera)
     clean = stated.fit(())
-    if clean is None or clean.share < LIMITS.predicted:
-        others = [reduced(other) for other in recording.cameras.values() if other.name != camera.name]
-        found = _best_reading(recording, seen, others, flows, clean, better=LIMITS.better)
-        if found is not None:
-            return _misread(recording, camera, clean, *found)
+    wrong = clean is None or clean.share < LIMITS.predicted
+    if wrong and (found := _best_reading(recording, seen, flows, clean, better=LIMITS.better)) is not None:
+        return _misread(recording, camera, clean, *found)
     if clean is None:
-        return untold("too few lidar returns on texture in the image")
+        return undecided("too few lidar returns on texture in the image")
     causes = [cause for cause in CAUSES if cause != "clock" or _motion_changes(recording, flows)]
     fits = {cause: fit for cause in causes if (fit := stated.fit((cause,), scale_px=clean.scale_px)) is not None}
     cause = max(fits, key=lambda name: gain(clean, fits[name]))
     best = fits[cause]
     if best.share < LIMITS.sure:
-        return untold(f"only {100 * best.share:.0f} % of the flow is that of a static world")
+        return undecided(f"only {100 * best.share:.0f} % of the flow is that of a static world")
     size, sigma = _largest(cause, best)
     if (
         gain(clean, best) > LIMITS.gain
         and abs(size) - INTERVAL * sigma > SMALLEST[cause] / 2
         and abs(size) > max(SMALLEST[cause], LIMITS.deviations * sigma)
     ):
-        others = [reduced(other) for other in recording.cameras.values() if other.name != camera.name]
-        if (found := _best_reading(recording, seen, others, flows, best, better=0.0)) is not None:
+        if (found := _best_reading(recording, seen, flows, best, better=0.0)) is not None:
             return _misread(recording, camera, clean, *found)
         return _deviation(recording, camera, cause, clean, best)
     return None
@@ -129,12 +126,12 @@ def _motion_changes(recording: Recording, flows: Sequence[SeenFlow]) -> bool:
 def _best_reading(
     recording: Recording,
     camera: MountedCamera,
-    others: Sequence[MountedCamera],
     flows: Sequence[SeenFlow],
     fitted_before: Fit | None,
     better: float,
 ) -> tuple[Reading, Fit] | None:
     """The reading that predicts clearly more of the flow than the stated calibration; None without one."""
+    others = [reduced(other) for other in recording.cameras.values() if other.name != camera.name]
     same_size = [o for o in others if (o.model.width, o.model.height) == (camera.model.width, camera.model.height)]
     tried: list[tuple[float, Reading, CameraFit]] = []
     most = 0
@@ -204,8 +201,9 @@ def _deviation(recording: Recording, camera: MountedCamera, cause: str, clean: F
         got, field = f"a camera that is turned against its stated mounting: {text}", f"{mounting}.quaternion_wxyz"
         hint = "turn the stated mounting so, about the camera's own axes"
     elif cause == "focal":
-        scale, interval_percent = 100.0 * float(np.expm1(values[0])), 100.0 * float(half[0])
-        got = f"a focal length that is {scale:+.1f} +- {interval_percent:.1f} % of the stated one's more"
+        percent, interval_percent = 100.0 * float(np.expm1(values[0])), 100.0 * float(half[0])
+        way = "longer" if percent > 0 else "shorter"
+        got = f"a focal length {abs(percent):.1f} +- {interval_percent:.1f} % {way} than stated"
         field, hint = f"{field}.model", f"multiply the lens's scale (focal or coefficients) by {np.exp(values[0]):.3f}"
     elif cause == "centre":
         got = (

@@ -26,7 +26,6 @@ LEAST_SWEEP_STEPS = 4
 MOST_WITHOUT_SWEEP = 0.25  # of the annotated times; with more of them, annotations follow the images
 OLDER_POINTS = "images there are scored by the points of another sweep, up to 100 ms away; files missing?"
 NEAR_SWEEP_NS = 100_000_000
-SECOND_NS = 1_000_000_000
 
 
 def check_clocks(recording: Recording) -> Iterator[Finding]:

@@ -13,12 +13,12 @@ from bench.validation.findings import (
     EGO_SIDEWAYS_MPS2,
     EGO_TOP_SPEED_MPS,
     EGO_TOP_TURN_RADPS,
+    SECOND_NS,
     Finding,
     occurrences,
 )
 from bench.validation.motion import box_of
 
-SECOND_NS = 1_000_000_000
 SPEED_WINDOW_NS = 200_000_000  # single steps of measured poses jitter
 JUMP_MPS2 = 40.0  # a crash; also what a pose that jumps by half a metre between two 10 Hz poses gives
 
@@ -90,8 +90,8 @@ def on_objects(points_vehicle: NDArray[np.float64], time_ns: int, recording: Rec
     """Points on annotated objects: those that drive along would suggest a stationary vehicle."""
     inside = np.zeros(len(points_vehicle), dtype=bool)
     for track in recording.tracks:
-        state = min(track.states, key=lambda state: abs(state.timestamp_ns - time_ns), default=None)
-        box = None if state is None or abs(state.timestamp_ns - time_ns) > NEAR_NS else box_of(state.shape)
+        state = track.state_near(time_ns, within_ns=NEAR_NS)
+        box = None if state is None else box_of(state.shape)
         if box is not None:
             local = box.vehicle_from_object.inverse().apply(points_vehicle)
             inside |= (np.abs(local) < box.size_m / 2 + BOX_SLACK_M).all(axis=1)

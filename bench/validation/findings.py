@@ -23,6 +23,9 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.recordings import Recording, Track
 
+SECOND_NS = 1_000_000_000
+DEGREE = float(np.pi / 180)
+
 
 class Severity(StrEnum):
     """Certainty that something is wrong."""
@@ -106,12 +109,6 @@ def annotation_file(recording: Recording) -> str:
 def object_field(track: Track) -> str:
     """Name of an object in findings."""
     return f"object {track.track_id!r} ({track.object_class})"
-
-
-def road_height_m(recording: Recording) -> float:
-    """Height of the road in the vehicle frame, m: the median over the cameras."""
-    cameras = recording.cameras.values()
-    return float(np.median([c.vehicle_from_camera.translation_m[2] - c.road.height_m for c in cameras]))
 
 
 def sweep_times(recording: Recording) -> NDArray[np.int64]:

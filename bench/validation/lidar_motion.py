@@ -16,10 +16,10 @@ from scipy.optimize import least_squares
 
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform, twist_between
+from bench.validation.findings import SECOND_NS
 from bench.validation.scan_matching import Step
 
 Array = NDArray[np.float64]
-SECOND_NS = 1_000_000_000
 PARAMETERS = ("late_s", "speed", "turn", "bias_radps", "yaw_rad")
 
 

@@ -14,9 +14,8 @@ from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
 from bench.plain_text import listed
 from bench.recordings import Cuboid, GroundPolygon, ObjectShape, Recording, Track
-from bench.validation.findings import BODIES, BodyLimits, Finding, Severity, object_field, occurrences
+from bench.validation.findings import BODIES, SECOND_NS, BodyLimits, Finding, Severity, object_field, occurrences
 
-SECOND_NS = 1_000_000_000
 LONGEST_STEP_S = 1.0
 JUMP_M = 1.0
 JUMP_SHARE_OF_RANGE = 0.02  # boxes far away are seen by few points and shake

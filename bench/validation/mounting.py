@@ -134,9 +134,9 @@ def returns_in_boxes(recording: Recording, sweeps: Iterable[LidarSweep], vehicle
     for sweep in sweeps:
         placed = sweep.points_lidar @ vehicle_from_points.T + recording.vehicle_from_lidar.translation_m
         for track in recording.tracks:
-            state = min(track.states, key=lambda state: abs(state.timestamp_ns - sweep.timestamp_ns), default=None)
+            state = track.state_near(sweep.timestamp_ns, within_ns=SEEING.box_ns)
             box = None if state is None else box_of(state.shape)
-            if state is None or box is None or abs(state.timestamp_ns - sweep.timestamp_ns) > SEEING.box_ns:
+            if box is None:
                 continue
             local = box.vehicle_from_object.inverse().apply(placed) / (box.size_m / 2)
             count += int(((np.abs(local) < 1.0).all(axis=1) & (local[:, 2] > -SEEING.bottom)).sum())
@@ -153,7 +153,7 @@ def mounting_name(stated: Array, fitted: Array) -> str:
     if _angle_rad(stated, stated.T) > SEEING.named_rad and _angle_rad(stated.T, fitted) < SEEING.named_rad:
         return "the inverse of vehicle_from_lidar"
     change = stated.T @ fitted
-    nearest = min(_permuted(), key=lambda axes: float(np.linalg.norm(axes - change)))
+    nearest = min(signed_axes(), key=lambda axes: float(np.linalg.norm(axes - change)))
     if not np.array_equal(nearest, np.eye(3)) and _angle_rad(nearest, change) < SEEING.named_rad:
         return _axes_name(nearest)
     turned = fitted @ stated.T
@@ -170,8 +170,8 @@ def _angle_rad(one: Array, other: Array) -> float:
     return float(np.arccos(np.clip((np.trace(between) - 1) / 2, -1, 1)))
 
 
-def _permuted() -> list[Array]:
-    """All 48 permutations of axes with signs."""
+def signed_axes() -> list[Array]:
+    """All 48 permutations of axes with signs; 24 of them mirror."""
     return [
         np.diag(signs) @ np.eye(3)[list(order)]
         for order in permutations(range(3))

@@ -82,7 +82,7 @@ EGO_MOTION_CHECKS = frozenset(
     {"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit", "ego-motion-scale"}
 )
 BY_EGO_MOTION = frozenset(
-    [
+    {
         "object-jump",
         "object-speed",
         "heading",
@@ -93,13 +93,13 @@ BY_EGO_MOTION = frozenset(
         "box-short",
         "box-reading",
         "box-place",
-    ]
+    }
 )
 BY_TIMES = frozenset(
-    ["image-times", "ego-motion-missing", "sensor-overlap", "point-times", "annotation-time", "annotation-outside"]
+    {"image-times", "ego-motion-missing", "sensor-overlap", "point-times", "annotation-time", "annotation-outside"}
 )
 BY_LENGTHS = BY_EGO_MOTION | frozenset(
-    [
+    {
         "camera-mounting",
         "lidar-mounting",
         "sensor-outside",
@@ -111,7 +111,7 @@ BY_LENGTHS = BY_EGO_MOTION | frozenset(
         "object-in-ego",
         "same-object",
         "crowded-boxes",
-    ]
+    }
 )
 CAUSES = (  # what causes it, by which findings that is known, and findings that may follow from it
     ("the unit of times", frozenset({"time-unit"}), BY_TIMES),

@@ -20,7 +20,7 @@ from bench.geometry import advance_twist, twist_between
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
 from bench.validation.ego_motion import on_objects
-from bench.validation.findings import sweep_times
+from bench.validation.findings import SECOND_NS, sweep_times
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,6 @@ class Matching:
 
 
 MATCHING = Matching()
-SECOND_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bench.recordings import Recording
 from bench.validation.clocks import distance_to
-from bench.validation.findings import Finding, Severity, Undecided, calibration_file, road_height_m, sweep_times
+from bench.validation.findings import DEGREE, Finding, Severity, Undecided, calibration_file, sweep_times
 from bench.validation.lidar_motion import PARAMETERS, STATED, Comparison, Fit, Mounting, Odometry, level_steps
 from bench.validation.mounting import mounting_name, returns_in_boxes, road_plane, some_sweeps
 from bench.validation.scan_matching import scan_steps
@@ -79,7 +79,6 @@ def _at(**values: float) -> Array:
     return np.array([values.get(name, stated) for name, stated in zip(PARAMETERS, STATED, strict=True)])
 
 
-DEGREE = float(np.pi / 180)
 SPEEDS = {
     1 / 3.6: "km/h read as m/s",
     3.6: "m/s read as km/h",
@@ -124,7 +123,7 @@ def check_static_world(recording: Recording) -> Iterator[Finding | Undecided]:
         return
     seen = road_plane(some_sweeps(recording), np.median([step.path_m for step in steps], axis=0))
     stated = recording.vehicle_from_lidar
-    up, height_m = stated.rotation[2], float(stated.translation_m[2]) - road_height_m(recording)
+    up, height_m = stated.rotation[2], float(stated.translation_m[2]) - recording.ground_m
     upright = seen is None or float(seen.up @ up) > np.cos(VERDICTS.tilt_rad)
     if seen is not None and not upright:
         up, height_m = seen.up, seen.height_m

@@ -19,7 +19,6 @@ from bench.validation.findings import (
     Finding,
     Severity,
     calibration_file,
-    road_height_m,
     sweep_times,
     unusable,
 )
@@ -225,7 +224,7 @@ class SweepChecks:
             return
         height_m = float(np.median([road.height_m for road in self._roads]))
         tilt_rad = float(np.median([road.tilt_rad for road in self._roads]))
-        stated_m, file = road_height_m(self._recording), calibration_file(self._recording)
+        stated_m, file = self._recording.ground_m, calibration_file(self._recording)
         expected = f"the road at {stated_m:+.2f} m in the vehicle frame, as the calibration says"
         lanes_m = np.array([road.lane_height_m for road in self._roads])
         lanes_m = lanes_m[~np.isnan(lanes_m)]

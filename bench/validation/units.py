@@ -68,9 +68,8 @@ def check_length_units(recording: Recording) -> Iterator[Finding]:
     """Lengths of the calibration, of points and of boxes."""
     yield from _outline(recording)
     for name, camera in recording.cameras.items():
-        ground_m = float(camera.vehicle_from_camera.translation_m[2]) - camera.road.height_m
         field = f"cameras.{name}.vehicle_from_camera"
-        yield from _mounting(recording, camera.vehicle_from_camera, ground_m, CAMERA_HEIGHT_M, field)
+        yield from _mounting(recording, camera.vehicle_from_camera, camera.ground_m, CAMERA_HEIGHT_M, field)
     if recording.sweeps:
         yield from _mounting(recording, recording.vehicle_from_lidar, 0.0, LIDAR_HEIGHT_M, "lidar.vehicle_from_lidar")
         yield from _points(recording)

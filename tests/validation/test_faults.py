@@ -32,16 +32,6 @@ from tests.validation import drive
 from tests.validation.drive import found, with_points
 
 
-@pytest.fixture(scope="module")
-def clean(tmp_path_factory):
-    return drive.write_drive(tmp_path_factory.mktemp("clean") / "drive")
-
-
-@pytest.fixture
-def root(clean, tmp_path):
-    return shutil.copytree(clean, tmp_path / "drive")
-
-
 def checks(root):
     return {(finding.check, finding.severity) for finding in found(root)}
 

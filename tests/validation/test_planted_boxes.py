@@ -11,15 +11,9 @@ from bench.validation.boxes import check_boxes
 from bench.validation.motion import check_motion
 from benchmarks.mistakes import OF_BOXES
 from benchmarks.planted_mistakes import Outcome, table, text_of
-from tests.validation import drive
 
 # No check tells of an object without a box; of the other the small drive's lidar sees one side with few beams.
 UNTOLD = {"the fastest object's boxes half a metre to its left", "the fastest object left out"}
-
-
-@pytest.fixture(scope="module")
-def clean(tmp_path_factory):
-    return drive.write_drive(tmp_path_factory.mktemp("clean") / "drive")
 
 
 def findings(root):

@@ -18,16 +18,6 @@ from tests.support.tiny import VEHICLE_FROM_LIDAR
 from tests.validation import drive
 
 
-@pytest.fixture(scope="module")
-def clean(tmp_path_factory):
-    return drive.write_drive(tmp_path_factory.mktemp("clean") / "drive")
-
-
-@pytest.fixture
-def root(clean, tmp_path):
-    return shutil.copytree(clean, tmp_path / "drive")
-
-
 def told(root):
     return [one for one in check_static_world(open_native(root)) if isinstance(one, Finding)]
 

@@ -1,7 +1,5 @@
 """Each unit that people mistake is really written into a copy of a clean recording: file, field and factor are told."""
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -14,16 +12,6 @@ from tests.validation.drive import found, with_points
 
 TIMES = {"microseconds": 10**3, "milliseconds": 10**6, "seconds": 10**9}
 LENGTHS = {"centimetres": 100, "millimetres": 1000}
-
-
-@pytest.fixture(scope="module")
-def clean(tmp_path_factory):
-    return drive.write_drive(tmp_path_factory.mktemp("clean") / "drive")
-
-
-@pytest.fixture
-def root(clean, tmp_path):
-    return shutil.copytree(clean, tmp_path / "drive")
 
 
 def rename(folder):
