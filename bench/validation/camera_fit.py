@@ -1,14 +1,14 @@
 """Least squares of a camera's calibration and clock on the flow seen at static lidar returns.
 
-Rotation, focal length, centre of the image, position and clock leave different residual fields. Each has a prior: the
-wide one where it is taken for the cause, the narrow one, what a good calibration leaves, where it is not. What the
-ego-motion does not know (bias of its yaw rate, scale of its speed, springs of the body) is fitted along.
+Rotation, focal length, centre of the image, position and clock leave different residual fields. Each has a
+prior: the wide one where it is taken for the cause, the narrow one, what a good calibration leaves, where it is not.
+What the ego-motion does not know (bias of its yaw rate, scale of its speed, springs of the body) is fitted along.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import cv2
@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import CameraModel
 from bench.egomotion import Trajectory
-from bench.geometry import RigidTransform
+from bench.recordings import MountedCamera
 from bench.validation.findings import DEGREE, SECOND_NS
 from bench.validation.static_flow import SeenFlow
 
@@ -63,7 +62,7 @@ PAIR_SIGMAS = np.array([1.5 * DEGREE, 1.5 * DEGREE, 0.2 * DEGREE, 0.01, 0.005, 0
 PAIR_STEPS = np.array([0.05, 0.05, 0.05, 0.01, 0.01, 0.01])
 POINTS = 250  # of each pair
 LEAST_POINTS, LEAST_PAIRS = 40, 6
-STEPS_OF_FIT = 6
+MOST_STEPS, LEAST_FALL = 25, 0.1  # of the fit, and of its cost in a step
 STARTS = {
     "rotation": tuple(sign * size * DEGREE for sign in (-1, 1) for size in (1.0, 2.0, 3.5, 5.0)),
     "focal": (-0.2, -0.1, -0.05, 0.05, 0.1, 0.2),
@@ -84,8 +83,10 @@ class Fit:
     Attributes:
         values: (14,) float64, as `PARTS`: true minus stated.
         sigmas: (14,) float64, standard deviations.
-        cost: minus the logarithm of the likelihood.
-        lengths_px: (N,) float64, residual of each point; NaN where its flow is not seen.
+        pair_errors: (pairs, 6) float64, as `PAIR_SIGMAS`.
+        losses: (N,) float64, of each point, minus the logarithm of its likelihood; where its flow is not seen, that of
+            the fit that this one is compared with.
+        cost: their sum, minus the logarithm of the prior of values and errors.
         share: of the points whose flow is as predicted.
         residual_px: median length of the residual.
         scale_px: of the residual, for Cauchy's weights.
@@ -93,20 +94,12 @@ class Fit:
 
     values: Floats
     sigmas: Floats
+    pair_errors: Floats
+    losses: Floats
     cost: float
-    lengths_px: Floats
     share: float
     residual_px: float
     scale_px: float
-
-
-def gain(stated: Fit, other: Fit) -> float:
-    """By how much another fit, of the same points and scale, raises the log-likelihood of what both see."""
-    both = np.isfinite(stated.lengths_px) & np.isfinite(other.lengths_px)
-    if both.mean() < LEAST_SEEN:
-        return 0.0
-    one, two = (np.log1p((fit.lengths_px[both] / fit.scale_px) ** 2).mean() for fit in (stated, other))
-    return float(one - two) * len(both) / TOGETHER
 
 
 class CameraFit:
@@ -115,21 +108,14 @@ class CameraFit:
     Args:
         flows: of pairs of images.
         trajectory: ego-motion.
-        model: the lens, as stated.
-        vehicle_from_camera: the mounting, as stated.
+        camera: as stated.
     """
 
-    def __init__(
-        self,
-        flows: Sequence[SeenFlow],
-        trajectory: Trajectory,
-        model: CameraModel,
-        vehicle_from_camera: RigidTransform,
-    ) -> None:
-        self._flows, self._trajectory, self._model, self._stated = flows, trajectory, model, vehicle_from_camera
+    def __init__(self, flows: Sequence[SeenFlow], trajectory: Trajectory, camera: MountedCamera) -> None:
+        self._flows, self._trajectory = flows, trajectory
+        self._model, self._stated = camera.model, camera.vehicle_from_camera
         self._times_ns = np.array([[f.current_ns, f.previous_ns] for f in flows], dtype=np.int64)
         self._seconds = np.diff(self._times_ns[:, ::-1], axis=1)[:, 0] / SECOND_NS
-        self._no_errors = np.zeros((len(flows), len(PAIR_SIGMAS)))
         self._points = np.concatenate([flow.points_world for flow in flows])
         self._pair = np.repeat(np.arange(len(flows)), [len(flow.points_world) for flow in flows])
         self.enough = self._select()
@@ -145,7 +131,7 @@ class CameraFit:
         Returns:
             residual, flow: (N, 2) float64, px.
         """
-        errors = self._no_errors if pair_errors is None else pair_errors
+        errors = np.zeros((len(self._flows), len(PAIR_SIGMAS))) if pair_errors is None else pair_errors
         clock_ns = round(float(values[SLICES["clock"]][0]) * SECOND_NS)
         rotations, positions_m, _ = self._trajectory.at((self._times_ns + clock_ns).ravel())
         rotations, positions_m = rotations.reshape(-1, 2, 3, 3), positions_m.reshape(-1, 2, 3)
@@ -175,12 +161,13 @@ class CameraFit:
             ).reshape(-1, 2)
         return seen + flow - self._pixels(vehicle_before, values), flow
 
-    def fit(self, causes: Collection[str], *, scale_px: float | None = None) -> Fit | None:
-        """Gauss-Newton with Cauchy's weights; the best of its steps.
+    def fit(self, causes: Collection[str], *, beside: Fit | None = None) -> Fit | None:
+        """Gauss-Newton with Cauchy's weights, as long as its steps, or half or a quarter of them, lead downhill.
 
         Args:
             causes: parts that may be wrong.
-            scale_px: of the residual; None to estimate it.
+            beside: a fit of fewer causes to begin with; by how much the cost falls from there is what the causes
+                explain.
 
         Returns:
             None where too little is seen.
@@ -188,55 +175,63 @@ class CameraFit:
         if not self.enough:
             return None
         sigmas = np.concatenate([np.full(p.numbers, p.wide if n in causes else p.narrow) for n, p in PARTS.items()])
-        values, errors = self._start(causes, scale_px), self._no_errors
-        best: Fit | None = None
-        for _ in range(STEPS_OF_FIT):
-            residual, slopes, pair_slopes = self._slopes(values, errors)
-            lengths = np.linalg.norm(residual, axis=1)
-            scale_px = scale_px or float(np.clip(np.median(lengths), *SCALE_PX))
-            weights = 1.0 / (1.0 + (lengths / scale_px) ** 2) / (scale_px**2 * TOGETHER)
-            values, errors, covariance = self._step(values, errors, sigmas, residual, slopes, pair_slopes, weights)
-            cost, share, lengths_px = self._cost(values, errors, scale_px)
-            cost += 0.5 * float(((values / sigmas) ** 2).sum() + ((errors / PAIR_SIGMAS) ** 2).sum())
-            if best is None or cost < best.cost:
-                deviations = np.sqrt(np.diag(covariance))
-                best = Fit(
-                    values=values,
-                    sigmas=deviations,
-                    cost=cost,
-                    lengths_px=lengths_px,
-                    share=share,
-                    residual_px=float(np.nanmedian(lengths_px)),
-                    scale_px=scale_px,
-                )
+        if beside is None:
+            best = self._at(np.zeros(len(STEPS)), np.zeros((len(self._flows), len(PAIR_SIGMAS))), sigmas, None)
+        else:
+            best = min(self._starts(causes, sigmas, beside), key=lambda one: one.cost)
+        for _ in range(MOST_STEPS):
+            change, pair_change, deviations = self._step(best, sigmas)
+            best = replace(best, sigmas=deviations)
+            shorter = (
+                self._at(best.values + part * change, best.pair_errors + part * pair_change, sigmas, best)
+                for part in (1.0, 0.5, 0.25)
+            )
+            found = next((one for one in shorter if one.cost < best.cost - LEAST_FALL), None)
+            if found is None:
+                break
+            best = replace(found, sigmas=deviations)
         return best
 
-    def share(self, values: Floats | None = None) -> float:
+    def share(self) -> float:
         """Share of the points whose flow is as predicted, without any fit."""
-        return self._cost(np.zeros(len(STEPS)) if values is None else values, self._no_errors, 1.0)[1]
+        return self._seen_share(*self.residuals(np.zeros(len(STEPS))))
 
-    def _start(self, causes: Collection[str], scale_px: float | None) -> Floats:
-        """Zeros, or what is better of some values of one number of a cause: flow is not smooth over many pixels."""
-        starts = [np.zeros(len(STEPS))]
-        for cause in causes if scale_px else ():
+    def _starts(self, causes: Collection[str], sigmas: Floats, beside: Fit) -> Iterator[Fit]:
+        """The fit beside, and others with one number of a cause changed: flow is not smooth over many pixels."""
+        yield self._at(beside.values, beside.pair_errors, sigmas, beside)
+        for cause in causes:
             for index, value in product(range(PARTS[cause].numbers), STARTS[cause]):
-                start = np.zeros(len(STEPS))
-                start[SLICES[cause].start + index] = value
-                starts.append(start)
-        costs = [self._cost(start, self._no_errors, scale_px or 1.0)[0] for start in starts]
-        return starts[int(np.argmin(costs))]
+                values = beside.values.copy()
+                values[SLICES[cause].start + index] += value
+                yield self._at(values, beside.pair_errors, sigmas, beside)
 
-    def _cost(self, values: Floats, errors: Floats, scale_px: float) -> tuple[float, float, Floats]:
-        """Minus the logarithm of the likelihood, share of the points with the predicted flow, residuals."""
+    def _at(self, values: Floats, errors: Floats, sigmas: Floats, beside: Fit | None) -> Fit:
         residual, flow = self.residuals(values, errors)
         lengths = np.linalg.norm(residual, axis=1)
         seen = np.isfinite(lengths)
+        median_px = float(np.median(lengths[seen])) if seen.any() else np.inf
+        scale_px = float(np.clip(median_px, *SCALE_PX)) if beside is None else beside.scale_px
+        losses = np.log1p((lengths / scale_px) ** 2) / TOGETHER
+        losses = np.where(seen, losses, np.mean(losses, where=seen) if beside is None else beside.losses)
+        prior = 0.5 * float(((values / sigmas) ** 2).sum() + ((errors / PAIR_SIGMAS) ** 2).sum())
+        return Fit(
+            values=values,
+            sigmas=sigmas,
+            pair_errors=errors,
+            losses=losses,
+            cost=float(losses.sum()) + prior if seen.mean() > LEAST_SEEN else np.inf,
+            share=self._seen_share(residual, flow),
+            residual_px=median_px,
+            scale_px=scale_px,
+        )
+
+    @staticmethod
+    def _seen_share(residual: Floats, flow: Floats) -> float:
+        lengths = np.linalg.norm(residual, axis=1)
+        seen = np.isfinite(lengths)
         if seen.mean() < LEAST_SEEN:
-            return float("inf"), 0.0, lengths
-        as_predicted = lengths[seen] < np.maximum(AGREES_PX, AGREES * np.linalg.norm(flow[seen], axis=1))
-        # Points whose flow is lost on the way count as the others: a camera that is moved right loses them, too.
-        cost = float(np.log1p((lengths[seen] / scale_px) ** 2).mean()) * len(lengths) / TOGETHER
-        return cost, float(as_predicted.mean()), lengths
+            return 0.0
+        return float(np.mean(lengths[seen] < np.maximum(AGREES_PX, AGREES * np.linalg.norm(flow[seen], axis=1))))
 
     def _pixels(self, points_vehicle: Floats, values: Floats) -> Floats:
         turned = self._stated.rotation @ Rotation.from_rotvec(values[SLICES["rotation"]]).as_matrix()
@@ -268,31 +263,24 @@ class CameraFit:
         base[lost], slopes[lost], pair_slopes[lost] = 0.0, 0.0, 0.0
         return base, slopes, pair_slopes
 
-    def _step(
-        self,
-        values: Floats,
-        errors: Floats,
-        sigmas: Floats,
-        residual: Floats,
-        slopes: Floats,
-        pair_slopes: Floats,
-        weights: Floats,
-    ) -> tuple[Floats, Floats, Floats]:
-        """Solve the normal equations, the errors of each pair eliminated; new values, errors, covariance of values."""
-        normal, right = np.diag(sigmas**-2.0), -values / sigmas**2
+    def _step(self, at: Fit, sigmas: Floats) -> tuple[Floats, Floats, Floats]:
+        """Solve the normal equations, the errors of each pair eliminated; changes, and deviations of the values."""
+        residual, slopes, pair_slopes = self._slopes(at.values, at.pair_errors)
+        weights = 1.0 / (1.0 + (np.linalg.norm(residual, axis=1) / at.scale_px) ** 2) / (at.scale_px**2 * TOGETHER)
+        normal, right = np.diag(sigmas**-2.0), -at.values / sigmas**2
         kept = []
         for i in range(len(self._flows)):
             rows = slice(*np.searchsorted(self._pair, [i, i + 1]))
             weight = np.repeat(weights[rows], 2)[:, None]
-            a, b = slopes[rows].reshape(-1, len(values)), pair_slopes[rows].reshape(-1, len(PAIR_SIGMAS))
+            a, b = slopes[rows].reshape(-1, len(sigmas)), pair_slopes[rows].reshape(-1, len(PAIR_SIGMAS))
             r = residual[rows].ravel()
             across, own = (weight * a).T @ b, (weight * b).T @ b + np.diag(PAIR_SIGMAS**-2.0)
-            own_right = -(weight * b).T @ r - errors[i] / PAIR_SIGMAS**2
-            gain = np.linalg.solve(own, np.column_stack([across.T, own_right]))
-            normal += (weight * a).T @ a - across @ gain[:, :-1]
-            right += -(weight * a).T @ r - across @ gain[:, -1]
-            kept.append(gain)
+            own_right = -(weight * b).T @ r - at.pair_errors[i] / PAIR_SIGMAS**2
+            solved = np.linalg.solve(own, np.column_stack([across.T, own_right]))
+            normal += (weight * a).T @ a - across @ solved[:, :-1]
+            right += -(weight * a).T @ r - across @ solved[:, -1]
+            kept.append(solved)
         covariance = np.linalg.inv(normal)
         change = covariance @ right
-        steps = [gain[:, -1] - gain[:, :-1] @ change for gain in kept]
-        return values + change, errors + np.array(steps), np.asarray(covariance, dtype=np.float64)
+        pair_change = np.array([solved[:, -1] - solved[:, :-1] @ change for solved in kept])
+        return change, pair_change, np.sqrt(np.diag(covariance))

@@ -25,15 +25,13 @@ class Reading:
     Attributes:
         field: of the camera in the calibration, or "images".
         description: what was confused, as in "with ..."
-        model: the lens.
-        vehicle_from_camera: the mounting.
+        camera: so.
         mirrored: the images are.
     """
 
     field: str
     description: str
-    model: CameraModel
-    vehicle_from_camera: RigidTransform
+    camera: MountedCamera
     mirrored: bool = False
 
     def flows(self, flows: Sequence[SeenFlow]) -> list[SeenFlow]:
@@ -52,32 +50,32 @@ def readings(camera: MountedCamera, others: Sequence[MountedCamera]) -> Iterator
     """
     model, mounting = camera.model, camera.vehicle_from_camera
     rotation, place_m = mounting.rotation, mounting.translation_m
-    lens, quaternion = "model", "vehicle_from_camera.quaternion_wxyz"
+
+    def lens_of(description: str, model: CameraModel) -> Reading:
+        return Reading(field="model", description=description, camera=replace(camera, model=model))
+
+    def mounted(field: str, description: str, vehicle_from_camera: RigidTransform) -> Reading:
+        there = replace(camera, vehicle_from_camera=vehicle_from_camera)
+        return Reading(field=field, description=description, camera=there)
 
     def turned(description: str, matrix: np.ndarray) -> Reading:
-        return Reading(field=quaternion, description=description, model=model,
-                       vehicle_from_camera=RigidTransform(matrix, place_m))  # fmt: skip
+        return mounted("vehicle_from_camera.quaternion_wxyz", description, RigidTransform(matrix, place_m))
 
     for factor in (0.5, 2.0):
-        yield Reading(field=lens, description=f"the focal length times {factor:g}", model=zoomed(model, factor),
-                      vehicle_from_camera=mounting)  # fmt: skip
+        yield lens_of(f"the focal length times {factor:g}", zoomed(model, factor))
     for name, other_lens in _other_lenses(model):
-        yield Reading(field=lens, description=name, model=other_lens, vehicle_from_camera=mounting)
-    yield Reading(field="vehicle_from_camera", description="the inverse of the mounting", model=model,
-                  vehicle_from_camera=mounting.inverse())  # fmt: skip
+        yield lens_of(name, other_lens)
+    yield mounted("vehicle_from_camera", "the inverse of the mounting", mounting.inverse())
     w, x, y, z = mounting.quaternion_wxyz
     for order, numbers in (("x, y, z, w", (z, w, x, y)), ("w, x, y, z, given as x, y, z, w,", (x, y, z, w))):
-        reordered = RigidTransform.from_quaternion(numbers, place_m).rotation
-        yield turned(f"the quaternion read as {order}", reordered)
+        yield turned(f"the quaternion read as {order}", RigidTransform.from_quaternion(numbers, place_m).rotation)
     yield turned("the inverse of the rotation", rotation.T)
     yield turned("the camera frame read as x forward, y left, z up", rotation @ OPTICAL)
     yield turned("the camera frame read as x right, y down, z forward twice", rotation @ OPTICAL.T)
     yield turned("the images upside down", rotation @ HALF_TURN)
-    yield Reading(field="images", description="the images mirrored", model=model,
-                  vehicle_from_camera=mounting, mirrored=True)  # fmt: skip
+    yield Reading(field="images", description="the images mirrored", camera=camera, mirrored=True)
     for other in others:
-        yield Reading(field="images", description=f"the images of {other.name}", model=other.model,
-                      vehicle_from_camera=other.vehicle_from_camera)  # fmt: skip
+        yield Reading(field="images", description=f"the images of {other.name}", camera=other)
     for matrix in signed_axes():
         if np.linalg.det(matrix) < 0 or np.array_equal(matrix, np.eye(3)):
             continue

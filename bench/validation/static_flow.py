@@ -33,6 +33,7 @@ class FlowSampling:
         points: returns of each pair, before a camera sees some of them.
         largest_width_px: larger images are reduced to this: flow takes 50 ms a pair then.
         span_m: of returns from the camera: nearer ones are hidden from it by the car itself, farther ones hardly move.
+        hidden: of the range of a return, seen from the camera: one that is so much nearer hides it, see `_in_sight`.
         nearest_sweep_ns: of a sweep to an image, half a revolution at 10 Hz.
         return_px: flow there and back ends at most so far from its start.
         texture: smaller eigenvalue of the structure tensor of a patch, grey levels squared as `cornerMinEigenVal`
@@ -47,6 +48,7 @@ class FlowSampling:
     points: int = 6000
     largest_width_px: int = 640
     span_m: tuple[float, float] = (1.5, 40.0)
+    hidden: float = 0.8
     nearest_sweep_ns: int = 60_000_000
     return_px: float = 0.4
     texture: float = 1e-4
@@ -115,7 +117,7 @@ def seen_flow(recording: Recording, camera: MountedCamera, row: int) -> SeenFlow
     """
     previous, current = recording.images[camera.name][row - 1 : row + 1]
     flow = _seen(read_image(current, camera), read_image(previous, camera), camera)
-    points_world = _static_points(recording, current.timestamp_ns)
+    points_world = _static_points(recording, current.timestamp_ns, camera)
     if flow is None or points_world is None:
         return None
     return SeenFlow(
@@ -157,19 +159,40 @@ def _seen(current: NDArray[np.uint8], previous: NDArray[np.uint8], camera: Mount
     return np.where(followed[..., None], flow, np.float32(np.nan))
 
 
-def _static_points(recording: Recording, time_ns: int) -> NDArray[np.float64] | None:
-    """Returns of the nearest sweep that lie on no annotated object, (N, 3), m, world frame; None where none is near."""
+def _static_points(recording: Recording, time_ns: int, camera: MountedCamera) -> NDArray[np.float64] | None:
+    """Returns of the nearest sweep that lie on no annotated object and that the camera sees, too.
+
+    Returns:
+        (N, 3), m, world frame; None where no sweep is near.
+    """
     sweeps_ns = sweep_times(recording)
     if not len(sweeps_ns) or np.abs(sweeps_ns - time_ns).min() > SAMPLING.nearest_sweep_ns:
         return None
-    nearest = int(np.argmin(np.abs(sweeps_ns - time_ns)))
-    sweep = recording.sweeps[nearest].read()
+    sweep = recording.sweeps[int(np.argmin(np.abs(sweeps_ns - time_ns)))].read()
+    placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
+    if placed is None:
+        return None
     points_vehicle = recording.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64))
     away_m = np.linalg.norm(points_vehicle, axis=1)
-    rows = np.flatnonzero((away_m > SAMPLING.span_m[0]) & (away_m < SAMPLING.span_m[1]))
-    # As many returns in each octave of distance: flow is largest near the car, and most returns are not.
-    generator = np.random.default_rng(0)
-    rows = generator.permutation(rows)[: 3 * SAMPLING.points]
+    points_world = placed.points_world()
+    place_m = recording.trajectory.world_from_vehicle(time_ns).apply(camera.vehicle_from_camera.translation_m)
+    in_sight = _in_sight(points_world - place_m)
+    rows = np.flatnonzero((away_m > SAMPLING.span_m[0]) & (away_m < SAMPLING.span_m[1]) & in_sight)
+    # Some at random, or the beams' pattern would choose.
+    rows = np.random.default_rng(0).permutation(rows)[: 3 * SAMPLING.points]
     rows = rows[~on_objects(points_vehicle[rows], sweep.timestamp_ns, recording)][: SAMPLING.points]
-    placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
-    return None if placed is None or not len(rows) else placed.points_world(rows)
+    return points_world[rows] if len(rows) else None
+
+
+def _in_sight(points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Points, (N, 3), m, from the camera, level, that no others hide: none within a degree or two is much nearer.
+
+    The lidar looks over what the camera stands before: without this, cars would have the flow of the wall behind them.
+    """
+    ranges_m = np.linalg.norm(points_m, axis=1).astype(np.float32)
+    azimuth = np.degrees(np.arctan2(points_m[:, 1], points_m[:, 0])).astype(int) % 360
+    elevation = 90 + np.degrees(np.arctan2(points_m[:, 2], np.hypot(points_m[:, 0], points_m[:, 1]))).astype(int)
+    nearest_m = np.full((181, 360), np.inf, dtype=np.float32)
+    np.minimum.at(nearest_m, (elevation, azimuth), ranges_m)
+    around_m = cv2.erode(np.pad(nearest_m, ((0, 0), (1, 1)), mode="wrap"), np.ones((3, 3), np.uint8))[:, 1:-1]
+    return np.asarray(around_m[elevation, azimuth] > SAMPLING.hidden * ranges_m)
