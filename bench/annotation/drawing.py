@@ -30,7 +30,7 @@ CYCLIST_M, CYCLIST_WIDE_M = 2.4, 1.2
 
 
 class Lasso(FileModel):
-    """What a reviewer drew around the points of an object.
+    """Outline that a reviewer drew around the points of an object.
 
     Attributes:
         sweep: index of the sweep.

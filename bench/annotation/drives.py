@@ -40,7 +40,7 @@ CODE = (*REFERENCE_PACKAGES, *(f"annotation/{name}.py" for name in MODULES))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProposedDrive:
-    """What became of a recording.
+    """Result of proposing the objects of a recording.
 
     Attributes:
         name: of the recording.

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.annotation.decisions import ReviewedTrack, State, after, history, in_force, opening
+from bench.annotation.decisions import ReviewedTrack, State, after, history, opening, replayed
 from bench.annotation.drawing import Lasso, draw_track
 from bench.annotation.store import (
     Decision,
@@ -73,12 +73,12 @@ class Session:
             raise DataError(self.file, field="recording", expected=repr(recording.name), got=got)
         self._on_disk = _file_state(self.file)
         self._proposed = opening(self.review)
-        self._state = self._replayed(self.review)
+        self._state = replayed(self._proposed, self.review.decisions)
         self._start_ns = recording.sweeps[0].timestamp_ns
         self._times_ns = np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
 
     def drive(self) -> Json:
-        """What the page has to know of the drive before it draws anything."""
+        """Tell the page all of the drive that it needs before it draws anything."""
         rotations, positions_m, valid = self.recording.trajectory.at(self._times_ns)
         headings = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
         poses = np.column_stack([positions_m, headings])
@@ -192,18 +192,12 @@ class Session:
         with self._lock:
             review = self.review.model_copy(update={"decisions": (*self.review.decisions, decision)})
             undoing = isinstance(decision, Undo | Redo)
-            state = self._replayed(review) if undoing else after(self._state, decision)
+            state = replayed(self._proposed, review.decisions) if undoing else after(self._state, decision)
             if undoing:  # an equal track is the same object, so that only what changed is sent
                 state = {name: self._known(track) for name, track in state.items()}
             self._store(review)
             before, self._state = self._state, state
             return self.changes(before)
-
-    def _replayed(self, review: Review) -> State:
-        state = self._proposed
-        for decision in in_force(review.decisions):
-            state = after(state, decision)
-        return state
 
     def _known(self, track: ReviewedTrack) -> ReviewedTrack:
         known = self._state.get(track.id, track)
