@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bench.annotation.registration import Motion, cut_ends, track_motion
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.annotation.tracking import Fragment
+from bench.records.recording import ObjectClass
 from bench.reference.motion import moving_states
 
 Floats = NDArray[np.float64]
@@ -59,12 +60,22 @@ class Box:
         return float(np.median(self.motion.speed_mps[self.moving]))
 
     @property
-    def object_class(self) -> str:
+    def object_class(self) -> ObjectClass:
         """A guess by size and speed."""
-        length, width, _ = self.size_m
-        if length > VEHICLE_M[0] or width > VEHICLE_M[1]:
-            return "vehicle"
-        return "cyclist" if length > CYCLIST_M and self.speed_mps > CYCLIST_MPS else "pedestrian"
+        return guess_class(self.size_m, self.speed_mps)
+
+
+def guess_class(size_m: Floats, speed_mps: float) -> ObjectClass:
+    """Guess the class of an object.
+
+    Args:
+        size_m: (3,) float64, length, width, height.
+        speed_mps: median while it moves.
+    """
+    length, width, _ = size_m
+    if length > VEHICLE_M[0] or width > VEHICLE_M[1]:
+        return "vehicle"
+    return "cyclist" if length > CYCLIST_M and speed_mps > CYCLIST_MPS else "pedestrian"
 
 
 def fit_box(fragment: Fragment, settings: ProposalSettings) -> Box | None:

@@ -19,7 +19,7 @@ from bench.annotation.prepared import Cloud, clouds
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.annotation.tracking import Fragment, Tracker
 from bench.errors import DataError
-from bench.records.recording import Recording
+from bench.records.recording import ObjectClass, Recording
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class Proposal:
     """
 
     track_id: str
-    object_class: str
+    object_class: ObjectClass
     size_m: Floats
     timestamps_ns: NDArray[np.int64]
     centres_m: Floats
