@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from bench.cli.console import print_failures, say, show
 from bench.cli.options import FAILURES, Dataset, Workers, group
 from bench.cli.progress import progress_bar, resumable
-from bench.errors import UnknownNameError
+from bench.errors import UnknownNameError, UsageError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bench.recordings import DatasetCard, RecordingHandle
+    from bench.recordings import DatasetCard, Recording, RecordingHandle
     from bench.reporting.document import Table
 
 app = group("Make annotations of a drive that has none: propose, evaluate, review, export.")
@@ -40,6 +41,8 @@ Reviews = Annotated[
     Path | None,
     typer.Option(help="Folder of reviews; default: the card's annotations, or annotations/<data set>."),
 ]
+LabellingTool = Literal["sustechpoints", "cvat", "labelcloud"]
+PointsOf = Literal["deskewed", "recorded"]
 Chosen = Annotated[str | None, typer.Option("--recording", help="Name of the recording; default: all.")]
 
 
@@ -158,7 +161,7 @@ def review(
 @app.command("export")
 def export(
     dataset: Dataset,
-    out: Annotated[Path, typer.Option(help="Folder of the annotation files, <recording>.json.")],
+    out: Annotated[Path, typer.Option(help="Folder of the annotation files, <recording>.json, or of the projects.")],
     recording: Chosen = None,
     reviews: Reviews = None,
     unreviewed: Annotated[
@@ -168,6 +171,13 @@ def export(
         list[str] | None,
         typer.Option(metavar="FORMAT", help="Also in this format, see `annotations formats`; repeatable."),
     ] = None,
+    labelling: Annotated[
+        LabellingTool | None,
+        typer.Option(help="Write projects for this tool instead, of what was not rejected, reviewed or not."),
+    ] = None,
+    points: Annotated[
+        PointsOf, typer.Option(help="Of projects: moved to the time of their sweep, or as recorded.")
+    ] = "deskewed",
 ) -> None:
     """Write accepted tracks as annotations; refuse drives of which something is undecided or not watched."""
     from dataclasses import replace
@@ -177,10 +187,12 @@ def export(
     from bench.labels import LabelOptions, export_labels, label_format, open_unannotated
     from bench.recordings import load_card
 
+    if labelling and labels:
+        raise UsageError("--labelling: expected projects or annotations, got --labels as well; run the command twice")
     for name in labels or ():
         label_format(name)
     card = load_card(dataset)
-    folder = reviews_folder(card, reviews)
+    folder, unreviewed = reviews_folder(card, reviews), unreviewed or labelling is not None
     found = []
     for handle in chosen_recordings(card, recording):
         file = review_file(folder, handle.name)
@@ -188,6 +200,9 @@ def export(
         if not unreviewed:
             refuse_unfinished(stored, opened, file)
         found.append((opened, to_tracks(stored, opened, unreviewed=unreviewed)))
+    if labelling is not None:
+        _write_projects(card, [replace(opened, tracks=tracks) for opened, tracks in found], out, labelling, points)
+        return
     for opened, tracks in found:  # all or none
         if unreviewed and not tracks:
             say(
@@ -200,3 +215,29 @@ def export(
             _, lost = export_labels(name, replace(opened, tracks=tracks), out / name / opened.name, LabelOptions())
             for line in lost:
                 say(f"  {name}, lost: {line}", style="yellow")
+
+
+def _write_projects(
+    card: DatasetCard, recordings: Sequence[Recording], out: Path, tool: LabellingTool, points: PointsOf
+) -> None:
+    from bench.labels.projects import PROJECTS, write_project
+
+    with progress_bar(f"writing projects of {card.name}", "recordings") as progress:
+        for number, recording in enumerate(recordings):
+
+            def report(share: float, before: int = number) -> None:
+                progress(before + share, len(recordings))
+
+            lost = write_project(
+                recording,
+                out / recording.name,
+                tool=tool,
+                points=points,
+                progress=report,
+            )
+            say(str(out / recording.name))
+            for line in lost:
+                say(f"  lost: {line}", style="yellow")
+    source = out / (recordings[0].name if len(recordings) == 1 else "NAME")
+    name = PROJECTS[tool].label_format
+    say(f"back again: fisheye-bench annotations import {name} {source} --dataset {card.file} --recording {source.name}")

@@ -2,15 +2,12 @@
 
 import json
 import re
-import shutil
 import signal
 import subprocess
 import sys
 import urllib.request
 
 import numpy as np
-import pytest
-import yaml
 
 from bench.annotation import store
 from bench.annotation.decisions import applied, decide
@@ -19,24 +16,7 @@ from bench.harness import read_run
 from bench.recordings import open_native, read_annotations
 from bench.recordings.openlabel import NOT_REVIEWED
 from tests.support.commands import called_here, error_line
-from tests.support.reviews import DRIVE, MADE, proposed_from
-
-
-@pytest.fixture
-def card(tiny_card, tmp_path):
-    """A card of one rendered drive without its annotations."""
-    shutil.copytree(tiny_card.parent / "data" / "tiny" / DRIVE, tmp_path / "data" / DRIVE)
-    (tmp_path / "data" / DRIVE / "annotations.json").unlink()
-    file = tmp_path / "drives.yaml"
-    content = {"name": "drives", "title": "drives", "adapter": "native", "root": "data", "licence": "none"}
-    file.write_text(yaml.safe_dump(content | {"annotations": "annotations"}))
-    return file
-
-
-def stored(card, review):
-    file = store.review_file(card.parent / "annotations", DRIVE)
-    store.write_review(file, review)
-    return file
+from tests.support.reviews import DRIVE, MADE, proposed_from, stored
 
 
 def accepted(review, *names):
