@@ -14,28 +14,11 @@ from bench.cli.progress import progress_bar, resumable
 from bench.errors import UnknownNameError, UsageError
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from bench.recordings import DatasetCard, Recording, RecordingHandle
-    from bench.reporting.document import Table
 
 app = group("Make annotations of a drive that has none: propose, evaluate, review, export.")
 
 DEFAULT_FOLDER = Path("annotations")
-
-SCORE_HEADINGS = {
-    "range": "range",
-    "group": "group",
-    "object_frames": "object-frames",
-    "recall": "recall, %",
-    "precision": "precision, %",
-    "switches": "switches",
-    "false_tracks_per_minute": "false tracks a minute",
-    "speed_error_median": "speed error, m/s",
-    "speed_error_p90": "p90",
-    "centre_error_median": "centre error, m",
-    "centre_error_p90": "p90",
-}
 
 Reviews = Annotated[
     Path | None,
@@ -92,32 +75,30 @@ def propose(dataset: Dataset, recording: Chosen = None, workers: Workers = None,
 
 
 @app.command("evaluate")
-def evaluate(dataset: Dataset, recording: Chosen = None, workers: Workers = None, reviews: Reviews = None) -> None:
+def evaluate(
+    dataset: Dataset,
+    recording: Chosen = None,
+    workers: Workers = None,
+    reviews: Reviews = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of evaluate.html, .md and .csv; default: none.")] = None,
+) -> None:
     """Compare proposals with annotations that exist: recall, precision, speeds, false tracks."""
     from bench.annotation import proposal_scores
     from bench.annotation.drives import evaluate_drives
     from bench.cli.request import worker_processes
     from bench.recordings import load_card
+    from bench.reporting.proposal_scores import scores_table, write_proposal_scores
 
     card = load_card(dataset)
     handles, folder = chosen_recordings(card, recording), reviews_folder(card, reviews)
     with progress_bar(f"evaluating proposals of {card.name}", "recordings") as progress:
         frames, minutes = evaluate_drives(handles, folder, executor=worker_processes(workers), progress=progress)
-    show([scores_table(proposal_scores(frames, minutes=minutes), minutes)])
-
-
-def scores_table(scores: pd.DataFrame, minutes: float) -> Table:
-    """The scores as a table for people: percent, m/s and m."""
-    from bench.reporting.document import Column, Table
-
-    def percent(share: float) -> str:
-        return f"{100 * share:.1f}"
-
-    forms = {**dict.fromkeys(("recall", "precision"), percent), "false_tracks_per_minute": "{:.1f}".format}
-    forms |= {name: "{:.2f}".format for name in SCORE_HEADINGS if "_error_" in name}
-    columns = {name: Column(heading, forms.get(name, str)) for name, heading in SCORE_HEADINGS.items()}
-    note = f"Found: IoU of returns of at least 0.5; of {60 * minutes:.0f} s. Errors: medians and 90th percentiles."
-    return Table(columns=[*columns.values()], rows=scores[[*columns]], words=2, note=note)
+    scores = proposal_scores(frames, minutes=minutes)
+    show([scores_table(scores, minutes)])
+    if out is not None:
+        names = [handle.name for handle in handles]
+        for file in write_proposal_scores(out, scores, minutes, dataset=card.name, recordings=names):
+            say(str(file))
 
 
 @app.command("review")
