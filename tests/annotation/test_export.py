@@ -8,6 +8,7 @@ import sys
 import urllib.request
 
 import numpy as np
+import pandas as pd
 
 from bench.annotation import store
 from bench.annotation.decisions import applied, decide
@@ -81,7 +82,10 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     said = f"{NOT_REVIEWED} (1 of 1 recordings)"
     assert said in ended.stdout + ended.stderr
     assert read_run(run).caveats.startswith(said)
-    assert said in (run / "table.md").read_text()
+    assert all(said in (run / f"table.{kind}").read_text() for kind in ("md", "tex"))
+    lines = pd.read_csv(run / "table.csv")
+    assert set(lines["annotations"]) == {said.removeprefix("annotations: ")}
+    assert all(row["annotations"] in said for row in json.loads((run / "table.json").read_text())["rows"])
     baseline = tmp_path / "baseline"
     assert called_here("gate", run, "--baseline", baseline, "--update", "--allow-dirty").returncode == 0
     judged = called_here("gate", run, "--baseline", baseline, "--json", tmp_path / "verdict.json")
