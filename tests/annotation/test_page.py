@@ -10,7 +10,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from bench.annotation.decisions import applied
 from bench.annotation.store import read_review, review_file
-from tests.support.browser import opened
+from tests.support.browser import accessibility_faults, opened
 from tests.support.reviews import DRIVE
 
 
@@ -54,6 +54,21 @@ def test_the_page_shows_the_drive_at_any_width(browser, server, width, scheme):
     )
     assert inks > 5
     no_complaints(browser)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing(browser, server, width, scheme):
+    page(browser, server, width=width, scheme=scheme)
+    assert accessibility_faults(browser) == []
+    browser.execute_script("$('help').showModal()")
+    assert accessibility_faults(browser) == []
+    browser.execute_script("$('help').close(); decide({ action: 'nonsense' })")
+    until(browser, "return $('told').className === 'bad'")
+    for status in ("open", "accepted", "rejected"):
+        browser.execute_script("for (const t of tracks.values()) t.status = arguments[0]; report(); paint()", status)
+        assert accessibility_faults(browser) == []
 
 
 def test_keys_decide_and_undo(browser, server, reviews):
