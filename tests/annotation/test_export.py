@@ -5,10 +5,13 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import urllib.request
+from http.client import HTTPException
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from bench.annotation import store
 from bench.annotation.decisions import applied, decide
@@ -114,6 +117,33 @@ def test_the_command_serves_and_ends_with_an_interrupt(card, drive):
         rest, _ = running.communicate(timeout=20)
     assert (running.returncode, "Traceback" in rest) == (0, False)
     assert applied(store.read_review(file))[0].status == "accepted"
+
+
+@pytest.mark.slow
+def test_a_server_that_is_killed_has_stored_what_it_answered(card, drive):
+    file = stored(card, proposed_from(drive))
+    command = [sys.executable, "-m", "bench", "annotate", "review", str(card), "--no-browser", "--reviewer", "R."]
+    answered = 0
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as running:
+        lines = [running.stdout.readline() for _ in range(2)]
+        origin, token = re.search(r"(http://127\.0\.0\.1:\d+)/#(\S+)", "".join(lines)).groups()
+        killer = threading.Timer(4.0, running.kill)
+        killer.start()
+        for number in range(100_000):
+            action = ("accept", "reopen")[number % 2]
+            question = urllib.request.Request(
+                f"{origin}/drives/0/decide",
+                data=json.dumps({"action": action, "tracks": ["p000"]}).encode(),
+                headers={"X-Review-Token": token, "Content-Type": "application/json"},
+            )
+            try:
+                urllib.request.urlopen(question, timeout=30).close()
+            except (OSError, HTTPException):
+                break
+            answered += 1
+        running.wait()
+    assert answered > 0
+    assert 0 <= len(store.read_review(file).decisions) - answered <= 1
 
 
 def test_without_a_review_the_way_to_one_is_told(card, monkeypatch, capsys):

@@ -161,15 +161,50 @@ def test_other_methods_and_long_addresses_are_refused(server):
     assert ask(server, "/" + "x" * 5000)[0] == 414
 
 
+def connection_that_decides(server, length):
+    """A connection that has announced a decision of so many bytes, and sent none of it."""
+    opened = socket.create_connection(("127.0.0.1", server.server_port), timeout=20)
+    head = f"POST /drives/0/decide HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n"
+    head += f"X-Review-Token: {server.token}\r\nContent-Type: application/json\r\nContent-Length: {length}\r\n\r\n"
+    opened.sendall(head.encode())
+    return opened
+
+
 def test_a_body_that_ends_early_changes_nothing(server, reviews):
     before = stored(reviews)
-    with socket.create_connection(("127.0.0.1", server.server_port)) as half:
-        head = f"POST /drives/0/decide HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n"
-        head += f"X-Review-Token: {server.token}\r\nContent-Type: application/json\r\nContent-Length: 500\r\n\r\n"
-        half.sendall(head.encode() + b'{"action": ')
+    with connection_that_decides(server, 500) as half:
+        half.sendall(b'{"action": ')
         half.shutdown(socket.SHUT_WR)
         assert half.recv(100) == b""
     assert stored(reviews) == before
+
+
+@pytest.mark.parametrize("sent", [0, 0.5, 1.0], ids=["nothing", "half", "all"])
+def test_a_connection_that_is_killed_loses_its_own_edit_at_most(server, reviews, sent):
+    """As when a browser dies: no farewell, a reset. What was answered before stays, and what follows is answered."""
+    ask(server, "/drives/0/decide", body=ACCEPT)
+    body = json.dumps({"action": "reject", "tracks": ["p001"]}).encode()
+    killed = connection_that_decides(server, len(body))
+    killed.sendall(body[: round(sent * len(body))])
+    killed.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    killed.close()
+    assert ask(server, "/drives/0/decide", body={"action": "reopen", "tracks": ["p000"]})[0] == 200
+    first, *rest = [decision.action for decision in read_review(review_file(reviews, DRIVE)).decisions]
+    assert first == "accept"
+    assert "reopen" in rest
+    assert set(rest) <= {"reopen", "reject"}
+    assert len(rest) <= 1 + (sent == 1.0)
+
+
+def test_200_mb_are_not_taken(server, reviews):
+    """The answer comes before the body was sent; a sender who goes on meets a closed connection."""
+    before = stored(reviews)
+    with connection_that_decides(server, 200_000_000) as flood:
+        assert flood.recv(100).startswith(b"HTTP/1.1 413 ")
+        with pytest.raises(ConnectionError):
+            flood.sendall(bytes(200_000_000))
+    assert stored(reviews) == before
+    assert ask(server, "/drives/0/decide", body=ACCEPT)[0] == 200
 
 
 def test_it_listens_on_this_machine_alone(server):
