@@ -183,6 +183,17 @@ def stroke(browser, points):
     actions.perform()
 
 
+def test_the_reference_follows_the_box(browser, server, reviews):
+    page(browser, server)
+    until(browser, "return reference && reference.id === chosen && reference.core.length && !$('band').hidden")
+    before = browser.execute_script("return JSON.stringify(reference.core)")
+    press(browser, "jjjjjjjj")  # 40 cm to the left, some of the returns are not in the box any more
+    until(browser, f"return !outlining && reference.id === chosen && JSON.stringify(reference.core) !== {before!r}")
+    press(browser, "r")
+    until(browser, "return $('band').hidden || chosen !== reference.id")
+    no_complaints(browser)
+
+
 def box_of(browser):
     """Centre, heading and size of the selected box."""
     return browser.execute_script("const s = stateAt(tracks.get(chosen)); return [...s.row.slice(0, 4), ...s.size]")
