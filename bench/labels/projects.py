@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -185,7 +186,9 @@ def _images_at(recording: Recording, timestamp_ns: int) -> dict[str, Image]:
     found = {}
     for name, camera in recording.cameras.items():
         images = recording.images.get(name, ())
-        nearest = min(images, key=lambda image: abs(image.timestamp_ns - timestamp_ns), default=None)
+        later = bisect_left(images, timestamp_ns, key=lambda image: image.timestamp_ns)
+        around = images[max(later - 1, 0) : later + 1]
+        nearest = min(around, key=lambda image: abs(image.timestamp_ns - timestamp_ns), default=None)
         if nearest is not None and abs(nearest.timestamp_ns - timestamp_ns) <= LONGEST_APART_NS:
             found[name] = read_image(nearest, camera, colour=True)
     return found
