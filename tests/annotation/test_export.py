@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -94,6 +95,10 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     judged = called_here("gate", run, "--baseline", baseline, "--json", tmp_path / "verdict.json")
     assert said in judged.stdout
     assert said in (tmp_path / "verdict.json").read_text()
+    shutil.copytree(run, tmp_path / "again")
+    compared = called_here("compare", run, tmp_path / "again", "--out", tmp_path / "compared", "--no-pictures")
+    assert said in compared.stdout
+    assert said in (tmp_path / "compared" / "compare.md").read_text()
     assert called_here("report", run, "--no-pictures").returncode == 0
     pages = [page.read_text() for page in run.glob("*.html")]
     assert pages
