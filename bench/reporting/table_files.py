@@ -9,7 +9,7 @@ from pathlib import Path
 from bench.reporting import document
 from bench.reporting.canvas import write_picture
 from bench.reporting.document import Paragraph, latex_label
-from bench.reporting.formats import metric_record, shortened, write_texts
+from bench.reporting.formats import annotations_field, metric_record, shortened, write_texts
 from bench.reporting.range_maps import draw_run_maps
 from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.tables import TableRow, table_note, table_rows, text_tables, threshold_free_line
@@ -64,12 +64,11 @@ def to_json(rows: Sequence[TableRow], *, unreviewed: str = "") -> str:
 
 
 def _records(rows: Sequence[TableRow], unreviewed: str) -> list[dict[str, object]]:
-    annotations = {"annotations": unreviewed.partition(": ")[2].rstrip(".")} if unreviewed else {}
     return [
         {"row": row.name, "label": row.label, "frames": row.frames, "paper_frames": row.paper_frames,
          "tracks": row.tracks, "metric": name} | metric_record(metric)
         | {"recordings": row.recordings, "paper": row.paper.get(name), "difference_points": row.difference_points(name)}
-        | annotations
+        | annotations_field(unreviewed)
         for row in rows
         for name, metric in row.metrics.items()
     ]  # fmt: skip
