@@ -185,12 +185,16 @@ def stroke(browser, points):
 
 def test_the_reference_follows_the_box(browser, server, reviews):
     page(browser, server)
-    until(browser, "return reference && reference.id === chosen && reference.core.length && !$('band').hidden")
-    before = browser.execute_script("return JSON.stringify(reference.core)")
+    until(browser, "return reference && reference.id === chosen && reference.core.length && $('band').className === ''")
+    before, height = browser.execute_script("return [JSON.stringify(reference.core), $('camera').offsetHeight]")
     press(browser, "jjjjjjjj")  # 40 cm to the left, some of the returns are not in the box any more
     until(browser, f"return !outlining && reference.id === chosen && JSON.stringify(reference.core) !== {before!r}")
+    browser.execute_script("seek(0); chosen = null; paint()")
+    until(browser, "return $('band').className === 'unseen'")
+    assert browser.execute_script("return $('camera').offsetHeight") == height  # nothing below it jumps
+    browser.execute_script("choose(order[0])")
     press(browser, "r")
-    until(browser, "return $('band').hidden || chosen !== reference.id")
+    until(browser, "return $('band').className === 'unseen' || chosen !== reference.id")
     no_complaints(browser)
 
 
