@@ -1,4 +1,4 @@
-"""Which tracks are believed to be moving objects, and the box of each."""
+"""Tracks that are believed to be moving objects, and the box of each."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bench.annotation.registration import Motion, cut_ends, track_motion
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.annotation.tracking import Fragment
+from bench.records.recording import ObjectClass
 from bench.reference.motion import moving_states
 
 Floats = NDArray[np.float64]
@@ -31,8 +32,8 @@ class Box:
     """A believed track with a box of one size.
 
     Attributes:
-        fragment: the sightings.
-        motion: of the sightings.
+        fragment: the observations.
+        motion: of the observations.
         moving: (K,) bool, False where the object rests.
         centres_m: (K, 2) float64, x and y of the world at the time of each sweep.
         bottom_m: (K,) float64, height above the road.
@@ -59,12 +60,22 @@ class Box:
         return float(np.median(self.motion.speed_mps[self.moving]))
 
     @property
-    def object_class(self) -> str:
+    def object_class(self) -> ObjectClass:
         """A guess by size and speed."""
-        length, width, _ = self.size_m
-        if length > VEHICLE_M[0] or width > VEHICLE_M[1]:
-            return "vehicle"
-        return "cyclist" if length > CYCLIST_M and self.speed_mps > CYCLIST_MPS else "pedestrian"
+        return guess_class(self.size_m, self.speed_mps)
+
+
+def guess_class(size_m: Floats, speed_mps: float) -> ObjectClass:
+    """Guess the class of an object.
+
+    Args:
+        size_m: (3,) float64, length, width, height.
+        speed_mps: median while it moves.
+    """
+    length, width, _ = size_m
+    if length > VEHICLE_M[0] or width > VEHICLE_M[1]:
+        return "vehicle"
+    return "cyclist" if length > CYCLIST_M and speed_mps > CYCLIST_MPS else "pedestrian"
 
 
 def fit_box(fragment: Fragment, settings: ProposalSettings) -> Box | None:
@@ -106,7 +117,7 @@ def _found_again(fragment: Fragment, motion: Motion, which: NDArray[np.intp], se
         nearest = far[np.argmin(np.abs(far - i))]
         sampled = points[:: max(len(points) // SAMPLED, 1)]
         for j in {nearest, far[-1] if abs(far[-1] - i) < FARTHEST else nearest}:
-            tree = fragment.sightings[j].cloud.tree
+            tree = fragment.observations[j].cloud.tree
             shift = np.array([*(places[j] - places[i]), 0.0])
             for shares, there in ((moved, sampled + shift), (stood, sampled)):
                 distance, _ = tree.query(there, distance_upper_bound=settings.found_m)
@@ -146,8 +157,8 @@ def _box(fragment: Fragment, motion: Motion, moving: NDArray[np.bool_], settings
     top = float(np.quantile([points[:, 2].max() for points in motion.points], TOP)) + settings.margin_m
     centres = motion.positions_m + ahead * (front + rear) / 2 + left * (leftmost + right) / 2
     centres -= motion.velocity_mps * motion.offset_s[:, None]
-    seen_at = zip(fragment.sightings, centres, strict=True)
-    bottom = np.array([float(sighting.cloud.ground.at(place[None])[0]) for sighting, place in seen_at]) + CLEARANCE_M
+    seen_at = zip(fragment.observations, centres, strict=True)
+    bottom = np.array([float(one.cloud.ground.at(place[None])[0]) for one, place in seen_at]) + CLEARANCE_M
     size_m = np.array([front - rear, leftmost - right, 0.0]) + 2 * settings.margin_m
     size_m[2] = max(top - float(np.median(bottom)), 0.5)
     return Box(

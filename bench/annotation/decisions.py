@@ -45,7 +45,7 @@ FAR_M = 1000.0  # a line through a box is drawn out to both sides by this
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Motion:
-    """Where a box is, over time, world frame.
+    """Places of a box over time, world frame.
 
     Attributes:
         times_ns: (N,) int64, increasing.
@@ -152,10 +152,22 @@ def applied(review: Review) -> tuple[ReviewedTrack, ...]:
     Raises:
         UsageError: a decision about a track that does not exist then, or one that cannot be carried out.
     """
-    state = opening(review)
-    for decision in in_force(review.decisions):
+    return tuple(replayed(opening(review), review.decisions).values())
+
+
+def replayed(state: State, decisions: Iterable[Decision]) -> State:
+    """Carry out all decisions in force.
+
+    Args:
+        state: before the first decision; see `opening`.
+        decisions: as a review logs them.
+
+    Raises:
+        UsageError: as `applied`.
+    """
+    for decision in in_force(decisions):
         state = after(state, decision)
-    return tuple(state.values())
+    return state
 
 
 def in_force(decisions: Iterable[Decision]) -> tuple[Decision, ...]:

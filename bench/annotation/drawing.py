@@ -10,6 +10,7 @@ from pydantic import Field
 from shapely import contains_xy
 from shapely.geometry import MultiPoint, Polygon
 
+from bench.annotation.boxes import guess_class
 from bench.annotation.store import BoxState, Position, StoredTrack
 from bench.annotation.views import GROUND_M, sweep_points_world
 from bench.errors import UsageError
@@ -25,12 +26,10 @@ LARGEST_SPEED_MPS = 60.0
 STANDING_MPS = 0.5  # below, the heading is that of the outline
 FOLLOWED_PART = 0.25  # of its points a sweep before, below which an object is lost
 SMALLEST_M = 0.3
-PERSON_M = 1.2  # what is shorter walks
-CYCLIST_M, CYCLIST_WIDE_M = 2.4, 1.2
 
 
 class Lasso(FileModel):
-    """What a reviewer drew around the points of an object.
+    """Outline that a reviewer drew around the points of an object.
 
     Attributes:
         sweep: index of the sweep.
@@ -105,8 +104,9 @@ def _fitted(
     middles = np.array([[*_middle(points), 0.0] for points in found.values()])
     velocities = world_velocities(times_ns, _smoothed(middles)) if len(found) > 2 else np.zeros((len(found), 3))
     speeds = np.hypot(velocities[:, 0], velocities[:, 1])
+    moving = speeds > STANDING_MPS
+    speed_mps = float(np.median(speeds[moving])) if moving.any() else 0.0
     if np.median(speeds) > STANDING_MPS:
-        moving = speeds > STANDING_MPS
         headings = np.unwrap(np.arctan2(velocities[moving, 1], velocities[moving, 0]))
         yaws = np.interp(np.arange(len(found)), np.flatnonzero(moving), headings)
     else:
@@ -131,17 +131,11 @@ def _fitted(
     return StoredTrack(
         id=name,
         source="drawn",
-        object_class=object_class or _guess(float(size_m[0]), float(size_m[1])),
+        object_class=object_class or guess_class(size_m, speed_mps),
         size_m=tuple(size_m.tolist()),
         points_median=float(np.median([len(points) for points in found.values()])),
         states=tuple(states),
     )
-
-
-def _guess(length_m: float, width_m: float) -> ObjectClass:
-    if length_m > CYCLIST_M or width_m > CYCLIST_WIDE_M:
-        return "vehicle"
-    return "pedestrian" if length_m < PERSON_M else "cyclist"
 
 
 def _axes(yaw_rad: float) -> NDArray[np.float64]:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import cast
 
 import pandas as pd
 
@@ -29,7 +28,6 @@ from bench.execution import FailedTask, TaskExecutor
 from bench.harness.digests import RecordingInputs, code_digest, digest_of
 from bench.harness.digests.content import REFERENCE_PACKAGES
 from bench.recordings import Recording, RecordingHandle
-from bench.records.recording import ObjectClass
 
 MODULES = (
     *("boxes", "clusters", "free_space", "ground", "joining", "prepared"),
@@ -40,7 +38,7 @@ CODE = (*REFERENCE_PACKAGES, *(f"annotation/{name}.py" for name in MODULES))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProposedDrive:
-    """What became of a recording.
+    """Result of proposing the objects of a recording.
 
     Attributes:
         name: of the recording.
@@ -128,7 +126,7 @@ def stored_track(proposal: Proposal) -> StoredTrack:
     return StoredTrack(
         id=proposal.track_id,
         source="proposed",
-        object_class=cast(ObjectClass, proposal.object_class),
+        object_class=proposal.object_class,
         size_m=tuple(proposal.size_m.tolist()),
         doubts=tuple(Doubt(reason=reason, value=value) for reason, value in proposal.doubts),
         points_median=float(proposal.points_median),

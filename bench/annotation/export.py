@@ -33,7 +33,7 @@ def to_tracks(review: Review, recording: Recording, *, unreviewed: bool = False)
     """
     tracks = applied(review)
     wanted = {"open", "accepted"} if unreviewed else {"accepted"}
-    return tuple(_track(track, recording, reviewed=not unreviewed) for track in tracks if track.status in wanted)
+    return tuple(to_track(track, recording, reviewed=not unreviewed) for track in tracks if track.status in wanted)
 
 
 def refuse_unfinished(review: Review, recording: Recording, file: Path) -> None:
@@ -65,7 +65,12 @@ def write_reviewed(out: Path, recording: Recording, tracks: Sequence[Track]) -> 
     return file
 
 
-def _track(track: ReviewedTrack, recording: Recording, *, reviewed: bool) -> Track:
+def to_track(track: ReviewedTrack, recording: Recording, *, reviewed: bool) -> Track:
+    """One track of a recording; see `to_tracks`.
+
+    Raises:
+        DataError: a time without ego-motion.
+    """
     motion = track.motion
     rotations, positions_m, valid = recording.trajectory.at(motion.times_ns)
     if not valid.all():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bench.annotation.boxes import Box
 from bench.annotation.prepared import Cloud
 from bench.annotation.settings import SECOND_NS, ProposalSettings
-from bench.annotation.tracking import Fragment, Sighting
+from bench.annotation.tracking import Fragment, Observation
 
 Floats = NDArray[np.float64]
 SMALL = 0.25  # a fragment has at most this share of the larger one's points
@@ -48,7 +48,7 @@ def join(boxes: Sequence[Box], settings: ProposalSettings) -> list[Fragment]:
 
 
 def _belongs(small: Box, large: Box, settings: ProposalSettings) -> tuple[bool, bool]:
-    """Whether it moves as the other one and both fit one object; whether it lies inside."""
+    """Say whether a part moves as the larger one and both fit one object, and whether it lies inside."""
     both = sorted(set(small.fragment.numbers) & set(large.fragment.numbers))
     if len(both) < max(TOGETHER * len(small.fragment.numbers), LEAST_TOGETHER):
         return False, False
@@ -69,13 +69,13 @@ def _belongs(small: Box, large: Box, settings: ProposalSettings) -> tuple[bool, 
 
 
 def _with_points_of(large: Fragment, small: Fragment) -> Fragment:
-    more = {sighting.cloud.number: sighting.rows for sighting in small.sightings}
+    more = {observation.cloud.number: observation.rows for observation in small.observations}
     empty = np.empty(0, dtype=np.intp)
-    sightings = tuple(
-        replace(sighting, rows=np.union1d(sighting.rows, more.get(sighting.cloud.number, empty)))
-        for sighting in large.sightings
+    observations = tuple(
+        replace(observation, rows=np.union1d(observation.rows, more.get(observation.cloud.number, empty)))
+        for observation in large.observations
     )
-    return replace(large, sightings=sightings, joined=large.joined + 1)
+    return replace(large, observations=observations, joined=large.joined + 1)
 
 
 def extend(box: Box, clouds: Sequence[Cloud], settings: ProposalSettings) -> Fragment:
@@ -86,7 +86,7 @@ def extend(box: Box, clouds: Sequence[Cloud], settings: ProposalSettings) -> Fra
         clouds: all sweeps of the segment, in time.
         settings: of the proposals.
     """
-    seen = {sighting.cloud.number: sighting for sighting in box.fragment.sightings}
+    seen = {observation.cloud.number: observation for observation in box.fragment.observations}
     numbers = np.array(box.fragment.numbers)
     first, last = (int(np.searchsorted([cloud.number for cloud in clouds], end)) for end in (numbers[0], numbers[-1]))
     for state, beyond in ((0, reversed(clouds[:first])), (len(numbers) - 1, iter(clouds[last + 1 :]))):
@@ -100,12 +100,12 @@ def extend(box: Box, clouds: Sequence[Cloud], settings: ProposalSettings) -> Fra
             held = _held(box, int(np.argmin(np.abs(numbers - cloud.number))), cloud, settings)
             if held is not None:
                 seen[cloud.number] = held
-    return replace(box.fragment, sightings=tuple(seen[number] for number in sorted(seen)))
+    return replace(box.fragment, observations=tuple(seen[number] for number in sorted(seen)))
 
 
-def _held(box: Box, state: int, cloud: Cloud, settings: ProposalSettings) -> Sighting | None:
+def _held(box: Box, state: int, cloud: Cloud, settings: ProposalSettings) -> Observation | None:
     """The points in the box that a state predicts for another sweep; None where there are too few."""
-    known = box.fragment.sightings[state]
+    known = box.fragment.observations[state]
     seconds = (cloud.timestamp_ns - known.cloud.timestamp_ns) / SECOND_NS
     if abs(seconds) > (settings.extend_s if box.moving[state] else settings.rest_s) or not len(cloud.points):
         return None
@@ -115,4 +115,4 @@ def _held(box: Box, state: int, cloud: Cloud, settings: ProposalSettings) -> Sig
     within = (np.abs(along) <= box.size_m[:2] / 2 + AROUND_M).all(axis=1)
     rows = np.flatnonzero(within & (cloud.points[:, 2] <= box.bottom_m[state] + box.size_m[2] + AROUND_M))
     enough = max(LEAST_HELD, settings.held_share * len(known.rows))
-    return Sighting(cloud=cloud, rows=rows) if len(rows) >= enough else None
+    return Observation(cloud=cloud, rows=rows) if len(rows) >= enough else None

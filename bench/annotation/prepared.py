@@ -26,7 +26,7 @@ LEAST_GAP_RAD = radians(30.0)  # between azimuths, of a lidar that does not look
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cloud:
-    """What stands above the ground in a sweep, one point for each voxel.
+    """Points above the ground in a sweep, one for each voxel.
 
     Attributes:
         number: of the sweep in the recording.

@@ -19,7 +19,7 @@ from bench.annotation.prepared import Cloud, clouds
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.annotation.tracking import Fragment, Tracker
 from bench.errors import DataError
-from bench.records.recording import Recording
+from bench.records.recording import ObjectClass, Recording
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class Proposal:
     """
 
     track_id: str
-    object_class: str
+    object_class: ObjectClass
     size_m: Floats
     timestamps_ns: NDArray[np.int64]
     centres_m: Floats
@@ -100,27 +100,27 @@ def _believed(fragments: Sequence[Fragment], segment: Sequence[Cloud], settings:
 
 
 def _proposal(box: Box, settings: ProposalSettings) -> Proposal:
-    seen = box.fragment.sightings
+    seen = box.fragment.observations
     levelled = np.column_stack([box.centres_m, box.bottom_m + box.size_m[2] / 2])
-    centres = [sighting.cloud.road.world(place[None])[0] for sighting, place in zip(seen, levelled, strict=True)]
+    centres = [observation.cloud.road.world(place[None])[0] for observation, place in zip(seen, levelled, strict=True)]
     return Proposal(
         track_id="",
         object_class=box.object_class,
         size_m=box.size_m,
-        timestamps_ns=np.array([sighting.cloud.timestamp_ns for sighting in seen], dtype=np.int64),
+        timestamps_ns=np.array([observation.cloud.timestamp_ns for observation in seen], dtype=np.int64),
         centres_m=np.array(centres),
         yaw_rad=box.yaw_rad,
         velocity_mps=box.velocity_mps,
         doubts=_doubts(box, settings),
-        points_median=int(np.median([len(sighting.rows) for sighting in seen])),
+        points_median=int(np.median([len(observation.rows) for observation in seen])),
     )
 
 
 def _doubts(box: Box, settings: ProposalSettings) -> tuple[tuple[str, float], ...]:
-    seen = box.fragment.sightings
-    points = float(np.median([len(sighting.rows) for sighting in seen]))
+    seen = box.fragment.observations
+    points = float(np.median([len(observation.rows) for observation in seen]))
     moves_s = float(np.ptp(box.motion.times_s[box.moving]))
-    away_m = np.hypot(*(box.centres_m - np.array([sighting.cloud.sensor_m for sighting in seen])).T)
+    away_m = np.hypot(*(box.centres_m - np.array([observation.cloud.sensor_m for observation in seen])).T)
     through = box.fragment.seen_through(settings.least_through)
     looked_at = (
         ("few returns", points, points < settings.few_points),

@@ -29,15 +29,15 @@ LEAST_SHIFT_M = 0.05  # that tells a direction
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Motion:
-    """Positions and velocities of a track at the times of its sightings.
+    """Positions and velocities of a track at the times of its observations.
 
     Attributes:
         times_s: (K,) float64, when the object was seen, from the first sweep's time on.
         offset_s: (K,) float64, that time after the sweep's.
         positions_m: (K, 2) float64, of a point of the object, world frame.
         velocity_mps: (K, 2) float64.
-        points: for each sighting (N, 3) float64, m, all moved to the time it was seen.
-        cut_off: for each sighting (N,) bool, points at the edge of the lidar's sector.
+        points: for each observation (N, 3) float64, m, all moved to the time it was seen.
+        cut_off: for each observation (N,) bool, points at the edge of the lidar's sector.
     """
 
     times_s: Floats
@@ -54,15 +54,15 @@ class Motion:
 
 
 def track_motion(fragment: Fragment, settings: ProposalSettings) -> Motion:
-    """Fit positions to shifts between sightings; speed changes smoothly."""
-    seen = fragment.sightings
-    raw = [sighting.points for sighting in seen]
-    later_s = [sighting.cloud.offset_s[sighting.rows] for sighting in seen]
+    """Fit positions to shifts between observations; speed changes smoothly."""
+    seen = fragment.observations
+    raw = [observation.points for observation in seen]
+    later_s = [observation.cloud.offset_s[observation.rows] for observation in seen]
     offset_s = np.array([times.mean() for times in later_s])
     start_ns = seen[0].cloud.timestamp_ns
-    times_s = np.array([(sighting.cloud.timestamp_ns - start_ns) / SECOND_NS for sighting in seen]) + offset_s
+    times_s = np.array([(observation.cloud.timestamp_ns - start_ns) / SECOND_NS for observation in seen]) + offset_s
     times_s = np.maximum.accumulate(times_s + 1e-4 * np.arange(len(seen)))
-    cut_off = tuple(sighting.cloud.cut_off[sighting.rows] for sighting in seen)
+    cut_off = tuple(observation.cloud.cut_off[observation.rows] for observation in seen)
     centres = np.array([points[:, :2].mean(axis=0) for points in raw])
     degree = min(2 if len(seen) >= 8 else 1, len(seen) - 1)
     positions_m = _windowed_polynomial(times_s, centres, degree)
@@ -82,7 +82,7 @@ def track_motion(fragment: Fragment, settings: ProposalSettings) -> Motion:
 
 
 def cut_ends(along_m: Floats, cut_off: NDArray[np.bool_]) -> tuple[bool, bool]:
-    """Whether an object may go on beyond its lowest and its highest point along an axis, (N,)."""
+    """Say whether an object may go on beyond its lowest and its highest point along an axis, (N,)."""
     at_edge = along_m[cut_off]
     return bool((at_edge < along_m.min() + CUT_M).any()), bool((at_edge > along_m.max() - CUT_M).any())
 

@@ -92,13 +92,14 @@ class Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "fisheye-bench", ""
     timeout = IDLE_S
+    disable_nagle_algorithm = True  # it would hold the second part of each answer back for 40 ms
 
     def do_GET(self) -> None:
         """The page, lists, sweeps, images and lenses."""
         self._answer(self._read)
 
     def do_POST(self) -> None:
-        """Decisions, lassos and what was watched."""
+        """Decisions, lassos, what was watched, and the reference of a box that is being moved."""
         self._answer(self._write)
 
     def log_message(self, format: str, *args: object) -> None:
@@ -171,10 +172,17 @@ class Handler(BaseHTTPRequestHandler):
         self._refuse_stranger()
         content = self._body()
         session, what, numbers = self._question()
-        actions = {"decide": session.decide, "draw": session.draw, "watched": session.watch}
-        if numbers or what not in actions:
-            raise Refused(HTTPStatus.NOT_FOUND, "there is no such thing")
-        self._send_json(actions[what](content))
+        match what, numbers:
+            case "decide", []:
+                self._send_json(session.decide(content))
+            case "draw", []:
+                self._send_json(session.draw(content))
+            case "watched", []:
+                self._send_json(session.watch(content))
+            case "outline", [camera, image]:
+                self._send_json(session.outline(content, camera, image))
+            case _:
+                raise Refused(HTTPStatus.NOT_FOUND, "there is no such thing")
 
     def _body(self) -> bytes:
         if self.headers.get_content_type() != "application/json":

@@ -6,6 +6,7 @@ Times are told to the page in nanoseconds since the first sweep, which its numbe
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Lock
@@ -13,25 +14,31 @@ from typing import Any
 
 import numpy as np
 
-from bench.annotation.decisions import ReviewedTrack, State, after, history, in_force, opening
+from bench.annotation.decisions import ReviewedTrack, State, after, history, opening, replayed
 from bench.annotation.drawing import Lasso, draw_track
+from bench.annotation.export import to_track
 from bench.annotation.store import (
     Decision,
     Draw,
     Redo,
     Review,
+    SetBox,
     Undo,
     parse_decision,
     read_review,
     review_file,
     write_review,
 )
-from bench.annotation.views import encoded_image, lens_limit_rad, lens_table, packed_sweep
+from bench.annotation.views import encoded_image, lens_limit_rad, lens_table, packed_sweep, region_outlines
 from bench.errors import DataError, UsageError
+from bench.evaluation import load_protocol
 from bench.recordings import MOTION_KINDS, OBJECT_CLASSES, Recording
 from bench.recordings.validation import FileModel, parse_json
+from bench.reference import ReferenceBuilder
 
 Json = dict[str, Any]
+PROTOCOL = "surface-v1"  # whose reference the page outlines
+AROUND_NS = 2_000_000_000  # an image, of a track whose reference is outlined there
 
 
 class Watched(FileModel):
@@ -65,7 +72,8 @@ class Session:
             )
         self.recording, self._reviewer = recording, reviewer
         self.file = review_file(folder, recording.name)
-        self._lock = Lock()
+        self._lock, self._drawing = Lock(), Lock()
+        self._builders: dict[str, ReferenceBuilder] = {}
         empty = Review(dataset=dataset, recording=recording.name)
         self.review = read_review(self.file) if self.file.exists() else empty
         if self.review.recording != recording.name:
@@ -73,12 +81,12 @@ class Session:
             raise DataError(self.file, field="recording", expected=repr(recording.name), got=got)
         self._on_disk = _file_state(self.file)
         self._proposed = opening(self.review)
-        self._state = self._replayed(self.review)
+        self._state = replayed(self._proposed, self.review.decisions)
         self._start_ns = recording.sweeps[0].timestamp_ns
         self._times_ns = np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
 
     def drive(self) -> Json:
-        """What the page has to know of the drive before it draws anything."""
+        """Tell the page all of the drive that it needs before it draws anything."""
         rotations, positions_m, valid = self.recording.trajectory.at(self._times_ns)
         headings = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
         poses = np.column_stack([positions_m, headings])
@@ -188,22 +196,49 @@ class Session:
         """
         return lens_table(self.recording.cameras[_at(tuple(self.recording.cameras), camera)].model)
 
+    def outline(self, content: bytes, camera: int, image: int) -> Json:
+        """Outline in an image what the reference would be with a box where the page has it; nothing is stored.
+
+        Args:
+            content: JSON of a key frame, as `decide` takes it.
+            camera: number of the camera.
+            image: number of the image.
+
+        Returns:
+            As `region_outlines`; of the object alone, as if nothing hid it.
+
+        Raises:
+            IndexError: no such camera or image.
+            UsageError: no key frame, one that cannot be carried out, or an image without the object.
+            DataError: a sweep or the ego-motion cannot be used.
+        """
+        key = parse_decision(json.dumps(self._complete(content)).encode())
+        if not isinstance(key, SetBox):
+            raise UsageError(f"outline: expected set_box, got {key.action}")
+        name = _at(tuple(self.recording.cameras), camera)
+        shown = _at(self.recording.images[name], image)
+        track = after(self._state, key)[key.track]
+        near = np.abs(track.motion.times_ns - shown.timestamp_ns) <= AROUND_NS
+        if not near.any():
+            return region_outlines(None, self.recording.cameras[name].model)
+        track = replace(track, motion=track.motion.where(near))
+        with self._drawing:
+            tracks = (to_track(track, self.recording, reviewed=False),)
+            recording, settings = replace(self.recording, tracks=tracks), load_protocol(PROTOCOL).reference_settings()
+            builder = ReferenceBuilder(recording, name, settings, beside=self._builders.get(name))
+            self._builders[name] = builder  # which holds the sweep for the next
+            return region_outlines(builder.region(track.id, shown), builder.camera.model)
+
     def _add(self, decision: Decision) -> Json:
         with self._lock:
             review = self.review.model_copy(update={"decisions": (*self.review.decisions, decision)})
             undoing = isinstance(decision, Undo | Redo)
-            state = self._replayed(review) if undoing else after(self._state, decision)
+            state = replayed(self._proposed, review.decisions) if undoing else after(self._state, decision)
             if undoing:  # an equal track is the same object, so that only what changed is sent
                 state = {name: self._known(track) for name, track in state.items()}
             self._store(review)
             before, self._state = self._state, state
             return self.changes(before)
-
-    def _replayed(self, review: Review) -> State:
-        state = self._proposed
-        for decision in in_force(review.decisions):
-            state = after(state, decision)
-        return state
 
     def _known(self, track: ReviewedTrack) -> ReviewedTrack:
         known = self._state.get(track.id, track)

@@ -22,7 +22,7 @@ MOTION = MotionSettings(  # those of paper-v1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProposalSettings:
-    """How moving objects are found; the values were chosen on the demo and on 50 revolutions of a real lidar.
+    """Settings of the search for moving objects; values were chosen on the demo and 50 sweeps of a real lidar.
 
     Attributes:
         nearest_m: returns nearer to the lidar are its own vehicle's.

@@ -17,14 +17,14 @@ from bench.annotation.prepared import Cloud
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 
 Floats = NDArray[np.float64]
-YOUNG = 3  # sightings before which the velocity is hardly known
+YOUNG = 3  # observations before which the velocity is hardly known
 REFUSED = 1e3
 START_VARIANCE = np.diag([0.1, 0.1, 100.0, 100.0])  # m2, m2/s2
 MOST_SIZE_RATIO = 1.2  # logarithm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sighting:
+class Observation:
     """A cluster in a sweep.
 
     Attributes:
@@ -48,31 +48,31 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fragment:
-    """Sightings of one object, or of a part of one.
+    """Observations of one object, or of a part of one.
 
     Attributes:
         chain: equal for what the tracker followed without a break, over several segments.
-        sightings: in time, one a sweep.
+        observations: in time, one a sweep.
         joined: fragments that were joined to this one.
     """
 
     chain: int
-    sightings: tuple[Sighting, ...]
+    observations: tuple[Observation, ...]
     joined: int = 0
 
     @property
     def points(self) -> int:
         """Number of points over all sweeps."""
-        return sum(len(sighting.rows) for sighting in self.sightings)
+        return sum(len(observation.rows) for observation in self.observations)
 
     def seen_through(self, least: int) -> float:
         """Share of its points that at least so many sweeps saw through, the mean over its sweeps."""
-        return float(np.mean([(one.cloud.seen_through[one.rows] >= least).mean() for one in self.sightings]))
+        return float(np.mean([(one.cloud.seen_through[one.rows] >= least).mean() for one in self.observations]))
 
     @property
     def numbers(self) -> list[int]:
         """Of the sweeps."""
-        return [sighting.cloud.number for sighting in self.sightings]
+        return [observation.cloud.number for observation in self.observations]
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -85,7 +85,7 @@ class _Live:
     length_m: float
     seen: int = 1
     missed: int = 0
-    sightings: list[Sighting] = field(default_factory=list)
+    observations: list[Observation] = field(default_factory=list)
 
 
 class Tracker:
@@ -110,7 +110,7 @@ class Tracker:
         for track in self._live:
             track.mean = motion @ track.mean
             track.covariance = motion @ track.covariance @ motion.T + noise
-        seen = [_Seen(Sighting(cloud=cloud, rows=rows)) for rows in clusters]
+        seen = [_Seen(Observation(cloud=cloud, rows=rows)) for rows in clusters]
         taken = set()
         for number, which in self._assigned(seen):
             _update(self._live[number], seen[which])
@@ -127,13 +127,13 @@ class Tracker:
     def take(self) -> list[Fragment]:
         """All tracks so far; those that go on do so without what is given back here."""
         given = [
-            Fragment(chain=track.chain, sightings=tuple(track.sightings))
+            Fragment(chain=track.chain, observations=tuple(track.observations))
             for track in sorted([*self._ended, *self._live], key=lambda track: track.chain)
-            if track.sightings
+            if track.observations
         ]
         self._ended = []
         for track in self._live:
-            track.sightings = []
+            track.observations = []
         return given
 
     def _assigned(self, seen: Sequence[_Seen]) -> list[tuple[int, int]]:
@@ -150,19 +150,19 @@ class Tracker:
                 mean=mean,
                 covariance=START_VARIANCE,
                 length_m=seen.length_m,
-                sightings=[seen.sighting],
+                observations=[seen.observation],
             )
         )
         self._chains += 1
 
 
 class _Seen:
-    """A sighting with what the tracker asks of it."""
+    """An observation with what the tracker asks of it."""
 
-    def __init__(self, sighting: Sighting) -> None:
-        self.sighting = sighting
-        points = sighting.points
-        self.centre, self.offset_s, self.length_m = points[:, :2].mean(axis=0), sighting.offset_s, extent(points)[0]
+    def __init__(self, observation: Observation) -> None:
+        self.observation = observation
+        points = observation.points
+        self.centre, self.offset_s, self.length_m = points[:, :2].mean(axis=0), observation.offset_s, extent(points)[0]
 
 
 def _constant_velocity(seconds: float, acceleration_mps2: float) -> tuple[Floats, Floats]:
@@ -193,4 +193,4 @@ def _update(track: _Live, seen: _Seen) -> None:
     track.covariance = track.covariance - gain @ measured @ track.covariance
     track.length_m = seen.length_m
     track.seen += 1
-    track.sightings.append(seen.sighting)
+    track.observations.append(seen.observation)

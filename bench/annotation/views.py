@@ -12,6 +12,7 @@ from bench.cameras import CameraModel
 from bench.lidar import LidarSweep
 from bench.lidar.sweep import deskew, interpolation_timestamps
 from bench.recordings import ImageRef, MountedCamera, Recording, read_image
+from bench.reference.regions import Region
 
 MOST_POINTS, MOST_GROUND = 30_000, 6_000  # of a sweep; the others are left out evenly
 GROUND_M, GROUND_SLOPE = 0.2, 0.01  # above the road by less than this and this part of the range
@@ -96,6 +97,25 @@ def encoded_image(image: ImageRef, camera: MountedCamera) -> bytes:
     written, encoded = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     assert written
     return encoded.tobytes()
+
+
+def region_outlines(region: Region | None, camera: CameraModel) -> dict[str, list[list[list[float]]]]:
+    """Outlines of a region's pixels: `core`, which is certain, and `possible`, the core and the band around it.
+
+    Returns:
+        Closed lines of u and v as parts of the image's width and height; none where the region has no such pixels.
+    """
+    if region is None:
+        return {"core": [], "possible": []}
+    rows, columns = region.window
+    corner, size = np.array([columns.start, rows.start]) + 0.5, np.array([camera.width, camera.height])
+    return {
+        name: [
+            ((line[:, 0] + corner) / size).round(4).tolist()
+            for line in cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
+        ]
+        for name, mask in (("core", region.core), ("possible", region.possible))
+    }
 
 
 def lens_limit_rad(camera: CameraModel) -> float:

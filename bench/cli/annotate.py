@@ -2,44 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from bench.cli.console import print_failures, say, show
 from bench.cli.options import FAILURES, Dataset, Workers, group
 from bench.cli.progress import progress_bar, resumable
-from bench.errors import UnknownNameError
+from bench.errors import UnknownNameError, UsageError
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from bench.recordings import DatasetCard, RecordingHandle
-    from bench.reporting.document import Table
+    from bench.recordings import DatasetCard, Recording, RecordingHandle
 
 app = group("Make annotations of a drive that has none: propose, evaluate, review, export.")
 
 DEFAULT_FOLDER = Path("annotations")
 
-SCORE_HEADINGS = {
-    "range": "range",
-    "group": "group",
-    "object_frames": "object-frames",
-    "recall": "recall, %",
-    "precision": "precision, %",
-    "switches": "switches",
-    "false_tracks_per_minute": "false tracks a minute",
-    "speed_error_median": "speed error, m/s",
-    "speed_error_p90": "p90",
-    "centre_error_median": "centre error, m",
-    "centre_error_p90": "p90",
-}
-
 Reviews = Annotated[
     Path | None,
     typer.Option(help="Folder of reviews; default: the card's annotations, or annotations/<data set>."),
 ]
+LabellingTool = Literal["sustechpoints", "cvat", "labelcloud"]
+PointsOf = Literal["deskewed", "recorded"]
 Chosen = Annotated[str | None, typer.Option("--recording", help="Name of the recording; default: all.")]
 
 
@@ -89,32 +75,30 @@ def propose(dataset: Dataset, recording: Chosen = None, workers: Workers = None,
 
 
 @app.command("evaluate")
-def evaluate(dataset: Dataset, recording: Chosen = None, workers: Workers = None, reviews: Reviews = None) -> None:
+def evaluate(
+    dataset: Dataset,
+    recording: Chosen = None,
+    workers: Workers = None,
+    reviews: Reviews = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of evaluate.html, .md and .csv; default: none.")] = None,
+) -> None:
     """Compare proposals with annotations that exist: recall, precision, speeds, false tracks."""
     from bench.annotation import proposal_scores
     from bench.annotation.drives import evaluate_drives
     from bench.cli.request import worker_processes
     from bench.recordings import load_card
+    from bench.reporting.proposal_scores import scores_table, write_proposal_scores
 
     card = load_card(dataset)
     handles, folder = chosen_recordings(card, recording), reviews_folder(card, reviews)
     with progress_bar(f"evaluating proposals of {card.name}", "recordings") as progress:
         frames, minutes = evaluate_drives(handles, folder, executor=worker_processes(workers), progress=progress)
-    show([scores_table(proposal_scores(frames, minutes=minutes), minutes)])
-
-
-def scores_table(scores: pd.DataFrame, minutes: float) -> Table:
-    """The scores as a table for people: percent, m/s and m."""
-    from bench.reporting.document import Column, Table
-
-    def percent(share: float) -> str:
-        return f"{100 * share:.1f}"
-
-    forms = {**dict.fromkeys(("recall", "precision"), percent), "false_tracks_per_minute": "{:.1f}".format}
-    forms |= {name: "{:.2f}".format for name in SCORE_HEADINGS if "_error_" in name}
-    columns = {name: Column(heading, forms.get(name, str)) for name, heading in SCORE_HEADINGS.items()}
-    note = f"Found: IoU of returns of at least 0.5; of {60 * minutes:.0f} s. Errors: medians and 90th percentiles."
-    return Table(columns=[*columns.values()], rows=scores[[*columns]], words=2, note=note)
+    scores = proposal_scores(frames, minutes=minutes)
+    show([scores_table(scores, minutes)])
+    if out is not None:
+        names = [handle.name for handle in handles]
+        for file in write_proposal_scores(out, scores, minutes, dataset=card.name, recordings=names):
+            say(str(file))
 
 
 @app.command("review")
@@ -158,7 +142,7 @@ def review(
 @app.command("export")
 def export(
     dataset: Dataset,
-    out: Annotated[Path, typer.Option(help="Folder of the annotation files, <recording>.json.")],
+    out: Annotated[Path, typer.Option(help="Folder of the annotation files, <recording>.json, or of the projects.")],
     recording: Chosen = None,
     reviews: Reviews = None,
     unreviewed: Annotated[
@@ -168,6 +152,13 @@ def export(
         list[str] | None,
         typer.Option(metavar="FORMAT", help="Also in this format, see `annotations formats`; repeatable."),
     ] = None,
+    labelling: Annotated[
+        LabellingTool | None,
+        typer.Option(help="Write projects for this tool instead, of what was not rejected, reviewed or not."),
+    ] = None,
+    points: Annotated[
+        PointsOf, typer.Option(help="Of projects: moved to the time of their sweep, or as recorded.")
+    ] = "deskewed",
 ) -> None:
     """Write accepted tracks as annotations; refuse drives of which something is undecided or not watched."""
     from dataclasses import replace
@@ -177,10 +168,12 @@ def export(
     from bench.labels import LabelOptions, export_labels, label_format, open_unannotated
     from bench.recordings import load_card
 
+    if labelling and labels:
+        raise UsageError("--labelling: expected projects or annotations, got --labels as well; run the command twice")
     for name in labels or ():
         label_format(name)
     card = load_card(dataset)
-    folder = reviews_folder(card, reviews)
+    folder, unreviewed = reviews_folder(card, reviews), unreviewed or labelling is not None
     found = []
     for handle in chosen_recordings(card, recording):
         file = review_file(folder, handle.name)
@@ -188,6 +181,9 @@ def export(
         if not unreviewed:
             refuse_unfinished(stored, opened, file)
         found.append((opened, to_tracks(stored, opened, unreviewed=unreviewed)))
+    if labelling is not None:
+        _write_projects(card, [replace(opened, tracks=tracks) for opened, tracks in found], out, labelling, points)
+        return
     for opened, tracks in found:  # all or none
         if unreviewed and not tracks:
             say(
@@ -200,3 +196,29 @@ def export(
             _, lost = export_labels(name, replace(opened, tracks=tracks), out / name / opened.name, LabelOptions())
             for line in lost:
                 say(f"  {name}, lost: {line}", style="yellow")
+
+
+def _write_projects(
+    card: DatasetCard, recordings: Sequence[Recording], out: Path, tool: LabellingTool, points: PointsOf
+) -> None:
+    from bench.labels.projects import PROJECTS, write_project
+
+    with progress_bar(f"writing projects of {card.name}", "recordings") as progress:
+        for number, recording in enumerate(recordings):
+
+            def report(share: float, before: int = number) -> None:
+                progress(before + share, len(recordings))
+
+            lost = write_project(
+                recording,
+                out / recording.name,
+                tool=tool,
+                points=points,
+                progress=report,
+            )
+            say(str(out / recording.name))
+            for line in lost:
+                say(f"  lost: {line}", style="yellow")
+    source = out / (recordings[0].name if len(recordings) == 1 else "NAME")
+    name = PROJECTS[tool].label_format
+    say(f"back again: fisheye-bench annotations import {name} {source} --dataset {card.file} --recording {source.name}")

@@ -13,7 +13,6 @@ from bench.harness import read_protocol, read_run
 from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_manifest
 from bench.harness.stored import SUMMARY, SUMS, refuse_unscored, sums_digest
 from bench.recordings.cards import shipped_folder
-from bench.recordings.openlabel import NOT_REVIEWED
 
 BASELINES = Path("reports/baselines")
 USUAL_PROTOCOL = "paper-v1"
@@ -64,7 +63,7 @@ def read_run_sums(run: Path) -> RunSums:
         sums=read_sums(run / SUMS),
         failures=summary.failures,
         unrepeatable=summary.provenance.unrepeatable,
-        unreviewed=next((line for line in summary.caveats.splitlines() if line.startswith(NOT_REVIEWED)), ""),
+        unreviewed=summary.unreviewed,
     )
 
 

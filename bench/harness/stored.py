@@ -45,6 +45,7 @@ from bench.harness.manifest import Manifest, write_manifest
 from bench.harness.provenance import Provenance
 from bench.harness.unit_files import load_image_maps
 from bench.recordings.checked_json import read_checked, write_checked
+from bench.recordings.openlabel import NOT_REVIEWED
 
 SCHEMA_VERSION = 1
 SUMMARY, SUMS, IMAGE_MAPS = "summary.json", "sums.csv", "image_maps.npz"
@@ -156,6 +157,11 @@ class RunSummary(Summary):
     caveats: str = ""
     threshold_free: ThresholdFreeMetrics | None = None
     files: dict[Table, str]
+
+    @property
+    def unreviewed(self) -> str:
+        """The line of its caveats that says that nobody has looked at the annotations; empty where somebody has."""
+        return next((line for line in self.caveats.splitlines() if line.startswith(NOT_REVIEWED)), "")
 
 
 def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Table]:

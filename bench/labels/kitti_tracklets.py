@@ -8,6 +8,8 @@ h along y and l along z, and the three angles turn about the box's own x, y and 
 with copies that are outside of the image with unset occlusion. Newer versions of the library behind it may have
 corrected the order of the sizes: look at the sizes that an import prints.
 
+Tracklets of CVAT's tasks carry the object's id in an attribute `id`, where the task's labels have one.
+
 CVAT also writes `frame_list.txt`: number and name of each frame of the task. Where it is beside the tracklets, frames
 pair with sweeps by these names and never by their number, and the sweeps that it does not name were not looked at.
 
@@ -28,8 +30,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import ClassVar
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
@@ -53,6 +56,7 @@ OUTER = ("boost_serialization", "tracklets")
 UNSET, INTERPOLATED, LABELLED = 0, 1, 2
 CUT_OFF, OUTSIDE = 1, (2, 99)  # truncation
 HEADER = '<?xml version="1.0" encoding="UTF-8" standalone="yes" ?>\n<!DOCTYPE boost_serialization>\n'
+ID_ATTRIBUTE = "id"
 PLACES, TURNS = ("tx", "ty", "tz"), ("rx", "ry", "rz")
 
 
@@ -87,7 +91,8 @@ class Tracklet:
         first_frame: number of the frame of the first pose.
         poses: one for each frame from there on.
         finished: the annotator was done with it.
-        attributes: how many extra attributes it and its poses carry.
+        name: the object's id, in the attribute that CVAT's tasks carry it in; empty where it has none.
+        attributes: how many other attributes it and its poses carry.
     """
 
     object_type: str
@@ -97,6 +102,7 @@ class Tracklet:
     first_frame: int
     poses: tuple[TrackletPose, ...]
     finished: bool = True
+    name: str = ""
     attributes: int = 0
 
 
@@ -162,6 +168,8 @@ def write_tracklets(file: Path, tracklets: Sequence[Tracklet]) -> None:
             _put(entry, state=pose.state, occlusion=pose.occlusion, occlusion_kf=0, truncation=pose.truncation)
             _put(entry, amt_occlusion=-1, amt_occlusion_kf=-1, amt_border_l=-1, amt_border_r=-1, amt_border_kf=-1)
         _put(item, finished=int(tracklet.finished))
+        if tracklet.name:
+            _put(SubElement(SubElement(item, "attributes"), "attribute"), name=ID_ATTRIBUTE, value=tracklet.name)
     indent(root, "\t")
     write_text(file, HEADER + tostring(root, encoding="unicode") + "\n")
 
@@ -188,6 +196,8 @@ def _tracklet(item: Element, file: Path, field: str) -> Tracklet:
     if not object_type:
         raise DataError(file, field=f"{field}.objectType", expected="a class", got="nothing")
     height_m, width_m, length_m = (_size(item, name, file, field) for name in "hwl")
+    attributes = [(found.findtext("name"), (found.findtext("value") or "").strip()) for found in item.iter("attribute")]
+    names = [value for name, value in attributes if name == ID_ATTRIBUTE]
     return Tracklet(
         object_type=object_type,
         height_m=height_m,
@@ -196,7 +206,8 @@ def _tracklet(item: Element, file: Path, field: str) -> Tracklet:
         first_frame=_whole(item.find("first_frame"), "first_frame", file, f"{field}.first_frame"),
         poses=tuple(_pose(entry, file, f"{field}.poses.item {j}") for j, entry in enumerate(entries)),
         finished=(item.findtext("finished") or "1").strip() != "0",
-        attributes=sum(1 for _ in item.iter("attribute")),
+        name=next(filter(None, names), ""),
+        attributes=len(attributes) - len(names),
     )
 
 
@@ -261,6 +272,7 @@ class KittiTracklets:
     description = "tracklet_labels.xml of KITTI's raw data: upright boxes, one size for each object"
     centred = False
     sizes = ("length_m", "width_m", "height_m")  # what the file calls the sizes along x, y and z
+    classes: ClassVar[Mapping[str, str]] = WRITTEN  # ours -> the tool's
 
     def read(self, source: Path, recording: Recording, options: LabelOptions) -> LabelSet:
         """Read a label set; arguments and errors as in `LabelFormat`."""
@@ -275,18 +287,16 @@ class KittiTracklets:
             sweeps = {number: found[str(number)] for number in numbers}
         else:
             sweeps = _named_sweeps(listed, numbers, recording, file.with_name(FRAME_LIST))
-        tracks = tuple(
-            with_motion(
-                Track(
-                    track_id=f"tracklet-{i}",
-                    object_class=str(classes[tracklet.object_type]),
-                    states=self._states(tracklet, sweeps, recording, file, f"tracklets.item {i}"),
-                ),
-                recording.trajectory,
+        found_tracks = [
+            Track(
+                track_id=tracklet.name or f"tracklet-{i}",
+                object_class=str(classes[tracklet.object_type]),
+                states=self._states(tracklet, sweeps, recording, file, f"tracklets.item {i}"),
             )
             for i, tracklet in kept
             if tracklet.poses
-        )
+        ]
+        tracks = tuple(with_motion(track, recording.trajectory) for track in _joined(found_tracks))
         counts = Counter(tracklet.object_type for tracklet in tracklets)
         lost = [*wrong_counts[:SHOWN], *left_out(classes, counts)]
         if len(wrong_counts) > SHOWN:
@@ -305,6 +315,8 @@ class KittiTracklets:
         """Write `tracklet_labels.xml`; arguments as in `LabelFormat`."""
         states, lost = states_at_sweeps(label_set, recording, (Cuboid,))
         numbers = frame_numbers(recording, options)
+        if self.centred and max(numbers.values()) - min(numbers.values()) >= len(numbers):
+            numbers = {time_ns: i for i, time_ns in enumerate(numbers)}  # a task counts frames, FRAME_LIST names them
         by_track: dict[str, list[tuple[int, Cuboid]]] = {track.track_id: [] for track in label_set.tracks}
         for time_ns, found in states.items():
             for track, state in found:
@@ -320,7 +332,7 @@ class KittiTracklets:
                 sizes = np.stack([cuboid.size_m for _, cuboid in run])
                 size_m = np.median(sizes, axis=0)
                 resized += bool(np.abs(sizes - size_m).max() > SAME_SIZE_M)
-                object_type = tool_class(track.object_class, options, WRITTEN)
+                object_type = tool_class(track.object_class, options, self.classes)
                 poses = [lidar_from_object(cuboid, recording) for _, cuboid in run]
                 lean_rad = max(lean_rad, *(_lean_rad(pose) for pose in poses))
                 tracklets.append(
@@ -329,15 +341,16 @@ class KittiTracklets:
                         **dict(zip(self.sizes, size_m.tolist(), strict=True)),
                         first_frame=run[0][0],
                         poses=tuple(self._tracklet_pose(pose, size_m[2]) for pose in poses),
+                        name=track.track_id if self.centred else "",
                     )
                 )
         write_tracklets(out / FILE, tracklets)
         if self.centred:
             names = frame_names(recording, options)
             write_text(out / FRAME_LIST, "".join(f"{number} {names[t]}\n" for t, number in numbers.items()))
-        if tracklets:
+        if tracklets and not self.centred:
             lost.append(f"{len(by_track)} names of objects: the format has none")
-        if split:
+        if split and not self.centred:
             lost.append(f"{split} objects are out of sight for a while and become several tracklets")
         if resized:
             lost.append(f"{resized} objects change their size: each has its median one")
@@ -407,6 +420,7 @@ class CvatTracklets(KittiTracklets):
     description = "tracklet_labels.xml as CVAT writes it (KITTI Raw Format): other places, sizes and angles"
     centred = True
     sizes = ("width_m", "height_m", "length_m")
+    classes = WRITTEN | {"animal": "Animal"}  # tasks have any class
 
 
 def _listed_frames(file: Path, options: LabelOptions) -> dict[int, str] | None:
@@ -454,6 +468,23 @@ def _named_sweeps(
             raise DataError(file, field=f"frame {number}", expected="each name once", got=f"{name!r} twice")
         found[number] = sweeps[name]
     return found
+
+
+def _joined(tracks: Sequence[Track]) -> list[Track]:
+    """Tracks, those of one id and class as one; an id that is there twice at one time, as of a copy, gets a number."""
+    joined: dict[str, Track] = {}
+    for track in tracks:
+        name, number, times_ns = track.track_id, 1, {state.timestamp_ns for state in track.states}
+        while name in joined and (
+            joined[name].object_class != track.object_class
+            or any(state.timestamp_ns in times_ns for state in joined[name].states)
+        ):
+            number += 1
+            name = f"{track.track_id}-{number}"
+        states = (*(joined[name].states if name in joined else ()), *track.states)
+        in_time = tuple(sorted(states, key=lambda state: state.timestamp_ns))
+        joined[name] = replace(track, track_id=name, states=in_time)
+    return list(joined.values())
 
 
 def _runs(posed: Sequence[tuple[int, Cuboid]]) -> list[list[tuple[int, Cuboid]]]:

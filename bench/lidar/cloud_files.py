@@ -1,4 +1,4 @@
-"""Reading .pcd and .ply: the header gives the offset of each number in a point, which is all that NumPy needs.
+"""Point clouds in .pcd and .ply: the header gives the offset of each number in a point, all that NumPy needs.
 
 A field of COUNT 0, which some tools write for padding of another length, means that the offsets of the
 fields behind it are unknown: files in which one of them is needed are refused.
@@ -26,6 +26,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.atomic import write_bytes
 from bench.errors import DataError, UsageError
 from bench.lidar.sweep import LARGEST_BYTES, Arrays
 
@@ -144,6 +145,28 @@ def read_cloud(path: Path) -> Arrays:
         case _:
             fields = _packed(path, body, layout)
     return _arrays(fields)
+
+
+def write_pcd(path: Path, points: NDArray[np.floating], intensity: NDArray[np.float32] | None = None) -> None:
+    """Write a binary .pcd of x, y, z and intensity, float32.
+
+    Args:
+        path: the file, overwritten.
+        points: (N, 3), m.
+        intensity: (N,), or None for 0.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    values = np.zeros((len(points), 4), dtype="<f4")
+    values[:, :3] = points
+    if intensity is not None:
+        values[:, 3] = intensity
+    head = (
+        "VERSION 0.7\nFIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\n"
+        f"WIDTH {len(values)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(values)}\nDATA binary\n"
+    )
+    write_bytes(path, head.encode() + values.tobytes())
 
 
 def _arrays(fields: dict[str, NDArray[Any]]) -> Arrays:

@@ -123,10 +123,7 @@ class ReferenceBuilder:
             UsageError: the image has no such object.
         """
         exposure = self._exposure(image)
-        found = [one for one in self._annotations.at(image.timestamp_ns) if one.track.track_id == track_id]
-        if not found:
-            raise UsageError(f"{image.path}: expected an annotated object {track_id!r}, got an image without it")
-        scanned, vehicle_from_world = self._scanned(found[0], exposure), exposure.vehicle_from_world
+        scanned, vehicle_from_world = self._named(track_id, image, exposure), exposure.vehicle_from_world
         around_world = np.empty((0, 3)) if scanned.placed is None else scanned.placed.points_world()
         corners = vehicle_from_world.apply(scanned.parts_world)[..., :2].reshape(-1, 2)
         hull = shapely.MultiPoint(corners).convex_hull
@@ -136,6 +133,20 @@ class ReferenceBuilder:
             outline_m=np.asarray(hull.exterior.coords)[:-1] if isinstance(hull, Polygon) else np.empty((0, 2)),
             pixels=scanned.pixels[np.isfinite(scanned.pixels[:, 0])],
         )
+
+    def region(self, track_id: str, image: ImageRef) -> Region | None:
+        """An object's pixels, as if nothing hid it; None out of view; to look at, not to score.
+
+        Raises:
+            UsageError: the image has no such object.
+        """
+        return self._region(self._named(track_id, image, self._exposure(image)))
+
+    def _named(self, track_id: str, image: ImageRef, exposure: Exposure) -> ScannedObject:
+        found = [one for one in self._annotations.at(image.timestamp_ns) if one.track.track_id == track_id]
+        if not found:
+            raise UsageError(f"{image.path}: expected an annotated object {track_id!r}, got an image without it")
+        return self._scanned(found[0], exposure)
 
 
 def without_needless_bands(scanned: Sequence[ScannedObject]) -> list[ScannedObject]:

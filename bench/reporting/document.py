@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from importlib import resources
 from typing import TYPE_CHECKING, Any, Literal
 
 import jinja2
@@ -296,6 +297,13 @@ def to_html(blocks: Iterable[Block]) -> Markup:
         for block in blocks
     ]
     return Markup("").join(parts)
+
+
+def to_page(title: str, blocks: Iterable[Block]) -> str:
+    """A whole page of HTML in one file, without scripts."""
+    style = Markup(resources.files("bench.reporting.page").joinpath("page.css").read_text("utf-8"))  # ours
+    page: str = environment().get_template("document_page.html.j2").render(title=title, blocks=blocks, style=style)
+    return page
 
 
 @cache

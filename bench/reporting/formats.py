@@ -106,6 +106,15 @@ def metric_record(metric: Metric) -> dict[str, object]:
             "recordings": metric.recordings}  # fmt: skip
 
 
+def annotations_field(unreviewed: str) -> dict[str, object]:
+    """Column `annotations` of CSV and JSON, which only runs on annotations that nobody reviewed have.
+
+    Args:
+        unreviewed: `RunSummary.unreviewed`.
+    """
+    return {"annotations": unreviewed.partition(": ")[2].rstrip(".")} if unreviewed else {}
+
+
 def headline_metrics(summary: Summary) -> dict[str, Metric]:
     """The headline metrics of a run over all moving objects, and the false positives of its images.
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from bench.reporting import document
 from bench.reporting.canvas import write_picture
 from bench.reporting.document import Paragraph, latex_label
-from bench.reporting.formats import metric_record, shortened, write_texts
+from bench.reporting.formats import annotations_field, metric_record, shortened, write_texts
 from bench.reporting.range_maps import draw_run_maps
 from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.tables import TableRow, table_note, table_rows, text_tables, threshold_free_line
@@ -37,30 +37,38 @@ def to_latex(rows: Sequence[TableRow], *, label: str, about: str) -> str:
 
 
 def _about(run: StoredRun) -> str:
-    """Method, data set and protocol; of the settings those that are not the method's defaults."""
+    """Method, data set and protocol; settings that are not the method's defaults; annotations that nobody reviewed."""
     summary = run.summary
     method, data = summary.manifest.method, summary.manifest.dataset
     settings = [f"{name} = {value}" for name, value in method.changed_settings().items()]
     shown = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
     split = f", split {data.split}" if data.split else ""
-    return f"method {method.name} ({shown}), data set {data.name}{split}, {run.protocol.name}"
+    told = f"method {method.name} ({shown}), data set {data.name}{split}, {run.protocol.name}"
+    return ", ".join(part for part in (told, summary.unreviewed.rstrip(".")) if part)
 
 
-def to_csv(rows: Sequence[TableRow]) -> str:
-    """One line per row and metric, ratios in [0, 1] at full precision; empty where there is no number."""
-    return document.to_csv(_records(rows))
+def to_csv(rows: Sequence[TableRow], *, unreviewed: str = "") -> str:
+    """One line per row and metric, ratios in [0, 1] at full precision; empty where there is no number.
+
+    Args:
+        rows: of the table.
+        unreviewed: `RunSummary.unreviewed`, which stands in each line of such a run.
+    """
+    return document.to_csv(_records(rows, unreviewed))
 
 
-def to_json(rows: Sequence[TableRow]) -> str:
+def to_json(rows: Sequence[TableRow], *, unreviewed: str = "") -> str:
     """The same lines with null where there is no number, and how to read them."""
-    return document.to_json({"schema_version": SCHEMA_VERSION, "note": table_note(rows), "rows": _records(rows)})
+    content = {"schema_version": SCHEMA_VERSION, "note": table_note(rows), "rows": _records(rows, unreviewed)}
+    return document.to_json(content)
 
 
-def _records(rows: Sequence[TableRow]) -> list[dict[str, object]]:
+def _records(rows: Sequence[TableRow], unreviewed: str) -> list[dict[str, object]]:
     return [
         {"row": row.name, "label": row.label, "frames": row.frames, "paper_frames": row.paper_frames,
          "tracks": row.tracks, "metric": name} | metric_record(metric)
         | {"recordings": row.recordings, "paper": row.paper.get(name), "difference_points": row.difference_points(name)}
+        | annotations_field(unreviewed)
         for row in rows
         for name, metric in row.metrics.items()
     ]  # fmt: skip
@@ -81,8 +89,8 @@ def write_report_files(run: Path) -> tuple[list[TableRow], tuple[Path, ...]]:
     over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
     texts = {
         "table.md": to_markdown(rows, threshold_free=over_all, caveats=summary.caveats),
-        "table.csv": to_csv(rows),
+        "table.csv": to_csv(rows, unreviewed=summary.unreviewed),
         "table.tex": to_latex(rows, label=latex_label(stored.label), about=_about(stored)),
-        "table.json": to_json(rows),
+        "table.json": to_json(rows, unreviewed=summary.unreviewed),
     }
     return rows, (*write_texts(run, texts), *write_picture(run / "range_map", draw_run_maps(stored)))

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from bench.evaluation import Protocol
 from bench.evaluation.summary import not_annotated
 from bench.harness import Provenance, RunSummary
-from bench.recordings.openlabel import NOT_REVIEWED
 from bench.reference import IgnoreReason
 from bench.reporting.tables import threshold_free_line
 
@@ -26,7 +25,8 @@ def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
     yield f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed"
     if unscored := not_annotated(summary):
         yield unscored
-    yield from (line for line in summary.caveats.splitlines() if line.startswith(NOT_REVIEWED))
+    if summary.unreviewed:
+        yield summary.unreviewed
 
 
 def cost_lines(made: Provenance) -> Iterator[str]:

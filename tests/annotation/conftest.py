@@ -1,8 +1,10 @@
 """Reviews of a rendered drive whose proposals are its true tracks, and a browser."""
 
+import shutil
 import threading
 
 import pytest
+import yaml
 
 from bench.annotation.server import ReviewServer
 from bench.annotation.session import Session
@@ -16,6 +18,17 @@ from tests.support.reviews import DRIVE, proposed_from
 def drive(tiny_card):
     """The rendered drive."""
     return next(handle for handle in open_dataset(load_card(tiny_card)) if handle.name == DRIVE).open()
+
+
+@pytest.fixture
+def card(tiny_card, tmp_path):
+    """A card of one rendered drive without its annotations."""
+    shutil.copytree(tiny_card.parent / "data" / "tiny" / DRIVE, tmp_path / "data" / DRIVE)
+    (tmp_path / "data" / DRIVE / "annotations.json").unlink()
+    file = tmp_path / "drives.yaml"
+    content = {"name": "drives", "title": "drives", "adapter": "native", "root": "data", "licence": "none"}
+    file.write_text(yaml.safe_dump(content | {"annotations": "annotations"}))
+    return file
 
 
 @pytest.fixture

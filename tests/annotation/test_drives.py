@@ -2,6 +2,7 @@
 
 import json
 
+import pandas as pd
 import pytest
 
 from bench.annotation import drives as module
@@ -52,6 +53,18 @@ def test_propose_then_evaluate(card):
     assert scored.returncode == 0
     assert "object-frames" in scored.stdout
     assert {"pedestrian", "cyclist", "vehicle"} <= set(scored.stdout.split())
+    assert sorted(path.name for path in card.parent.iterdir()) == ["data", "reviews", "street.yaml"]
+
+    ended = called_here("annotate", "evaluate", card, "--reviews", "reviews", "--out", "scores", folder=card.parent)
+    assert ended.stdout.startswith(scored.stdout)
+    written = {path.name: path.read_text() for path in (card.parent / "scores").iterdir()}
+    assert sorted(written) == ["evaluate.csv", "evaluate.html", "evaluate.md"]
+    rows = pd.read_csv(card.parent / "scores" / "evaluate.csv")
+    every = rows.set_index(["range", "group"]).loc[("all", "all")]
+    share = f"{100 * every['recall']:.1f}"
+    assert every["object_frames"] > 0
+    assert all(share in text and "Nearer than 8 m" in text for name, text in written.items() if "csv" not in name)
+    assert share in scored.stdout
 
 
 def test_what_is_there_is_not_computed_again(card, monkeypatch):

@@ -6,11 +6,13 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import urllib.request
+from http.client import HTTPException
 
 import numpy as np
+import pandas as pd
 import pytest
-import yaml
 
 from bench.annotation import store
 from bench.annotation.decisions import applied, decide
@@ -19,24 +21,7 @@ from bench.harness import read_run
 from bench.recordings import open_native, read_annotations
 from bench.recordings.openlabel import NOT_REVIEWED
 from tests.support.commands import called_here, error_line
-from tests.support.reviews import DRIVE, MADE, proposed_from
-
-
-@pytest.fixture
-def card(tiny_card, tmp_path):
-    """A card of one rendered drive without its annotations."""
-    shutil.copytree(tiny_card.parent / "data" / "tiny" / DRIVE, tmp_path / "data" / DRIVE)
-    (tmp_path / "data" / DRIVE / "annotations.json").unlink()
-    file = tmp_path / "drives.yaml"
-    content = {"name": "drives", "title": "drives", "adapter": "native", "root": "data", "licence": "none"}
-    file.write_text(yaml.safe_dump(content | {"annotations": "annotations"}))
-    return file
-
-
-def stored(card, review):
-    file = store.review_file(card.parent / "annotations", DRIVE)
-    store.write_review(file, review)
-    return file
+from tests.support.reviews import DRIVE, MADE, proposed_from, stored
 
 
 def accepted(review, *names):
@@ -101,12 +86,24 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     said = f"{NOT_REVIEWED} (1 of 1 recordings)"
     assert said in ended.stdout + ended.stderr
     assert read_run(run).caveats.startswith(said)
-    assert said in (run / "table.md").read_text()
+    assert all(said in (run / f"table.{kind}").read_text() for kind in ("md", "tex"))
+    lines = pd.read_csv(run / "table.csv")
+    assert set(lines["annotations"]) == {said.removeprefix("annotations: ")}
+    assert all(row["annotations"] in said for row in json.loads((run / "table.json").read_text())["rows"])
     baseline = tmp_path / "baseline"
     assert called_here("gate", run, "--baseline", baseline, "--update", "--allow-dirty").returncode == 0
     judged = called_here("gate", run, "--baseline", baseline, "--json", tmp_path / "verdict.json")
     assert said in judged.stdout
     assert said in (tmp_path / "verdict.json").read_text()
+    shutil.copytree(run, tmp_path / "again")
+    compared = called_here("compare", run, tmp_path / "again", "--out", tmp_path / "compared", "--no-pictures")
+    assert said in compared.stdout
+    assert said in (tmp_path / "compared" / "compare.md").read_text()
+    assert called_here("leaderboard", run, "--out", tmp_path / "board", "--no-pictures").returncode == 0
+    board = {file.name: file.read_text() for file in (tmp_path / "board").iterdir() if file.suffix != ".png"}
+    assert said in board["leaderboard.md"]
+    for name in ("leaderboard.csv", "leaderboard.json", "index.html"):
+        assert said.removeprefix("annotations: ") in board[name]
     assert called_here("report", run, "--no-pictures").returncode == 0
     pages = [page.read_text() for page in run.glob("*.html")]
     assert pages
@@ -130,6 +127,33 @@ def test_the_command_serves_and_ends_with_an_interrupt(card, drive):
         rest, _ = running.communicate(timeout=20)
     assert (running.returncode, "Traceback" in rest) == (0, False)
     assert applied(store.read_review(file))[0].status == "accepted"
+
+
+@pytest.mark.slow
+def test_a_server_that_is_killed_has_stored_what_it_answered(card, drive):
+    file = stored(card, proposed_from(drive))
+    command = [sys.executable, "-m", "bench", "annotate", "review", str(card), "--no-browser", "--reviewer", "R."]
+    answered = 0
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as running:
+        lines = [running.stdout.readline() for _ in range(2)]
+        origin, token = re.search(r"(http://127\.0\.0\.1:\d+)/#(\S+)", "".join(lines)).groups()
+        killer = threading.Timer(4.0, running.kill)
+        killer.start()
+        for number in range(100_000):
+            action = ("accept", "reopen")[number % 2]
+            question = urllib.request.Request(
+                f"{origin}/drives/0/decide",
+                data=json.dumps({"action": action, "tracks": ["p000"]}).encode(),
+                headers={"X-Review-Token": token, "Content-Type": "application/json"},
+            )
+            try:
+                urllib.request.urlopen(question, timeout=30).close()
+            except (OSError, HTTPException):
+                break
+            answered += 1
+        running.wait()
+    assert answered > 0
+    assert 0 <= len(store.read_review(file).decisions) - answered <= 1
 
 
 def test_without_a_review_the_way_to_one_is_told(card, monkeypatch, capsys):

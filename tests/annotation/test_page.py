@@ -4,13 +4,14 @@ import time
 
 import numpy as np
 import pytest
+from selenium.common.exceptions import WebDriverException
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
 from bench.annotation.decisions import applied
 from bench.annotation.store import read_review, review_file
-from tests.support.browser import opened
+from tests.support.browser import accessibility_faults, headless_chromium, opened
 from tests.support.reviews import DRIVE
 
 
@@ -54,6 +55,21 @@ def test_the_page_shows_the_drive_at_any_width(browser, server, width, scheme):
     )
     assert inks > 5
     no_complaints(browser)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing(browser, server, width, scheme):
+    page(browser, server, width=width, scheme=scheme)
+    assert accessibility_faults(browser) == []
+    browser.execute_script("$('help').showModal()")
+    assert accessibility_faults(browser) == []
+    browser.execute_script("$('help').close(); decide({ action: 'nonsense' })")
+    until(browser, "return $('told').className === 'bad'")
+    for status in ("open", "accepted", "rejected"):
+        browser.execute_script("for (const t of tracks.values()) t.status = arguments[0]; report(); paint()", status)
+        assert accessibility_faults(browser) == []
 
 
 def test_keys_decide_and_undo(browser, server, reviews):
@@ -167,6 +183,21 @@ def stroke(browser, points):
     actions.perform()
 
 
+def test_the_reference_follows_the_box(browser, server, reviews):
+    page(browser, server)
+    until(browser, "return reference && reference.id === chosen && reference.core.length && $('band').className === ''")
+    before, height = browser.execute_script("return [JSON.stringify(reference.core), $('camera').offsetHeight]")
+    press(browser, "jjjjjjjj")  # 40 cm to the left, some of the returns are not in the box any more
+    until(browser, f"return !outlining && reference.id === chosen && JSON.stringify(reference.core) !== {before!r}")
+    browser.execute_script("seek(0); chosen = null; paint()")
+    until(browser, "return $('band').className === 'unseen'")
+    assert browser.execute_script("return $('camera').offsetHeight") == height  # nothing below it jumps
+    browser.execute_script("choose(order[0])")
+    press(browser, "r")
+    until(browser, "return $('band').className === 'unseen' || chosen !== reference.id")
+    no_complaints(browser)
+
+
 def box_of(browser):
     """Centre, heading and size of the selected box."""
     return browser.execute_script("const s = stateAt(tracks.get(chosen)); return [...s.row.slice(0, 4), ...s.size]")
@@ -240,6 +271,24 @@ def test_a_side_of_the_box_is_dragged_in_the_view_from_above(browser, server, re
     assert decision.size_m[1] - before[5] == pytest.approx(9 / metre, abs=0.3 / metre)
     moved = np.hypot(decision.centre_m[0] - before[0], decision.centre_m[1] - before[1])
     assert moved == pytest.approx(4.5 / metre, abs=0.3 / metre)  # the other side stays
+
+
+@pytest.mark.slow
+def test_a_browser_that_dies_loses_the_edit_it_was_in_at_most(server, reviews, tmp_path):
+    browser = page(headless_chromium(tmp_path / "chromium"), server)
+    press(browser, "a")
+    wait_for_decisions(reviews, 1)
+    press(browser, "iii")  # a key frame is sent when no key comes for a while
+    with pytest.raises(WebDriverException):
+        browser.execute_cdp_cmd("Browser.crash", {})
+    browser.service.stop()
+    left = stored(reviews).decisions
+    assert [decision.action for decision in left] in (["accept"], ["accept", "set_box"])
+    assert [file.name for file in reviews.iterdir()] == [f"{DRIVE}.review.json"]
+    again = page(headless_chromium(tmp_path / "again"), server)
+    press(again, "z")
+    assert wait_for_decisions(reviews, len(left) + 1)[-1].action == "undo"
+    again.quit()
 
 
 def test_what_cannot_be_stored_is_said(browser, server, reviews):

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.annotation import evaluate_proposals, proposal_scores, propose
+from bench.annotation.boxes import guess_class
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import NOT_ANNOTATED
@@ -45,6 +46,18 @@ def test_classes_sizes_and_speeds(proposals):
     assert [round(float(np.median(speeds(by_class[name]))), 0) for name in ("cyclist", "vehicle")] == [4.0, 6.0]
     np.testing.assert_allclose(by_class["cyclist"].size_m[0], 1.8, atol=0.4)
     assert dict(by_class["vehicle"].doubts).keys() == {"seen from one end"}  # its rear is all that the lidar sees
+
+
+@pytest.mark.parametrize(
+    ("length_m", "width_m", "speed_mps", "expected"),
+    [
+        (4.2, 1.8, 0.0, "vehicle"), (2.0, 1.4, 1.0, "vehicle"), (1.8, 0.7, 4.0, "cyclist"),
+        (1.8, 0.7, 1.2, "pedestrian"),  # pushes a bicycle, or walks with a dog
+        (0.7, 0.7, 3.0, "pedestrian"),
+    ],
+)  # fmt: skip
+def test_size_and_speed_tell_the_class(length_m, width_m, speed_mps, expected):
+    assert guess_class(np.array([length_m, width_m, 1.7]), speed_mps) == expected
 
 
 def test_again_gives_the_same(recording, proposals):

@@ -4,12 +4,17 @@ import http.client
 import json
 import socket
 import struct
+from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from bench.annotation.decisions import applied
+from bench.annotation.export import to_tracks
 from bench.annotation.store import read_review, review_file
+from bench.evaluation import load_protocol
+from bench.reference import ReferenceBuilder
 from tests.support.reviews import DRIVE
 
 ACCEPT = {"action": "accept", "tracks": ["p000"]}
@@ -74,6 +79,52 @@ def test_a_decision_is_on_disk_when_it_is_answered(server, reviews):
     undone = json.loads(ask(server, "/drives/0/decide", body={"action": "undo"})[2])
     assert [track["status"] for track in undone["tracks"]] == ["open"]
     assert (undone["decisions"], undone["undone"]) == (0, 1)
+
+
+def box_in_image(server, drive):
+    """Number of an image, and the key frame that leaves the first track as it is at the image's time."""
+    told = json.loads(ask(server, "/drives/0")[2])
+    track, (camera, *_) = told["tracks"][0], told["cameras"]
+    row = len(track["times"]) // 2
+    image = min(range(len(camera["times"])), key=lambda i: abs(camera["times"][i] - track["times"][row]))
+    x, y, z, yaw, *_ = track["rows"][row]
+    box = {"action": "set_box", "track": track["id"], "timestamp_ns": track["times"][row]}
+    return image, box | {"centre_m": [x, y, z], "yaw_rad": yaw, "size_m": track["size"]}
+
+
+def filled(lines, camera):
+    """(height, width) bool, inside of outlines, which run through the middles of their pixels."""
+    covered = np.zeros((camera.height, camera.width), dtype=np.uint8)
+    for line in lines:
+        pixels = np.array(line) * [camera.width, camera.height] - 0.5
+        cv2.fillPoly(covered, [np.rint(pixels).astype(np.int32)], 1)
+    return covered.astype(bool)
+
+
+def test_the_reference_of_a_box_is_outlined_and_nothing_is_stored(server, reviews, drive):
+    before = stored(reviews)
+    image, box = box_in_image(server, drive)
+    name, camera = next(iter(drive.cameras.items()))
+    status, _, content = ask(server, f"/drives/0/outline/0/{image}", body=box)
+    assert status == 200, content
+    found = json.loads(content)
+    tracks = to_tracks(read_review(review_file(reviews, DRIVE)), drive, unreviewed=True)
+    builder = ReferenceBuilder(replace(drive, tracks=tracks), name, load_protocol("surface-v1").reference_settings())
+    region = builder.region(box["track"], drive.images[name][image])
+    for part in ("core", "possible"):
+        expected = np.zeros((camera.model.height, camera.model.width), dtype=bool)
+        expected[region.window] = getattr(region, part)
+        shown = filled(found[part], camera.model)
+        assert (shown & expected).sum() > 0.95 * (shown | expected).sum() > 0
+    far = box | {"centre_m": [box["centre_m"][0], box["centre_m"][1], box["centre_m"][2] + 50.0]}
+    assert json.loads(ask(server, f"/drives/0/outline/0/{image}", body=far)[2]) != found
+    assert stored(reviews) == before
+    assert ask(server, f"/drives/0/outline/0/{image}", body=ACCEPT)[0] == 400
+    assert ask(server, f"/drives/0/outline/0/{image}", body=box | {"track": "nobody"})[0] == 400
+    assert ask(server, "/drives/0/outline/0/99999", body=box)[0] == 404
+    assert ask(server, "/drives/0/outline/9/0", body=box)[0] == 404
+    assert ask(server, "/drives/0/outline", body=box)[0] == 404
+    assert stored(reviews) == before
 
 
 HOSTILE = {
@@ -161,15 +212,50 @@ def test_other_methods_and_long_addresses_are_refused(server):
     assert ask(server, "/" + "x" * 5000)[0] == 414
 
 
+def connection_that_decides(server, length):
+    """A connection that has announced a decision of so many bytes, and sent none of it."""
+    opened = socket.create_connection(("127.0.0.1", server.server_port), timeout=20)
+    head = f"POST /drives/0/decide HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n"
+    head += f"X-Review-Token: {server.token}\r\nContent-Type: application/json\r\nContent-Length: {length}\r\n\r\n"
+    opened.sendall(head.encode())
+    return opened
+
+
 def test_a_body_that_ends_early_changes_nothing(server, reviews):
     before = stored(reviews)
-    with socket.create_connection(("127.0.0.1", server.server_port)) as half:
-        head = f"POST /drives/0/decide HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n"
-        head += f"X-Review-Token: {server.token}\r\nContent-Type: application/json\r\nContent-Length: 500\r\n\r\n"
-        half.sendall(head.encode() + b'{"action": ')
+    with connection_that_decides(server, 500) as half:
+        half.sendall(b'{"action": ')
         half.shutdown(socket.SHUT_WR)
         assert half.recv(100) == b""
     assert stored(reviews) == before
+
+
+@pytest.mark.parametrize("sent", [0, 0.5, 1.0], ids=["nothing", "half", "all"])
+def test_a_connection_that_is_killed_loses_its_own_edit_at_most(server, reviews, sent):
+    """As when a browser dies: no farewell, a reset. What was answered before stays, and what follows is answered."""
+    ask(server, "/drives/0/decide", body=ACCEPT)
+    body = json.dumps({"action": "reject", "tracks": ["p001"]}).encode()
+    killed = connection_that_decides(server, len(body))
+    killed.sendall(body[: round(sent * len(body))])
+    killed.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    killed.close()
+    assert ask(server, "/drives/0/decide", body={"action": "reopen", "tracks": ["p000"]})[0] == 200
+    first, *rest = [decision.action for decision in read_review(review_file(reviews, DRIVE)).decisions]
+    assert first == "accept"
+    assert "reopen" in rest
+    assert set(rest) <= {"reopen", "reject"}
+    assert len(rest) <= 1 + (sent == 1.0)
+
+
+def test_200_mb_are_not_taken(server, reviews):
+    """The answer comes before the body was sent; a sender who goes on meets a closed connection."""
+    before = stored(reviews)
+    with connection_that_decides(server, 200_000_000) as flood:
+        assert flood.recv(100).startswith(b"HTTP/1.1 413 ")
+        with pytest.raises(ConnectionError):
+            flood.sendall(bytes(200_000_000))
+    assert stored(reviews) == before
+    assert ask(server, "/drives/0/decide", body=ACCEPT)[0] == 200
 
 
 def test_it_listens_on_this_machine_alone(server):

@@ -253,6 +253,31 @@ def test_numbers_of_frames_are_those_of_the_sweeps(tmp_path):
     assert_same_boxes(found.tracks, label_set.tracks, names=False)
 
 
+def test_frames_of_cvat_whose_names_have_gaps_are_counted(tmp_path):
+    """Each box would else be a track of its own."""
+    drive = street.recording(tmp_path / "drive", names=tuple(f"{5 * i + 3:010d}" for i in range(street.SWEEPS)))
+    label_set = LabelSet(tracks=(street.box_track("parked"),), timestamps_ns=street.TIMES_NS)
+    label_format("cvat-tracklets").write(label_set, drive, tmp_path / "out", PLAIN)
+    ((tracklet,), _) = read_tracklets(tmp_path / "out/tracklet_labels.xml")
+    assert (tracklet.first_frame, len(tracklet.poses)) == (0, street.SWEEPS)
+    found = label_format("cvat-tracklets").read(tmp_path / "out", drive, PLAIN)
+    assert_same_boxes(found.tracks, label_set.tracks)
+
+
+def test_ids_in_attributes_join_what_is_one_object(tmp_path, drive):
+    """CVAT writes attributes at each pose; a copy of an object has its id and is another one."""
+    named = "<attributes><attribute><name>id</name><value>p003</value></attribute></attributes>"
+    tags = [item(pose().replace("</item>", f"{named}</item>"), first=first) for first in (0, 2, 2)]
+    tags.append(item(pose().replace("</item>", f"{named}</item>"), first=3, kind="Pedestrian"))
+    found = label_format("cvat-tracklets").read(put(tmp_path, document(*tags)), drive, PLAIN)
+    assert [(track.track_id, len(track.states)) for track in found.tracks] == [
+        ("p003", 2),
+        ("p003-2", 1),
+        ("p003-3", 1),
+    ]
+    assert not any("further attributes" in line for line in found.lost)
+
+
 finite = st.floats(-1e6, 1e6)
 sizes = st.floats(1e-3, 1e3)
 

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from importlib.resources import files
 
 import pytest
 from selenium import webdriver
@@ -43,3 +44,13 @@ def opened(browser, file, *, width=1280, scheme="light"):
     browser.get(file if isinstance(file, str) else file.as_uri())
     WebDriverWait(browser, 60).until(lambda b: b.execute_script("return document.readyState") == "complete")
     return browser
+
+
+def accessibility_faults(browser):
+    """What axe-core finds wrong on the page that is open, as lines."""
+    browser.set_script_timeout(60)
+    browser.execute_script(files("axe_core_python").joinpath("axe.min.js").read_text("utf-8"))
+    violations = browser.execute_async_script(
+        "const done = arguments[0]; axe.run(document, { resultTypes: ['violations'] }).then(r => done(r.violations))"
+    )
+    return [f"{one['id']}: {node['target']}: {node['failureSummary']}" for one in violations for node in one["nodes"]]

@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from bench.annotation.store import BoxState, Doubt, Proposed, Review, StoredTrack
+from bench.annotation.store import BoxState, Doubt, Proposed, Review, StoredTrack, review_file, write_review
 from bench.recordings import Cuboid
 
 STEP_NS = 100_000_000
@@ -68,3 +68,9 @@ def proposed_from(recording):
     return Review(
         dataset="street", recording=recording.name, proposed=Proposed(data="d", code="c"), tracks=tuple(found)
     )
+
+
+def stored(card, review):
+    file = review_file(card.parent / "annotations", DRIVE)
+    write_review(file, review)
+    return file

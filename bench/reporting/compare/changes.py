@@ -273,6 +273,7 @@ def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) ->
     notes = [f"Compared on the {images[2]} images that both scored."]
     if len(set(images)) > 1:
         notes[0] = notes[0][:-1] + f": {before.label} scored {images[0]}, {after.label} {images[1]}."
+    notes += dict.fromkeys(run.summary.unreviewed for run in (before, after) if run.summary.unreviewed)
     found = differences(before.summary.manifest, after.summary.manifest)
     if any(difference.aspect is Aspect.DATA for difference in found):
         notes.append(

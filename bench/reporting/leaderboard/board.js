@@ -62,7 +62,7 @@
   function drawTable() {
     const group = current(), row = group.rows.find((one) => one.name === by("row").value);
     by("about").textContent = `${group.images} images that all scored, ${row.object_frames} object-frames in ${row.recordings} recordings; ` +
-      `protocol ${group.protocol}${group.judged ? ", which judges" : ", carried along"}.`;
+      `protocol ${group.protocol}${group.judged ? ", which judges" : ", carried along"}${group.annotations ? `; annotations: ${group.annotations}` : ""}.`;
     const columns = [["method", "method"], ...Object.entries(group.metrics), ["cost", "ms per image"]];
     by("board").tHead.rows[0].replaceChildren(...columns.map(([metric, heading]) => {
       const cell = make("th");

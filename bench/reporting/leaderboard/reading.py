@@ -84,6 +84,7 @@ class Group:
         rows: all moving objects, then the categories that occur, by name; of the first run, for their cases.
         images: that all runs scored; all values are of these.
         reference_digest: of the reference on these images.
+        unreviewed: says that nobody has looked at the annotations, as `RunSummary.unreviewed`.
     """
 
     dataset: str
@@ -95,6 +96,7 @@ class Group:
     images: int
     rows: Mapping[str, ObjectMetrics]
     entries: tuple[Entry, ...]
+    unreviewed: str = ""
 
     @property
     def judged(self) -> bool:
@@ -260,6 +262,7 @@ def _group(runs: Sequence[StoredRun]) -> Group:
         images=summaries[0].images.evaluated,
         rows={ALL_MOVING: summaries[0].all_moving} | categories,
         entries=tuple(sorted(entries, key=_best_first)),
+        unreviewed=next((run.summary.unreviewed for run in runs if run.summary.unreviewed), ""),
     )
 
 

@@ -13,7 +13,7 @@ from bench.evaluation.sums import ALL_MOVING
 from bench.harness.manifest import SHOWN_DIGEST
 from bench.reporting import document, formats
 from bench.reporting.document import Block, Cell, Heading, Items, Paragraph, Table
-from bench.reporting.formats import metric_cell, metric_record
+from bench.reporting.formats import annotations_field, metric_cell, metric_record
 from bench.reporting.leaderboard.reading import (
     FALSE_POSITIVES,
     LEAST_COMMON,
@@ -151,6 +151,7 @@ def to_csv(found: Leaderboard) -> str:
         _fields(group, _OF_GROUP) | {"images_compared": group.images} | _fields(entry, _OF_ENTRY)
         | {"method_ms": entry.cost and entry.cost.method_ms, "farneback_ms": entry.cost and entry.cost.farneback_ms,
            "row": row, "metric": name, **metric_record(metric), "ceiling": _known_ceiling(group, row, name)}
+        | annotations_field(group.unreviewed)
         for group in found.groups
         for entry in group.entries
         for row in group.rows
@@ -204,6 +205,7 @@ def json_group(group: Group) -> dict[str, object]:
             }
             for entry in group.entries
         ],
+        **annotations_field(group.unreviewed),
     }
 
 
@@ -234,7 +236,7 @@ def best_methods(found: Leaderboard) -> Iterator[dict[str, object]]:
                 "method": best.method,
                 "of": len(group.methods),
                 "score": f"IoU {formats.with_interval(iou)}{few} over all moving object-frames{of}, false positives "
-                f"{false} of the image",
+                f"{false} of the image{_unreviewed(group)}",
                 "date": best.date,
                 "code": best.code,
             }
@@ -267,8 +269,12 @@ def group_title(group: Group) -> str:
     return (
         f"{group.dataset}, {group.split or 'all recordings'}, {protocol}, "
         f"reference {group.reference_digest[:SHOWN_DIGEST]}: {group.images} images that all scored, "
-        f"{every.object_frames} object-frames, {every.recordings} recordings"
+        f"{every.object_frames} object-frames, {every.recordings} recordings{_unreviewed(group)}"
     )
+
+
+def _unreviewed(group: Group) -> str:
+    return f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
 
 
 def _cost(entry: Entry) -> str:
