@@ -20,6 +20,8 @@ _HALF = "detection_rate_50"
 BREAKDOWNS = {
     "object_class": ("By class", "class", "class {}"),
     "range_m": ("By range", "nearest point (m)", "range {} m"),
+    "speed_mps": ("By the object's own speed", "speed (m/s)", "speed {} m/s"),
+    "class_and_speed": ("By class and the object's own speed", "class, speed (m/s)", "{} m/s"),
     "ego_speed_mps": ("By speed of the ego vehicle", "speed (m/s)", "ego speed {} m/s"),
     "camera": ("By camera", "camera", "camera {}"),
     "points": ("By lidar points on the object", "points", "{} lidar points"),
