@@ -40,6 +40,7 @@ COMMANDS = {
     "view, video": ("view", "CARD", "--method", "nothing", "--video", "OUT.avi"),
     "view, log": ("view", "CARD", "--method", "nothing", "--rrd", "OUT.rrd"),
     "export": ("annotations", "export", "openlabel", "--dataset", "CARD", "--out", "OUT"),
+    "reference": ("reference", "export", "CARD", "--workers", 1, "--out", "OUT"),
     "import": ("annotations", "import", "openlabel", "LABELS", "--dataset", "CARD", "--recording", "crossing",
                "--out", "OUT"),
     "synthesize": ("synthesize", "SCENARIO", "--workers", 1, "--out", "OUT"),

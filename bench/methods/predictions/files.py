@@ -326,7 +326,7 @@ def decode_union(entries: Sequence[MaskEntry], sizes: ImageSizes, *, file: Path)
     moving: NDArray[np.bool_] | None = None
     for mask in masks:
         sizes.refuse_unfit((mask.size[1], mask.size[0]), file=file, field=field)
-        one = _decode(mask, file, field)
+        one = decode_run_lengths(mask, file=file, field=field)
         if moving is not None and moving.shape != one.shape:
             got = f"{moving.shape} and {one.shape} (height, width)"
             raise DataError(file, field=field, expected="all masks of an image at one size", got=got)
@@ -335,11 +335,25 @@ def decode_union(entries: Sequence[MaskEntry], sizes: ImageSizes, *, file: Path)
     return moving
 
 
-def _decode(mask: RunLengths, file: Path, field: str) -> NDArray[np.bool_]:
-    """Unpack a mask.
+def encode_run_lengths(mask: NDArray[np.bool_]) -> RunLengths:
+    """Pack a mask, (H, W) bool."""
+    packed = coco.encode(np.asfortranarray(mask.view(np.uint8)))
+    return RunLengths(size=mask.shape, counts=packed["counts"].decode())
+
+
+def decode_run_lengths(mask: RunLengths, *, file: Path, field: str) -> NDArray[np.bool_]:
+    """Unpack a mask; its size is for the caller to check before.
 
     `pycocotools` refuses run lengths that are too long for the mask, negative ones too. Where they are too short it
     returns memory that was never written (2.0.11), and such lengths also fit a mask with a pixel less.
+
+    Args:
+        mask: to unpack.
+        file: that it comes from, for messages.
+        field: of the file.
+
+    Raises:
+        DataError: run lengths that are cut short or do not add up.
     """
     (height, width), counts = mask.size, mask.counts
     if isinstance(counts, str) and not _NUMBERS.fullmatch(counts):
