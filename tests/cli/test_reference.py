@@ -17,6 +17,7 @@ from bench.harness.reference_files import ReferenceFolder
 from bench.reference import ReferenceFrame
 from bench.training import training_pairs
 from tests.cli.predictions import CAMERA, images_of, write_maps
+from tests.support.changed_data import without_scenario
 from tests.support.commands import call, error_line
 
 FORMS, PROTOCOLS = ("png", "coco"), ("paper-v1", "surface-v1")
@@ -157,11 +158,9 @@ def test_an_export_that_breaks_off_leaves_nothing(tiny_card, tmp_path, monkeypat
 
 def test_an_image_without_a_reference_is_told_and_fails_as_it_does_by_the_data(tiny_card, tmp_path, monkeypatch, masks):
     """A sweep that cannot be read: in the export, and where it is scored by."""
-    folder = tmp_path / "copied"
-    shutil.copytree(tiny_card.parent, folder)
-    card = folder / tiny_card.name
-    card.write_text("\n".join(line for line in card.read_text().splitlines() if not line.startswith("scenario")))
-    sweep = sorted((folder / "data" / "tiny" / "crossing").rglob("lidar/*.npz"))[2]
+    card = shutil.copytree(tiny_card.parent, tmp_path / "copied") / tiny_card.name
+    without_scenario(card)
+    sweep = sorted((card.parent / "data" / "tiny" / "crossing").rglob("lidar/*.npz"))[2]
     sweep.write_bytes(b"damaged")
     out = tmp_path / "export"
     words = ("--protocol", "paper-v1", "--out", out, "--workers", 1)
