@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from bench.atomic import make_folder, temporary_name
+from bench.atomic import new_folder
 from bench.errors import BenchError, DataError, OutputError, UnknownNameError
 from bench.evaluation import Protocol
 from bench.evaluation.summary import ProtocolOfRun
@@ -70,7 +68,7 @@ def export_references(
     handles = _chosen(open_dataset(card, split), recording)
     images: dict[str, int] = {}
     problems: dict[str, tuple[str, ...]] = {}
-    with _new_folder(out) as folder, executor:
+    with new_folder(out) as folder, executor:
         task = partial(export_recording, ExportSpec(folder=folder, protocol=protocol, form=form))
         with closing(executor.compute(task, handles)) as results:
             for handle, outcome in results:
@@ -122,23 +120,3 @@ def _chosen(handles: tuple[RecordingHandle, ...], recording: str | None) -> list
 def _file_name(image: ImageRef, recording: Recording) -> str:
     inside = image.path.is_relative_to(recording.root)
     return image.path.relative_to(recording.root).as_posix() if inside else image.path.name
-
-
-@contextmanager
-def _new_folder(out: Path) -> Iterator[Path]:
-    """A folder that takes the place of `out`, new or empty, when the block ends well."""
-    place = out.absolute()
-    if place.exists() and (not place.is_dir() or any(place.iterdir())):
-        got, hint = "one that holds something" if place.is_dir() else "a file", "name another folder with --out"
-        raise DataError(out, expected="a new or an empty folder", got=got, hint=hint)
-    new = place.with_name(temporary_name(place.name))
-    make_folder(new)
-    try:
-        yield new
-        if place.exists():
-            place.rmdir()
-        new.rename(place)
-    except OSError as error:
-        raise OutputError.of(error, out) from error
-    finally:
-        shutil.rmtree(new, ignore_errors=True)
