@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 from pycocotools.coco import COCO
 
 import bench
@@ -19,6 +20,7 @@ from bench.training import training_pairs
 from tests.cli.predictions import CAMERA, images_of, write_maps
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call, error_line
+from tests.support.tiny_woodscape import OPTIONS, write_data_set
 
 FORMS, PROTOCOLS = ("png", "coco"), ("paper-v1", "surface-v1")
 PIXELS = ("labels", "ignored", "unknown", "valid")
@@ -174,6 +176,30 @@ def test_an_image_without_a_reference_is_told_and_fails_as_it_does_by_the_data(t
     tables = [read_tables(tmp_path / name) for name in ("data", "files")]
     for by_data, by_files in zip(*tables, strict=True):
         assert [*map(repr, by_data.to_pylist())] == [*map(repr, by_files.to_pylist())]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_masks_of_which_no_speed_is_known_and_drives_that_nobody_annotated(tiny_card, tmp_path, form):
+    write_data_set(tmp_path / "masks")
+    shutil.copytree(tiny_card.parent / "data" / "tiny" / "crossing", tmp_path / "drives" / "crossing")
+    (tmp_path / "drives" / "crossing" / "annotations.json").unlink()
+    for name, adapter, protocol, options in (
+        ("masks", "woodscape", "masks-v1", OPTIONS),
+        ("drives", "native", "surface-v1", {}),
+    ):
+        card = tmp_path / f"{name}.yaml"
+        keys = {"name": name, "title": name, "adapter": adapter, "root": name, "licence": "none", "options": options}
+        card.write_text(yaml.safe_dump(keys))
+        bench.export_reference(card, tmp_path / "out" / name, form=form, protocol=protocol)
+        read, expected = [*bench.read_reference(tmp_path / "out" / name)], built(card, protocol)
+        assert read
+        scored = {(one.recording, one.timestamp_ns) for one in read}
+        expected = [one for one in expected if (one.recording, one.timestamp_ns) in scored]
+        assert [*map(told, read)] == [*map(told, expected)]
+        assert [one.annotated for one in read] == [one.annotated for one in expected] == [name == "masks"] * len(read)
+        for one, other in zip(read, expected, strict=True):
+            for pixels in PIXELS:
+                np.testing.assert_array_equal(getattr(one, pixels), getattr(other, pixels))
 
 
 def changed_json(file: Path, change) -> None:
