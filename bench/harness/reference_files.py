@@ -30,10 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from bench.atomic import path_inside, read_regular, write_bytes, write_text
+from bench.atomic import path_inside, read_regular
 from bench.errors import BenchError, DataError
 from bench.evaluation.summary import ProtocolOfRun
-from bench.methods.predictions.files import RunLengths, decode_run_lengths, encode_run_lengths
+from bench.methods.predictions.files import RunLengths, decode_run_lengths
 from bench.recordings.checked_json import read_checked
 from bench.recordings.images import decode_image
 from bench.recordings.validation import FileModel, SidePx, TimeNs, read_json
@@ -44,7 +44,6 @@ from bench.reference.exposure import visible_region
 HEAD = "reference.json"
 SCHEMA_VERSION = 1
 Form = Literal["png", "coco"]
-Mask = NDArray[np.bool_]
 
 
 class Label(IntEnum):
@@ -57,7 +56,7 @@ class Label(IntEnum):
     OUTSIDE = 4  # outside of the lens's field, or the ego vehicle's own body: counts for nothing
 
 
-AREAS = (Label.UNKNOWN, Label.IGNORED, Label.OUTSIDE)
+AREAS = {"unknown band": Label.UNKNOWN, "ignored area": Label.IGNORED, "outside": Label.OUTSIDE}  # by COCO's category
 
 Count = Annotated[int, Field(ge=0)]
 Number = Annotated[int, Field(ge=1)]
@@ -140,7 +139,7 @@ class ImageEntry(FileModel):
 
 
 class CategoryEntry(FileModel):
-    """A class of objects, or one of `AREAS` in small letters."""
+    """A class of objects, or one of `AREAS`."""
 
     id: Number
     name: str
@@ -201,91 +200,9 @@ def recording_file(folder: Path, recording: str) -> Path:
     return path_inside(folder, f"{recording}.json", file=folder / HEAD, field="recordings")
 
 
-def _png_file(folder: Path, recording: str, what: str, camera: str, timestamp_ns: int) -> Path:
+def png_file(folder: Path, recording: str, what: str, camera: str, timestamp_ns: int) -> Path:
+    """A file of pixels, `what` being "instances" or "labels"."""
     return path_inside(folder, f"{recording}/{what}/{camera}/{timestamp_ns}.png", file=folder / HEAD)
-
-
-class RecordingWriter:
-    """Writes the reference of a recording, one image after the other.
-
-    Args:
-        folder: of the export.
-        recording: name.
-        form: of the pixels.
-        classes: that the protocol evaluates.
-    """
-
-    def __init__(self, folder: Path, recording: str, *, form: Form, classes: Sequence[str]) -> None:
-        self._folder, self._recording, self._form = folder, recording, form
-        names = [*classes, *(area.name.lower() for area in AREAS)]
-        self._categories = {name: number for number, name in enumerate(names, start=1)}
-        self._images: list[ImageEntry] = []
-        self._annotations: list[PixelsEntry] = []
-
-    def add(self, frame: ReferenceFrame, *, file_name: str) -> None:
-        """Write the reference of an image."""
-        height, width = frame.valid.shape
-        objects = tuple(ObjectEntry.of(number, item) for number, item in enumerate(frame.objects, start=1))
-        image = ImageEntry(
-            id=len(self._images) + 1, file_name=file_name, camera=frame.camera, timestamp_ns=frame.timestamp_ns,
-            width=width, height=height, ego_speed_mps=frame.ego_speed_mps, annotated=frame.annotated, objects=objects,
-        )  # fmt: skip
-        self._images.append(image)
-        labels = label_image(frame)
-        if self._form == "png":
-            for what, values in (("instances", frame.labels.astype(np.uint16)), ("labels", labels)):
-                file = _png_file(self._folder, self._recording, what, frame.camera, frame.timestamp_ns)
-                write_bytes(file, cv2.imencode(".png", values)[1].tobytes())
-            return
-        for item in objects:
-            if item.region_px:
-                self._annotate(image, item.object_class, frame.labels == item.instance_id, item.instance_id)
-        for area in AREAS:
-            if (pixels := labels == area).any():
-                self._annotate(image, area.name.lower(), pixels, 0)
-
-    def add_problem(self, image: ImageRef, camera: MountedCamera, problem: str, *, file_name: str) -> None:
-        """Note that an image has no reference, and why."""
-        entry = ImageEntry(
-            id=len(self._images) + 1, file_name=file_name, camera=camera.name, timestamp_ns=image.timestamp_ns,
-            width=camera.model.width, height=camera.model.height, problem=problem,
-        )  # fmt: skip
-        self._images.append(entry)
-
-    def finish(self) -> int:
-        """Write the recording's file; the number of its images."""
-        content = RecordingFile(
-            recording=self._recording,
-            categories=tuple(CategoryEntry(id=number, name=name) for name, number in self._categories.items()),
-            images=tuple(self._images),
-            annotations=tuple(self._annotations),
-        )
-        write_text(recording_file(self._folder, self._recording), content.model_dump_json(indent=1) + "\n")
-        return len(self._images)
-
-    def _annotate(self, image: ImageEntry, category: str, pixels: Mask, instance_id: int) -> None:
-        rows, columns = (np.flatnonzero(pixels.any(axis=axis)) for axis in (1, 0))
-        left, top = int(columns[0]), int(rows[0])
-        self._annotations.append(
-            PixelsEntry(
-                id=len(self._annotations) + 1,
-                image_id=image.id,
-                category_id=self._categories[category],
-                instance_id=instance_id,
-                segmentation=encode_run_lengths(pixels),
-                area=int(np.count_nonzero(pixels)),
-                bbox=(left, top, int(columns[-1]) + 1 - left, int(rows[-1]) + 1 - top),
-                iscrowd=0 if instance_id else 1,
-            )
-        )
-
-
-def label_image(frame: ReferenceFrame) -> NDArray[np.uint8]:
-    """The `Label` of each pixel, (H, W) uint8."""
-    parts = [~frame.valid, frame.labels > 0, frame.unknown, frame.ignored]
-    return np.select(parts, [Label.OUTSIDE, Label.CORE, Label.UNKNOWN, Label.IGNORED], Label.BACKGROUND).astype(
-        np.uint8
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -366,8 +283,8 @@ class RecordingReference:
             return "image_id", "an image of this file", str(pixels.image_id)
         if pixels.instance_id > len(image.objects):
             return "instance_id", f"at most {len(image.objects)}, an object of its image", str(pixels.instance_id)
-        if not pixels.instance_id and self._categories.get(pixels.category_id) not in _AREA_NAMES:
-            return "category_id", f"that of one of {', '.join(_AREA_NAMES)}", str(pixels.category_id)
+        if not pixels.instance_id and self._categories.get(pixels.category_id) not in AREAS:
+            return "category_id", f"that of one of {', '.join(AREAS)}", str(pixels.category_id)
         if pixels.segmentation.size != (image.height, image.width):
             got = "{} x {}".format(*pixels.segmentation.size)
             return "segmentation.size", f"{image.height} x {image.width} (height, width)", got
@@ -430,7 +347,7 @@ class RecordingReference:
         if self._exported.head.form == "coco":
             return []
         key = image.camera, image.timestamp_ns
-        return [_png_file(self._exported.folder, self._name, what, *key) for what in ("instances", "labels")]
+        return [png_file(self._exported.folder, self._name, what, *key) for what in ("instances", "labels")]
 
     def _read(self, image: ImageEntry) -> tuple[NDArray[Any], NDArray[Any], Path]:
         """Instances and labels of an image, and the file to name."""
@@ -442,11 +359,8 @@ class RecordingReference:
         for place, entry in self._pixels.get(image.id, []):
             pixels = decode_run_lengths(entry.segmentation, file=self.file, field=f"annotations[{place}].segmentation")
             instances[pixels] = entry.instance_id
-            labels[pixels] = Label.CORE if entry.instance_id else Label[self._categories[entry.category_id].upper()]
+            labels[pixels] = Label.CORE if entry.instance_id else AREAS[self._categories[entry.category_id]]
         return instances, labels, self.file
-
-
-_AREA_NAMES = tuple(area.name.lower() for area in AREAS)
 
 
 def _read_png(file: Path, image: ImageEntry, *, bits: Literal[8, 16]) -> NDArray[Any]:

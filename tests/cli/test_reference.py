@@ -123,7 +123,7 @@ def test_other_tools_read_both_forms(exports):
                     assert (item["object_class"], item["status"]) == (names[entry["category_id"]], "evaluated")
                     assert item["region_px"] == entry["area"]
                     assert item["speed_mps"] > 0
-                drawn[pixels] = ["", "unknown", "ignored", "outside"].index(names[entry["category_id"]]) + 1 \
+                drawn[pixels] = ["", "unknown band", "ignored area", "outside"].index(names[entry["category_id"]]) + 1 \
                     if entry["iscrowd"] else 1  # fmt: skip
             np.testing.assert_array_equal(drawn, labels)
 
@@ -153,7 +153,7 @@ def test_an_export_that_breaks_off_leaves_nothing(tiny_card, tmp_path, monkeypat
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("bench.harness.reference_files.write_text", full)
+    monkeypatch.setattr("bench.harness.reference_export.write_text", full)
     assert call(monkeypatch, "reference", "export", tiny_card, "--out", tmp_path / "out", "--workers", 1) == 2
     assert [*tmp_path.iterdir()] == []
 
@@ -259,7 +259,7 @@ DAMAGE = {
         lambda f: changed_json(
             f / "crossing.json", lambda c: [a.update(category_id=1) for a in c["annotations"] if a["iscrowd"]]
         ),
-        r"category_id: expected that of one of unknown, ignored, outside, got 1",
+        r"category_id: expected that of one of unknown band, ignored area, outside, got 1",
     ),
     "size of run lengths": (
         "coco",
