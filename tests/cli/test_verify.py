@@ -273,6 +273,12 @@ FORGED = {
 }
 
 
+def test_the_last_bit_of_a_place_is_no_difference(run, tiny_card, tmp_path):
+    copied = shutil.copytree(run, tmp_path / "run")
+    of_table(OBJECTS, lambda rows: [row | {"x_m": math.nextafter(row["x_m"], 99)} for row in rows])(copied)
+    assert verify_run(copied, load_card(tiny_card), executor=SerialExecutor()).differences == ()
+
+
 @pytest.mark.parametrize("name", FORGED)
 def test_a_forged_run_is_found(run, tiny_card, tmp_path, name):
     copied = shutil.copytree(run, tmp_path / "run")
