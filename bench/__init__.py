@@ -4,8 +4,8 @@ Moving objects are annotated in the lidar point cloud, projected into the fishey
 polygon is the reference that a segmentation method is scored against (Mariotti and Eising 2020).
 
 From Python: `bench.score`, `bench.interval`, `bench.open_dataset`, `bench.run`, `bench.load_run`,
-`bench.RecordingWriter`, see docs/python.md; each is imported when it is used first. Start reading in
-`bench.evaluation`. Which package may import which: docs/architecture.md.
+`bench.export_reference`, `bench.read_reference`, `bench.RecordingWriter`, see docs/python.md; each is imported when it
+is used first. Start reading in `bench.evaluation`. Which package may import which: docs/architecture.md.
 """
 
 from importlib import import_module
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bench.api.arrays import Score, interval, score
     from bench.api.datasets import Dataset, Frame, open_dataset
+    from bench.api.references import export_reference, read_reference
     from bench.api.runs import Run, load_run, run
     from bench.recordings import RecordingWriter
 
@@ -24,9 +25,11 @@ __all__ = [
     "RecordingWriter",
     "Run",
     "Score",
+    "export_reference",
     "interval",
     "load_run",
     "open_dataset",
+    "read_reference",
     "run",
     "score",
 ]
@@ -34,6 +37,7 @@ __all__ = [
 _PLACES = {
     **dict.fromkeys(("Score", "interval", "score"), "bench.api.arrays"),
     **dict.fromkeys(("Dataset", "Frame", "open_dataset"), "bench.api.datasets"),
+    **dict.fromkeys(("export_reference", "read_reference"), "bench.api.references"),
     **dict.fromkeys(("Run", "load_run", "run"), "bench.api.runs"),
     "RecordingWriter": "bench.recordings",
 }

@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import shutil
 import stat
 import sys
 from collections.abc import Iterator
@@ -144,6 +145,31 @@ def output_folder(folder: Path) -> Iterator[Path]:
                 place.rmdir()
             except OSError:  # something is in it
                 break
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """A folder that takes the place of `out`, new or empty, when the block ends well; else nothing of it stays.
+
+    Raises:
+        DataError: `out` holds something.
+        OutputError: it cannot be made.
+    """
+    place = out.absolute()
+    if place.exists() and (not place.is_dir() or any(place.iterdir())):
+        got, hint = "one that holds something" if place.is_dir() else "a file", "name another folder with --out"
+        raise DataError(out, expected="a new or an empty folder", got=got, hint=hint)
+    new = place.with_name(temporary_name(place.name))
+    make_folder(new)
+    try:
+        yield new
+        if place.exists():
+            place.rmdir()
+        new.rename(place)
+    except OSError as error:
+        raise OutputError.of(error, out) from error
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
 
 
 def _remove(temporary: Path) -> None:

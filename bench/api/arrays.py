@@ -232,6 +232,7 @@ def _reference_frame(
         ),
         labels=labels,
         ignored=left_out & (labels == 0),
+        unknown=np.zeros(shape, dtype=bool),
         valid=counted,
     )
 

@@ -13,6 +13,7 @@ from bench.errors import UnknownNameError
 from bench.evaluation import load_protocol
 from bench.harness import FramePipeline
 from bench.harness.frames import InputOnly, UnscorableFrame
+from bench.harness.reference_files import ReferenceFolder
 from bench.methods import MethodInput
 from bench.recordings import DatasetCard, Recording, RecordingHandle, load_card
 from bench.recordings import open_dataset as list_recordings
@@ -90,6 +91,7 @@ class Dataset:
         history: int = 1,
         colour: bool = False,
         exact: bool = False,
+        reference: str | Path | None = None,
     ) -> Iterator[Frame]:
         """The images that a run would score, in order of recording, camera and time.
 
@@ -102,18 +104,21 @@ class Dataset:
             history: earlier images that `Frame.input` holds beside the current one.
             colour: read images in colour, BGR.
             exact: read the exact masks of rendered data.
+            reference: a folder of `bench.export_reference` to read references from, by its own protocol; None to build
+                them.
 
         Raises:
             UnknownNameError: no recording, camera or protocol of this name.
             DataError: a recording or image that cannot be read.
         """
         rules, looks = load_protocol(protocol), InputOnly(history=history, colour=colour)
+        exported = None if reference is None else ReferenceFolder.open(Path(reference))
         for name in self.names if recordings is None else recordings:
             recording = self[name]
             if camera is not None and camera not in recording.cameras:
                 raise UnknownNameError("camera", camera, recording.cameras)
             for chosen in recording.cameras if camera is None else (camera,):
-                pipeline = FramePipeline(recording, chosen, method=looks, protocol=rules)
+                pipeline = FramePipeline(recording, chosen, method=looks, protocol=rules, exported=exported)
                 yield from _frames(pipeline, history, exact=exact)
 
 

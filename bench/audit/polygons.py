@@ -161,7 +161,7 @@ POLYGONS_SCHEMA = pa.schema(
         *[(name, pa.string()) for name in ("recording", "camera")],
         ("timestamp_ns", pa.int64()),
         *[(name, pa.string()) for name in ("track_id", "object_class", "category", "kind", "compensation")],
-        *[(name, pa.float64()) for name in ("range_m", "x_m", "y_m")],
+        *[(name, pa.float64()) for name in ("range_m", "speed_mps", "x_m", "y_m")],
         *[(name, pa.int64()) for name in ("points", "mask_px", "region_px")],
         *[(name, pa.float64()) for name in FIT],
     ]
@@ -249,6 +249,7 @@ def _described(row: Row, evaluated: ReferenceFrame) -> Row:
         "object_class": found.object_class,
         "category": None if found.category is None else found.category.value,
         "range_m": found.range_m,
+        "speed_mps": found.speed_mps,
         "x_m": float(found.centroid_m[0]),
         "y_m": float(found.centroid_m[1]),
         "points": found.points,

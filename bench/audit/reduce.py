@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
@@ -29,18 +29,25 @@ CONVEX = "convex"
 
 
 def polygon_figures(polygons: pa.Table, *, protocol: Protocol, kinds: tuple[str, ...]) -> tuple[PolygonFigures, ...]:
-    """Quartiles of every kind and compensation, by class and range, slices without object-frames left out."""
-    rows = polygons.to_pandas()
-    edges = protocol.bins.range_m
-    rows["bin"] = name_bins(rows["range_m"], edges)
+    """Quartiles of every kind and compensation, by class and range and by class and the object's own speed.
+
+    Slices without object-frames are left out.
+    """
+    rows, bins = polygons.to_pandas(), protocol.bins
+    edges = {"range_m": bins.range_m, "speed_mps": bins.speed_mps}
+    binned = rows.assign(**{name: name_bins(rows[name], own) for name, own in edges.items()})
+    slices = [
+        {"object_class": of_class} | dict.fromkeys(edges, ALL) | cut
+        for of_class in (ALL, *protocol.reference.classes)
+        for cut in ({}, *({name: one} for name, own in edges.items() for one in bin_names(own)))
+    ]
+    wanted = [
+        {"kind": kind, "compensation": way.value} | cut for kind in kinds for way in Compensation for cut in slices
+    ]
+    parts = [(cut, _chosen(binned, cut)) for cut in wanted]
     return tuple(
-        _fit(part, kind=kind, compensation=compensation.value, object_class=name, range_m=range_bin)
-        for kind in kinds
-        for compensation in Compensation
-        for name, of_class in _by_class(
-            rows[(rows["kind"] == kind) & (rows["compensation"] == compensation.value)], protocol.reference.classes
-        )
-        for range_bin, part in _by_bin(of_class, bin_names(edges))
+        PolygonFigures(**cut, object_frames=len(part), **{name: quartiles(part[name]) for name in FIT})
+        for cut, part in parts
         if len(part)
     )
 
@@ -60,7 +67,12 @@ def aims(polygons: pa.Table, *, kinds: tuple[str, ...]) -> tuple[Aim, ...]:
 def scores(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> Scores:
     """The evaluation's own metrics of one scoring."""
     found = summarise(objects, frames, protocol=protocol)
-    return Scores(categories=found.categories, all_moving=found.all_moving, false_positives=found.false_positives)
+    return Scores(
+        categories=found.categories,
+        speeds=found.breakdowns["speed_mps"],
+        all_moving=found.all_moving,
+        false_positives=found.false_positives,
+    )
 
 
 def miss_figures(misses: pa.Table, *, protocol: Protocol) -> tuple[MissFigures, ...]:
@@ -101,27 +113,13 @@ def quartiles(values: pd.Series[float]) -> Quartiles:
     return Quartiles(low=low, median=median, high=high)
 
 
-def _by_class(rows: pd.DataFrame, classes: tuple[str, ...]) -> Iterator[tuple[str, pd.DataFrame]]:
-    yield ALL, rows
-    for name in classes:
-        yield name, rows[rows["object_class"] == name]
-
-
-def _by_bin(rows: pd.DataFrame, bins: tuple[str, ...]) -> Iterator[tuple[str, pd.DataFrame]]:
-    yield ALL, rows
-    for name in bins:
-        yield name, rows[rows["bin"] == name]
-
-
-def _fit(rows: pd.DataFrame, *, kind: str, compensation: str, object_class: str, range_m: str) -> PolygonFigures:
-    return PolygonFigures(
-        kind=kind,
-        compensation=compensation,
-        object_class=object_class,
-        range_m=range_m,
-        object_frames=len(rows),
-        **{name: quartiles(rows[name]) for name in FIT},
-    )
+def _chosen(rows: pd.DataFrame, wanted: Mapping[str, str]) -> pd.DataFrame:
+    """Rows of a slice: every column as it says, unless that is `ALL`."""
+    chosen = pd.Series(True, rows.index)
+    for column, name in wanted.items():
+        if name != ALL:
+            chosen &= rows[column] == name
+    return rows[chosen]
 
 
 def _aim(rows: pd.DataFrame, kind: str, object_class: str, expected: float) -> Aim:

@@ -52,6 +52,7 @@ class PolygonFigures(_Part):
         compensation: of the motion between lidar and camera.
         object_class: or "all".
         range_m: bin, or "all".
+        speed_mps: bin of the object's own speed, or "all".
         object_frames: how many.
     """
 
@@ -59,6 +60,7 @@ class PolygonFigures(_Part):
     compensation: str
     object_class: str
     range_m: str
+    speed_mps: str
     object_frames: int
     iou: Quartiles
     area_error: Quartiles
@@ -95,9 +97,10 @@ class Aim(_Part):
 
 
 class Scores(_Part):
-    """The evaluation's metrics of one `Scoring`."""
+    """The evaluation's metrics of one `Scoring`; `speeds` by bin of the object's own speed."""
 
     categories: dict[str, ObjectMetrics]
+    speeds: dict[str, ObjectMetrics]
     all_moving: ObjectMetrics
     false_positives: FalsePositiveMetrics
 

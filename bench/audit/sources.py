@@ -283,7 +283,8 @@ def same_objects(
         elif item.status is Status.IGNORED:
             ignored |= mask
         objects.append(item)
-    return (*same, replace(first, objects=tuple(objects), labels=labels, ignored=ignored))
+    unknown = np.zeros_like(ignored)
+    return (*same, replace(first, objects=tuple(objects), labels=labels, ignored=ignored, unknown=unknown))
 
 
 def _evaluating(reference: ReferenceFrame, evaluated: Set[str]) -> ReferenceFrame:

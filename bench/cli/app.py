@@ -28,9 +28,9 @@ EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a ver
 # Each in the module of its name.
 COMMANDS = (
     "run", "cluster_example", "cache", "evaluate", "view", "validate", "synthesize", "perf", "datasets", "methods",
-    "report", "cite", "gate", "sweep", "audit", "compare", "leaderboard",
+    "report", "cite", "gate", "sweep", "audit", "compare", "leaderboard", "verify", "bundle", "unbundle",
 )  # fmt: skip
-GROUPS = ("annotate", "annotations", "new")
+GROUPS = ("annotate", "annotations", "new", "reference")
 
 LEAST_ADDRESSES_BYTES = 3_000_000_000  # a run takes 1.5 GB; with 2 GB a library now and then aborts the process
 NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")

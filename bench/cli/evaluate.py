@@ -35,6 +35,9 @@ def evaluate(
     history: Annotated[
         int, typer.Option(help="Score images with this many before them; 1 as methods that compare two.")
     ] = 1,
+    reference: Annotated[
+        Path | None, typer.Option(help="Folder of `reference export`, to score by what it holds; default: the data.")
+    ] = None,
     protocol: options.ProtocolName = "paper-v1",
     split: options.Split = None,
     out: Annotated[
@@ -52,6 +55,7 @@ def evaluate(
     scheduler: options.Scheduler = None,
 ) -> None:
     """Score masks or scores that any other program wrote, paired with the images by name."""
+    from bench.api.references import open_reference
     from bench.api.runs import run_request
     from bench.cli.request import Computing, render_if_synthetic
     from bench.cli.runs import RunReport
@@ -83,6 +87,8 @@ def evaluate(
         card, method, protocols=[protocol], split=split, out=out, overwrite=overwrite, named_by=chosen
     )
     ((folder, rules),) = request.runs.items()
+    if reference is not None:
+        request = replace(request, exported=open_reference(reference, rules=rules))
     if card.remote_root is None and not card.root.is_dir():
         render_if_synthetic(card)  # what is there stays as it was when the predictions were made
     with progress_bar(f"reading {predictions}", "recordings") as report:
@@ -100,7 +106,9 @@ def evaluate(
 
     with resumable(folder):
         with progress_bar(f"scoring {called} on {card.name}", "images") as report:
-            executor = computing.executor(card, method, reads=[predictions])
+            executor = computing.executor(
+                card, method, reads=[predictions, *([] if reference is None else [reference])]
+            )
             asked = replace(request, executor=executor, cache=computing.cache_folder, progress=report)
             (summary,) = run_benchmark(asked, finish=finish).values()
         finished.print(summary, folder)

@@ -115,11 +115,17 @@ class ScoringRules(_Part):
 
 
 class Bins(_Part):
-    """Edges of the half-open bins `[a, b)` of the breakdowns; the last bin is open to the right."""
+    """Edges of the half-open bins `[a, b)` of the breakdowns; the last bin is open to the right.
+
+    Attributes:
+        speed_mps: of the object itself. Up to 1.5 m/s people walk, up to 5 they run or vehicles turn and park, up to 10
+            people ride and cars are in slow traffic, up to 20 cars are in a town.
+    """
 
     range_m: Edges
     ego_speed_mps: Edges
     points: Edges
+    speed_mps: Edges = (0.0, 1.5, 5.0, 10.0, 20.0)
 
 
 class RangeMapRules(_Part):

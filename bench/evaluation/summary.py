@@ -184,8 +184,8 @@ class Summary(_Part):
         false_positives: over all scored images.
         segmentation: over all scored images.
         false_positive_causes: share of the false-positive pixels by the cause that a method names.
-        breakdowns: "object_class", "range_m", "ego_speed_mps", "camera", "points" -> bin or name -> row; the bins are
-            written "[a, b)".
+        breakdowns: "object_class", "range_m", "speed_mps", "class_and_speed", "ego_speed_mps", "camera", "points" ->
+            bin or name -> row; the bins are written "[a, b)", those of a class "pedestrian, [a, b)".
         false_positive_breakdowns: "ego_speed_mps", "camera" -> bin or name -> row.
         objects: ledger of the annotated objects.
         images: ledger of the images.

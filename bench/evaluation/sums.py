@@ -5,9 +5,10 @@
 
 A metric of a slice is the sum of its numerators over the sum of its denominators; its interval needs them by recording.
 Whole recordings are summed where their rows are, and the tables of several are added. Breakdowns are the kinds of
-motion ("category"), everything ("all_moving" of objects, "frames" of images), class, camera, and bins of range, speed
-and points; a slice without rows is not there. `COUNTS` stand in the same table, as numerators: all annotated objects by
-status and reason, all images by status, problem and camera, and the tracks of each slice, over its object-frames.
+motion ("category"), everything ("all_moving" of objects, "frames" of images), class, camera, bins of range, of the
+object's and the ego vehicle's speed and of points, and class x speed; a slice without rows is not there. `COUNTS` stand
+in the same table, as numerators: all annotated objects by status and reason, all images by status, problem and camera,
+and the tracks of each slice, over its object-frames.
 """
 
 from __future__ import annotations
@@ -26,10 +27,11 @@ from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import EVALUATED, IMAGE, NOT_ANNOTATED, OBJECT, Rows, read_parts
 
 ALL_MOVING, FRAMES, CATEGORY = "all_moving", "frames", "category"
+CLASS_AND_SPEED = "class_and_speed"
 KEY, TERMS = ["breakdown", "slice", "recording", "metric"], ["numerator", "denominator"]
 OBJECT_COLUMNS = (
-    *OBJECT, "object_class", "status", "reason", "category", "range_m", "ego_speed_mps", "points",
-    "tp", "fn", "fp", "chance_tp", "unknown_px", "ceiling_tp", "ceiling_fp",
+    *OBJECT, "object_class", "status", "reason", "category", "range_m", "speed_mps", "ego_speed_mps",
+    "points", "tp", "fn", "fp", "chance_tp", "unknown_px", "ceiling_tp", "ceiling_fp",
 )  # fmt: skip
 FRAME_COLUMNS = (
     *IMAGE, "ego_speed_mps", "status", "problem", "width", "height", "valid_px", "detected_px", "tp_px",
@@ -65,6 +67,11 @@ def _binned(column: str, edges: Sequence[float]) -> Breakdown:
     return bin_names(edges), lambda rows: name_bins(rows[column], edges)
 
 
+def _by_class_and_speed(classes: Iterable[str], edges: Sequence[float]) -> Breakdown:
+    names = [f"{name}, {speed}" for name in classes for speed in bin_names(edges)]
+    return names, lambda rows: rows["object_class"] + ", " + name_bins(rows["speed_mps"], edges).astype(object)
+
+
 def object_breakdowns(protocol: Protocol, cameras: Sequence[str] = ()) -> dict[str, Breakdown]:
     """Breakdowns of object-frames: all slices, also those without rows, and a function that names the slice of a row.
 
@@ -78,6 +85,8 @@ def object_breakdowns(protocol: Protocol, cameras: Sequence[str] = ()) -> dict[s
         ALL_MOVING: _whole(ALL_MOVING),
         "object_class": _named("object_class", protocol.reference.classes),
         "range_m": _binned("range_m", bins.range_m),
+        "speed_mps": _binned("speed_mps", bins.speed_mps),
+        CLASS_AND_SPEED: _by_class_and_speed(protocol.reference.classes, bins.speed_mps),
         "ego_speed_mps": _binned("ego_speed_mps", bins.ego_speed_mps),
         "camera": _named("camera", cameras),
         "points": _binned("points", bins.points),

@@ -13,7 +13,7 @@ from bench.evaluation.sums import ALL_MOVING, FRAMES, TERMS
 
 PIXELS = 0.001  # share of a recording's reference pixels that may differ
 REBINNED = 0.01  # share of all object-frames that may lie in another bin
-BINNED = ("points", "range_m", "ego_speed_mps")  # breakdowns by what is measured
+BINNED = ("points", "range_m", "speed_mps", "class_and_speed", "ego_speed_mps")  # breakdowns by what is measured
 
 
 def small_difference(pairs: pd.DataFrame) -> str:

@@ -16,6 +16,7 @@ from bench.evaluation import Protocol
 from bench.geometry import RigidTransform
 from bench.harness.cache import StepCache
 from bench.harness.oracles import exact_mask, is_oracle
+from bench.harness.reference_files import ExportedReferences, ReferenceFolder
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Scorable, Segmentation, UnansweredImage, ask_method
 from bench.methods.contract import not_derived, own_copy
@@ -66,6 +67,7 @@ class FramePipeline:
         further: other protocols by which the same answers are scored.
         clock: adds up the time of each stage.
         steps: where steps of earlier runs are found; None to compute everything.
+        exported: where references by the first protocol are read from; None to build them.
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class FramePipeline:
         further: Sequence[Protocol] = (),
         clock: StageClock | None = None,
         steps: StepCache | None = None,
+        exported: ReferenceFolder | None = None,
     ) -> None:
         self.recording, self.camera = recording, recording.cameras[camera]
         self.images = recording.images[camera]
@@ -85,6 +88,9 @@ class FramePipeline:
         self._further = tuple(
             ReferenceBuilder(recording, camera, other.reference_settings(), beside=self.references) for other in further
         )
+        self._exported = None
+        if exported is not None:
+            self._exported = ExportedReferences(exported, recording.name, self.camera)
         self._method = own_copy(method)
         self._clock = clock or StageClock()
         self._steps = steps
@@ -148,6 +154,8 @@ class FramePipeline:
 
     def _reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
         with self._clock.stage("reference"):
+            if self._exported is not None and builder is self.references:
+                return self._exported.build(image)
             return builder.build(image) if self._steps is None else self._steps.reference(builder, image)
 
     def _answer(self, given: MethodInput) -> Segmentation:

@@ -21,6 +21,7 @@ from bench.harness.digests import MethodCode
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, all_settings
 from bench.harness.method_of_run import MethodOfRun
 from bench.harness.provenance import Provenance, Work, largest_resident_mb, provenance_since
+from bench.harness.reference_files import ReferenceFolder
 from bench.harness.run_folder import begin_run, held_run_folder, new_results
 from bench.harness.stages import Progress
 from bench.harness.stored import (
@@ -63,6 +64,7 @@ class RunRequest:
         settings: of the method, as they were asked for.
         split: of the data set; None for all of it.
         input_errors: injected into the method's input; the reference keeps the true calibration and ego-motion.
+        exported: where the reference is read from; None to build it from the data.
         overwrite: replace other runs in the folders.
         executor: computes the units; the result does not depend on it.
         cache: where flow, likelihood and reference are stored for other runs; None to store nothing.
@@ -76,6 +78,7 @@ class RunRequest:
     settings: Mapping[str, object] = field(default_factory=dict)
     split: str | None = None
     input_errors: InputErrors = NO_INPUT_ERRORS
+    exported: ReferenceFolder | None = None
     overwrite: bool = False
     executor: TaskExecutor = SERIAL
     cache: CacheFolder | None = None
@@ -258,6 +261,7 @@ def _score(
         settings=all_settings(next(iter(manifests.values())).method),
         protocols=request.runs,
         cache=request.cache,
+        exported=request.exported,
     )
     scored = ScoredPart(workers=request.executor.workers)
 
@@ -389,8 +393,9 @@ def _caveats(request: RunRequest, metrics: Summary, recordings: Sequence[Planned
     unreviewed = f"{NOT_REVIEWED} ({proposed} of {len(recordings)} recordings)." if proposed else ""
     told = [f"{name} {error:g}" for name, error in request.input_errors.named.items()]
     errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
+    exported = "" if request.exported is None else f"The reference was read from {request.exported.folder.name}."
     return "\n".join(
-        part for part in (unreviewed, not_annotated(metrics), request.card.content.caveats, errors) if part
+        part for part in (unreviewed, not_annotated(metrics), request.card.content.caveats, errors, exported) if part
     )
 
 

@@ -16,6 +16,7 @@ from bench.harness.digests import MethodCode, RecordingInputs, code_digest, dige
 from bench.harness.digests.content import UNIT_CODE
 from bench.harness.method_of_run import flat_settings
 from bench.harness.provenance import largest_resident_mb, recording_digest
+from bench.harness.reference_files import ExportedReferences, ReferenceFolder
 from bench.harness.stages import StageClock
 from bench.harness.unit import Unit, plan_units, run_unit
 from bench.harness.unit_files import UnitStore, encode_unit
@@ -35,6 +36,7 @@ class RunSpec:
         settings: of the method, as it reports them and as they were asked for, by dotted name.
         protocols: the rules, each by the folder of its run.
         cache: where cached steps are stored; None to compute everything.
+        exported: where references are read from; None to build them.
         code: digest of this package's code that decides a unit's result, in the process that started the run.
         run_id: of this run; a process opens a recording once for each.
     """
@@ -44,6 +46,7 @@ class RunSpec:
     settings: Mapping[str, object]
     protocols: Mapping[Path, Protocol]
     cache: CacheFolder | None = None
+    exported: ReferenceFolder | None = None
     code: str = field(default_factory=lambda: code_digest(UNIT_CODE))
     run_id: str = field(default_factory=lambda: uuid.uuid4().hex)
 
@@ -191,7 +194,15 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
                     unreported=spec.unreported_settings,
                 )
             protocols = [spec.protocols[run] for run in due]
-            tables = run_unit(opened.recording, unit, method=spec.method, protocols=protocols, clock=clock, steps=steps)
+            tables = run_unit(
+                opened.recording,
+                unit,
+                method=spec.method,
+                protocols=protocols,
+                clock=clock,
+                steps=steps,
+                exported=spec.exported,
+            )
             with clock.stage("digest"):
                 spec.refuse_other_code()
                 _refuse_change(spec, opened, unit, decided_by)
@@ -241,6 +252,9 @@ def deciding_digests(
         "images": inputs.images(read),
         "exact masks": inputs.truths(images[unit.start : unit.stop]),
     }
+    if spec.exported is not None:
+        exported = ExportedReferences(spec.exported, recording.name, recording.cameras[unit.camera])
+        shared["exported reference"] = exported.digest(images[unit.start : unit.stop])
     first_ns, last_ns = read[0].timestamp_ns, read[-1].timestamp_ns
     return {
         run: shared

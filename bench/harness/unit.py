@@ -13,9 +13,10 @@ from bench.evaluation import ImageMap, Protocol, SequenceScorer
 from bench.harness.cache import StepCache
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.masks import MASKS_SCHEMA, mask_row
+from bench.harness.reference_files import ReferenceFolder
 from bench.harness.stages import StageClock
 from bench.methods import Scorable
-from bench.recordings import Recording
+from bench.recordings import ImageRef, Recording
 
 CHUNK_IMAGES = 100  # bounds the rows that are held before they are written; many times the lag of the chance level
 
@@ -89,11 +90,16 @@ class Part:
         return cls(number=int(number), count=int(count))
 
 
+def first_scored(images: Sequence[ImageRef]) -> int:
+    """Index of the first image of a camera that is to be scored; their number where none is."""
+    return next((index for index, image in enumerate(images) if image.scored), len(images))
+
+
 def plan_units(recording: Recording, method: Scorable, *, chunk_images: int = CHUNK_IMAGES) -> Iterator[Unit]:
     """Cut a recording into units; a camera's first images, without history or not to be scored, belong to none."""
     for camera in sorted(recording.cameras):
         images = len(recording.images[camera])
-        first = next((i for i, image in enumerate(recording.images[camera]) if image.scored), images)
+        first = first_scored(recording.images[camera])
         for start in range(max(method.history, first), images, chunk_images):
             yield Unit(recording=recording.name, camera=camera, start=start, stop=min(start + chunk_images, images))
 
@@ -125,6 +131,7 @@ def run_unit(
     protocols: Sequence[Protocol],
     clock: StageClock,
     steps: StepCache | None = None,
+    exported: ReferenceFolder | None = None,
 ) -> list[UnitTables]:
     """Score the images of a unit. An image that cannot be used is reported; the others go on.
 
@@ -135,13 +142,21 @@ def run_unit(
         protocols: the rules, at least one.
         clock: adds up the time of each stage.
         steps: where steps of earlier runs are found; None to compute everything.
+        exported: where references are read from; None to build them.
 
     Returns:
         What was counted by each of the protocols.
     """
     first, *further = protocols
     pipeline = FramePipeline(
-        recording, unit.camera, method=method, protocol=first, further=further, clock=clock, steps=steps
+        recording,
+        unit.camera,
+        method=method,
+        protocol=first,
+        further=further,
+        clock=clock,
+        steps=steps,
+        exported=exported,
     )
     scorers = [SequenceScorer(protocol) for protocol in protocols]
     problems: list[str] = []

@@ -138,6 +138,7 @@ class ReferenceFrame:
         objects: nearest first, ties by track id; every annotated object of the frame once.
         labels: (H, W) int32; k + 1 where the pixel belongs to G of `objects[k]`, 0 elsewhere.
         ignored: (H, W) bool; the region I, unknown bands and areas that are not annotated among it.
+        unknown: (H, W) bool; of I the unknown bands of evaluated objects.
         valid: (H, W) bool; the region V.
         annotated: False where nobody knows what moves in the image: it is not scored, and I is all of V.
     """
@@ -149,6 +150,7 @@ class ReferenceFrame:
     objects: tuple[ReferenceObject, ...]
     labels: NDArray[np.int32]
     ignored: NDArray[np.bool_]
+    unknown: NDArray[np.bool_]
     valid: NDArray[np.bool_]
     annotated: bool = True
 

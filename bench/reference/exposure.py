@@ -157,10 +157,11 @@ class Exposure:
         objects: tuple[ReferenceObject, ...],
         labels: NDArray[np.int32],
         ignored: NDArray[np.bool_],
+        unknown: NDArray[np.bool_] | None = None,
         *,
         annotated: bool = True,
     ) -> ReferenceFrame:
-        """The reference of this image; arguments as its attributes."""
+        """The reference of this image; arguments as its attributes, `unknown` None for nowhere."""
         return ReferenceFrame(
             recording=self.recording,
             camera=self.camera.name,
@@ -169,6 +170,7 @@ class Exposure:
             objects=objects,
             labels=labels,
             ignored=ignored,
+            unknown=np.zeros_like(ignored) if unknown is None else unknown,
             valid=self.valid,
             annotated=annotated,
         )

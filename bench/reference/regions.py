@@ -40,7 +40,7 @@ class Region:
 
 def compose(
     objects: Sequence[ReferenceObject], regions: Sequence[Region | None], valid: NDArray[np.bool_]
-) -> tuple[tuple[ReferenceObject, ...], NDArray[np.int32], NDArray[np.bool_]]:
+) -> tuple[tuple[ReferenceObject, ...], NDArray[np.int32], NDArray[np.bool_], NDArray[np.bool_]]:
     """Give every pixel to the nearest annotated object that covers it.
 
     Static and ignored objects occlude as well: behind a parked car nothing can be detected. In the band of a nearer
@@ -56,9 +56,10 @@ def compose(
         objects: with `region_px` and `unknown_px` filled in.
         labels: (H, W) int32, k + 1 for pixels of G of object k, else 0.
         ignored: (H, W) bool, the region I: bands, and polygons of ignored objects, minus every G.
+        unknown: (H, W) bool, of I the bands of evaluated objects.
     """
-    labels, ignored = np.zeros(valid.shape, dtype=np.int32), np.zeros(valid.shape, dtype=bool)
-    hidden, uncertain = np.zeros(valid.shape, dtype=bool), np.zeros(valid.shape, dtype=bool)
+    labels = np.zeros(valid.shape, dtype=np.int32)
+    ignored, unknown, hidden, uncertain = (np.zeros(valid.shape, dtype=bool) for _ in range(4))
     settled = []
     for number, (found, region) in enumerate(zip(objects, regions, strict=True), start=1):
         if region is None:
@@ -72,13 +73,13 @@ def compose(
         region_px = int(np.count_nonzero(certain))
         result = found
         if found.status is Status.EVALUATED and region_px:
-            unknown = visible & ~certain
+            band = visible & ~certain
             np.copyto(labels[window], number, where=certain)
-            ignored[window] |= unknown
-            result = replace(found, region_px=region_px, unknown_px=int(np.count_nonzero(unknown)))
+            unknown[window] |= band
+            result = replace(found, region_px=region_px, unknown_px=int(np.count_nonzero(band)))
         elif found.status is Status.EVALUATED:
             result = replace(found, status=Status.IGNORED, reason=IgnoreReason.OCCLUDED)
         if result.status is Status.IGNORED:
             ignored[window] |= possible & (labels[window] == 0)  # later G begin where this polygon ends
         settled.append(result)
-    return tuple(settled), labels, ignored
+    return tuple(settled), labels, ignored | unknown, unknown

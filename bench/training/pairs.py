@@ -16,9 +16,15 @@ Part = Literal["training", "validation", "all"]
 
 
 def training_pairs(
-    dataset: str | Path = DATASET, *, part: Part = "training", every: int = 1, colour: bool = False, workers: int = 1
+    dataset: str | Path = DATASET,
+    *,
+    part: Part = "training",
+    every: int = 1,
+    colour: bool = False,
+    workers: int = 1,
+    reference: str | Path | None = None,
 ) -> Iterator[Frame]:
-    """Images, each with the one before it and the exact mask of what moves.
+    """Images, each with the one before it and the exact mask of what moves, or with an exported reference.
 
     Args:
         dataset: a rendered data set, by name or card; it is rendered first where it is missing.
@@ -26,6 +32,8 @@ def training_pairs(
         every: 1 for every pair of a drive and camera, 2 for every second and so on; neighbours differ little.
         colour: images are BGR instead of grey.
         workers: processes that render.
+        reference: a folder of `bench.export_reference`, for data without exact masks: `Frame.reference.labels > 0` is
+            what moves, `ignored` what to leave out, and `Frame.exact` is None.
 
     Returns:
         Frames in order of drive, camera and time. `Frame.input` holds both images, lens, road, motion of the camera and
@@ -36,7 +44,7 @@ def training_pairs(
         DataError: the data cannot be used, or have no exact masks.
     """
     names = drives_of(dataset, part, workers=workers)
-    yield from pairs_of(open_dataset(dataset), names, every=every, colour=colour)
+    yield from pairs_of(open_dataset(dataset), names, every=every, colour=colour, reference=reference)
 
 
 def drives_of(dataset: str | Path, part: Part, *, workers: int = 1) -> tuple[str, ...]:
@@ -48,12 +56,19 @@ def drives_of(dataset: str | Path, part: Part, *, workers: int = 1) -> tuple[str
     return tuple(name for name in names if (name in held_out) == (part == VALIDATION))
 
 
-def pairs_of(data: Dataset, names: Sequence[str], *, every: int = 1, colour: bool = False) -> Iterator[Frame]:
+def pairs_of(
+    data: Dataset,
+    names: Sequence[str],
+    *,
+    every: int = 1,
+    colour: bool = False,
+    reference: str | Path | None = None,
+) -> Iterator[Frame]:
     """Pairs of some of a data set's drives; see `training_pairs`."""
-    frames = data.frames(recordings=names, colour=colour, exact=True)
+    frames = data.frames(recordings=names, colour=colour, exact=reference is None, reference=reference)
     for _, drive in groupby(frames, key=lambda frame: (frame.recording, frame.camera)):
         for number, frame in enumerate(drive):
-            if frame.exact is None:
+            if reference is None and frame.exact is None:
                 raise DataError(data.card.file, expected="exact masks, as rendered data have", got="none")
             if number % every == 0:
                 yield frame

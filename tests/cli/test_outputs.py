@@ -40,6 +40,9 @@ COMMANDS = {
     "view, video": ("view", "CARD", "--method", "nothing", "--video", "OUT.avi"),
     "view, log": ("view", "CARD", "--method", "nothing", "--rrd", "OUT.rrd"),
     "export": ("annotations", "export", "openlabel", "--dataset", "CARD", "--out", "OUT"),
+    "reference": ("reference", "export", "CARD", "--workers", 1, "--out", "OUT"),
+    "bundle": ("bundle", "RUN", "--out", "OUT"),
+    "unbundle": ("unbundle", "BUNDLE", "--out", "OUT"),
     "import": ("annotations", "import", "openlabel", "LABELS", "--dataset", "CARD", "--recording", "crossing",
                "--out", "OUT"),
     "synthesize": ("synthesize", "SCENARIO", "--workers", 1, "--out", "OUT"),
@@ -62,6 +65,7 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         assert call(monkeypatch, *words) == 0
         words = ("annotations", "export", "openlabel", "--dataset", tiny_card, "--out", folder / "labels")
         assert call(monkeypatch, *words, "--recording", "crossing") == 0
+        assert call(monkeypatch, "bundle", folder / "runs" / "nothing", "--out", folder / "sent.run.zip") == 0
     *_, image = sorted((tiny_card.parent / "data" / "tiny" / "crossing" / "images" / "front").glob("*.png"))
     (folder / "predictions" / "crossing" / "front").mkdir(parents=True)
     cv2.imwrite(str(folder / "predictions" / "crossing" / "front" / image.name), np.zeros((240, 320), np.uint8))
@@ -74,6 +78,7 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         "OTHER": str(folder / "runs" / "everything"),
         "LABELS": str(next(file for file in (folder / "labels").rglob("*") if file.is_file())),
         "BASELINE": str(folder / "b"),
+        "BUNDLE": str(folder / "sent.run.zip"),
     }
 
 

@@ -65,6 +65,7 @@ def reference_frame(
         objects=tuple(replace(o, region_px=int((labels == k + 1).sum())) for k, o in enumerate(objects)),
         labels=labels,
         ignored=np.zeros(labels.shape, dtype=bool) if ignored is None else ignored,
+        unknown=np.zeros(labels.shape, dtype=bool),
         valid=np.ones(labels.shape, dtype=bool) if valid is None else valid,
     )
 

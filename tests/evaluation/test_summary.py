@@ -200,6 +200,21 @@ def test_a_detection_on_another_slice_is_neutral() -> None:
         assert path(seeing).model_dump_json() == path(blind).model_dump_json()
 
 
+def test_object_frames_are_cut_by_the_objects_own_speed_and_by_class_and_speed() -> None:
+    """A walking and a running pedestrian, and a car that drives off beside one of unknown speed."""
+    speeds = {"a": 1.49, "b": 1.5, "c": 5.0, "d": math.nan}
+    objects = [
+        reference_object(name, object_class="pedestrian" if name in "ab" else "vehicle", speed_mps=speed)
+        for name, speed in speeds.items()
+    ]
+    cut = summary_of(scored([(reference_frame(picture("1234"), objects=objects), mask("x.xx"))])).breakdowns
+    by_speed = {name: (row.object_frames, row.iou.value) for name, row in cut["speed_mps"].items() if row.object_frames}
+    assert by_speed == {"[0, 1.5)": (1, 1.0), "[1.5, 5)": (1, 0.0), "[5, 10)": (1, 1.0)}
+    both = {name: row.object_frames for name, row in cut["class_and_speed"].items() if row.object_frames}
+    assert both == {"pedestrian, [0, 1.5)": 1, "pedestrian, [1.5, 5)": 1, "vehicle, [5, 10)": 1}
+    assert len(cut["class_and_speed"]) == 3 * len(cut["speed_mps"]) == 15
+
+
 def test_bins_are_half_open() -> None:
     objects = [reference_object(chr(97 + k), range_m=range_m) for k, range_m in enumerate([1.99, 2.0, 8.0, 50.0])]
     rows = summary_of(scored([(reference_frame(picture("1234"), objects=objects), mask("xxxx"))])).breakdowns["range_m"]

@@ -24,7 +24,7 @@ def some_objects(rng: np.random.Generator) -> list[tuple[ReferenceObject, Region
 @pytest.mark.parametrize("seed", range(40))
 def test_every_pixel_goes_to_the_nearest_object_that_covers_it(seed):
     objects = some_objects(np.random.default_rng(seed))
-    settled, labels, ignored = compose(*zip(*objects, strict=True), np.ones((ROWS, COLUMNS), dtype=bool))
+    settled, labels, ignored, _ = compose(*zip(*objects, strict=True), np.ones((ROWS, COLUMNS), dtype=bool))
 
     cover = np.zeros((len(objects), ROWS, COLUMNS), dtype=bool)
     for image, (_, region) in zip(cover, objects, strict=True):

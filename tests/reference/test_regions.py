@@ -105,12 +105,13 @@ def test_a_farther_core_in_a_nearer_band_is_unknown():
     far = uncertain(Raster((slice(5, 25), slice(25, 45)), np.ones((20, 20), dtype=bool)), half_width_px=1.0)
     objects = [(replace(an_object(Status.EVALUATED), track_id=name), region)
                for name, region in (("near", near), ("far", far))]  # fmt: skip
-    (first, second), labels, ignored = compose(*zip(*objects, strict=True), VALID)
+    (first, second), labels, ignored, unknown = compose(*zip(*objects, strict=True), VALID)
     near_core, near_possible = whole(near)
     far_core, far_possible = whole(far)
     np.testing.assert_array_equal(labels == 1, near_core)
     np.testing.assert_array_equal(labels == 2, far_core & ~near_possible)
     np.testing.assert_array_equal(ignored, (near_possible | far_possible) & (labels == 0))
+    np.testing.assert_array_equal(unknown, ignored)
     assert (first.region_px, first.unknown_px) == (near_core.sum(), (near_possible & ~near_core).sum())
     assert second.unknown_px == (far_possible & ~near_core & (labels != 2)).sum()
 
@@ -120,9 +121,10 @@ def test_an_object_within_a_nearer_band_is_ignored():
     near.core[0, 0] = True
     far = a_region((slice(12, 14), slice(22, 24)), np.ones((2, 2), bool))
     statuses = [an_object(Status.STATIC), an_object(Status.EVALUATED)]
-    settled, labels, ignored = compose(statuses, [near, far], VALID)
+    settled, labels, ignored, unknown = compose(statuses, [near, far], VALID)
     assert settled[1].reason is IgnoreReason.OCCLUDED
     assert not labels.any()
+    assert not unknown.any()
     np.testing.assert_array_equal(ignored, a_box(12, 14, 22, 24))
 
 

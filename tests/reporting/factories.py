@@ -68,7 +68,8 @@ def reference_frame(objects: list[ReferenceObject], *, width: int = 640, height:
     labels[~valid] = 0
     return ReferenceFrame(
         recording="demo", camera="front", timestamp_ns=1_200_000_000, ego_speed_mps=4.0, objects=tuple(objects),
-        labels=labels, ignored=(ignored > 0) & (labels == 0) & valid, valid=valid,
+        labels=labels, ignored=(ignored > 0) & (labels == 0) & valid, unknown=np.zeros_like(valid),
+        valid=valid,
     )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ from bench.reporting.audit_pictures import (
     write_cause_pictures,
     write_examples,
 )
-from bench.reporting.audit_tables import audit_tables, for_terminal, report, to_csv
+from bench.reporting.audit_tables import audit_tables, for_terminal, report, speed_table, to_csv
 from bench.reporting.document import to_markdown
 from tests.reporting.printed import printed
 
@@ -74,11 +74,30 @@ def test_csv_holds_the_figures_at_full_precision(audit: AuditSummary):
     found = next(
         row
         for row in rows
-        if (row["kind"], row["compensation"], row["slice"], row["range_m"], row["figure"])
-        == (expected.kind, expected.compensation, expected.object_class, expected.range_m, "iou.median")
+        if (row["kind"], row["compensation"], row["slice"], row["range_m"], row["speed_mps"], row["figure"])
+        == (expected.kind, expected.compensation, expected.object_class, "all", "all", "iou.median")
     )
     assert float(found["value"]) == expected.iou.median
     assert "nan" not in {row["value"] for row in rows}
+
+
+def test_errors_of_the_reference_and_of_scores_are_told_by_speed(folder: Path, audit: AuditSummary):
+    """Every evaluated object-frame is in one bin, and its polygons are compared there."""
+    scored = audit.scores["lidar"].speeds
+    assert sum(row.object_frames for row in scored.values()) == audit.scores["lidar"].all_moving.object_frames > 0
+    polygons = read_polygons(folder).to_pandas()
+    convex = polygons[(polygons["kind"] == "convex") & (polygons["compensation"] == "full")]
+    walking = convex[convex["speed_mps"] < 1.5]
+    (told,) = [
+        p for p in audit.polygons
+        if (p.kind, p.compensation, p.object_class, p.speed_mps) == ("convex", "full", "all", "[0, 1.5)")
+    ]  # fmt: skip
+    assert (told.object_frames, told.iou.median) == (len(walking), walking["iou"].median())
+    table = speed_table(audit)
+    by_masks = audit.scores["masks"].speeds
+    for speed, *_, lidar, masks, error in table.rows:
+        assert (lidar, masks) == tuple(f"{100 * rows[speed].iou.value:.1f}" for rows in (scored, by_masks))
+        assert float(error) == pytest.approx(float(lidar) - float(masks), abs=0.11)
 
 
 def test_the_terminal_cuts_nothing(audit: AuditSummary):

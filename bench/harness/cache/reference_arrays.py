@@ -40,6 +40,7 @@ def reference_arrays(frame: ReferenceFrame) -> Arrays:
         "moving": _packed(moving),
         "labels": frame.labels[moving],
         "ignored": _packed(frame.ignored),
+        "unknown": _packed(frame.unknown),
     }
 
 
@@ -80,6 +81,7 @@ def reference_from_arrays(
         objects=objects,
         labels=labels,
         ignored=_unpacked(arrays["ignored"], valid.shape),
+        unknown=_unpacked(arrays["unknown"], valid.shape),
         valid=valid,
         annotated=annotated,
     )

@@ -157,7 +157,7 @@ REFERENCE_CODE = (*REFERENCE_PACKAGES, "harness/cache/reference_arrays.py")  # a
 _TOLD = ("records", "recordings/input_errors.py")  # what a method is given, and the errors injected into it
 METHOD_PACKAGES = ("errors.py", "geometry", "flow", "cameras", "egomotion", *_TOLD, "methods")
 SCORING_PACKAGES = (*sorted({*REFERENCE_PACKAGES, *METHOD_PACKAGES}), "evaluation")
-UNIT_FILES = ("frames", "unit", "oracles", "unit_files")
+UNIT_FILES = ("frames", "unit", "oracles", "reference_files", "unit_files")
 UNIT_CODE = (*SCORING_PACKAGES, *(f"harness/{name}.py" for name in UNIT_FILES))
 
 

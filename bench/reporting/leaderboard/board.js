@@ -88,6 +88,7 @@
       const page = group.pages[entry.run];
       if (page) make("a", entry.method, head).href = page; else head.append(entry.method);
       if (MARKS[entry.kind]) make("small", MARKS[entry.kind], head);
+      if (entry.verified) make("small", "verified", head);
       if (entry.failures) make("small", `${entry.failures} failures`, head);
       for (const metric of Object.keys(group.metrics)) value(entry, row, metric, make("td", "", line));
       const cost = make("td", entry.cost ? entry.cost[0].toFixed(1) : "", line);

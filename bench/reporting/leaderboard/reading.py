@@ -18,6 +18,7 @@ from bench.harness import RunSummary
 from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
 from bench.harness.stored import reference_digest, refuse_unscored
+from bench.harness.verify import is_verified
 from bench.reporting import formats
 from bench.reporting.compare.runs import digest, name_methods, restricted
 from bench.reporting.stored_run import StoredRun, read_stored_run
@@ -54,6 +55,7 @@ class Entry:
         date: UTC, on which it was started.
         code: version and commit.
         failures: images, units and recordings that could not be used.
+        verified: its counts were found again from its masks, on this machine.
     """
 
     run: str
@@ -66,6 +68,7 @@ class Entry:
     date: str
     code: str
     failures: int
+    verified: bool = False
 
     @property
     def metrics(self) -> Mapping[str, Metric]:
@@ -294,6 +297,7 @@ def _entry(run: StoredRun, compared: Summary, method: str) -> Entry:
         date=summary.provenance.started_utc[:10],
         code=f"{code.version}{commit}",
         failures=len(summary.failures),
+        verified=is_verified(run.folder),
     )
 
 

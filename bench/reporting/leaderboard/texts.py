@@ -44,7 +44,8 @@ COST_NOTE = (
     "Cost: the method alone for one image, in one thread and without a cache, in ms, and its ratio to a call of "
     "Farnebäck's flow on the same images."
 )
-NOTES = (NOTE, ORACLE_NOTE, COST_NOTE)
+VERIFIED_NOTE = "Verified: `verify` counted the run again from its masks and the data, on this machine."
+NOTES = (NOTE, ORACLE_NOTE, COST_NOTE, VERIFIED_NOTE)
 _SUFFIXES = {Kind.METHOD: "", Kind.ORACLE: " (oracle)", Kind.CEILING: " (ceiling)"}
 
 
@@ -87,7 +88,9 @@ def _lines(group: Group, entry: Entry, name: str) -> Cell:
 
 
 def _method(entry: Entry) -> str:
-    return f"{entry.method}{_SUFFIXES[entry.kind]}" + (f", {entry.failures} failures" if entry.failures else "")
+    verified = ", verified" if entry.verified else ""
+    failures = f", {entry.failures} failures" if entry.failures else ""
+    return f"{entry.method}{_SUFFIXES[entry.kind]}{failures}{verified}"
 
 
 def report(found: Leaderboard, *, charts: Sequence[Block] = ()) -> Iterator[Block]:
@@ -160,7 +163,7 @@ def to_csv(found: Leaderboard) -> str:
 
 
 _OF_GROUP = ("dataset", "split", "protocol", "protocol_digest", "reference_digest")
-_OF_ENTRY = ("run", "method", "kind", "images", "date", "code", "failures")
+_OF_ENTRY = ("run", "method", "kind", "images", "date", "code", "failures", "verified")
 
 
 def _fields(record: object, names: Sequence[str]) -> dict[str, object]:

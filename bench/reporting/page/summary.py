@@ -10,6 +10,7 @@ from bench.evaluation import Metric, find_metric
 from bench.evaluation.definitions import IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
+from bench.evaluation.sums import CLASS_AND_SPEED
 from bench.reference import Category
 from bench.reporting.document import Cell, Paragraph, Style, Table
 from bench.reporting.formats import LABELS, chance_of, headline_metrics, metric_cell, percent
@@ -20,6 +21,8 @@ _HALF = "detection_rate_50"
 BREAKDOWNS = {
     "object_class": ("By class", "class", "class {}"),
     "range_m": ("By range", "nearest point (m)", "range {} m"),
+    "speed_mps": ("By the object's own speed", "speed (m/s)", "speed {} m/s"),
+    CLASS_AND_SPEED: ("By class and the object's own speed", "class, speed (m/s)", "{} m/s"),
     "ego_speed_mps": ("By speed of the ego vehicle", "speed (m/s)", "ego speed {} m/s"),
     "camera": ("By camera", "camera", "camera {}"),
     "points": ("By lidar points on the object", "points", "{} lidar points"),
@@ -64,11 +67,15 @@ def kind_tables(found: Summary) -> list[Table]:
 
 
 def breakdowns(found: Summary) -> list[Table]:
-    """One table for every way to sort the object-frames; the lowest row is marked where it is clearly lower."""
+    """One table for every way to sort the object-frames; the lowest row is marked where it is clearly lower.
+
+    Of class x speed the slices without object-frames, which are most of them, are left out.
+    """
+    tables = dict(found.breakdowns)
+    if CLASS_AND_SPEED in tables:
+        tables[CLASS_AND_SPEED] = {name: row for name, row in tables[CLASS_AND_SPEED].items() if row.object_frames}
     return [
-        breakdown_table(*BREAKDOWNS[name][:2], rows, lowest=lowest_of(rows))
-        for name, rows in found.breakdowns.items()
-        if rows
+        breakdown_table(*BREAKDOWNS[name][:2], rows, lowest=lowest_of(rows)) for name, rows in tables.items() if rows
     ]
 
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from pycocotools import mask as coco
 
 from bench.errors import DataError
+from bench.harness.provenance import largest_resident_mb
 from bench.methods.predictions.files import (
     ImageSizes,
     MaskEntry,
@@ -206,6 +207,15 @@ def test_long_runs_have_several_groups():
     mask[:, 700:1300] = True
     sizes = ImageSizes(evaluated_px=(2000, 1000), stored_px=(2000, 1000))
     np.testing.assert_array_equal(decode_union([encoded(mask)], sizes, file="a.json"), mask)
+
+
+def test_masks_that_were_decoded_are_freed():
+    """Of lengths that do not fit, the library keeps the mask for ever."""
+    sizes = ImageSizes(evaluated_px=(1000, 1000), stored_px=(1000, 1000))
+    packed, before = encoded(np.ones((1000, 1000), dtype=bool)), largest_resident_mb()
+    for _ in range(500):
+        decode_union([packed], sizes, file="a.json")
+    assert largest_resident_mb() - before < 200
 
 
 def test_several_masks_of_an_image_are_united_and_none_is_empty():

@@ -88,6 +88,14 @@ def test_the_statement_names_what_the_tables_mark():
     assert lowest_of(rows | {"[2, 4)": object_figures(0.2, object_frames=9)}) is None
 
 
+def test_of_class_and_speed_only_what_occurs_is_listed():
+    rows = {"pedestrian, [0, 1.5)": object_figures(0.9), "pedestrian, [20, inf)": object_figures(math.nan)}
+    split = {"class_and_speed": rows, "speed_mps": {"[0, 1.5)": rows["pedestrian, [20, inf)"]}}
+    both, speeds = breakdowns(of_kinds(crossing=object_figures(0.6)).model_copy(update={"breakdowns": split}))
+    assert [cells[0].text for cells in both.cells()] == ["pedestrian, [0, 1.5)"]
+    assert [cells[0].text for cells in speeds.cells()] == ["[0, 1.5)"]
+
+
 def test_the_page_begins_with_the_headlines_and_the_ceiling_of_iou():
     figures = summary()
     ceiling = Metric(value=0.92, ci95=None, cases=100, recordings=8)

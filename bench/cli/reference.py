@@ -1,0 +1,50 @@
+"""`reference`: what a protocol counts in each image, as files for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from bench.cli import options
+from bench.cli.console import note, say
+from bench.cli.options import group
+
+app = group("Write the reference of a data set as label images or run lengths, to train and score with other tools.")
+
+
+@app.command("export")
+def export(
+    dataset: options.Dataset,
+    out: Annotated[Path, typer.Option(help="Folder, new or empty.")],
+    format_: Annotated[Literal["png", "coco"], typer.Option("--format", help="Label images, or run lengths.")] = "png",
+    protocol: options.ProtocolName = "surface-v1",
+    recording: Annotated[str | None, typer.Option(help="Name of the recording; default: all.")] = None,
+    split: options.Split = None,
+    workers: options.Workers = None,
+) -> None:
+    """Write for each image the pixels of objects, unknown bands and ignored areas, and what the objects are."""
+    from bench.api.references import export_reference
+    from bench.cli.progress import progress_bar
+    from bench.cli.request import render_if_synthetic, worker_processes
+    from bench.recordings import load_card
+
+    card = load_card(dataset)
+    render_if_synthetic(card)
+    with progress_bar(f"exporting the reference of {card.name}", "recordings") as report:
+        problems = export_reference(
+            card,
+            out,
+            form=format_,
+            protocol=protocol,
+            split=split,
+            recording=recording,
+            executor=worker_processes(workers),
+            progress=report,
+        )
+    say(str(out))
+    for problem in problems:
+        note(f"no reference: {problem}")
+    if problems:
+        raise typer.Exit(options.FAILURES)

@@ -1,0 +1,39 @@
+"""`verify`: does a run hold what its masks score?"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from bench.cli import options
+from bench.cli.console import say
+from bench.cli.progress import progress_bar
+
+
+def verify(
+    run: options.StoredRun,
+    data: Annotated[
+        str | None, typer.Option(metavar="CARD", help="The data set; default: the card that the run names.")
+    ] = None,
+    workers: options.Workers = None,
+) -> None:
+    """Count a run again from its stored masks and the data, without its method, and say what differs.
+
+    Exits with 0 where nothing does, and marks the run for the leaderboard; with 1 where something differs.
+    """
+    from bench.api.runs import load_run, run_folder
+    from bench.cli.request import render_if_synthetic, worker_processes
+    from bench.harness.verify import verify_run
+    from bench.recordings import load_card
+
+    folder = run_folder(run)
+    card = load_card(data or load_run(folder).summary.manifest.dataset.card)
+    render_if_synthetic(card)
+    with progress_bar(f"counting {folder.name} again", "images") as report:
+        found = verify_run(folder, card, executor=worker_processes(workers), progress=report)
+    for line in found.differences:
+        say(f"differs: {line}", style="red")
+    if found.differences:
+        raise typer.Exit(1)
+    say(f"equal: {folder} holds what its masks score, {found.images} images counted again")

@@ -1,0 +1,304 @@
+"""Does a run hold what its masks score? Recounted from the stored masks and the data, without the method.
+
+Three steps, each compared exactly: masks and data give the tables of objects and images, tables give sums, sums give
+the summary. The stored masks are scored as any method's answers are. Beside them the manifest must say what data,
+protocol and reference these are.
+
+A run has a mask of every image that its data allow to score: one that leaves out what it fails on would gain by it.
+
+Two things come from the method alone, so that only their sums are checked: the causes of false positives, and the
+likelihood, with the metrics over all thresholds. Who made the masks nobody can tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import BaseModel, ConfigDict
+
+from bench.errors import DataError
+from bench.evaluation import (
+    FRAMES_SCHEMA,
+    OBJECTS_SCHEMA,
+    ImageMap,
+    Summary,
+    known_protocols,
+    load_protocol,
+    read_sums,
+    sum_run,
+    summary_of,
+)
+from bench.evaluation.comparison import SIDES
+from bench.evaluation.rows import EVALUATED, IMAGE, NOT_ANNOTATED, OBJECT, merge_rows
+from bench.evaluation.sums import KEY, TERMS
+from bench.execution import TaskExecutor
+from bench.harness.digests.content import FileDigests
+from bench.harness.manifest import MANIFEST, Aspect, CodeOfRun, differences, read_manifest
+from bench.harness.masks import MASKS, read_mask
+from bench.harness.run import RunRequest, run_benchmark
+from bench.harness.run_folder import add_own_files
+from bench.harness.stages import Progress
+from bench.harness.stored import (
+    HISTOGRAMS,
+    SUMMARY,
+    SUMS,
+    RunSummary,
+    StoredRows,
+    open_tables,
+    read_image_maps,
+    read_protocol,
+    read_run,
+    read_threshold_free,
+    sums_digest,
+)
+from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
+from bench.plain_text import listed
+from bench.recordings import DatasetCard
+from bench.recordings.checked_json import read_checked, write_checked
+
+VERIFIED = "verified.json"
+BY_METHOD = {*HISTOGRAMS, "fp_by_cause", "problem"}  # columns of images that nobody else can count
+CHECKED = {Aspect.DATASET, Aspect.SPLIT, Aspect.PROTOCOL, Aspect.DATA, Aspect.REFERENCE}
+NO_MASK = "the run holds no mask"
+RELATIVE = 1e-9  # of what is no count: sums and metrics may be added in another order
+
+
+class Verified(BaseModel):
+    """`verified.json`, which says that a run was recounted on this machine; no bundle carries it.
+
+    Attributes:
+        summary: digest of the summary that was found right.
+        utc: when.
+        code: that counted.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    summary: str
+    utc: str
+    code: CodeOfRun
+
+
+class StoredMasks(Method):
+    """Answers with the masks of a run.
+
+    Args:
+        masks: file of the run.
+        history: images that the run's method needs before one.
+    """
+
+    name = "stored-masks"
+    reads_images = False
+
+    def __init__(self, masks: str, history: int) -> None:
+        self.masks, self.history = masks, history
+        self.files = (masks,)
+
+    def segment(self, frame: MethodInput) -> Segmentation:
+        """The mask of the current image."""
+        place = frame.recording, frame.camera_name, frame.timestamps_ns[-1]
+        its_own = [(name, "=", value) for name, value in zip(IMAGE, place, strict=True)]
+        if not len(pq.read_table(self.masks, columns=["timestamp_ns"], filters=its_own)):
+            tuple(frame.images)  # one that cannot be read fails here, as it did in the run
+            raise UnansweredImage(NO_MASK)
+        return read_mask(Path(self.masks), recording=place[0], camera=place[1], timestamp_ns=place[2])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verification:
+    """Outcome of a recount.
+
+    Attributes:
+        images: that were counted again.
+        differences: one line each; none for a run that holds what its masks score.
+    """
+
+    images: int
+    differences: tuple[str, ...]
+
+
+def verify_run(
+    run: Path, card: DatasetCard, *, executor: TaskExecutor, progress: Progress | None = None
+) -> Verification:
+    """Recount a run, and mark it as verified where nothing differs; an older mark goes where something does.
+
+    Args:
+        run: folder of the results.
+        card: the data that it is of.
+        executor: counts the images.
+        progress: called with the images done and their number.
+
+    Raises:
+        DataError: a file of the run or of the data is missing or damaged.
+    """
+    (run / VERIFIED).unlink(missing_ok=True)
+    summary = read_run(run)
+    protocol = read_protocol(run, summary)
+    if not (run / MASKS).is_file():
+        raise DataError(run / MASKS, expected="the masks that were scored", got="no such file")
+    method = StoredMasks(str(run / MASKS), summary.manifest.method.history)
+    with TemporaryDirectory(prefix="fisheye-bench-") as folder:
+        recount = Path(folder) / "recount"
+        request = RunRequest(
+            card=card, method=method, runs={recount: protocol}, split=summary.manifest.dataset.split,
+            executor=executor, progress=progress,
+        )  # fmt: skip
+        again = run_benchmark(request)[recount]
+        found = (
+            *_of_manifest(run, summary, again),
+            *_of_masks(run),
+            *_of_tables(run, recount),
+            *_of_maps(run, recount),
+        )
+    sums = sum_run(*open_tables(run), protocol=protocol)
+    found += (*_of_sums(read_sums(run / SUMS), sums), *_of_summary(summary, summary_of(sums, protocol=protocol), run))
+    if not found:
+        _mark(run)
+    return Verification(images=again.provenance.images, differences=found)
+
+
+def is_verified(run: Path) -> bool:
+    """True where the summary of a run is the one that was found right on this machine."""
+    try:
+        mark = read_checked(Verified, run / VERIFIED, expected="the mark of a verified run")
+    except DataError:
+        return False
+    return mark.summary == FileDigests().of(run / SUMMARY)
+
+
+def _mark(run: Path) -> None:
+    digest = FileDigests().of(run / SUMMARY)
+    mark = Verified(summary=digest, utc=f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}", code=CodeOfRun.here())
+    add_own_files(run, [run / VERIFIED])
+    write_checked(run / VERIFIED, mark)
+
+
+def _of_manifest(run: Path, summary: RunSummary, again: RunSummary) -> Iterator[str]:
+    """Differences of what the run says that it is of, and of what a reader is told beside the metrics."""
+    if read_manifest(run) != summary.manifest:
+        yield f"{MANIFEST}: expected what {SUMMARY} says, got another"
+    yield from (f"{MANIFEST}: {one}" for one in differences(summary.manifest, again.manifest) if one.aspect in CHECKED)
+    if summary.manifest.dataset.recordings != again.manifest.dataset.recordings:
+        yield f"{MANIFEST}: recordings of other data"
+    if summary.manifest.sums != sums_digest(run):
+        yield f"{MANIFEST}: expected the digest of {SUMS}, got another"
+    if (summary.protocol, summary.manifest.protocol) != (again.protocol, again.protocol):
+        yield f"{SUMMARY}: protocol of another name, version or digest"
+    named = summary.protocol
+    if named.name in known_protocols() and named.digest != load_protocol(named.name).digest:
+        yield f"protocol.json: rules of its own under the name {named.name}"
+    if missing := [line for line in again.caveats.splitlines() if line not in summary.caveats.splitlines()]:
+        yield f"{SUMMARY}: caveats lack {missing[0]!r}"
+    if summary.images.failed > len(summary.failures):
+        yield f"{SUMMARY}: failures lists {len(summary.failures)}, where {summary.images.failed} images failed"
+    if summary.vehicle_outline_m != again.vehicle_outline_m:
+        yield f"{SUMMARY}: another outline of the vehicle"
+
+
+def _of_masks(run: Path) -> Iterator[str]:
+    """Images with a mask must be those that were scored, each once."""
+    masks = pq.read_table(run / MASKS, columns=IMAGE).to_pandas()
+    _, frames = open_tables(run)
+    rows = frames.read(sorted(frames.recordings()), [*IMAGE, "status"])
+    scored = rows[rows["status"].isin([EVALUATED, NOT_ANNOTATED])][IMAGE]
+    if [*masks.sort_values(IMAGE).itertuples(index=False)] != [*scored.sort_values(IMAGE).itertuples(index=False)]:
+        yield f"{MASKS}: expected one of each of {len(scored)} scored images, got {len(masks)} of others"
+
+
+def _of_tables(run: Path, recount: Path) -> Iterator[str]:
+    keys: tuple[tuple[list[str], pa.Schema], ...] = (OBJECT, OBJECTS_SCHEMA), (IMAGE, FRAMES_SCHEMA)
+    for stored, counted, (key, schema) in zip(open_tables(run), open_tables(recount), keys, strict=True):
+        columns = [name for name in schema.names if name not in (*key, *BY_METHOD)]
+        yield from _of_rows(stored, counted, key=key, columns=columns)
+    rows = counted.read(sorted(counted.recordings()), [*IMAGE, "problem"])
+    left_out = rows[rows["problem"] == NO_MASK]
+    if len(left_out):
+        yield _line(stored, left_out, IMAGE, "no mask, though the data allow to score the image")
+
+
+def _of_rows(stored: StoredRows, counted: StoredRows, *, key: list[str], columns: Sequence[str]) -> Iterator[str]:
+    """One line for each recording and column in which rows differ, with the first of them."""
+    for recording in sorted(stored.recordings().keys() | counted.recordings().keys()):
+        sides = [rows.read([recording], [*key, *columns]) for rows in (stored, counted)]
+        if sides[0].duplicated(key).any():
+            yield f"{stored.file.name}: recording {recording!r}: rows that stand twice"
+            continue
+        rows = merge_rows(*sides, on=key, how="outer")
+        alone = rows["side"] != "both"
+        if alone.any():
+            yield _line(stored, rows[alone], key, "a row that only one of the two has")
+        rows = rows[~alone]
+        for name in columns:
+            was, now = (rows[f"{name}{side}"] for side in SIDES)
+            same = was.eq(now) | (was.isna() & now.isna())
+            if was.dtype == now.dtype == np.float64:  # another processor may tip the last bit of a speed or place
+                same |= np.isclose(was, now, rtol=RELATIVE, atol=RELATIVE)
+            other = ~same.to_numpy(dtype=bool)
+            if other.any():
+                values = was[other].iloc[0], now[other].iloc[0]
+                yield _line(stored, rows[other], key, "{} {}, recounted {}".format(name, *values))
+
+
+def _line(stored: StoredRows, rows: pd.DataFrame, key: list[str], what: str) -> str:
+    where = ", ".join(str(rows[name].iloc[0]) for name in key)
+    more = f", and {len(rows) - 1} more" if len(rows) > 1 else ""
+    return f"{stored.file.name}: {where}: {what}{more}"
+
+
+def _of_maps(run: Path, recount: Path) -> Iterator[str]:
+    maps = [read_image_maps(folder) for folder in (run, recount)]
+    for name in sorted(maps[0].keys() | maps[1].keys()):
+        was, now = (found.get(name) for found in maps)
+        fields = ImageMap.__slots__
+        if was is None or now is None or not all(np.array_equal(getattr(was, f), getattr(now, f)) for f in fields):
+            yield f"image_maps.npz: {name}: another map"
+
+
+def _of_sums(stored: pd.DataFrame, counted: pd.DataFrame) -> Iterator[str]:
+    rows = merge_rows(stored[[*KEY, *TERMS]], counted[[*KEY, *TERMS]], on=KEY, how="outer")
+    near = [np.isclose(rows[f"{term}_before"], rows[f"{term}_after"], rtol=RELATIVE, atol=0) for term in TERMS]
+    other = rows[~np.logical_and.reduce(near)]
+    if len(other):
+        first = other.iloc[0]
+        what = "{} / {}, recounted {} / {}".format(*(first[f"{term}{side}"] for side in SIDES for term in TERMS))
+        yield f"{SUMS}: {', '.join(map(str, first[KEY]))}: {what} ({len(other)} rows)"
+
+
+def _of_summary(stored: RunSummary, counted: Summary, run: Path) -> Iterator[str]:
+    parts = {name: getattr(stored, name) for name in type(counted).model_fields if name != "protocol"}
+    for name, part in parts.items():
+        other = [*_unequal(name, _plain(part), _plain(getattr(counted, name)))]
+        if other:
+            yield f"{SUMMARY}: {listed(other, 2)}"
+    curve = read_threshold_free(run)
+    if [*_unequal("threshold_free", _plain(stored.threshold_free), _plain(curve))]:
+        yield f"{SUMMARY}: threshold_free, of other frames"
+
+
+def _plain(part: object) -> object:
+    if isinstance(part, BaseModel):
+        return part.model_dump(mode="json")
+    return {name: _plain(one) for name, one in part.items()} if isinstance(part, Mapping) else part
+
+
+def _unequal(place: str, was: object, now: object) -> Iterator[str]:
+    """Places in which two plain values differ by more than rounding."""
+    if isinstance(was, Mapping) and isinstance(now, Mapping):
+        for name in sorted(was.keys() | now.keys()):
+            yield from _unequal(f"{place}.{name}", was.get(name), now.get(name))
+    elif isinstance(was, Sequence) and isinstance(now, Sequence) and not isinstance(was, str):
+        for number, pair in enumerate(zip(was, now, strict=True) if len(was) == len(now) else [(was, "others")]):
+            yield from _unequal(f"{place}[{number}]", *pair)
+    elif isinstance(was, float) and isinstance(now, float):
+        if not np.isclose(was, now, rtol=RELATIVE, atol=RELATIVE):
+            yield f"{place} {was:g}, recounted {now:g}"
+    elif was != now:
+        yield f"{place} {was}, recounted {now}"

@@ -1,0 +1,146 @@
+"""A run in one file: packed, sent, unpacked, verified and listed; foreign ones are looked at first."""
+
+import json
+import shutil
+from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
+
+import pytest
+
+from bench.errors import DataError
+from bench.harness import read_run
+from bench.harness.bundle import FILES, LIST, unpack_bundle, write_bundle
+from tests.support.commands import call, error_line
+
+
+@pytest.fixture(scope="module")
+def run(tiny_card, tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("bundled") / "run"
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        assert call(monkeypatch, "run", tiny_card, "--method", "nothing", "--out", out, "--no-pictures") == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def bundle(run) -> Path:
+    file = run.parent / "sent.run.zip"
+    write_bundle(run, file)
+    return file
+
+
+def test_a_run_is_sent_unpacked_verified_and_listed(run, tmp_path, monkeypatch, capsys):
+    file, out = tmp_path / "sent.run.zip", tmp_path / "runs" / "theirs"
+    assert call(monkeypatch, "verify", run) == 0
+    assert call(monkeypatch, "bundle", run, "--out", file) == 0
+    assert call(monkeypatch, "unbundle", file, "--out", out) == 0
+    assert "nothing of it is verified yet" in capsys.readouterr().out
+    names = {path.name for path in out.iterdir()}
+    assert names == FILES | {"files.json"}, "neither the mark nor the cost comes along"
+    assert all((out / name).read_bytes() == (run / name).read_bytes() for name in FILES)
+    assert call(monkeypatch, "leaderboard", tmp_path / "runs") == 0
+    assert ", verified" not in capsys.readouterr().out
+    assert call(monkeypatch, "verify", out) == 0
+    assert call(monkeypatch, "leaderboard", tmp_path / "runs") == 0
+    assert "nothing, verified" in capsys.readouterr().out
+
+
+def test_the_same_run_gives_the_same_file(run, bundle, tmp_path):
+    write_bundle(run, tmp_path / "again.run.zip")
+    assert (tmp_path / "again.run.zip").read_bytes() == bundle.read_bytes()
+
+
+def test_a_run_that_lacks_a_table_is_not_packed(run, tmp_path):
+    copied = shutil.copytree(run, tmp_path / "run")
+    (copied / "masks.parquet").unlink()
+    with pytest.raises(DataError, match=r"masks\.parquet: expected a file of the run, got no such file"):
+        write_bundle(copied, tmp_path / "out.run.zip")
+    assert not (tmp_path / "out.run.zip").exists()
+
+
+def test_a_folder_that_holds_something_stays_as_it_is(bundle, tmp_path, monkeypatch, capsys):
+    (tmp_path / "mine").write_text("mine")
+    line = error_line(monkeypatch, capsys, "unbundle", bundle, "--out", tmp_path)
+    assert "expected a new or an empty folder" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def repacked(bundle: Path, out: Path, change, *, compression: int = ZIP_STORED) -> Path:
+    """The bundle with other content: a function of all files by name."""
+    with ZipFile(bundle) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    files = change(files) or files
+    with ZipFile(out, "w", compression) as archive:
+        for name, content in files.items():
+            archive.writestr(ZipInfo(name) if compression == ZIP_STORED else name, content)
+    return out
+
+
+def of_list(change):
+    """The list changed."""
+
+    def changed(files) -> None:
+        content = json.loads(files[LIST])
+        change(content["files"])
+        files[LIST] = json.dumps(content).encode()
+
+    return changed
+
+
+def renamed(old: str, new: str):
+    def changed(files) -> None:
+        files[new] = files.pop(old)
+        of_list(lambda listed: listed.update({new: listed.pop(old)}))(files)
+
+    return changed
+
+
+def other_content(files) -> None:
+    files["objects.parquet"] = files["objects.parquet"][:-1] + b"x"
+
+
+CHANGES = {
+    "a file more": (lambda files: files.update(mine=b"x"), "expected the files and sizes of the archive.*'mine'"),
+    "a file less": (lambda files: files.pop("sums.csv") and None, "expected the files and sizes .*'sums.csv'"),
+    "another size": (of_list(lambda files: files["sums.csv"].update(size=1)), "expected the files and sizes"),
+    "another content": (other_content, "objects.parquet: expected content with the digest"),
+    "no list": (lambda files: files.pop(LIST) and None, "expected a list of the run's files, got none"),
+    "a list that is none": (lambda files: files.update({LIST: b"[]"}), "sent.run.zip"),
+    "a place outside": (renamed("sums.csv", "../sums.csv"), "expected one of"),
+    "an absolute place": (renamed("sums.csv", "/tmp/sums.csv"), "expected one of"),
+    "a mark": (renamed("sums.csv", "verified.json"), "expected one of"),
+    "a program": (renamed("sums.csv", "method.py"), "expected one of"),
+    "a list as large as a bomb": (lambda files: files.update({LIST: b" " * (1 << 17)}), "got none"),
+    "no summary": (lambda files: files.pop("summary.json") and of_list(lambda f: f.pop("summary.json"))(files),
+                   "summary.json: expected the summary of a run"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_a_bundle_that_was_changed_is_refused_and_nothing_stays(bundle, tmp_path, name):
+    change, message = CHANGES[name]
+    file = repacked(bundle, tmp_path / "sent.run.zip", change)
+    with pytest.raises(DataError, match=message):
+        unpack_bundle(file, tmp_path / "out")
+    assert [*tmp_path.iterdir()] == [file]
+
+
+def test_a_compressed_or_cut_bundle_and_what_is_none_are_refused(bundle, tmp_path):
+    packed = repacked(bundle, tmp_path / "packed.run.zip", lambda _: None, compression=ZIP_DEFLATED)
+    cut = tmp_path / "cut.run.zip"
+    cut.write_bytes(bundle.read_bytes()[: bundle.stat().st_size // 2])
+    text = tmp_path / "text.run.zip"
+    text.write_text("text")
+    for file, message in (
+        (packed, "expected a file without compression"),
+        (cut, "expected the bundle of a run"),
+        (text, "expected the bundle of a run"),
+        (tmp_path, "expected the bundle of a run"),
+        (tmp_path / "missing", "expected the bundle of a run"),
+    ):
+        with pytest.raises(DataError, match=message):
+            unpack_bundle(file, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_sent_run_is_a_run(bundle, run, tmp_path):
+    assert unpack_bundle(bundle, tmp_path / "out") == read_run(run) == read_run(tmp_path / "out")
