@@ -29,6 +29,7 @@ from bench.validation.images import check_images
 from bench.validation.motion import check_motion
 from bench.validation.static_world import check_static_world
 from bench.validation.sweeps import SweepChecks
+from bench.validation.unboxed import check_unboxed
 from bench.validation.units import check_length_units, check_time_units
 
 SAMPLED_IMAGES = 40  # of each camera, in pairs of neighbours
@@ -76,6 +77,7 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
     (check_boxes, frozenset({"annotations"}), annotation_file),
     (check_motion, frozenset({"trajectory", "annotations"}), annotation_file),
     (check_cameras, frozenset({"trajectory"}), calibration_file),
+    (check_unboxed, frozenset({"trajectory", "annotations"}), annotation_file),
 )
 
 EGO_MOTION_CHECKS = frozenset(
@@ -93,6 +95,7 @@ BY_EGO_MOTION = frozenset(
         "box-short",
         "box-reading",
         "box-place",
+        "object-without-box",
     }
 )
 BY_TIMES = frozenset(
@@ -118,6 +121,7 @@ CAUSES = (  # what causes it, by which findings that is known, and findings that
     ("the unit of lengths", frozenset({"length-unit"}), BY_LENGTHS),
     ("the lidar's mounting", frozenset({"lidar-pose"}), BY_EGO_MOTION),
     ("the ego-motion", EGO_MOTION_CHECKS, BY_EGO_MOTION),
+    ("the boxes", frozenset({"box-reading", "box-time"}), frozenset({"object-without-box"})),
 )
 
 
