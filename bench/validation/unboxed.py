@@ -50,30 +50,38 @@ def check_unboxed(recording: Recording) -> Iterator[Finding]:
     proposals: tuple[Proposal, ...] = ()
     with suppress(DataError):  # reported by the check of the sweeps
         proposals = propose(replace(recording, sweeps=recording.sweeps[first : first + UNBOXED.sweeps]))
+    found = []
     for proposal in proposals:
-        if any(reason not in HARMLESS for reason, _ in proposal.doubts):
-            continue
         rows = _moving_near(proposal, recording)
         without = rows[[not _has_box(proposal, int(row), recording) for row in rows]]
-        if len(without) < max(UNBOXED.least_sweeps, len(rows) / 2 + 1):
-            continue
-        middle = int(without[len(without) // 2])
-        x, y, _ = _place_vehicle(proposal, middle, recording)
-        length_m, width_m, _ = proposal.size_m
-        ways = f"{abs(x):.0f} m {'ahead' if x > 0 else 'behind'}, {abs(y):.0f} m to the {'left' if y > 0 else 'right'}"
+        sure = all(reason in HARMLESS for reason, _ in proposal.doubts)
+        if sure and len(without) > max(UNBOXED.least_sweeps - 1, len(rows) / 2):
+            found.append((proposal, without))
+    if found:
+        found.sort(key=lambda one: -len(one[1]))
+        proposal, without = found[0]
+        more = f"; {len(found) - 1} more objects like that" if len(found) > 1 else ""
         yield Finding(
             check="object-without-box",
             severity=Severity.WARNING,
             file=annotation_file(recording),
             field="objects",
             expected="a box around everything that moves",
-            got=f"{length_m:.1f} m x {width_m:.1f} m of returns that move at {_speed_mps(proposal, without):.1f} m/s "
-            f"without a box in {len(without)} sweeps ({ways})",
+            got=_described(proposal, without, recording) + more,
             hint="annotate the object (`fisheye-bench annotate propose` finds such), or state when and where the "
             "recording is annotated",
-            times=len(without),
-            timestamp_ns=int(proposal.timestamps_ns[middle]),
+            times=len(found),
+            timestamp_ns=int(proposal.timestamps_ns[without[0]]),
         )
+
+
+def _described(proposal: Proposal, without: NDArray[np.intp], recording: Recording) -> str:
+    x, y, _ = _place_vehicle(proposal, int(without[len(without) // 2]), recording)
+    speed_mps = float(np.median(np.hypot(*proposal.velocity_mps[without].T)))
+    length_m, width_m, _ = proposal.size_m
+    place = f"{abs(x):.0f} m {'ahead' if x > 0 else 'behind'}, {abs(y):.0f} m to the {'left' if y > 0 else 'right'}"
+    size = f"{length_m:.1f} m x {width_m:.1f} m of returns that move at {speed_mps:.1f} m/s"
+    return f"{size} without a box in {len(without)} sweeps ({place})"
 
 
 def _moving_near(proposal: Proposal, recording: Recording) -> NDArray[np.intp]:
@@ -112,7 +120,3 @@ def _has_box(proposal: Proposal, row: int, recording: Recording) -> bool:
 def _place_vehicle(proposal: Proposal, row: int, recording: Recording) -> NDArray[np.float64]:
     world_from_vehicle = recording.trajectory.world_from_vehicle(int(proposal.timestamps_ns[row]))
     return world_from_vehicle.inverse().apply(proposal.centres_m[row])
-
-
-def _speed_mps(proposal: Proposal, rows: NDArray[np.intp]) -> float:
-    return float(np.median(np.hypot(*proposal.velocity_mps[rows].T)))
