@@ -14,10 +14,8 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import radians, tan
 from pathlib import Path
@@ -28,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.atomic import make_folder, temporary_name, write_bytes, write_text
+from bench.atomic import new_folder, write_bytes, write_text
 from bench.cameras.pinhole import PinholeCamera
-from bench.errors import DataError, OutputError, UnknownNameError
+from bench.errors import UnknownNameError
 from bench.geometry import RigidTransform
 from bench.labels.formats import LabelOptions, LabelSet, export_labels
 from bench.labels.frames import frame_names
@@ -102,7 +100,7 @@ def write_project(
     states, _ = states_at_sweeps(LabelSet(tracks=recording.tracks, timestamps_ns=()), recording, (Cuboid,))
     sweeps = tuple(replace(ref, path=Path(f"{names[ref.timestamp_ns]}.pcd")) for ref in recording.sweeps)
     as_recorded = 0
-    with _new_folder(out) as folder:
+    with new_folder(out) as folder:
         write_images = layout.prepare(recording, folder)
         for number, ref in enumerate(recording.sweeps):
             sweep, name = ref.read(), names[ref.timestamp_ns]
@@ -154,31 +152,6 @@ def _sorted_names(recording: Recording) -> dict[int, str]:
     """Sweep's time -> name of its frame: tools sort names as text, so that times stand where others would not do."""
     names = frame_names(recording, LabelOptions())
     return names if sorted(names.values()) == [*names.values()] else {time_ns: f"{time_ns:019d}" for time_ns in names}
-
-
-@contextmanager
-def _new_folder(folder: Path) -> Iterator[Path]:
-    """A folder that takes its place when the block ends well.
-
-    Raises:
-        DataError: something is there already: projects hold the work of people.
-        OutputError: it cannot be made.
-    """
-    if folder.is_dir() and any(folder.iterdir()):
-        hint = "give another folder, or take away what is there"
-        raise DataError(folder, expected="a new or empty folder for a project", got="files", hint=hint)
-    new = folder.with_name(temporary_name(folder.name))
-    make_folder(new)
-    try:
-        yield new
-        try:
-            if folder.is_dir():
-                folder.rmdir()
-            new.rename(folder)
-        except OSError as error:
-            raise OutputError.of(error, folder) from error
-    finally:
-        shutil.rmtree(new, ignore_errors=True)
 
 
 def _images_at(recording: Recording, timestamp_ns: int) -> dict[str, Image]:

@@ -135,7 +135,7 @@ def test_a_project_that_is_there_is_not_touched(card, unfinished, tmp_path, monk
     (out / DRIVE / "label").mkdir(parents=True)
     (out / DRIVE / "label" / "work.json").write_text("[]")
     words = ("annotate", "export", card, "--out", out, "--labelling")
-    assert "a new or empty folder" in error_line(monkeypatch, capsys, *words, "sustechpoints")
+    assert "a new or an empty folder" in error_line(monkeypatch, capsys, *words, "sustechpoints")
     assert [path.name for path in out.rglob("*") if path.is_file()] == ["work.json"]
     assert [path.name for path in out.iterdir()] == [DRIVE]
     assert "--labels as well" in error_line(monkeypatch, capsys, *words, "cvat", "--labels", "openlabel")
