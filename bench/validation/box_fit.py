@@ -249,7 +249,9 @@ def _late(share: NDArray[np.float64], fits: NDArray[np.bool_]) -> Iterator[tuple
     if not fits.any() or (low < LEAST_LATE_MS and high > -LEAST_LATE_MS):
         return
     middle, (least, most) = abs(low + high) // 2, sorted((abs(low), abs(high)))
-    word, change = ("late", f"subtract {middle} ms from") if low > 0 else ("early", f"add {middle} ms to")
+    word, change, other = (
+        ("late", f"subtract {middle} ms from", "early") if low > 0 else ("early", f"add {middle} ms to", "late")
+    )
     yield (
         float(share.max()),
         Finding(
@@ -257,7 +259,8 @@ def _late(share: NDArray[np.float64], fits: NDArray[np.bool_]) -> Iterator[tuple
             field="timestamp",
             expected="boxes at the times of their points",
             got=f"if boxes are {middle} ms {word} ({least} to {most} ms)",
-            hint=f"{change} the annotations' times, or take them from the sweep that was annotated",
+            hint=f"{change} the annotations' times, or take them from the sweep that was annotated; or the clock of "
+            f"the sweeps is as much {other}, if images or ego-motion disagree with it alike",
         ),
     )
 

@@ -189,8 +189,9 @@ def _deviation(recording: Recording, camera: MountedCamera, cause: str, clean: F
             field=f"images of {camera.name}",
             expected="image times in the clock of the ego-motion",
             got=f"images {abs(milliseconds):.0f} ms {late} (95 % interval +- {interval:.0f} ms); {_fall(clean, best)}",
-            hint=f"{'subtract' if milliseconds > 0 else 'add'} {abs(milliseconds):.0f} ms to their times; if the lidar "
-            "disagrees with the ego-motion alike, the clock of the ego-motion is off instead",
+            hint=f"{'subtract' if milliseconds > 0 else 'add'} {abs(milliseconds):.0f} ms; or the clock of the sweeps "
+            f"is as much {'early' if milliseconds > 0 else 'late'}, if boxes disagree with it alike, or that of the "
+            "ego-motion, if the lidar does",
         )
     if cause == "rotation":
         degrees, interval = values / DEGREE, half / DEGREE

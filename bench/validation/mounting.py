@@ -33,6 +33,7 @@ class Seeing:
         across: cosine of the angle between the plane's normal and the lidar's path, at most.
         box_ns: of an annotated state to a sweep.
         bottom: share of half a box, from its middle down; what lies lower may be the road.
+        nearer: share of its angle to the stated mounting that the fitted one is off from the inverse, to be called so.
         named_rad: how far a mounting may be from permuted axes to be called so.
     """
 
@@ -47,6 +48,7 @@ class Seeing:
     across: float = 0.3
     box_ns: int = 60_000_000
     bottom: float = 0.6
+    nearer: float = 0.3
     named_rad: float = 0.14
 
 
@@ -150,7 +152,7 @@ def mounting_name(stated: Array, fitted: Array) -> str:
         stated: (3, 3) float64, rotation of the lidar as the calibration says.
         fitted: (3, 3) float64, orthogonal: what the motion asks for.
     """
-    if _angle_rad(stated, stated.T) > SEEING.named_rad and _angle_rad(stated.T, fitted) < SEEING.named_rad:
+    if _angle_rad(stated.T, fitted) < min(SEEING.named_rad, SEEING.nearer * _angle_rad(stated, fitted)):
         return "the inverse of vehicle_from_lidar"
     change = stated.T @ fitted
     nearest = min(signed_axes(), key=lambda axes: float(np.linalg.norm(axes - change)))

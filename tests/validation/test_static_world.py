@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bench.egomotion import planar_trajectory
+from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter
 from bench.recordings.native import open_native
 from bench.validation.findings import Finding, Undecided
@@ -150,3 +151,9 @@ def test_a_drive_without_sweeps_says_so(root):
 def test_a_mirrored_and_turned_mounting_has_a_name():
     turned = np.array([[np.cos(0.5), -np.sin(0.5), 0], [np.sin(0.5), np.cos(0.5), 0], [0, 0, 1]])
     assert mounting_name(np.eye(3), turned) == "the lidar turned by +28.6 degrees about the vehicle's z"
+
+
+def test_a_small_turn_is_no_inverse():
+    stated = RigidTransform.from_yaw(np.radians(5.0)).rotation  # whose inverse is as far from the truth
+    assert mounting_name(stated, np.eye(3)) == "the lidar turned by -5.0 degrees about the vehicle's z"
+    assert mounting_name(stated, stated.T) == "the inverse of vehicle_from_lidar"
