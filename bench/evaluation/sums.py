@@ -69,7 +69,12 @@ def _binned(column: str, edges: Sequence[float]) -> Breakdown:
 
 def _by_class_and_speed(classes: Iterable[str], edges: Sequence[float]) -> Breakdown:
     names = [f"{name}, {speed}" for name in classes for speed in bin_names(edges)]
-    return names, lambda rows: rows["object_class"] + ", " + name_bins(rows["speed_mps"], edges).astype(object)
+
+    def of(rows: pd.DataFrame) -> pd.Series[str]:
+        classes, speeds = rows["object_class"].astype("str"), name_bins(rows["speed_mps"], edges).astype("str")
+        return classes + ", " + speeds
+
+    return names, of
 
 
 def object_breakdowns(protocol: Protocol, cameras: Sequence[str] = ()) -> dict[str, Breakdown]:

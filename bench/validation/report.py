@@ -77,7 +77,6 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
     (check_boxes, frozenset({"annotations"}), annotation_file),
     (check_motion, frozenset({"trajectory", "annotations"}), annotation_file),
     (check_cameras, frozenset({"trajectory"}), calibration_file),
-    (check_unboxed, frozenset({"trajectory", "annotations"}), annotation_file),
 )
 
 EGO_MOTION_CHECKS = frozenset(
@@ -95,7 +94,6 @@ BY_EGO_MOTION = frozenset(
         "box-short",
         "box-reading",
         "box-place",
-        "object-without-box",
     }
 )
 BY_TIMES = frozenset(
@@ -121,7 +119,6 @@ CAUSES = (  # what causes it, by which findings that is known, and findings that
     ("the unit of lengths", frozenset({"length-unit"}), BY_LENGTHS),
     ("the lidar's mounting", frozenset({"lidar-pose"}), BY_EGO_MOTION),
     ("the ego-motion", EGO_MOTION_CHECKS, BY_EGO_MOTION),
-    ("the boxes", frozenset({"box-reading", "box-time"}), frozenset({"object-without-box"})),
 )
 
 
@@ -161,6 +158,8 @@ def validate_recording(
             findings += check_images(recording, camera, rows[camera], step)
         findings += SweepChecks(recording, box_fit).check(sweep_rows, step)
         findings += box_fit.findings() if box_fit is not None else ()
+        if not opened.missing and not any(finding.severity is Severity.ERROR for finding in findings):
+            findings += check_unboxed(recording)  # by wrong calibration or boxes nothing would have its box
     named = [replace(finding, recording=handle.name) for finding in findings]
     for name, causing, following in CAUSES:
         named = _causes_first(named, name, causing, following)

@@ -189,10 +189,10 @@ def _in_sight(points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
 
     The lidar looks over what the camera stands before: without this, cars would have the flow of the wall behind them.
     """
-    ranges_m = np.linalg.norm(points_m, axis=1).astype(np.float32)
+    ranges_m = np.linalg.norm(points_m, axis=1)
     azimuth = np.degrees(np.arctan2(points_m[:, 1], points_m[:, 0])).astype(int) % 360
     elevation = 90 + np.degrees(np.arctan2(points_m[:, 2], np.hypot(points_m[:, 0], points_m[:, 1]))).astype(int)
-    nearest_m = np.full((181, 360), np.inf, dtype=np.float32)
+    nearest_m = np.full((181, 360), np.inf)
     np.minimum.at(nearest_m, (elevation, azimuth), ranges_m)
     around_m = cv2.erode(np.pad(nearest_m, ((0, 0), (1, 1)), mode="wrap"), np.ones((3, 3), np.uint8))[:, 1:-1]
     return np.asarray(around_m[elevation, azimuth] > SAMPLING.hidden * ranges_m)
