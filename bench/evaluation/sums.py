@@ -71,8 +71,8 @@ def _by_class_and_speed(classes: Iterable[str], edges: Sequence[float]) -> Break
     names = [f"{name}, {speed}" for name in classes for speed in bin_names(edges)]
 
     def of(rows: pd.DataFrame) -> pd.Series[str]:
-        classes, speeds = rows["object_class"].astype("str"), name_bins(rows["speed_mps"], edges).astype("str")
-        return classes + ", " + speeds
+        speeds = name_bins(rows["speed_mps"], edges).astype("str")  # all unknown, they would have no type to be joined
+        return rows["object_class"].astype("str") + ", " + speeds
 
     return names, of
 

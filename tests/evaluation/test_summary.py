@@ -215,6 +215,13 @@ def test_object_frames_are_cut_by_the_objects_own_speed_and_by_class_and_speed()
     assert len(cut["class_and_speed"]) == 3 * len(cut["speed_mps"]) == 15
 
 
+def test_objects_of_which_no_speed_is_known_are_in_no_bin_of_it() -> None:
+    objects = [reference_object(name, speed_mps=math.nan) for name in "ab"]
+    cut = summary_of(scored([(reference_frame(picture("12"), objects=objects), mask("xx"))])).breakdowns
+    assert not any(row.object_frames for name in ("speed_mps", "class_and_speed") for row in cut[name].values())
+    assert sum(row.object_frames for row in cut["object_class"].values()) == 2
+
+
 def test_bins_are_half_open() -> None:
     objects = [reference_object(chr(97 + k), range_m=range_m) for k, range_m in enumerate([1.99, 2.0, 8.0, 50.0])]
     rows = summary_of(scored([(reference_frame(picture("1234"), objects=objects), mask("xxxx"))])).breakdowns["range_m"]
