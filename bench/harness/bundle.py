@@ -1,7 +1,7 @@
 """A run in one file, to be sent: a ZIP archive of what decides its metrics, with sizes and digests.
 
 `bundle.json` lists the files. The cost of the method, tables to read, pages, pictures and the mark of a verified run
-stay behind: nobody could count them again from the masks. A bundle may be foreign: nothing is unpacked but files that
+are left out: they cannot be counted again from the masks. A bundle may be foreign: nothing is unpacked but files that
 a run has, each as large as the list says, without compression.
 """
 

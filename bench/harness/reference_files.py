@@ -47,7 +47,7 @@ Form = Literal["png", "coco"]
 
 
 class Label(IntEnum):
-    """What a pixel is."""
+    """Kind of a pixel."""
 
     BACKGROUND = 0  # a detection here is a false positive
     CORE = 1  # of an evaluated object

@@ -160,7 +160,7 @@ class RunSummary(Summary):
 
     @property
     def unreviewed(self) -> str:
-        """The line of its caveats that says that nobody has looked at the annotations; empty where somebody has."""
+        """The caveat of annotations that were not reviewed; empty where they were."""
         return next((line for line in self.caveats.splitlines() if line.startswith(NOT_REVIEWED)), "")
 
 

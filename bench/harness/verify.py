@@ -7,7 +7,7 @@ protocol and reference these are.
 A run has a mask of every image that its data allow to score: one that leaves out what it fails on would gain by it.
 
 Two things come from the method alone, so that only their sums are checked: the causes of false positives, and the
-likelihood, with the metrics over all thresholds. Who made the masks nobody can tell.
+likelihood, with the metrics over all thresholds. Who made the masks cannot be told.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ from bench.recordings import DatasetCard
 from bench.recordings.checked_json import read_checked, write_checked
 
 VERIFIED = "verified.json"
-BY_METHOD = {*HISTOGRAMS, "fp_by_cause", "problem"}  # columns of images that nobody else can count
+BY_METHOD = {*HISTOGRAMS, "fp_by_cause", "problem"}  # columns of images that cannot be counted without it
 CHECKED = {Aspect.DATASET, Aspect.SPLIT, Aspect.PROTOCOL, Aspect.DATA, Aspect.REFERENCE}
 NO_MASK = "the run holds no mask"
 RELATIVE = 1e-9  # of what is no count: sums and metrics may be added in another order

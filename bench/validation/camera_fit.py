@@ -1,8 +1,8 @@
 """Least squares of a camera's calibration and clock on the flow seen at static lidar returns.
 
-Rotation, focal length, centre of the image, position and clock leave different residual fields. Each has a
-prior: the wide one where it is taken for the cause, the narrow one, what a good calibration leaves, where it is not.
-What the ego-motion does not know (bias of its yaw rate, scale of its speed, springs of the body) is fitted along.
+Rotation, focal length, centre of the image, position and clock leave different residual fields. Each has a prior: the
+wide one where it is taken for the cause, the narrow one, what a good calibration leaves, where it is not. What the
+ego-motion does not know (bias of its yaw rate, scale of its speed, springs of the body) is fitted along.
 """
 
 from __future__ import annotations

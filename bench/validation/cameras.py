@@ -104,9 +104,9 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
         return None
     if (found := _best_reading(recording, seen, flows, best, better=0.0)) is not None:
         return _misread(recording, camera, clean, *found)
-    causes = [cause for cause in sorted(told, key=lambda name: told[name].cost)
-              if told[cause].cost < min(fit.cost for fit in told.values()) + LIMITS.as_well]  # fmt: skip
-    first, *others = (_deviation(recording, camera, cause, clean, told[cause]) for cause in causes)
+    ranked = sorted(told.items(), key=lambda entry: entry[1].cost)
+    enough = ranked[0][1].cost + LIMITS.as_well
+    first, *others = (_deviation(recording, camera, cause, clean, fit) for cause, fit in ranked if fit.cost < enough)
     return replace(
         first,
         got=first.got + "".join(f"; almost as well: {other.got}" for other in others),

@@ -117,7 +117,7 @@ def seen_flow(recording: Recording, camera: MountedCamera, row: int) -> SeenFlow
     """
     previous, current = recording.images[camera.name][row - 1 : row + 1]
     flow = _seen(read_image(current, camera), read_image(previous, camera), camera)
-    points_world = _static_points(recording, current.timestamp_ns, camera)
+    points_world = None if flow is None else _static_points(recording, current.timestamp_ns, camera)
     if flow is None or points_world is None:
         return None
     return SeenFlow(
