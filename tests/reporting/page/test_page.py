@@ -247,7 +247,7 @@ def test_the_main_table_has_rows_with_cases_alone_and_names_the_others(tiny_page
     text = tiny_page.read_text()
     section = text[text.index('<section id="results">') : text.index('<section id="splits">')]
     labels = re.findall(r'<th scope="row">\s*([^<]*?)\s*<', section[: section.index("</table>")])
-    assert labels == ["Crossing", "Overtaking", "Static ego-vehicle", "False positives"]
+    assert labels == ["Crossing", "Overtaking", "Static ego-vehicle", "All moving", "False positives"]
     assert section.count("Left out, without cases: preceding, approaching.") == 1
 
 
