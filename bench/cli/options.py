@@ -52,7 +52,14 @@ Protocols = Annotated[
         "pass, each with a run of its own.",
     ),
 ]
-Split = Annotated[str | None, typer.Option("--split", help="A split of the data set; default: all recordings.")]
+Split = Annotated[
+    str | None,
+    typer.Option(
+        "--split",
+        help="A split of the data set, or recordings with commas in between; [:50] behind it: the first 50 images of "
+        "each camera; default: everything.",
+    ),
+]
 Workers = Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")]
 Cache = Annotated[
     Path | None,

@@ -11,7 +11,7 @@ import typer
 from bench.cli import options
 from bench.cli.console import note, print_failures, say, show
 from bench.cli.progress import progress_bar, resumable
-from bench.errors import DataError
+from bench.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from bench.harness import Part, RunRequest
@@ -27,6 +27,10 @@ def run(
     input_error: options.InputErrors = None,
     protocol: options.Protocols = "paper-v1",
     split: options.Split = None,
+    recording: Annotated[list[str] | None, typer.Option(help="Score this recording only; repeatable.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="For a quick look: the first N images of each camera.")
+    ] = None,
     out: Annotated[
         str | None,
         typer.Option(metavar="FOLDER", help="Folder of the run; default: reports/runs/<data set>-<method>."),
@@ -57,7 +61,7 @@ def run(
         settings=set_,
         input_errors=input_error,
         protocol=protocol,
-        split=split,
+        split=_part_of_data(split, recording, limit),
         out=out,
         overwrite=overwrite,
     )
@@ -71,6 +75,14 @@ def run(
         failures = _run_part(request, part)
     if failures:
         raise typer.Exit(options.FAILURES)
+
+
+def _part_of_data(split: str | None, recordings: list[str] | None, limit: int | None) -> str | None:
+    """The split that the options name together, as `open_dataset` reads it."""
+    if split is not None and recordings:
+        raise UsageError("--recording: expected none beside --split, which takes recordings as well")
+    chosen = ",".join(recordings) if recordings else split
+    return chosen if limit is None else f"{chosen or ''}[:{limit}]"
 
 
 def _validated(request: RunRequest) -> ValidationReport:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from typing import TypeVar
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from pydantic import TypeAdapter, ValidationError
 
 from bench.errors import BenchError, UnknownNameError, UsageError
 from bench.methods.contract import Method, Scorable, not_derived, refuse_unfit
@@ -64,7 +68,11 @@ def build_method(name: str, parameters: Mapping[str, object] | None = None) -> M
     """
     known = known_methods()
     if name not in known and ":" not in name:
-        raise UnknownNameError("method", name, known)
+        module = Path(name).stem
+        own = f"; {module}.py is here: a method in it is {module}:ITS_CLASS" if Path(f"{module}.py").is_file() else ""
+        raise UnknownNameError(
+            "method", name, known, hint=f"one of your own is MODULE:CLASS, as my_method:MyMethod{own}"
+        )
     return build(name, known.get(name, name), Method, parameters)  # type: ignore[type-abstract]
 
 
@@ -81,17 +89,17 @@ def build(name: str, target: str, base: type[Kind], parameters: Mapping[str, obj
         UsageError: as `build_method`.
     """
     kind = _class(name, target, base)
+    given = dict(parameters or {})
+    _refuse_values(name, kind, given)
     try:
-        built = kind(**(parameters or {}))
+        built = kind(**given)
     except TypeError as error:
         takes = ", ".join(inspect.signature(kind).parameters) or "no parameters"
         raise UsageError(f"method {name!r} takes {takes}; {error}") from error
     except BenchError:
         raise
     except (Exception, SystemExit) as error:
-        raise UsageError(
-            f"method {name!r} cannot be built with {dict(parameters or {})}; {describe_error(error)}"
-        ) from error
+        raise UsageError(f"method {name!r} cannot be built with {given}; {describe_error(error)}") from error
     refuse_unfit(built)
     return built
 
@@ -101,3 +109,28 @@ def _class(name: str, target: str, base: type[Kind]) -> type[Kind]:
     if not (isinstance(found, type) and issubclass(found, base)):
         raise UsageError(f"method {name!r}: {not_derived(target.rpartition(':')[2])}")
     return found
+
+
+def _refuse_values(name: str, kind: type, parameters: Mapping[str, object]) -> None:
+    """Refuse what the annotations of a class's constructor exclude, where these are plain types.
+
+    Raises:
+        UsageError: for example text for a number: many a class would take it, and fail by it on the first image.
+    """
+    try:
+        hints = get_type_hints(kind.__init__)  # type: ignore[misc]
+    except (NameError, TypeError):  # of names that only type checkers import
+        return
+    for parameter in parameters.keys() & {known for known, hint in hints.items() if _is_plain(hint)}:
+        value = parameters[parameter]
+        try:
+            TypeAdapter(hints[parameter]).validate_python(value)
+        except ValidationError as error:
+            expected = error.errors()[0]["msg"].removeprefix("Input should be ").partition(",")[0]
+            raise UsageError(f"{name}: expected {expected} for {parameter}, got {value!r}") from error
+
+
+def _is_plain(hint: object) -> bool:
+    if get_origin(hint) in (Union, UnionType):
+        return all(map(_is_plain, get_args(hint)))
+    return hint in (bool, int, float, str, NoneType) or get_origin(hint) is Literal

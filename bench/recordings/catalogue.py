@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -25,6 +26,7 @@ ADAPTERS = {
 }
 ENTRY_POINTS = "fisheye_bench.adapters"
 SHOWN = 10  # names that a message lists
+FIRST_IMAGES = re.compile(r"\[:([1-9][0-9]{0,8})\]$")
 
 
 class Adapter(Protocol):
@@ -53,7 +55,8 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
 
     Args:
         card: the data set.
-        split: name of a split; None for every recording.
+        split: name of a split, or recordings with commas in between; None for every recording. Behind it `[:N]` for
+            the first N images of each camera alone, as if each recording ended there.
 
     Raises:
         UnknownNameError: no such split or adapter.
@@ -61,8 +64,6 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
         DataError: the data or the folder of annotations is not there, the options are wrong, or a named recording does
             not exist.
     """
-    if split is not None and split not in card.content.splits:
-        raise UnknownNameError("split", split, card.content.splits)
     listed = _listed(card)
     handles = {handle.name: handle for handle in listed}
     if len(handles) < len(listed):
@@ -73,19 +74,44 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
             raise DataError(_root(card), expected="recordings with names in UTF-8", got=repr(name), hint="rename it")
     if not handles:
         raise DataError(_root(card), expected=f"recordings of the adapter {card.content.adapter!r}", got="none")
-    chosen = card.content.splits.get(split, "*") if split is not None else "*"
-    names = tuple(handles) if chosen == "*" else chosen
-    _refuse_unknown(names, handles, card, f"splits.{split}")
+    names, limit = _chosen(card, split, handles)
     excluded = card.content.exclusions
     _refuse_unknown((e.recording for e in excluded), handles, card, "exclusions")
     _refuse_strange_annotations(card, handles)
     whole = {e.recording for e in excluded if e.covers_all}
     annotated = None if card.content.annotated is None else annotated_as(card.content.annotated)
     return tuple(
-        replace(handles[name], annotated=annotated, exclusions=tuple(e for e in excluded if e.recording == name))
+        replace(
+            handles[name],
+            annotated=annotated,
+            exclusions=tuple(e for e in excluded if e.recording == name),
+            first_images=limit,
+        )
         for name in names
         if name not in whole
     )
+
+
+def _chosen(
+    card: DatasetCard, split: str | None, handles: Mapping[str, RecordingHandle]
+) -> tuple[tuple[str, ...], int | None]:
+    """The recordings that a split names, and how many images of each camera it takes; None for all."""
+    limited = FIRST_IMAGES.search(split or "")
+    limit = int(limited[1]) if limited else None
+    name = FIRST_IMAGES.sub("", split or "")
+    if not name and (limited or split is None):
+        return tuple(handles), limit
+    if name not in card.content.splits:
+        recordings = tuple(name.split(","))
+        if not handles.keys() >= set(recordings) or len(set(recordings)) < len(recordings):
+            some = ", ".join(sorted(handles)[:SHOWN])
+            hint = f"or recordings, each once, with commas in between: {some}"
+            raise UnknownNameError("split", name, card.content.splits, hint=hint)
+        return recordings, limit
+    chosen = card.content.splits[name]
+    names = tuple(handles) if chosen == "*" else chosen
+    _refuse_unknown(names, handles, card, f"splits.{name}")
+    return names, limit
 
 
 def _listed(card: DatasetCard) -> tuple[RecordingHandle, ...]:

@@ -64,6 +64,7 @@ class RecordingHandle:
         name: of the recording.
         opener: opens it; a function of a module, or a `functools.partial` of one.
         exclusions: images that are left out on opening.
+        first_images: of each camera that is left, how many there are after opening; None for all.
         lenient: the opener takes an error handler, `on_error`; False where the first error is the only one known.
         input_errors: injected into the method's input.
         annotated: what the card says is annotated of a recording that is; None for what that says itself.
@@ -72,6 +73,7 @@ class RecordingHandle:
     name: str
     opener: Callable[..., Recording]
     exclusions: tuple[Exclusion, ...] = ()
+    first_images: int | None = None
     lenient: bool = False
     input_errors: InputErrors = NO_INPUT_ERRORS
     annotated: Annotated | None = None
@@ -87,9 +89,9 @@ class RecordingHandle:
             recording = replace(recording, input_errors=self.input_errors)
         if self.annotated is not None and recording.annotated != NOT_ANNOTATED:
             recording = replace(recording, annotated=self.annotated)
-        if not self.exclusions:
+        if not self.exclusions and self.first_images is None:
             return recording
-        images = {camera: self._included(refs) for camera, refs in recording.images.items()}
+        images = {camera: self._included(refs)[: self.first_images] for camera, refs in recording.images.items()}
         return replace(recording, images=images)
 
     def read_leniently(self) -> LenientReading:

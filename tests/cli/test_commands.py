@@ -56,6 +56,18 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
         assert (out / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_quick_look_scores_some_images_of_some_recordings(monkeypatch, tiny_card, tmp_path):
+    out = tmp_path / "look"
+    look = ("run", tiny_card, "--method", "nothing", "--no-cache", "--no-pictures", "--out", out)
+    assert call(monkeypatch, *look, "--recording", "crossing", "--recording", "standing", "--limit", 3) == 0
+    found = bench.load_run(out)
+    assert found.summary.manifest.dataset.split == "crossing,standing[:3]"
+    assert sorted(found.frames["recording"].unique()) == ["crossing", "standing"]
+    assert found.summary.images.images == 4, "of three images the first has none before it"
+    assert call(monkeypatch, "verify", out) == 0
+    assert call(monkeypatch, *look, "--recording", "crossing", "--split", "moving") == 2
+
+
 def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_card, tmp_path):
     import shutil
 

@@ -1,6 +1,7 @@
 """What holds for every registered method."""
 
 import json
+import re
 from dataclasses import dataclass, replace
 
 import cv2
@@ -134,6 +135,33 @@ def test_a_parameter_that_the_constructor_does_not_take_is_refused():
     assert build_method(place, {"level": 4}).level == 4
     with pytest.raises(UsageError, match=r"takes level, inner, forgotten; .*'levle'"):
         build_method(place, {"levle": 4})
+
+
+class Annotated(Bare):
+    name = "annotated"
+
+    def __init__(self, threshold: float = 0.5, images: int | None = None, anything=None) -> None:
+        self.threshold, self.images, self.anything = threshold, images, anything
+
+
+@pytest.mark.parametrize("bad", [{"threshold": "abc"}, {"threshold": None}, {"images": 2.5}, {"images": [1]}])
+def test_a_value_that_is_not_of_the_annotated_type_is_refused(bad):
+    ((parameter, value),) = bad.items()
+    with pytest.raises(UsageError, match=rf"expected a valid \w+ for {parameter}, got {re.escape(repr(value))}"):
+        build_method(f"{__name__}:Annotated", bad)
+
+
+def test_values_of_the_annotated_type_are_taken():
+    built = build_method(f"{__name__}:Annotated", {"threshold": 1, "images": None, "anything": "abc"})
+    assert (built.threshold, built.images, built.anything) == (1.0, None, "abc")
+
+
+def test_the_name_of_a_file_is_answered_by_how_its_method_is_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").touch()
+    for name in ("mine", "mine.py", "./mine.py"):
+        with pytest.raises(UnknownNameError, match=r"a method in it is mine:ITS_CLASS"):
+            build_method(name)
 
 
 class NoMethod:

@@ -46,8 +46,28 @@ def test_splits_choose_recordings(tmp_path, data):
     card = load_card(card_file(tmp_path, splits={"all": "*", "second": ["b"]}))
     assert names(open_dataset(card, "second")) == ["b"]
     assert names(open_dataset(card, "all")) == ["a", "b"]
-    with pytest.raises(UnknownNameError, match="unknown split 'secnd': known are all, second; did you mean 'second'"):
+    known = "unknown split 'secnd': known are all, second; or recordings, .*: a, b; did you mean 'second'"
+    with pytest.raises(UnknownNameError, match=known):
         open_dataset(card, "secnd")
+
+
+def test_a_split_may_be_recordings_and_the_first_images(tmp_path, data):
+    card = load_card(card_file(tmp_path, splits={"second": ["b"]}))
+    assert names(open_dataset(card, "b,a")) == ["b", "a"]
+    for split, chosen in [("a[:2]", ["a"]), ("second[:2]", ["b"]), ("[:2]", ["a", "b"])]:
+        handles = open_dataset(card, split)
+        assert names(handles) == chosen
+        images = [handle.open().images["front"] for handle in handles]
+        assert [[image.timestamp_ns for image in taken] for taken in images] == [list(tiny.TIMES_NS[:2])] * len(chosen)
+    exclusions = [{"recording": "a", "reason": "rain on the lens", "frames": [0, 0]}]
+    (handle,) = open_dataset(load_card(card_file(tmp_path, exclusions=exclusions)), "a[:1]")
+    assert [image.timestamp_ns for image in handle.open().images["front"]] == [tiny.TIMES_NS[1]]
+
+
+@pytest.mark.parametrize("split", ["", "a,a", "a,c", "a[:0]", "a[2:]", "a[:-1]", "[:]"])
+def test_what_is_neither_a_split_nor_recordings_is_refused(tmp_path, data, split):
+    with pytest.raises(UnknownNameError, match="unknown split"):
+        open_dataset(load_card(card_file(tmp_path)), split)
 
 
 def test_exclusions_leave_out_recordings_frames_and_times(tmp_path, data):
