@@ -28,6 +28,7 @@ COMMANDS = {
     "report",
     "compare",
     "leaderboard",
+    "doctor",
 }
 
 
@@ -214,6 +215,24 @@ def test_a_command_is_in_the_module_of_its_name():
 def test_every_command_is_tested():
     here = Path(__file__).read_text()
     assert all(f'"{command}"' in here for command in COMMANDS)
+
+
+def test_doctor_tells_what_a_report_of_a_problem_needs(monkeypatch, capsys):
+    monkeypatch.setenv("FISHEYE_BENCH_CACHE", "/somewhere")
+    assert call(monkeypatch, "doctor") == 0
+    shown = capsys.readouterr().out
+    for line in (f"fisheye-bench: {bench.__version__}, commit", "cores: ", "FISHEYE_BENCH_CACHE=/somewhere", "numpy ",
+                 "[cluster]: distributed ", "open3d: loads", "nothing wrong was found"):  # fmt: skip
+        assert line in " ".join(shown.split())
+    assert "pytest" not in shown, "of developers"
+
+
+def test_doctor_finds_two_opencvs(monkeypatch, capsys):
+    from bench.cli import doctor
+
+    monkeypatch.setattr(doctor, "version", lambda _: "4.10")
+    assert call(monkeypatch, "doctor") == 1
+    assert "wrong: opencv-python and opencv-contrib-python beside opencv-python-headless" in capsys.readouterr().out
 
 
 def test_run_by_two_protocols_prints_two_tables_and_stores_two_runs(monkeypatch, capsys, tiny_card, tmp_path):
