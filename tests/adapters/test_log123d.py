@@ -97,9 +97,21 @@ def test_points_by_draco_are_refused_with_what_to_do(native, tmp_path, library):
     assert read_image(recording.images["ftcam_f0"][0], camera).shape == (tiny.HEIGHT, tiny.WIDTH)
 
 
-@pytest.fixture(scope="module")
-def library(tmp_path_factory):
-    return log123d.install_library(tmp_path_factory.mktemp("library"))
+def test_a_velocity_of_zero_is_unknown_where_the_writer_had_no_neighbour(native, tmp_path):
+    file = log123d.write_log(native, tmp_path) / "box_detections_se3.arrow"
+
+    def stand(table):
+        name = "box_detections_se3.velocity_3d"
+        still = [[[0.0, 0.0, 0.0]] * len(row) for row in table.column(name).to_pylist()]
+        index = table.schema.get_field_index(name)
+        return table.set_column(index, table.schema.field(index), pa.array(still, table.schema.field(index).type))
+
+    rewritten(file, stand)
+    for track in opened(tmp_path).tracks:
+        np.testing.assert_array_equal([state.velocity_mps for state in track.states], 0.0)
+    rewritten(file, lambda table: table.slice(0, 1))
+    for track in opened(tmp_path).tracks:
+        assert np.isnan([state.velocity_mps for state in track.states]).all()
 
 
 def test_images_of_a_video_are_found_by_their_number(native, tmp_path):

@@ -24,7 +24,7 @@ VEHICLE_FROM_AXLE = RigidTransform(np.eye(3), np.array([0.0, 0.0, 0.3]))
 VEHICLE_FROM_CENTRE = RigidTransform(np.eye(3), np.array([1.4, 0.0, 0.8]))
 LENGTH_M, WIDTH_M, HEIGHT_M = 4.8, 1.8, 1.6
 OPTIONS = {"body_polygons": {"ftcam_f0": [[[10, 40], [49, 40], [49, 47], [10, 47]]]}}
-# What the library's writer imports, without what only its viewer and its parsers need.
+# What its writer and its parser of KITTI-360 import beside our libraries.
 DISTRIBUTIONS = ("py123d==0.7.0", "pyquaternion", "trimesh", "cachetools", "DracoPy", "tqdm")
 
 
@@ -144,13 +144,22 @@ def _cloud(points, features):
 def write_log_by_library(recording: Recording, root: Path, library: Path, **settings: str) -> Path:
     """By the library's own writer, in a process that finds it in the folder `library`; the folder of the log."""
     (root / "content.pickle").write_bytes(pickle.dumps(described(recording)))
-    words = [sys.executable, Path(__file__).with_name("log123d_by_library.py"), root, *map("=".join, settings.items())]
-    subprocess.run(words, check=True, env={"PYTHONPATH": str(library)})
+    _run_with(library, "log123d_by_library.py", root, *map("=".join, settings.items()))
     return root / "drives_test" / recording.name
 
 
+def convert_kitti360(data: Path, logs: Path, library: Path) -> None:
+    """By the library's own parser of KITTI-360 and its writer."""
+    _run_with(library, "kitti360_by_123d.py", data, logs)
+
+
+def _run_with(library: Path, program: str, *words: str | Path) -> None:
+    command = [sys.executable, Path(__file__).with_name(program), *words]
+    subprocess.run(command, check=True, env={"PYTHONPATH": str(library)})
+
+
 def install_library(folder: Path) -> Path:
-    """Install 123D where only `write_log_by_library` finds it: beside our libraries it brings a second OpenCV."""
+    """Install 123D where only `_run_with` finds it: beside our libraries it brings a second OpenCV."""
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", folder, *DISTRIBUTIONS]
     subprocess.run(pip, check=True)
     return folder

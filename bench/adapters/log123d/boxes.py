@@ -64,7 +64,8 @@ CLASSES: Mapping[str, Mapping[int, str]] = {
 def read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
     """Join the boxes of a log to tracks.
 
-    Boxes and their velocities lie in the frame of the world. A velocity that is not stored follows from the positions.
+    Boxes and their velocities lie in the frame of the world. A velocity that is not stored follows from the positions,
+    and so does one of zero where neither the row before nor the one after has the object: 123D writes zero there.
 
     Args:
         table: `box_detections_se3.arrow`.
@@ -92,7 +93,9 @@ def read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
     if len(labels) != len(tokens):
         got = f"{len(labels)} labels, {len(tokens)} track tokens"
         raise DataError(table.path, expected="a label for each track token", got=got)
-    at_ns = np.repeat(times_ns, counts)
+    at_row = np.repeat(np.arange(len(counts)), counts)
+    at_ns = times_ns[at_row]
+    velocities[~_has_neighbour(tokens, at_row) & ~velocities.any(axis=1)] = np.nan
     rows: dict[str, list[int]] = defaultdict(list)
     for row, (token, label) in enumerate(zip(tokens, labels, strict=True)):
         if label in classes:
@@ -110,6 +113,17 @@ def _flat(table: LogTable, name: str, width: int, count: int) -> NDArray[np.floa
     if len(flat) != count:
         raise DataError(table.path, field=name, expected=f"one for each of {count} boxes", got=str(len(flat)))
     return flat
+
+
+def _has_neighbour(tokens: list[str], at_row: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(N,) bool, whether the row before or after has the same track."""
+    tracks = np.unique(tokens, return_inverse=True)[1]
+    order = np.lexsort((at_row, tracks))
+    joined = (np.diff(tracks[order]) == 0) & (np.diff(at_row[order]) == 1)
+    found = np.zeros(len(tokens), dtype=bool)
+    found[order[1:]] |= joined
+    found[order[:-1]] |= joined
+    return found
 
 
 def _track(
