@@ -1,5 +1,6 @@
 """The adapter of 123D: a drive as a log, written by pyarrow and by the library's own writer, reads as itself."""
 
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -112,6 +113,31 @@ def test_a_velocity_of_zero_is_unknown_where_the_writer_had_no_neighbour(native,
     rewritten(file, lambda table: table.slice(0, 1))
     for track in opened(tmp_path).tracks:
         assert np.isnan([state.velocity_mps for state in track.states]).all()
+
+
+def test_points_that_were_moved_to_a_time_are_of_that_time(native, tmp_path):
+    log123d.write_log(native, tmp_path)
+    for when, of_sweep in (("start", np.min), ("end", np.max)):
+        for ref, before in zip(opened(tmp_path, motion_compensated=when).sweeps, native.sweeps, strict=True):
+            assert abs(ref.timestamp_ns - of_sweep(before.read().times_ns)) <= 500
+            assert ref.read().time_offset_ns is None
+
+
+def test_logs_of_other_data_sets_in_the_same_folder_are_not_read(native, tmp_path):
+    """As all conversions by default write into one."""
+    folder = log123d.write_log(native, tmp_path)
+    (tmp_path / "others_val").mkdir()
+    folder.rename(tmp_path / "others_val" / "another")
+    log123d.write_log(native, tmp_path)
+    list_recordings = partial(log123d_recordings, tmp_path, card=tmp_path / "card.yaml", annotations=None)
+    assert [handle.name for handle in list_recordings(options={})] == ["drive", "another"]
+    assert [handle.name for handle in list_recordings(options={"log_splits": ["others_val"]})] == ["another"]
+    with pytest.raises(
+        DataError, match=r"123D, drives_val/<log>/sync\.arrow, got none; convert .* set the card's options"
+    ):
+        list_recordings(options={"log_splits": ["drives_val"]})
+    with pytest.raises(DataError, match="log_splits"):
+        list_recordings(options={"log_splits": ["../elsewhere"]})
 
 
 def test_images_of_a_video_are_found_by_their_number(native, tmp_path):
