@@ -15,7 +15,8 @@ from bench.adapters.log123d.sensors import decode_points
 from bench.cameras import RadialPolynomialCamera, RollingShutter, UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.evaluation import load_protocol
-from bench.recordings import load_card, open_dataset, read_image
+from bench.recordings import list_cards, load_card, open_dataset, read_image
+from bench.recordings.cards import shipped_folder
 from bench.records.recording import OBJECT_CLASSES, Cuboid
 from bench.reference import ReferenceBuilder, Status
 from tests.hostile.files import LAZ_FILES
@@ -140,6 +141,32 @@ def test_logs_of_other_data_sets_in_the_same_folder_are_not_read(native, tmp_pat
         list_recordings(options={"log_splits": ["../elsewhere"]})
 
 
+CARDS = [card for card in list_cards(shipped_folder()) if card.content.adapter == "123d"]
+
+
+@pytest.mark.slow
+def test_cards_name_splits_and_cameras_as_the_library_writes_them(library):
+    known = log123d.names_in_123d(library)["cards"]
+    assert {*known} == {card.name for card in CARDS}
+    for card in CARDS:
+        splits, cameras = known[card.name]
+        assert {*card.content.options["log_splits"]} <= {*splits}
+        assert {*card.content.options["cameras"]} <= {*cameras}
+
+
+@pytest.mark.parametrize("card", CARDS, ids=lambda card: card.name)
+def test_a_card_without_data_says_what_to_do(card, tmp_path, monkeypatch):
+    monkeypatch.delenv("PY123D_DATA_ROOT", raising=False)
+    with pytest.raises(DataError, match=r"got the variable PY123D_DATA_ROOT, which is not set; .*py123d .*ipc_zstd"):
+        open_dataset(card)
+    monkeypatch.setenv("PY123D_DATA_ROOT", str(tmp_path / "none"))
+    with pytest.raises(DataError, match=r"expected a folder with the data, got .*none, which is missing; .*py123d"):
+        open_dataset(card)
+    monkeypatch.setenv("PY123D_DATA_ROOT", str(tmp_path))
+    with pytest.raises(DataError, match=r"logs: expected logs of 123D, .*/<log>/sync\.arrow, got none; convert"):
+        open_dataset(card)
+
+
 def test_images_of_a_video_are_found_by_their_number(native, tmp_path):
     folder = log123d.write_log(native, tmp_path)
     smooth = [np.full((tiny.HEIGHT, tiny.WIDTH, 3), grey, np.uint8) for grey in (40, 120, 200)]
@@ -179,6 +206,26 @@ def test_lenses_are_those_of_the_head():
 
 def test_every_label_is_one_of_our_classes():
     assert {name for classes in CLASSES.values() for name in classes.values()} == {*OBJECT_CLASSES}
+
+
+@pytest.mark.slow
+def test_labels_are_numbered_as_the_library_does(library):
+    """And joined as its own default labels are, but for riders and people with or on small wheels."""
+    known = log123d.names_in_123d(library)["labels"]
+    assert {*known} == {*CLASSES}
+    own = {
+        "VEHICLE": "vehicle",
+        "TRAIN": "vehicle",
+        "TWO_WHEELER": "cyclist",
+        "PERSON": "pedestrian",
+        "ANIMAL": "animal",
+    }
+    riders = {"RIDER", "BICYCLIST", "MOTORCYCLIST"}
+    wheels = {"STROLLER", "WHEELCHAIR", "WHEELED_DEVICE", "PERSONAL_MOBILITY_DEVICE"}
+    for kind, labels in known.items():
+        for number, (name, default) in labels.items():
+            expected = "cyclist" if name in riders else "pedestrian" if name in wheels else own.get(default)
+            assert CLASSES[kind].get(int(number)) == expected, f"{kind}.{name}"
 
 
 def rewritten(file, change):

@@ -1,6 +1,7 @@
 """A recording as a log of 123D: what its tables hold, written by pyarrow, or by the library's own writer."""
 
 import io
+import json
 import pickle
 import subprocess
 import sys
@@ -153,9 +154,16 @@ def convert_kitti360(data: Path, logs: Path, library: Path) -> None:
     _run_with(library, "kitti360_by_123d.py", data, logs)
 
 
-def _run_with(library: Path, program: str, *words: str | Path) -> None:
+def names_in_123d(library: Path) -> dict[str, dict]:
+    """What the library's parsers write: `cards` -> splits and tables of cameras, `labels` -> number -> names."""
+    return json.loads(_run_with(library, "names_by_123d.py"))
+
+
+def _run_with(library: Path, program: str, *words: str | Path) -> str:
     command = [sys.executable, Path(__file__).with_name(program), *words]
-    subprocess.run(command, check=True, env={"PYTHONPATH": str(library)})
+    return subprocess.run(
+        command, check=True, env={"PYTHONPATH": str(library)}, stdout=subprocess.PIPE, text=True
+    ).stdout
 
 
 def install_library(folder: Path) -> Path:
