@@ -116,6 +116,47 @@ def test_a_velocity_of_zero_is_unknown_where_the_writer_had_no_neighbour(native,
         assert np.isnan([state.velocity_mps for state in track.states]).all()
 
 
+def test_of_several_boxes_of_an_object_at_a_time_the_first_counts(native, tmp_path):
+    file = log123d.write_log(native, tmp_path) / "box_detections_se3.arrow"
+    before = opened(tmp_path).tracks
+
+    def twice(table):
+        for index, name in enumerate(table.schema.names[1:], start=1):
+            rows = [[*row, *row] for row in table.column(name).to_pylist()]
+            if name.endswith("bounding_box_se3"):
+                rows = [[*row[: len(row) // 2], *([x + 1, *rest] for x, *rest in row[len(row) // 2 :])] for row in rows]
+            table = table.set_column(index, table.schema.field(index), pa.array(rows, table.schema.field(index).type))
+        return table
+
+    rewritten(file, twice)
+    for track, own in zip(opened(tmp_path).tracks, before, strict=True):
+        for state, then in zip(track.states, own.states, strict=True):
+            np.testing.assert_array_equal(state.shape.vehicle_from_object.matrix, then.shape.vehicle_from_object.matrix)
+
+
+def test_one_lidar_of_several_that_are_merged(native, tmp_path):
+    file = log123d.write_log(native, tmp_path) / "lidar.lidar_top.arrow"
+    table = pa.ipc.open_file(file).read_all()
+    head = log123d.head_of(file)
+    heads = {2: head, 5: head | {"lidar_name": "front", "lidar_id": 5, "lidar_to_imu_se3": [1.0, 0, 0, 1, 0, 0, 0]}}
+    clouds = []
+    for cell in table.column("lidar.lidar_top.data").to_pylist():
+        batch = pa.ipc.open_stream(cell).read_next_batch()
+        points = np.column_stack([batch.column(axis).to_numpy() for axis in "xyz"])
+        clouds.append(log123d.cloud(points, {"ids": np.where(np.arange(len(points)) % 2, 2, 5).astype(np.uint8)}))
+    names = ["lidar.lidar_merged." + name.rpartition(".")[2] for name in table.schema.names]
+    merged = table.rename_columns(names).set_column(2, names[2], pa.array(clouds, pa.binary()))
+    log123d.write_table(file.with_name("lidar.lidar_merged.arrow"), merged, heads)
+    file.unlink()
+    whole, top, front = (opened(tmp_path, **chosen) for chosen in ({}, {"lidar": "top"}, {"lidar": "front"}))
+    points = whole.sweeps[0].read().points_lidar
+    np.testing.assert_array_equal(top.sweeps[0].read().points_lidar, points[1::2])
+    np.testing.assert_array_equal(front.sweeps[0].read().points_lidar, points[::2])
+    np.testing.assert_array_equal(front.lidar_from_sensor.translation_m, [1.0, 0, 0])
+    with pytest.raises(DataError, match="expected a lidar 'back', got lidars top, front"):
+        opened(tmp_path, lidar="back")
+
+
 def test_points_that_were_moved_to_a_time_are_of_that_time(native, tmp_path):
     log123d.write_log(native, tmp_path)
     for when, of_sweep in (("start", np.min), ("end", np.max)):

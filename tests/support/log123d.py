@@ -99,13 +99,9 @@ def write_log(recording: Recording, root: Path, *, compression: str | None = "lz
     folder = root / "drives_test" / content["name"]
     folder.mkdir(parents=True)
 
-    def table(key, head, columns, *, rows_a_batch=2):
+    def table(key, head, columns):
         named = {f"{key}.{name}": pa.array(values, kind) for name, (values, kind) in columns.items()}
-        whole = pa.table(named).replace_schema_metadata({"metadata": msgpack.packb(head)})
-        options = pa.ipc.IpcWriteOptions(compression=compression)
-        with pa.ipc.new_file(str(folder / f"{key}.arrow"), whole.schema, options=options) as file:
-            for batch in whole.to_batches(max_chunksize=rows_a_batch):
-                file.write_batch(batch)
+        write_table(folder / f"{key}.arrow", pa.table(named), head, compression=compression)
 
     se3s, times = pa.list_(pa.float64(), 7), pa.int64()
     head = {"dataset": "drives", "split": "drives_test", "log_name": content["name"], "version": "0.7.0"}
@@ -117,7 +113,7 @@ def write_log(recording: Recording, root: Path, *, compression: str | None = "lz
     columns = {"timestamp_us": (images_us, times), "data": (data, pa.binary())}
     table("camera.ftcam_f0", content["camera"], columns)
     starts_us, ends_us, points, features = zip(*content["sweeps"], strict=True)
-    clouds = [_cloud(*one) for one in zip(points, features, strict=True)]
+    clouds = [cloud(*one) for one in zip(points, features, strict=True)]
     columns = {"timestamp_us": (starts_us, times), "end_timestamp_us": (ends_us, times), "data": (clouds, pa.binary())}
     table("lidar.lidar_top", content["lidar"], columns)
     boxes_us, rows = zip(*content["boxes"], strict=True)
@@ -133,7 +129,19 @@ def write_log(recording: Recording, root: Path, *, compression: str | None = "lz
     return folder
 
 
-def _cloud(points, features):
+def write_table(path: Path, table: pa.Table, head: dict, *, compression: str | None = None) -> None:
+    whole = table.replace_schema_metadata({"metadata": msgpack.packb(head)})
+    options = pa.ipc.IpcWriteOptions(compression=compression)
+    with pa.ipc.new_file(str(path), whole.schema, options=options) as file:
+        for batch in whole.to_batches(max_chunksize=2):
+            file.write_batch(batch)
+
+
+def head_of(path: Path) -> dict:
+    return msgpack.unpackb(pa.ipc.open_file(path).schema.metadata[b"metadata"])
+
+
+def cloud(points, features):
     columns = dict(zip("xyz", points.T, strict=True)) | features
     batch = pa.RecordBatch.from_pydict({name: np.ascontiguousarray(values) for name, values in columns.items()})
     sink = io.BytesIO()
