@@ -77,9 +77,20 @@ def test_the_moving_car_is_one_track_that_is_where_it_was(root):
         box = state.shape
         assert box.size_m == pytest.approx(tiny.CAR_SIZE)
         assert box.vehicle_from_object.translation_m == pytest.approx(in_vehicle(n, tiny.car_centre(n)), abs=1e-4)
-        assert box.vehicle_from_object.rotation == pytest.approx(np.eye(3), abs=1e-6)  # forward, though drawn backwards
+        assert box.vehicle_from_object.rotation == pytest.approx(np.eye(3), abs=1e-6)
         assert state.velocity_mps == pytest.approx([tiny.CAR_MPS, 0, 0], abs=1e-3)
         assert not state.unclear
+
+
+def test_a_car_drawn_backwards_along_another_axis_drives_forward(root):
+    axes = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]  # the box's y is behind
+    for n in range(1, 11):
+        kind = {"label": "car", "semantic": 13, "instance": 3, "centre": tiny.car_centre(n), "size": tiny.CAR_SIZE}
+        replaced(boxes_file(root), tiny.object_xml(n, **kind, frame=n), tiny.object_xml(n, **kind, frame=n, axes=axes))
+    track = next(t for t in opened(root).tracks if t.track_id == "26003")
+    for state in track.states:
+        assert state.shape.size_m == pytest.approx(tiny.CAR_SIZE)
+        assert state.shape.vehicle_from_object.rotation == pytest.approx(np.eye(3), abs=1e-6)
 
 
 def test_what_stands_stands_at_every_frame_near_it(root):

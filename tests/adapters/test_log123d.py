@@ -1,5 +1,6 @@
 """The adapter of 123D: a drive as a log, written by pyarrow and by the library's own writer, reads as itself."""
 
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,8 @@ from bench.adapters.log123d.sensors import decode_points
 from bench.cameras import RadialPolynomialCamera, RollingShutter, UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.evaluation import load_protocol
-from bench.recordings import load_card, open_dataset, read_image
+from bench.recordings import list_cards, load_card, open_dataset, read_image
+from bench.recordings.cards import shipped_folder
 from bench.records.recording import OBJECT_CLASSES, Cuboid
 from bench.reference import ReferenceBuilder, Status
 from tests.hostile.files import LAZ_FILES
@@ -97,9 +99,113 @@ def test_points_by_draco_are_refused_with_what_to_do(native, tmp_path, library):
     assert read_image(recording.images["ftcam_f0"][0], camera).shape == (tiny.HEIGHT, tiny.WIDTH)
 
 
-@pytest.fixture(scope="module")
-def library(tmp_path_factory):
-    return log123d.install_library(tmp_path_factory.mktemp("library"))
+def test_a_velocity_of_zero_is_unknown_where_the_writer_had_no_neighbour(native, tmp_path):
+    file = log123d.write_log(native, tmp_path) / "box_detections_se3.arrow"
+
+    def stand(table):
+        name = "box_detections_se3.velocity_3d"
+        still = [[[0.0, 0.0, 0.0]] * len(row) for row in table.column(name).to_pylist()]
+        index = table.schema.get_field_index(name)
+        return table.set_column(index, table.schema.field(index), pa.array(still, table.schema.field(index).type))
+
+    rewritten(file, stand)
+    for track in opened(tmp_path).tracks:
+        np.testing.assert_array_equal([state.velocity_mps for state in track.states], 0.0)
+    rewritten(file, lambda table: table.slice(0, 1))
+    for track in opened(tmp_path).tracks:
+        assert np.isnan([state.velocity_mps for state in track.states]).all()
+
+
+def test_of_several_boxes_of_an_object_at_a_time_the_first_counts(native, tmp_path):
+    file = log123d.write_log(native, tmp_path) / "box_detections_se3.arrow"
+    before = opened(tmp_path).tracks
+
+    def twice(table):
+        for index, name in enumerate(table.schema.names[1:], start=1):
+            rows = [[*row, *row] for row in table.column(name).to_pylist()]
+            if name.endswith("bounding_box_se3"):
+                rows = [[*row[: len(row) // 2], *([x + 1, *rest] for x, *rest in row[len(row) // 2 :])] for row in rows]
+            table = table.set_column(index, table.schema.field(index), pa.array(rows, table.schema.field(index).type))
+        return table
+
+    rewritten(file, twice)
+    for track, own in zip(opened(tmp_path).tracks, before, strict=True):
+        for state, then in zip(track.states, own.states, strict=True):
+            np.testing.assert_array_equal(state.shape.vehicle_from_object.matrix, then.shape.vehicle_from_object.matrix)
+
+
+def test_one_lidar_of_several_that_are_merged(native, tmp_path):
+    file = log123d.write_log(native, tmp_path) / "lidar.lidar_top.arrow"
+    table = pa.ipc.open_file(file).read_all()
+    head = log123d.head_of(file)
+    heads = {2: head, 5: head | {"lidar_name": "front", "lidar_id": 5, "lidar_to_imu_se3": [1.0, 0, 0, 1, 0, 0, 0]}}
+    clouds = []
+    for cell in table.column("lidar.lidar_top.data").to_pylist():
+        batch = pa.ipc.open_stream(cell).read_next_batch()
+        points = np.column_stack([batch.column(axis).to_numpy() for axis in "xyz"])
+        clouds.append(log123d.cloud(points, {"ids": np.where(np.arange(len(points)) % 2, 2, 5).astype(np.uint8)}))
+    names = ["lidar.lidar_merged." + name.rpartition(".")[2] for name in table.schema.names]
+    merged = table.rename_columns(names).set_column(2, names[2], pa.array(clouds, pa.binary()))
+    log123d.write_table(file.with_name("lidar.lidar_merged.arrow"), merged, heads)
+    file.unlink()
+    whole, top, front = (opened(tmp_path, **chosen) for chosen in ({}, {"lidar": "top"}, {"lidar": "front"}))
+    points = whole.sweeps[0].read().points_lidar
+    np.testing.assert_array_equal(top.sweeps[0].read().points_lidar, points[1::2])
+    np.testing.assert_array_equal(front.sweeps[0].read().points_lidar, points[::2])
+    np.testing.assert_array_equal(front.lidar_from_sensor.translation_m, [1.0, 0, 0])
+    with pytest.raises(DataError, match="expected a lidar 'back', got lidars top, front"):
+        opened(tmp_path, lidar="back")
+
+
+def test_points_that_were_moved_to_a_time_are_of_that_time(native, tmp_path):
+    log123d.write_log(native, tmp_path)
+    for when, of_sweep in (("start", np.min), ("end", np.max)):
+        for ref, before in zip(opened(tmp_path, motion_compensated=when).sweeps, native.sweeps, strict=True):
+            assert abs(ref.timestamp_ns - of_sweep(before.read().times_ns)) <= 500
+            assert ref.read().time_offset_ns is None
+
+
+def test_logs_of_other_data_sets_in_the_same_folder_are_not_read(native, tmp_path):
+    """As all conversions by default write into one."""
+    folder = log123d.write_log(native, tmp_path)
+    (tmp_path / "others_val").mkdir()
+    folder.rename(tmp_path / "others_val" / "another")
+    log123d.write_log(native, tmp_path)
+    list_recordings = partial(log123d_recordings, tmp_path, card=tmp_path / "card.yaml", annotations=None)
+    assert [handle.name for handle in list_recordings(options={})] == ["drive", "another"]
+    assert [handle.name for handle in list_recordings(options={"log_splits": ["others_val"]})] == ["another"]
+    with pytest.raises(
+        DataError, match=r"123D, drives_val/<log>/sync\.arrow, got none; convert .* set the card's options"
+    ):
+        list_recordings(options={"log_splits": ["drives_val"]})
+    with pytest.raises(DataError, match="log_splits"):
+        list_recordings(options={"log_splits": ["../elsewhere"]})
+
+
+CARDS = [card for card in list_cards(shipped_folder()) if card.content.adapter == "123d"]
+
+
+@pytest.mark.slow
+def test_cards_name_splits_and_cameras_as_the_library_writes_them(library):
+    known = log123d.names_in_123d(library)["cards"]
+    assert {*known} == {card.name for card in CARDS}
+    for card in CARDS:
+        splits, cameras = known[card.name]
+        assert {*card.content.options["log_splits"]} <= {*splits}
+        assert {*card.content.options["cameras"]} <= {*cameras}
+
+
+@pytest.mark.parametrize("card", CARDS, ids=lambda card: card.name)
+def test_a_card_without_data_says_what_to_do(card, tmp_path, monkeypatch):
+    monkeypatch.delenv("PY123D_DATA_ROOT", raising=False)
+    with pytest.raises(DataError, match=r"got the variable PY123D_DATA_ROOT, which is not set; .*py123d .*ipc_zstd"):
+        open_dataset(card)
+    monkeypatch.setenv("PY123D_DATA_ROOT", str(tmp_path / "none"))
+    with pytest.raises(DataError, match=r"expected a folder with the data, got .*none, which is missing; .*py123d"):
+        open_dataset(card)
+    monkeypatch.setenv("PY123D_DATA_ROOT", str(tmp_path))
+    with pytest.raises(DataError, match=r"logs: expected logs of 123D, .*/<log>/sync\.arrow, got none; convert"):
+        open_dataset(card)
 
 
 def test_images_of_a_video_are_found_by_their_number(native, tmp_path):
@@ -141,6 +247,26 @@ def test_lenses_are_those_of_the_head():
 
 def test_every_label_is_one_of_our_classes():
     assert {name for classes in CLASSES.values() for name in classes.values()} == {*OBJECT_CLASSES}
+
+
+@pytest.mark.slow
+def test_labels_are_numbered_as_the_library_does(library):
+    """And joined as its own default labels are, but for riders and people with or on small wheels."""
+    known = log123d.names_in_123d(library)["labels"]
+    assert {*known} == {*CLASSES}
+    own = {
+        "VEHICLE": "vehicle",
+        "TRAIN": "vehicle",
+        "TWO_WHEELER": "cyclist",
+        "PERSON": "pedestrian",
+        "ANIMAL": "animal",
+    }
+    riders = {"RIDER", "BICYCLIST", "MOTORCYCLIST"}
+    wheels = {"STROLLER", "WHEELCHAIR", "WHEELED_DEVICE", "PERSONAL_MOBILITY_DEVICE"}
+    for kind, labels in known.items():
+        for number, (name, default) in labels.items():
+            expected = "cyclist" if name in riders else "pedestrian" if name in wheels else own.get(default)
+            assert CLASSES[kind].get(int(number)) == expected, f"{kind}.{name}"
 
 
 def rewritten(file, change):

@@ -8,7 +8,9 @@ import pytest
 import yaml
 
 from bench.errors import DataError, UnknownNameError
+from bench.plug_ins import imported
 from bench.recordings import list_cards, load_card, open_dataset, open_native, write_annotations
+from bench.recordings.catalogue import ADAPTERS
 from bench.synthesis import read_scenario
 from tests.support import tiny
 
@@ -180,8 +182,20 @@ def test_cards_are_found_by_name(tmp_path):
         load_card(tmp_path / "none.yaml")
 
 
-def test_the_committed_cards_are_cards():
-    assert "aimotive-sample" in [card.name for card in list_cards(REPOSITORY / "datasets")]
+@pytest.mark.parametrize("card", list_cards(REPOSITORY / "datasets"), ids=lambda card: card.name)
+def test_the_committed_cards_say_what_their_adapter_knows(card, tmp_path):
+    assert card.name == card.file.stem
+    adapter = imported(ADAPTERS[card.content.adapter], expected="an adapter")
+
+    def refused_file(**more):
+        try:
+            adapter(tmp_path, options=card.content.options | more, card=card.file, annotations=None)
+        except DataError as error:
+            return error.file
+        return None
+
+    assert refused_file() != str(card.file)  # the data lack, the card is right
+    assert refused_file(unknown=1) == str(card.file)
 
 
 def test_the_examples_of_the_documentation_are_valid(tmp_path, root):

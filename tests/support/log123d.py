@@ -1,6 +1,7 @@
 """A recording as a log of 123D: what its tables hold, written by pyarrow, or by the library's own writer."""
 
 import io
+import json
 import pickle
 import subprocess
 import sys
@@ -24,7 +25,7 @@ VEHICLE_FROM_AXLE = RigidTransform(np.eye(3), np.array([0.0, 0.0, 0.3]))
 VEHICLE_FROM_CENTRE = RigidTransform(np.eye(3), np.array([1.4, 0.0, 0.8]))
 LENGTH_M, WIDTH_M, HEIGHT_M = 4.8, 1.8, 1.6
 OPTIONS = {"body_polygons": {"ftcam_f0": [[[10, 40], [49, 40], [49, 47], [10, 47]]]}}
-# What the library's writer imports, without what only its viewer and its parsers need.
+# What its writer and its parser of KITTI-360 import beside our libraries.
 DISTRIBUTIONS = ("py123d==0.7.0", "pyquaternion", "trimesh", "cachetools", "DracoPy", "tqdm")
 
 
@@ -98,13 +99,9 @@ def write_log(recording: Recording, root: Path, *, compression: str | None = "lz
     folder = root / "drives_test" / content["name"]
     folder.mkdir(parents=True)
 
-    def table(key, head, columns, *, rows_a_batch=2):
+    def table(key, head, columns):
         named = {f"{key}.{name}": pa.array(values, kind) for name, (values, kind) in columns.items()}
-        whole = pa.table(named).replace_schema_metadata({"metadata": msgpack.packb(head)})
-        options = pa.ipc.IpcWriteOptions(compression=compression)
-        with pa.ipc.new_file(str(folder / f"{key}.arrow"), whole.schema, options=options) as file:
-            for batch in whole.to_batches(max_chunksize=rows_a_batch):
-                file.write_batch(batch)
+        write_table(folder / f"{key}.arrow", pa.table(named), head, compression=compression)
 
     se3s, times = pa.list_(pa.float64(), 7), pa.int64()
     head = {"dataset": "drives", "split": "drives_test", "log_name": content["name"], "version": "0.7.0"}
@@ -116,7 +113,7 @@ def write_log(recording: Recording, root: Path, *, compression: str | None = "lz
     columns = {"timestamp_us": (images_us, times), "data": (data, pa.binary())}
     table("camera.ftcam_f0", content["camera"], columns)
     starts_us, ends_us, points, features = zip(*content["sweeps"], strict=True)
-    clouds = [_cloud(*one) for one in zip(points, features, strict=True)]
+    clouds = [cloud(*one) for one in zip(points, features, strict=True)]
     columns = {"timestamp_us": (starts_us, times), "end_timestamp_us": (ends_us, times), "data": (clouds, pa.binary())}
     table("lidar.lidar_top", content["lidar"], columns)
     boxes_us, rows = zip(*content["boxes"], strict=True)
@@ -132,7 +129,19 @@ def write_log(recording: Recording, root: Path, *, compression: str | None = "lz
     return folder
 
 
-def _cloud(points, features):
+def write_table(path: Path, table: pa.Table, head: dict, *, compression: str | None = None) -> None:
+    whole = table.replace_schema_metadata({"metadata": msgpack.packb(head)})
+    options = pa.ipc.IpcWriteOptions(compression=compression)
+    with pa.ipc.new_file(str(path), whole.schema, options=options) as file:
+        for batch in whole.to_batches(max_chunksize=2):
+            file.write_batch(batch)
+
+
+def head_of(path: Path) -> dict:
+    return msgpack.unpackb(pa.ipc.open_file(path).schema.metadata[b"metadata"])
+
+
+def cloud(points, features):
     columns = dict(zip("xyz", points.T, strict=True)) | features
     batch = pa.RecordBatch.from_pydict({name: np.ascontiguousarray(values) for name, values in columns.items()})
     sink = io.BytesIO()
@@ -144,13 +153,29 @@ def _cloud(points, features):
 def write_log_by_library(recording: Recording, root: Path, library: Path, **settings: str) -> Path:
     """By the library's own writer, in a process that finds it in the folder `library`; the folder of the log."""
     (root / "content.pickle").write_bytes(pickle.dumps(described(recording)))
-    words = [sys.executable, Path(__file__).with_name("log123d_by_library.py"), root, *map("=".join, settings.items())]
-    subprocess.run(words, check=True, env={"PYTHONPATH": str(library)})
+    _run_with(library, "log123d_by_library.py", root, *map("=".join, settings.items()))
     return root / "drives_test" / recording.name
 
 
+def convert_kitti360(data: Path, logs: Path, library: Path) -> None:
+    """By the library's own parser of KITTI-360 and its writer."""
+    _run_with(library, "kitti360_by_123d.py", data, logs)
+
+
+def names_in_123d(library: Path) -> dict[str, dict]:
+    """What the library's parsers write: `cards` -> splits and tables of cameras, `labels` -> number -> names."""
+    return json.loads(_run_with(library, "names_by_123d.py"))
+
+
+def _run_with(library: Path, program: str, *words: str | Path) -> str:
+    command = [sys.executable, Path(__file__).with_name(program), *words]
+    return subprocess.run(
+        command, check=True, env={"PYTHONPATH": str(library)}, stdout=subprocess.PIPE, text=True
+    ).stdout
+
+
 def install_library(folder: Path) -> Path:
-    """Install 123D where only `write_log_by_library` finds it: beside our libraries it brings a second OpenCV."""
+    """Install 123D where only `_run_with` finds it: beside our libraries it brings a second OpenCV."""
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", folder, *DISTRIBUTIONS]
     subprocess.run(pip, check=True)
     return folder

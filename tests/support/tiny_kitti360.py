@@ -13,6 +13,7 @@ import numpy as np
 SEQUENCE = "2013_05_28_drive_0003_sync"
 FRAMES, PERIOD_S = 12, 0.1036
 START_NS = 1_369_730_762_904_219_904  # 2013-05-28 08:46:02.904219904
+SCANNER_LATER_NS = 6_000_000  # what the scanner notes for the instant of a frame
 HEADING_RAD = np.radians(30)
 EGO_MPS, CAR_MPS = 5.0, 9.0
 ORIGIN = np.array([1200.0, 3400.0, 110.0])  # of the drive in the global world
@@ -48,6 +49,11 @@ projection_parameters:
    u0: 70.5
    v0: 69.0
 """
+PERSPECTIVE = """calib_time: 09-Jan-2012 13:57:47
+S_rect_{camera}: 140 37
+R_rect_{camera}: 1 0 0 0 1 0 0 0 1
+P_rect_{camera}: 55.2 0 68.2 0 0 55.2 23.9 0 0 0 1 0
+"""
 OPTIONS = {"body_polygons": {name: [[[60, 125], [80, 125], [80, 139], [60, 139]]] for name in ("image_02", "image_03")}}
 
 
@@ -55,8 +61,8 @@ def time_ns(frame: float) -> int:
     return START_NS + round(frame * PERIOD_S * 1e9)
 
 
-def stamp(frame: int) -> str:
-    seconds, rest = divmod(time_ns(frame) - START_NS + 2_904_219_904, 1_000_000_000)
+def stamp(frame: int, later_ns: int = 0) -> str:
+    seconds, rest = divmod(time_ns(frame) - START_NS + 2_904_219_904 + later_ns, 1_000_000_000)
     return f"2013-05-28 08:46:{seconds:02d}.{rest:09d}"
 
 
@@ -115,15 +121,20 @@ def matrix_xml(name: str, values: np.ndarray) -> str:
     return f'<{name} type_id="opencv-matrix">{head}<data>\n {data}</data></{name}>'
 
 
-CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 5, 7]])
+# x ahead, in the order of the data set (kitti360Scripts #135)
+CORNERS = 0.5 * np.array(
+    [[1, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1], [-1, 1, -1], [-1, 1, 1], [-1, -1, -1], [-1, -1, 1]]
+)
+FACES = np.array([[0, 2, 1], [2, 3, 1], [4, 6, 5], [6, 7, 5]])
 
 
-def object_xml(number: int, *, label: str, semantic: int, instance: int, centre, size, frame=-1, heading=HEADING_RAD):
-    """A box whose local axes are width, length, height, drawn facing backwards."""
-    axes = rotation_z(heading) @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+def object_xml(
+    number: int, *, label: str, semantic: int, instance: int, centre, size, frame=-1, heading=HEADING_RAD, axes=None
+):
+    """A box whose local axes are length, width, height, or the columns of `axes` in those."""
+    axes = np.eye(3) if axes is None else np.array(axes)
     transform = np.eye(4)
-    transform[:3, :3] = axes @ np.diag([size[1], size[0], size[2]])
+    transform[:3, :3] = rotation_z(heading) @ axes @ np.diag(np.abs(axes).T @ size)
     transform[:3, 3] = centre
     fields = {
         "index": number,
@@ -155,7 +166,7 @@ def boxes_xml() -> str:
         + object_xml(51, label="person", semantic=19, instance=1, centre=person, size=(0.6, 0.5, 1.8))
         + object_xml(52, label="building", semantic=11, instance=0, centre=house, size=(20.0, 10.0, 10.0))
         + object_xml(53, label="car", semantic=13, instance=5, centre=far, size=(4.0, 1.7, 1.4))
-        + "<object54><label>sky</label></object54>\n</opencv_storage>\n"
+        + "<object54><label>sky</label><timestamp>-1</timestamp></object54>\n</opencv_storage>\n"
     )
 
 
@@ -165,7 +176,9 @@ def write_data_set(root: Path) -> Path:
     lines = [f"{name}: {numbers} \n" for name, numbers in IMU_FROM_CAMERA.items()]
     (calibration / "calib_cam_to_pose.txt").write_text("".join(lines))
     (calibration / "calib_cam_to_velo.txt").write_text(LIDAR_FROM_CAMERA_00)
-    stamps = "".join(f"{stamp(n)}\n" for n in range(FRAMES))
+    perspective = "".join(PERSPECTIVE.format(camera=number) for number in ("00", "01"))
+    (calibration / "perspective.txt").write_text(perspective)
+    stamps, scanner_stamps = ("".join(f"{stamp(n, later)}\n" for n in range(FRAMES)) for later in (0, SCANNER_LATER_NS))
     random = np.random.default_rng(3)
     for name in ("image_02", "image_03"):
         (calibration / f"{name}.yaml").write_text(FISHEYE.format(name=name))
@@ -175,13 +188,18 @@ def write_data_set(root: Path) -> Path:
         for n in range(FRAMES):
             pixels = random.integers(0, 90, (SIZE, SIZE, 3), dtype=np.uint8)
             assert cv2.imwrite(str(folder / "data_rgb" / f"{n:010d}.png"), pixels)
+    for folder in (
+        *(root / "data_2d_raw" / SEQUENCE / n for n in ("image_00", "image_01")),
+        root / "data_poses" / SEQUENCE / "oxts",
+    ):
+        folder.mkdir(parents=True)
+        (folder / "timestamps.txt").write_text(stamps)
     scans = root / "data_3d_raw" / SEQUENCE / "velodyne_points"
     (scans / "data").mkdir(parents=True)
-    (scans / "timestamps.txt").write_text(stamps)
+    (scans / "timestamps.txt").write_text(scanner_stamps)
     for n in range(FRAMES):
         scan(n).tofile(scans / "data" / f"{n:010d}.bin")
     poses = root / "data_poses" / SEQUENCE
-    poses.mkdir(parents=True)
     rows = [[n, *(global_from_vehicle(n) @ VEHICLE_FROM_IMU)[:3].ravel()] for n in range(FRAMES) if n not in NO_POSE]
     (poses / "poses.txt").write_text(
         "".join(f"{row[0]} " + " ".join(f"{v:.9f}" for v in row[1:]) + "\n" for row in rows)

@@ -55,9 +55,15 @@ def log123d_recordings(
     """The adapter `123d`: each `<logs>/<split>/<log>` is a recording.
 
     Raises:
-        DataError: options that are wrong.
+        DataError: options that are wrong, or no logs.
     """
     chosen = validated(LogOptions, options, file=card, field="options")
+    splits = ("*",) if chosen.log_splits is None else chosen.log_splits
+    found = sorted(sync for split in splits for sync in (root / chosen.logs).glob(f"{split}/*/{SYNC}"))
+    if not found:
+        expected = f"logs of 123D, {' or '.join(splits)}/<log>/{SYNC}"
+        hint = "convert the data set by py123d, or set the card's options logs and log_splits to where its logs are"
+        raise DataError(root / chosen.logs, expected=expected, got="none", hint=hint)
     return tuple(
         RecordingHandle(
             name=sync.parent.name,
@@ -70,7 +76,7 @@ def log123d_recordings(
             ),
             lenient=True,
         )
-        for sync in sorted((root / chosen.logs).glob(f"*/*/{SYNC}"))
+        for sync in found
     )
 
 
@@ -201,15 +207,16 @@ def _sweeps(folder: Path, options: LogOptions) -> tuple[tuple[SweepRef, ...], Ri
             raise DataError(table.path, field="metadata", expected=f"a lidar {wanted!r}", got=f"lidars {known}")
         lidar_id = chosen[0].lidar_id
         heads = {lidar_id: chosen[0]}
-    times_ns = table.times_ns()
-    if not options.motion_compensated:  # points without times of their own count as of the middle
-        times_ns = times_ns + (table.times_ns("end_timestamp_us") - times_ns) // 2
+    starts_ns, ends_ns = table.times_ns(), table.times_ns("end_timestamp_us")
+    # Points without times of their own count as of the middle.
+    middles_ns = starts_ns + (ends_ns - starts_ns) // 2
+    times_ns = {"start": starts_ns, "end": ends_ns, None: middles_ns}[options.motion_compensated]
     _refuse_disorder(table, times_ns)
     sweeps = []
     for time_ns, cell in zip(times_ns.tolist(), table.cells("data"), strict=True):
         stored = LogSweep(
             container=cell.container, batch=cell.batch, column=cell.column, row=cell.row,
-            lidar_id=lidar_id, as_measured=not options.motion_compensated,
+            lidar_id=lidar_id, as_measured=options.motion_compensated is None,
         )  # fmt: skip
         path = table.path / str(time_ns)
         sweeps.append(SweepRef(timestamp_ns=time_ns, path=path, reader=stored, stored=stored))

@@ -64,7 +64,9 @@ CLASSES: Mapping[str, Mapping[int, str]] = {
 def read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
     """Join the boxes of a log to tracks.
 
-    Boxes and their velocities lie in the frame of the world. A velocity that is not stored follows from the positions.
+    Boxes and their velocities lie in the frame of the world. A velocity that is not stored follows from the positions,
+    and so does one of zero where neither the row before nor the one after has the object: 123D writes zero there.
+    Of several boxes of an object at one time the first counts: 123D gives one time to what NVIDIA's set has in 100 ms.
 
     Args:
         table: `box_detections_se3.arrow`.
@@ -84,19 +86,24 @@ def read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
         )
     classes = CLASSES[label_class]
     times_ns = table.times_ns()
-    counts = np.array([len(row or ()) for row in table.column("track_token").to_pylist()], dtype=np.int64)
-    tokens = [token for row in table.column("track_token").to_pylist() for token in row or ()]
+    stored = [row or () for row in table.column("track_token").to_pylist()]
+    counts = np.array([len(row) for row in stored], dtype=np.int64)
+    tokens = [str(token) for row in stored for token in row]
     labels = [label for row in table.column("label").to_pylist() for label in row or ()]
     boxes = _flat(table, "bounding_box_se3", BOX_WIDTH, len(tokens))
     velocities = _flat(table, "velocity_3d", VELOCITY_WIDTH, len(tokens))
     if len(labels) != len(tokens):
         got = f"{len(labels)} labels, {len(tokens)} track tokens"
         raise DataError(table.path, expected="a label for each track token", got=got)
-    at_ns = np.repeat(times_ns, counts)
+    at_row = np.repeat(np.arange(len(counts)), counts)
+    at_ns = times_ns[at_row]
+    velocities[~_has_neighbour(tokens, at_row) & ~velocities.any(axis=1)] = np.nan
     rows: dict[str, list[int]] = defaultdict(list)
     for row, (token, label) in enumerate(zip(tokens, labels, strict=True)):
         if label in classes:
-            rows[str(token)].append(row)
+            own = rows[token]
+            if not own or at_row[own[-1]] != at_row[row]:
+                own.append(row)
     return tuple(
         _track(token, np.array(own), classes[labels[own[0]]], at_ns, boxes, velocities, trajectory, table)
         for token, own in sorted(rows.items())
@@ -110,6 +117,17 @@ def _flat(table: LogTable, name: str, width: int, count: int) -> NDArray[np.floa
     if len(flat) != count:
         raise DataError(table.path, field=name, expected=f"one for each of {count} boxes", got=str(len(flat)))
     return flat
+
+
+def _has_neighbour(tokens: list[str], at_row: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(N,) bool, whether the row before or after has the same track."""
+    tracks = np.unique(tokens, return_inverse=True)[1]
+    order = np.lexsort((at_row, tracks))
+    joined = (np.diff(tracks[order]) == 0) & (np.diff(at_row[order]) == 1)
+    found = np.zeros(len(tokens), dtype=bool)
+    found[order[1:]] |= joined
+    found[order[:-1]] |= joined
+    return found
 
 
 def _track(

@@ -20,6 +20,7 @@ from bench.recordings.validation import FileModel, SidePx, located, validated
 from bench.records.recording import MountedCamera
 
 FTHETA_CONSTANT_PX = 1e-3  # a lens whose image of the optical axis is further from its centre is none
+SplitName = Annotated[str, Field(pattern=r"^\w[\w.-]*$")]
 Pose = Annotated[tuple[float, ...], Field(min_length=7, max_length=7)]  # x, y, z, qw, qx, qy, qz
 
 
@@ -28,10 +29,12 @@ class LogOptions(FileModel):
 
     Attributes:
         logs: folder of the logs, `<split>/<log>/*.arrow`, relative to the data set's root.
+        log_splits: which folders of splits are read, such as `av2-sensor_val`; null for all that are there.
         sensors: folder of the original data set, relative to the root, which logs name images in.
         cameras: those to evaluate, as their tables are called without `camera.`, such as `fmcam_l`; null for all.
         lidar: whose points are used, such as `lidar_top`; null for the one or the merged lidar that a log has.
-        motion_compensated: whether points are as at the time of the sweep; else as measured, each at its own time.
+        motion_compensated: to which time of the sweep the data set moved its points; null for points as measured, each
+            at its own time, or in the middle of the sweep where the log does not say.
         time_offset_ms: per camera, added to the times of its images to get the middle of the exposure.
         evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
         field_of_view_deg: per camera, full angle of the lens, beyond which the image is dark; absent for as far as the
@@ -44,10 +47,11 @@ class LogOptions(FileModel):
     """
 
     logs: str = "."
+    log_splits: tuple[SplitName, ...] | None = None
     sensors: str | None = None
     cameras: tuple[str, ...] | None = None
     lidar: str | None = None
-    motion_compensated: bool = False
+    motion_compensated: Literal["start", "end"] | None = None
     time_offset_ms: dict[str, float] = Field(default_factory=dict)
     evaluated_size_px: tuple[SidePx, SidePx] | None = None
     field_of_view_deg: dict[str, float] = Field(default_factory=dict)

@@ -158,6 +158,6 @@ def _offsets_ns(times_us: NDArray[np.int64] | None, timestamp_ns: int, name: Pat
     farthest_ns = int(np.abs(offsets_ns).max())
     if farthest_ns > LONGEST_SWEEP_NS:
         expected, got = "times in microseconds, within 1 s of the sweep's", f"{farthest_ns / 1e9:.3g} s from it"
-        hint = "set the card's option motion_compensated: true if they are no times of the points"
+        hint = "set the card's option motion_compensated: start or end if they are no times of the points"
         raise DataError(name, field=TIMES, expected=expected, got=got, hint=hint)
     return offsets_ns
