@@ -106,29 +106,34 @@ def _csv_row(row: BeamsRow) -> dict[str, object]:
     return numbers | {"tau": None if tau is None else tau.value, "tau_low": low, "tau_high": high}
 
 
-_PANEL_IN, _HEIGHT_IN = 2.0, 2.6
+_COLUMNS, _PANEL_IN = 3, 2.2
+_LOW = 30.0  # percent: panels whose values are all below end there
 
 
 @canvas.styled
 def draw_beams(found: BeamsSummary) -> Figure:
     """Draw what is lost, told and unknown, the ceiling, and tau where methods were ranked, over the beams."""
-    panels = [*SHARES, TAU] if len(found.predictions) > 1 else [*SHARES]
-    figure = canvas.new_figure(len(panels) * _PANEL_IN, _HEIGHT_IN, layout="constrained")
+    titles = [*SHARES, TAU] if len(found.predictions) > 1 else [*SHARES]
+    lines = -(-len(titles) // _COLUMNS)
+    figure = canvas.new_figure(_COLUMNS * _PANEL_IN, lines * _PANEL_IN + 0.6, layout="constrained")
     figure.suptitle(f"{found.dataset}: the reference surface-v1 by fewer beams", x=0.01, ha="left", fontsize=8)
-    drawn = figure.subplots(1, len(panels), squeeze=False)[0]
-    for axes, title in zip(drawn, panels, strict=True):
+    panels = figure.subplots(lines, _COLUMNS).flat
+    for axes, title in zip(panels, titles, strict=False):
         _draw_panel(axes, title, found)
-    figure.legend(*drawn[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(CLASSES), frameon=False)
+    for axes in panels[len(titles) :]:
+        axes.set_axis_off()
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(CLASSES), frameon=False)
     return figure
 
 
 def _draw_panel(axes: Axes, title: str, found: BeamsSummary) -> None:
+    low, top = 0.0, 1.0 if title == TAU else _LOW
     for name, (colour, marker) in CLASSES.items():
         rows = [row for row in found.rows if row.object_class == name]
-        if title == TAU:
-            values = [float("nan") if row.tau is None else row.tau.value for row in rows]
-        else:
-            values = [100 * SHARES[title](row) for row in rows]
+        values = [_value(row, title) for row in rows]
+        low = -1.0 if any(value < 0 for value in values) else low
+        top = 100.0 if any(value > _LOW for value in values) else top
         if rows:
             axes.plot([row.beams for row in rows], values, color=colour, marker=marker, markersize=3.5, linewidth=1.0,
                       label=row_label(rows[0]))  # fmt: skip
@@ -136,9 +141,15 @@ def _draw_panel(axes: Axes, title: str, found: BeamsSummary) -> None:
     axes.set_xscale("log")
     axes.set_xticks(beams, [str(count) for count in beams])
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.set(xlabel="beams", ylim=(-0.02, 1.02) if title == TAU else (-2, 102))
+    axes.set(xlabel="beams", ylim=(low - 0.02 * top, 1.03 * top))
     axes.set_title(title, pad=3)
     axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
+
+
+def _value(row: BeamsRow, title: str) -> float:
+    if title != TAU:
+        return 100 * SHARES[title](row)
+    return float("nan") if row.tau is None else row.tau.value
 
 
 def write_beams_files(folder: Path) -> tuple[Path, ...]:
