@@ -261,19 +261,25 @@ class RankingSummary(_Part):
 Values = NDArray[np.float64]
 
 
-def read_terms(scores: pd.DataFrame, metric: Definition, predictions: Sequence[Prediction]) -> Values:
+def read_terms(
+    scores: pd.DataFrame,
+    metric: Definition,
+    predictions: Sequence[Prediction],
+    references: Sequence[str] = REFERENCES,
+) -> Values:
     """Numerator and denominator of a metric in one row, (S, references, predictions, 2) float64, by recording.
 
     Args:
         scores: sums of the row, as in `RankingSums`.
         metric: which.
         predictions: in the order of the result.
+        references: likewise.
     """
     own = scores[scores["metric"] == metric.name]
     recordings, names = own["recording"].unique(), [prediction.name for prediction in predictions]
-    every = pd.MultiIndex.from_product([REFERENCES, names, recordings], names=SCORED)
+    every = pd.MultiIndex.from_product([references, names, recordings], names=SCORED)
     terms = own.set_index(SCORED)[TERMS].reindex(every).to_numpy(np.float64)
-    return np.moveaxis(terms.reshape(len(REFERENCES), len(names), len(recordings), 2), 2, 0)
+    return np.moveaxis(terms.reshape(len(references), len(names), len(recordings), 2), 2, 0)
 
 
 def metric_values(terms: Values) -> Values:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from bench.audit.predictions import CameraPredictions, Prediction
 from bench.audit.sources import AuditSource, instance_ids, refuse_without_masks, same_objects
@@ -19,7 +21,7 @@ from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, name_bins, sum_m
 from bench.harness.frames import UnscorableFrame
 from bench.harness.provenance import recording_digest
 from bench.harness.stages import StageClock
-from bench.recordings import Recording, read_truth
+from bench.recordings import read_truth
 from bench.reference import Category, ReferenceBuilder, ReferenceFrame, ReferenceObject, ReferenceSettings, Status
 
 FALSE_POSITIVES = "false_positives"
@@ -34,7 +36,8 @@ REFERENCES = (PAPER, "concave", "surface-patches", SURFACE, EXACT)  # the exact 
 OBJECT_METRICS = {name: find_metric(name) for name in ("iou", "tpr", "detection_rate_50")}
 FRAME_METRICS = {"false_positive_share": find_metric("false_positive_coverage")}
 SCORED = ["reference", "prediction", "recording"]
-OBJECT_COLUMNS = [*SCORED, "category", "tp", "fn", "fp", "unknown_px"]
+OF_OBJECT = ["category", "object_class", "unknown_px"]
+OBJECT_COLUMNS = [*SCORED, *OF_OBJECT, "tp", "fn", "fp"]
 FRAME_COLUMNS = [*SCORED, "width", "height", "fp_px"]
 # How far the regions of `surface-v1` are right, summed over object-frames by class, range and ego speed.
 FIT_SLICES = ["object_class", "range_m", "ego_speed_mps"]
@@ -58,7 +61,7 @@ class RankingSums:
 
     Attributes:
         scores: sums as `bench.evaluation.sums.sum_metrics` gives them, by reference, prediction and recording: kinds of
-            motion, all moving objects, and images.
+            motion, classes, all moving objects, and images.
         fits: `FITS` by `FIT_SLICES`.
         images: that were scored.
         digest: of the recording.
@@ -79,11 +82,15 @@ class RankingRows:
 
     Args:
         predictions: names.
+        references: names; the regions of the last but one are compared with the exact masks, the last.
         component_size_px: as in the protocol; of no effect on these sums.
     """
 
-    def __init__(self, predictions: Sequence[str], *, component_size_px: int) -> None:
-        self._predictions, self._component_size_px = predictions, component_size_px
+    def __init__(
+        self, predictions: Sequence[str], references: Sequence[str] = REFERENCES, *, component_size_px: int
+    ) -> None:
+        self._predictions, self._references = predictions, references
+        self._component_size_px = component_size_px
         self._objects: list[Row] = []
         self._frames: list[Row] = []
         self._fits: list[Row] = []
@@ -93,16 +100,16 @@ class RankingRows:
         """Score the masks of an image.
 
         Args:
-            references: of the same objects, in the order of `REFERENCES`.
+            references: of the same objects, in the order of their names.
             masks: (H, W) bool, one per prediction.
         """
-        for name, reference in zip(REFERENCES, references, strict=True):
+        for name, reference in zip(self._references, references, strict=True):
             for prediction, mask in zip(self._predictions, masks, strict=True):
                 key = {"reference": name, "prediction": prediction, "recording": reference.recording}
                 frame, objects = count_frame(reference, mask, component_size_px=self._component_size_px)
                 self._frames.append(key | asdict(frame))
                 self._objects += [
-                    key | {"category": item.category, "unknown_px": item.unknown_px} | asdict(counts)
+                    key | {name: getattr(item, name) for name in OF_OBJECT} | asdict(counts)
                     for item, counts in zip(reference.objects, objects, strict=True)
                     if item.status is Status.EVALUATED
                 ]
@@ -118,10 +125,11 @@ class RankingRows:
         """Return `RankingSums.scores`."""
         objects = pd.DataFrame(self._objects, columns=OBJECT_COLUMNS)
         frames = pd.DataFrame(self._frames, columns=FRAME_COLUMNS)
-        whole = {ALL_MOVING: pd.Series(ALL_MOVING, objects.index)}
+        slices = {CATEGORY: objects["category"], "object_class": objects["object_class"]}
+        slices[ALL_MOVING] = pd.Series(ALL_MOVING, objects.index)
         of_objects, of_frames = [*OBJECT_METRICS.values(), UNKNOWN], [*FRAME_METRICS.values()]
         parts = [
-            sum_metrics(objects, of_objects, {CATEGORY: objects["category"]} | whole, by=SCORED),
+            sum_metrics(objects, of_objects, slices, by=SCORED),
             sum_metrics(frames, of_frames, {FRAMES: pd.Series(FALSE_POSITIVES, frames.index)}, by=SCORED),
         ]
         return pd.concat(parts, ignore_index=True)
@@ -166,9 +174,13 @@ def rank_recording(source: AuditSource, *, predictions: Sequence[Prediction]) ->
     protocol, problems = load_protocol(PAPER), list[str]()
     names = [prediction.name for prediction in predictions]
     rows = RankingRows(names, component_size_px=protocol.scoring.false_positive_component_px)
+    instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
     for name in sorted(recording.cameras):
         camera = CameraPredictions(recording, name, predictions=predictions, protocol=protocol, clock=clock)
-        problems += _rank_camera(recording, camera, rows, clock=clock)
+        others = [ReferenceBuilder(recording, name, settings) for settings in [*lidar_references().values()][1:]]
+        for image in predicted_images(camera, others, clock=clock, problems=problems):
+            with clock.stage("counts"):
+                rows.add(same_objects(image.references, image.ids, instance_of), image.masks)
     return RankingSums(
         scores=rows.scores(),
         fits=rows.fits(),
@@ -179,26 +191,41 @@ def rank_recording(source: AuditSource, *, predictions: Sequence[Prediction]) ->
     )
 
 
-def _rank_camera(
-    recording: Recording, predicted: CameraPredictions, rows: RankingRows, *, clock: StageClock
-) -> Iterator[str]:
-    """Score the images of a camera; yields a line for each that cannot be used."""
-    others = [
-        ReferenceBuilder(recording, predicted.camera.name, settings) for settings in [*lidar_references().values()][1:]
-    ]
-    instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
+class PredictedImage(NamedTuple):
+    """An image that every reference and prediction can use.
+
+    Attributes:
+        references: each of its own objects.
+        ids: (H, W) uint16, true instance ids.
+        masks: (H, W) bool, one per prediction.
+    """
+
+    references: list[ReferenceFrame]
+    ids: NDArray[np.uint16]
+    masks: list[Mask]
+
+
+def predicted_images(
+    predicted: CameraPredictions, others: Sequence[ReferenceBuilder], *, clock: StageClock, problems: list[str]
+) -> Iterator[PredictedImage]:
+    """The images of a camera.
+
+    Args:
+        predicted: the predictions, and the first reference.
+        others: the other references.
+        clock: adds up the time of each stage.
+        problems: gains a line for each image that cannot be used.
+    """
     for index in range(predicted.history, len(predicted.images)):
         image = predicted.images[index]
         try:
             with clock.stage("reference"):
-                by_lidar = [builder.build(image) for builder in (predicted.references, *others)]
+                references = [builder.build(image) for builder in (predicted.references, *others)]
                 ids = read_truth(image, predicted.camera)
-                references = same_objects(by_lidar, ids, instance_of)
-            masks = predicted.masks(index, by_lidar[0], ids)
+            masks = predicted.masks(index, references[0], ids)
         except UnscorableFrame:
             continue
         except BenchError as error:
-            yield str(error)
+            problems.append(str(error))
             continue
-        with clock.stage("counts"):
-            rows.add(references, masks)
+        yield PredictedImage(references=references, ids=ids, masks=masks)

@@ -16,6 +16,7 @@ from bench.errors import UsageError
 
 if TYPE_CHECKING:
     from bench.audit import AuditSummary
+    from bench.audit.beams import BeamsSummary
     from bench.audit.ranking import RankingSummary
     from bench.recordings import DatasetCard
     from bench.reporting.document import Table
@@ -36,6 +37,14 @@ def audit(
             "spherical:flow=dis,truth:grow_px=4; `all` for a list of good and bad ones.",
         ),
     ] = None,
+    beams: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N,...",
+            help="Leave out rings of the lidar and tell how good the reference surface-v1 is with so many, as in "
+            "64,32,16; with --methods also how well it ranks these.",
+        ),
+    ] = None,
     method: options.MethodName = "spherical",
     set_: options.Settings = None,
     protocol: options.ProtocolName = "paper-v1",
@@ -49,16 +58,18 @@ def audit(
 ) -> None:
     """Audit a rendered data set: lidar polygons against exact masks, and why the method misses.
 
-    With --methods: whether the lidar references rank methods as the exact masks do. An audit that was interrupted
-    begins again.
+    With --methods: whether the lidar references rank methods as the exact masks do. With --beams: how many beams a
+    trustworthy reference needs. An audit that was interrupted begins again.
     """
     from bench.audit import audit_sources, read_misses, read_polygons, run_audit
+    from bench.audit.beams import parse_beams, run_beams
     from bench.audit.predictions import parse_predictions
     from bench.audit.ranking import run_ranking
     from bench.evaluation import load_protocol
     from bench.methods import FlowMethod, build_method
     from bench.methods.settings import parse_settings
     from bench.recordings import load_card
+    from bench.reporting.audit_beams import beams_tables, write_beams_files
     from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
     from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
     from bench.reporting.audit_tables import audit_tables
@@ -66,13 +77,19 @@ def audit(
     card = load_card(dataset)
     folder = out or AUDITS / card.name
     compute = partial(_compute, card, folder, split=split, recordings=recordings, workers=workers)
-    if methods is not None:
-        if set_ or method != "spherical" or protocol != "paper-v1":
-            raise UsageError(
-                "--methods: expected none of --method, --set and --protocol beside it; settings follow a method's name "
-                "behind a colon, and the references are always the same"
-            )
-        ranked = parse_predictions(methods)
+    fixed = [option for option, text in (("--beams", beams), ("--methods", methods)) if text is not None]
+    if fixed and (set_ or method != "spherical" or protocol != "paper-v1"):
+        raise UsageError(
+            f"{fixed[0]}: expected none of --method, --set and --protocol beside it; settings follow a method's name "
+            "behind a colon in --methods, and the references are always the same"
+        )
+    ranked = () if methods is None else parse_predictions(methods)
+    if beams is not None:
+        work = partial(run_beams, beams=parse_beams(beams), predictions=ranked)
+        thinned = compute(work, title=f"thinning the lidar of {card.name}")
+        _print(thinned, beams_tables(thinned), write_beams_files(folder), all_in="beams.json")
+        return
+    if ranked:
         ranking = compute(partial(run_ranking, predictions=ranked), title=f"ranking {len(ranked)} on {card.name}")
         _print(ranking, ranking_tables(ranking), write_ranking_files(folder), all_in="ranking.json")
         return
@@ -110,7 +127,7 @@ def _compute(
 
 
 def _print(
-    found: AuditSummary | RankingSummary,
+    found: AuditSummary | BeamsSummary | RankingSummary,
     tables: Iterable[Table],
     files: Iterable[Path],
     *,

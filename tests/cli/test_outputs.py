@@ -34,6 +34,7 @@ COMMANDS = {
     "sweep": ("sweep", "CARD", "--set", "threshold=0.001,0.002", "--no-cache", "--out", "OUT"),
     "audit": ("audit", "CARD", "--method", "nothing", "--recordings", 1, "--workers", 1, "--no-pictures",
               "--out", "OUT"),
+    "audit, beams": ("audit", "CARD", "--beams", "32", "--recordings", 1, "--workers", 1, "--out", "OUT"),
     "audit, ranking": ("audit", "CARD", "--methods", "nothing,truth", "--recordings", 1, "--workers", 1,
                        "--out", "OUT"),
     "view": ("view", "CARD", "--method", "nothing", "--out", "OUT"),

@@ -1,0 +1,367 @@
+"""How many beams does a trustworthy reference need?
+
+Rings of the lidar are left out, the reference of `surface-v1` is built of those that remain, and is compared with the
+exact masks as that of the whole sensor is. Nothing else changes: the sensor's field, columns, range and noise stay, and
+the reference finds the angles between rows in the sweeps themselves, as it does for any sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from bench.audit.predictions import CameraPredictions, Prediction
+from bench.audit.ranking import Estimate, agreement, metric_values, read_terms
+from bench.audit.ranking_sums import EXACT, FITS, OBJECT_METRICS, SURFACE, RankingRows, predicted_images
+from bench.audit.recording import added_seconds
+from bench.audit.results import ALL
+from bench.audit.sources import AuditSource, audit_each, audit_sources, instance_ids, refuse_without_masks, same_objects
+from bench.errors import DataError, UsageError
+from bench.evaluation import load_protocol
+from bench.evaluation.summary import Ratio
+from bench.evaluation.sums import ALL_MOVING
+from bench.execution import SerialExecutor, TaskExecutor
+from bench.harness import provenance as origin
+from bench.harness.manifest import CodeOfRun
+from bench.harness.oracles import ExactMasks, is_oracle
+from bench.harness.provenance import Provenance, recording_digest
+from bench.harness.stages import Progress, StageClock
+from bench.lidar import LidarSweep
+from bench.recordings import DatasetCard, Recording
+from bench.recordings.checked_json import read_checked, write_checked
+from bench.records.recording import PointIndices
+from bench.reference import ReferenceBuilder, ReferenceFrame, Status
+
+BEAMS = "beams.json"
+SCHEMA_VERSION = 1
+REFERENCES = (SURFACE, EXACT)
+TRUTH = Prediction(name="truth", method=ExactMasks())  # its score is the ceiling
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class BeamsRow(_Part):
+    """The reference by so many beams, over the object-frames of a class that it evaluates.
+
+    Attributes:
+        object_class: or "all".
+        beams: how many; of the first row of a class the sensor's own.
+        recordings: that hold object-frames.
+        object_frames: that are evaluated by the whole sensor and by these beams.
+        lost: that are evaluated by the whole sensor alone.
+        in_core: share of the exact masks' pixels that lie in the cores.
+        left_out: share of the exact masks' pixels that lie in neither core nor band.
+        core_outside: share of the cores' pixels that lie outside the exact masks.
+        unknown_share: mean share of an object-frame's possible pixels that is unknown.
+        ceiling: mean IoU of the exact masks.
+        tau: Kendall's tau-b of the two orders of the predictions by IoU, by this reference and by the exact masks; None
+            where no methods were ranked.
+    """
+
+    object_class: str
+    beams: int
+    recordings: int
+    object_frames: int
+    lost: int
+    in_core: Ratio
+    left_out: Ratio
+    core_outside: Ratio
+    unknown_share: Ratio
+    ceiling: Ratio
+    tau: Estimate | None
+
+    @property
+    def lost_share(self) -> float:
+        """Share of the object-frames that are lost; NaN without any."""
+        whole = self.object_frames + self.lost
+        return self.lost / whole if whole else float("nan")
+
+
+class BeamsSummary(_Part):
+    """`beams.json`.
+
+    Attributes:
+        schema_version: of this file.
+        dataset: name of the data set.
+        card: its file, as it was named.
+        split: of it; None for all.
+        asked: numbers of beams, as asked for.
+        recordings: that were used.
+        images: that were used.
+        predictions: names of what was ranked, the exact masks first; these alone where no methods were.
+        rows: of all object-frames, then by class; each from the sensor's own beams down.
+        failures: one line per recording or image that could not be used.
+        data: digest of the recordings' data.
+        code: of this package, and its libraries.
+        provenance: how it came about.
+    """
+
+    schema_version: int
+    dataset: str
+    card: str
+    split: str | None
+    asked: tuple[int, ...]
+    recordings: int
+    images: int
+    predictions: tuple[str, ...]
+    rows: tuple[BeamsRow, ...]
+    failures: tuple[str, ...]
+    data: str
+    code: CodeOfRun
+    provenance: Provenance
+
+
+def parse_beams(text: str) -> tuple[int, ...]:
+    """Read numbers of beams with commas, as in "64,32,16".
+
+    Raises:
+        UsageError: something else.
+    """
+    words = [word.strip() for word in text.split(",")]
+    if not all(word.isdecimal() and int(word) for word in words):
+        raise UsageError(f"--beams: expected numbers of beams with commas, as in 64,32,16, got {text!r}")
+    return tuple(dict.fromkeys(map(int, words)))
+
+
+def count_beams(recording: Recording) -> int:
+    """Number of the sensor's rings, which are numbered from 0 in the order of their elevation.
+
+    Raises:
+        DataError: a sweep cannot be read or does not name its rings, or objects are annotated by rows of the sweeps.
+    """
+    rings = [ref.read().ring for ref in recording.sweeps]
+    named = [ring for ring in rings if ring is not None]
+    shapes = (state.shape for track in recording.tracks for state in track.states)
+    by_row = any(isinstance(shape, PointIndices) for shape in shapes)
+    if by_row or not rings or len(named) < len(rings):
+        got = "objects annotated by rows of a sweep" if by_row else f"rings in {len(named)} of {len(rings)} sweeps"
+        raise DataError(
+            recording.root,
+            expected="lidar sweeps that name the ring of each point, and boxes or outlines around objects",
+            got=got,
+            hint="audit a rendered data set, for example demo",
+        )
+    return 1 + int(np.concatenate(named).max(initial=0))
+
+
+def with_beams(recording: Recording, beams: int, *, of: int) -> Recording:
+    """The recording with fewer rings of its lidar, evenly spaced from the first on; all points of these stay as they
+    are.
+
+    Args:
+        recording: with the whole sensor.
+        beams: how many.
+        of: how many the sensor has.
+
+    Raises:
+        DataError: more than the sensor has.
+    """
+    if beams > of:
+        expected = f"at most {of} beams, as many as its lidar has"
+        raise DataError(recording.root, expected=expected, got=f"--beams {beams}")
+    rings = np.arange(beams) * of // beams
+    sweeps = tuple(
+        replace(ref, reader=partial(_read_rings, rings=rings, reader=ref.reader)) for ref in recording.sweeps
+    )
+    return replace(recording, sweeps=sweeps)
+
+
+def _read_rings(
+    path: Path, timestamp_ns: int, *, rings: NDArray[np.intp], reader: Callable[[Path, int], LidarSweep]
+) -> LidarSweep:
+    sweep = reader(path, timestamp_ns)
+    assert sweep.ring is not None, "others are refused by `count_beams`"
+    kept = np.isin(sweep.ring, rings)
+    fields = {name: getattr(sweep, name) for name in ("points_lidar", "time_offset_ns", "intensity", "ring")}
+    return replace(sweep, **{name: values[kept] for name, values in fields.items() if values is not None})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BeamsSums:
+    """Sums of a recording, by number of beams in the column `beams`.
+
+    Attributes:
+        scores: as in `RankingSums`, by `surface-v1` and by exact masks.
+        fits: `FITS` and `lost` by class.
+        images: that were used.
+        digest: of the recording.
+        problems: one line per image that could not be used.
+        seconds: time of each stage.
+    """
+
+    scores: pd.DataFrame
+    fits: pd.DataFrame
+    images: int
+    digest: str
+    problems: tuple[str, ...]
+    seconds: dict[str, float]
+
+
+def thin_recording(source: AuditSource, *, beams: Sequence[int], predictions: Sequence[Prediction]) -> BeamsSums:
+    """Score the predictions by the references of fewer and fewer beams, the sensor's own first.
+
+    Raises:
+        DataError: the recording cannot be opened, has no rendered masks, no rings, or fewer of them than asked for.
+    """
+    clock, protocol, problems = StageClock(), load_protocol(SURFACE), list[str]()
+    with clock.stage("open"):
+        recording = source.recorded.open()
+        refuse_without_masks(recording)
+        own = count_beams(recording)
+        thinned = {count: with_beams(recording, count, of=own) for count in sorted({own, *beams}, reverse=True)}
+        digest = recording_digest(recording)
+    names, large_px = [prediction.name for prediction in predictions], protocol.scoring.false_positive_component_px
+    rows = {count: RankingRows(names, REFERENCES, component_size_px=large_px) for count in thinned}
+    lost: dict[int, list[str]] = {count: [] for count in thinned}
+    instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
+    _, *fewer = thinned.values()
+    for name in sorted(recording.cameras):
+        camera = CameraPredictions(recording, name, predictions=predictions, protocol=protocol, clock=clock)
+        others = [ReferenceBuilder(one, name, protocol.reference_settings()) for one in fewer]
+        for image in predicted_images(camera, others, clock=clock, problems=problems):
+            with clock.stage("counts"):
+                whole = image.references[0]
+                pairs = [same_objects([whole, one], image.ids, instance_of)[1:] for one in image.references]
+                evaluated = _classes(pairs[0][0])
+                for count, pair in zip(thinned, pairs, strict=True):
+                    rows[count].add(pair, image.masks)
+                    kept = _classes(pair[0])
+                    lost[count] += [of_class for track, of_class in evaluated.items() if track not in kept]
+    return BeamsSums(
+        scores=pd.concat([found.scores().assign(beams=count) for count, found in rows.items()]),
+        fits=pd.concat([_fits(found, lost[count]).assign(beams=count) for count, found in rows.items()]),
+        images=rows[own].images,
+        digest=digest,
+        problems=tuple(problems),
+        seconds=dict(clock.seconds),
+    )
+
+
+def _classes(reference: ReferenceFrame) -> dict[str, str]:
+    """Class of each evaluated object, by track."""
+    return {item.track_id: item.object_class for item in reference.objects if item.status is Status.EVALUATED}
+
+
+def _fits(rows: RankingRows, lost: Sequence[str]) -> pd.DataFrame:
+    """`FITS` by class, and how many object-frames of it are lost."""
+    fits, missing = rows.fits().groupby("object_class")[FITS].sum(), pd.Series(lost, dtype=object).value_counts()
+    return fits.join(missing.rename("lost"), how="outer").fillna(0.0).rename_axis("object_class").reset_index()
+
+
+def beams_rows(sums: Sequence[BeamsSums], predictions: Sequence[Prediction]) -> Iterator[BeamsRow]:
+    """Rows of all object-frames, then of each class that has some; each from the sensor's own beams down.
+
+    Args:
+        sums: of all recordings.
+        predictions: the exact masks first.
+    """
+    scores, fits = (pd.concat([getattr(of, name) for of in sums]) for name in ("scores", "fits"))
+    for name in (ALL, *load_protocol(SURFACE).reference.classes):
+        of_class = fits if name == ALL else fits[fits["object_class"] == name]
+        scored = scores[scores["slice"] == (ALL_MOVING if name == ALL else name)]
+        for beams in sorted(of_class["beams"].unique(), reverse=True):
+            sums_of = of_class.loc[of_class["beams"] == beams, [*FITS, "lost"]].sum()
+            yield _row(name, int(beams), sums_of, scored[scored["beams"] == beams], predictions)
+
+
+def _row(
+    name: str, beams: int, fit: pd.Series[float], scores: pd.DataFrame, predictions: Sequence[Prediction]
+) -> BeamsRow:
+    terms = read_terms(scores, OBJECT_METRICS["iou"], predictions, REFERENCES)
+    shares = {
+        "in_core": (fit["core_px"] - fit["core_outside_px"], fit["mask_px"]),
+        "left_out": (fit["left_out_px"], fit["mask_px"]),
+        "core_outside": (fit["core_outside_px"], fit["core_px"]),
+        "unknown_share": (fit["unknown_share"], fit["object_frames"]),
+        "ceiling": terms[:, 0, 0].sum(axis=0),
+    }
+    ranked = len(predictions) > 1
+    return BeamsRow(
+        object_class=name,
+        beams=beams,
+        recordings=len(terms),
+        object_frames=int(fit["object_frames"]),
+        lost=int(fit["lost"]),
+        **{share: float(metric_values(np.array(of))) for share, of in shares.items()},
+        tau=agreement({"iou": terms}, reference=0, predictions=predictions).tau if ranked else None,
+    )
+
+
+def run_beams(
+    card: DatasetCard,
+    *,
+    beams: Sequence[int],
+    predictions: Sequence[Prediction] = (),
+    out: Path,
+    split: str | None = None,
+    recordings: int | None = None,
+    executor: TaskExecutor = SerialExecutor(),  # noqa: B008 - it holds nothing
+    progress: Progress | None = None,
+) -> BeamsSummary:
+    """Compare the references of fewer and fewer beams with the exact masks and store what comes out.
+
+    Args:
+        card: the data set, rendered.
+        beams: how many; the sensor's own are always among them.
+        predictions: to be ranked beside the exact masks; none for no ranking.
+        out: folder of `beams.json`.
+        split: of the data set; None for all of it.
+        recordings: how many of them; None for all.
+        executor: reads the recordings; the result does not depend on it.
+        progress: called with the recordings done and their number.
+
+    Raises:
+        UsageError: two predictions of one name.
+        DataError: no recording could be used, above all where none has rendered masks or the lidar has fewer beams.
+    """
+    start_s = perf_counter()
+    ranked = (TRUTH, *(one for one in predictions if not (is_oracle(one.method) and one.method == TRUTH.method)))
+    names = [prediction.name for prediction in ranked]
+    if len(set(names)) < len(names):
+        raise UsageError(f"--methods: expected different methods to rank, got {', '.join(names)}")
+    found, failures = audit_each(
+        audit_sources(card, split=split, recordings=recordings),
+        partial(thin_recording, beams=tuple(beams), predictions=ranked),
+        card=card,
+        executor=executor,
+        progress=progress,
+    )
+    images = sum(of.images for of in found)
+    summary = BeamsSummary(
+        schema_version=SCHEMA_VERSION,
+        dataset=card.name,
+        card=str(card.file),
+        split=split,
+        asked=tuple(beams),
+        recordings=len(found),
+        images=images,
+        predictions=tuple(names),
+        rows=tuple(beams_rows(found, ranked)),
+        failures=(*failures, *(problem for of in found for problem in of.problems)),
+        data=origin.combined_digest([of.digest for of in found]),
+        code=CodeOfRun.here(),
+        provenance=origin.provenance_since(
+            start_s, stage_seconds=added_seconds(of.seconds for of in found), images=images
+        ),
+    )
+    write_checked(out / BEAMS, summary)
+    return summary
+
+
+def read_beams(folder: Path) -> BeamsSummary:
+    """Read `beams.json`.
+
+    Raises:
+        DataError: missing, or of no known version; names the field.
+    """
+    return read_checked(BeamsSummary, folder / BEAMS, expected="an audit of numbers of beams")

@@ -1,0 +1,196 @@
+"""Fewer beams: rings of a wall that can be counted by hand, then whole audits of thinned sweeps."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.audit.beams import BeamsSummary, count_beams, parse_beams, read_beams, run_beams, with_beams
+from bench.audit.predictions import parse_predictions
+from bench.errors import DataError, UsageError
+from bench.evaluation import load_protocol
+from bench.execution import ProcessExecutor
+from bench.harness.oracles import ExactMasks
+from bench.lidar import LidarSweep
+from bench.recordings import Recording, load_card, open_dataset
+from bench.records.recording import PointIndices, SweepRef
+from bench.reference.grid import Grid, find_grid
+from bench.reporting.audit_beams import beams_table, draw_beams
+from tests.support.commands import call, error_line
+from tests.support.runs import run_one
+
+RINGS, COLUMNS, ROW_STEP_RAD = 16, 12, 0.005
+
+
+@pytest.fixture(scope="module")
+def drive(tiny_card: Path) -> Recording:
+    return open_dataset(load_card(tiny_card))[0].open()
+
+
+def wall(_path: Path, timestamp_ns: int) -> LidarSweep:
+    """A wall square to the middle of 16 rings, 5 mrad apart, the first on top."""
+    ring, column = (values.ravel() for values in np.mgrid[:RINGS, :COLUMNS])
+    azimuth, elevation = 0.003 * column, -ROW_STEP_RAD * ring
+    flat = np.cos(elevation)
+    rays = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+    return LidarSweep(
+        timestamp_ns=timestamp_ns,
+        points_lidar=6 * rays,
+        time_offset_ns=1000 * column,
+        intensity=(ring / RINGS).astype(np.float32),
+        ring=ring.astype(np.uint8),
+    )
+
+
+def before(drive: Recording, reader=wall) -> Recording:
+    """The drive before a wall."""
+    return replace(drive, sweeps=(SweepRef(timestamp_ns=0, path=Path("wall"), reader=reader),))
+
+
+@pytest.mark.parametrize(
+    ("beams", "rings"),
+    [(16, [*range(16)]), (8, [*range(0, 16, 2)]), (4, [0, 4, 8, 12]), (6, [0, 2, 5, 8, 10, 13]), (1, [0])],
+)
+def test_rings_are_left_out_evenly_and_whole(drive, beams, rings):
+    whole, recording = wall(Path(), 7), before(drive)
+    assert count_beams(recording) == RINGS
+    thinned = with_beams(recording, beams, of=RINGS)
+    sweep = thinned.sweeps[0].read()
+    kept = np.isin(whole.ring, rings)
+    for name in ("points_lidar", "time_offset_ns", "intensity", "ring"):
+        assert np.array_equal(getattr(sweep, name), getattr(whole, name)[kept]), name
+    assert thinned.tracks is recording.tracks
+    assert recording.sweeps[0].read().ring.max() == RINGS - 1  # the recording itself keeps all
+
+
+def links_up_and_down(grid: Grid) -> np.ndarray:
+    return grid.certain[2:].sum(axis=1)
+
+
+@pytest.mark.parametrize("beams", [16, 8, 4])
+def test_gaps_are_told_by_the_rows_that_remain(drive, beams):
+    """The next ring is the neighbour without a missing return, however far away: as of a sensor with so many beams."""
+    grid = find_grid(with_beams(before(drive), beams, of=RINGS).sweeps[0].read().points_lidar)
+    assert grid.row_step_rad == pytest.approx(ROW_STEP_RAD * RINGS / beams, rel=1e-6)
+    assert grid.column_step_rad == pytest.approx(0.003, rel=1e-6)
+    assert links_up_and_down(grid).tolist() == [COLUMNS * (beams - 1)] * 2
+
+
+def test_what_cannot_be_thinned_is_refused(drive):
+    def without_rings(path: Path, timestamp_ns: int) -> LidarSweep:
+        return replace(wall(path, timestamp_ns), ring=None)
+
+    with pytest.raises(DataError, match=r"name the ring of each point.*rings in 0 of 1 sweeps"):
+        count_beams(before(drive, without_rings))
+    by_row = PointIndices(indices=np.arange(3), sweep_timestamp_ns=0)
+    (track, *_) = drive.tracks
+    state = replace(track.states[0], shape=by_row)
+    with pytest.raises(DataError, match="annotated by rows of a sweep"):
+        count_beams(replace(drive, tracks=(replace(track, states=(state,)),)))
+    with pytest.raises(DataError, match="expected at most 16 beams, as many as its lidar has, got --beams 17"):
+        with_beams(before(drive), 17, of=RINGS)
+
+
+@pytest.mark.parametrize("text", ["", "64,,16", "many", "0", "-8", "16.5"])
+def test_numbers_of_beams_are_whole(text):
+    with pytest.raises(UsageError, match="--beams: expected numbers of beams with commas, as in 64,32,16"):
+        parse_beams(text)
+    assert parse_beams("16, 32,16") == (16, 32)
+
+
+def thinned(card: Path, out: Path, beams: str = "32,8,1", methods: str = "", **options: object) -> BeamsSummary:
+    ranked = parse_predictions(methods) if methods else ()
+    return run_beams(load_card(card), beams=parse_beams(beams), predictions=ranked, out=out, **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def folder(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("beams")
+    thinned(tiny_card, out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def found(folder: Path) -> BeamsSummary:
+    return read_beams(folder)
+
+
+def rows_of(found: BeamsSummary, name: str = "all") -> list:
+    return [row for row in found.rows if row.object_class == name]
+
+
+def test_the_whole_sensor_comes_first_and_scores_exact_masks_as_a_run_does(found, tiny_card, tmp_path):
+    assert found.failures == ()
+    whole, *fewer = rows_of(found)
+    assert [row.beams for row in (whole, *fewer)] == [64, 32, 8, 1]
+    run = run_one(
+        card=load_card(tiny_card), method=ExactMasks(), protocol=load_protocol("surface-v1"), out=tmp_path / "run"
+    )
+    assert (whole.object_frames, whole.recordings, whole.lost) == (run.all_moving.object_frames, 3, 0)
+    assert whole.ceiling == pytest.approx(run.all_moving.iou.value)
+    assert whole.unknown_share == pytest.approx(run.all_moving.metric("unknown_share").value)
+
+
+def test_fewer_beams_tell_less(found):
+    whole, half, eighth, single = rows_of(found)
+    assert whole.in_core > half.in_core > eighth.in_core
+    assert whole.unknown_share < half.unknown_share < eighth.unknown_share
+    assert whole.ceiling > eighth.ceiling > 0.5
+    assert single.lost > eighth.lost  # one ring gives hardly an object ten returns
+
+
+def test_every_object_frame_of_the_whole_sensor_is_told_or_lost(found):
+    names = list(dict.fromkeys(row.object_class for row in found.rows))
+    for name in names:
+        whole, *fewer = rows_of(found, name)
+        assert {row.object_frames + row.lost for row in fewer} == {whole.object_frames}
+    of_classes = [rows_of(found, name) for name in names[1:]]
+    for every, *rows in zip(rows_of(found), *of_classes, strict=True):
+        assert (every.object_frames, every.lost) == tuple(
+            sum(getattr(row, name) for row in rows) for name in ("object_frames", "lost")
+        )
+
+
+@pytest.mark.slow
+def test_processes_change_nothing(found, tiny_card, tmp_path):
+    thinned(tiny_card, tmp_path, executor=ProcessExecutor(workers=2))
+    assert read_beams(tmp_path).model_dump_json(exclude={"provenance"}) == found.model_dump_json(exclude={"provenance"})
+
+
+def test_methods_are_ranked_beside_the_exact_masks(tiny_card, tmp_path):
+    found = thinned(tiny_card, tmp_path, "16", "truth,truth:grow_px=30,nothing", recordings=1)
+    assert found.predictions == ("truth", "truth:grow_px=30", "nothing")
+    assert [row.tau.value for row in rows_of(found)] == pytest.approx([1, 1])
+    assert [row[-1] for row in beams_table(found).rows[:2]] == ["1.00", "1.00"]
+    assert [axes.get_title() for axes in draw_beams(found).axes][-1] == "Kendall's tau"
+    with pytest.raises(UsageError, match="expected different methods"):
+        thinned(tiny_card, tmp_path, "16", "nothing,nothing")
+
+
+def test_the_command_prints_the_table_and_leaves_the_files(monkeypatch, capsys, tiny_card, tmp_path):
+    words = ("audit", tiny_card, "--beams", "16", "--recordings", 1, "--workers", 1, "--out", tmp_path)
+    assert call(monkeypatch, *words) == 0
+    shown = capsys.readouterr().out
+    assert "The reference surface-v1 by fewer beams" in shown
+    assert "\u2026" not in shown  # no cell is cut
+    for name in ("beams.json", "beams.md", "beams.csv", "beams.png", "beams.svg"):
+        assert (tmp_path / name).stat().st_size > 100
+        assert str(tmp_path / name) in shown
+    found, text = read_beams(tmp_path), (tmp_path / "beams.md").read_text()
+    table = beams_table(found)
+    assert table.title in text
+    assert all(f"| {' | '.join(cell.text for cell in row)} |" in text for row in table.cells())
+    rows = list(csv.DictReader((tmp_path / "beams.csv").read_text().splitlines()))
+    assert [float(row["ceiling"]) for row in rows] == [row.ceiling for row in found.rows]
+    assert {row["tau"] for row in rows} == {""}
+
+
+def test_more_beams_than_the_sensor_has_are_refused(monkeypatch, capsys, tiny_card, tmp_path):
+    told = error_line(monkeypatch, capsys, "audit", tiny_card, "--beams", "128,32", "--workers", 1, "--out", tmp_path)
+    assert "expected at most 64 beams, as many as its lidar has, got --beams 128" in told
+    told = error_line(monkeypatch, capsys, "audit", tiny_card, "--beams", "32", "--protocol", "paper-v1.yaml")
+    assert "--beams: expected none of --method, --set and --protocol" in told
