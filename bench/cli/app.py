@@ -29,6 +29,7 @@ EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a ver
 COMMANDS = (
     "run", "cluster_example", "cache", "evaluate", "view", "validate", "synthesize", "perf", "datasets", "methods",
     "report", "cite", "gate", "sweep", "audit", "compare", "leaderboard", "verify", "bundle", "unbundle", "schema",
+    "croissant",
 )  # fmt: skip
 GROUPS = ("annotate", "annotations", "new", "reference")
 
