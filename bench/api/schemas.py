@@ -105,7 +105,7 @@ def _card() -> Schema:
     card["properties"]["adapter"]["examples"] = list(OPTIONS)
     card["allOf"] = [
         {
-            "if": {"properties": {"adapter": {"const": name}}},
+            "if": {"required": ["adapter"], "properties": {"adapter": {"const": name}}},
             "then": {"properties": {"options": references[models[name]]}},  # type: ignore[index]
         }
         for name in OPTIONS

@@ -68,6 +68,8 @@ def test_options_of_every_adapter_pass_and_unknown_ones_do_not(adapter, tmp_path
     assert faults("card", json.loads(json.dumps(card))) == []
     card["options"] = card["options"] | {"cameraz": []}
     assert faults("card", card) == ["$.options"]
+    del card["adapter"]
+    assert faults("card", card) == ["$"]  # while it is being written
 
 
 def test_heads_of_recordings_pass(tmp_path):
