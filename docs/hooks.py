@@ -1,4 +1,4 @@
-"""Hooks of mkdocs: the command reference is made from the commands, notebooks become pages, files beside `docs/` come.
+"""Hooks of mkdocs: commands and schemas are made from the code, notebooks become pages, files beside `docs/` come.
 
 Pages link to committed files outside of `docs/` by relative paths, which work on a code host. In the site these files
 lie under the same names below the root of the site.
@@ -19,11 +19,13 @@ import typer.main
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
-from bench.cli.app import app  # noqa: E402 - the commands of this checkout, wherever mkdocs is started
+from bench.api.schemas import SCHEMAS, json_schema  # noqa: E402 - of this checkout, wherever mkdocs is started
+from bench.cli.app import app  # noqa: E402
 
 LINK = re.compile(r"(\]\()([^)#\s]+)([^)\s]*\))")
 FENCE = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 MARKER = "<!-- the commands, filled in by docs/hooks.py -->"
+SCHEMAS_MARKER = "<!-- the schemas, filled in by docs/hooks.py -->"
 
 
 def commands() -> Iterator[tuple[str, Any]]:
@@ -95,9 +97,12 @@ def notebook_page(file: Path) -> str:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add a page for each notebook, the committed files that pages link to, and those that these link to."""
+    """Add a page for each notebook, the schemas, committed files that pages link to, and those that these link to."""
     from mkdocs.structure.files import File
 
+    for name in SCHEMAS:
+        content = json.dumps(json_schema(name), indent=1, ensure_ascii=False) + "\n"
+        files.append(File.generated(config, f"schemas/{name}.json", content=content))
     for notebook in sorted((ROOT / "docs").glob("*.ipynb")):
         files.append(File.generated(config, f"{notebook.stem}.md", content=notebook_page(notebook)))
     waiting = [page for file in files.documentation_pages() if (page := ROOT / "docs" / file.src_uri).is_file()]
@@ -112,8 +117,9 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Fill in the command reference, and point links at where the files lie in the site."""
-    markdown = markdown.replace(MARKER, command_reference())
+    """Fill in commands and schemas, and point links at where the files lie in the site."""
+    schemas = ", ".join(f"[{name}](schemas/{name}.json)" for name in SCHEMAS)
+    markdown = markdown.replace(MARKER, command_reference()).replace(SCHEMAS_MARKER, f"Here they are: {schemas}.")
     source = ROOT / page.file.src_uri
     source = source if source.is_file() and page.file.src_dir == str(ROOT) else ROOT / "docs" / page.file.src_uri
     here = Path(page.file.src_uri).parent

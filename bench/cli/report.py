@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.console import note_files, say
-from bench.cli.options import StoredRun
+from bench.cli.console import note, note_files, say
+from bench.cli.options import Log, StoredRun
 from bench.cli.progress import progress_bar
 from bench.errors import UnknownNameError
 
@@ -24,6 +24,7 @@ def report(
         Path | None, typer.Option(help="The file; default: index.html or index-CATEGORY.html in the run.")
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the worst frames, from the data set.")] = True,
+    log: Log = None,
 ) -> None:
     """Write one page to read, from disk and without a network: metrics, charts, the worst cases."""
     from bench.api.runs import run_folder
@@ -31,7 +32,10 @@ def report(
     from bench.reference import Category
     from bench.reporting.page.build import write_page
     from bench.reporting.page.charts import write_figures
+    from bench.reporting.trackers import log_run, require_tracker
 
+    if log is not None:
+        require_tracker(log)
     if category is not None and category not in set(Category):
         raise UnknownNameError("category", category, (known.value for known in Category))
     kind = None if category is None else Category(category)
@@ -44,3 +48,5 @@ def report(
     files = (page.file, *write_figures(folder, category=kind))
     add_own_files(folder, files)
     note_files(files)
+    if log is not None:
+        note(log_run(folder, log))

@@ -40,6 +40,7 @@ def run(
         bool, typer.Option("--require-valid", help="Validate the data first; refuse errors, put the rest on the page.")
     ] = False,
     pictures: options.Pictures = True,
+    log: options.Log = None,
     workers: options.Workers = None,
     cache: options.Cache = None,
     no_cache: options.NoCache = False,
@@ -52,9 +53,15 @@ def run(
 
     A run that was interrupted continues where it stopped, by the same command.
     """
+    from bench.cli.report import report
     from bench.cli.request import Computing, render_if_synthetic, scoring_request
     from bench.harness import Part
+    from bench.reporting.trackers import require_tracker
 
+    if log is not None:
+        require_tracker(log)
+        if shard is not None:
+            raise UsageError("--log: expected a whole run, got --shard; the same without --shard ends and logs the run")
     request = scoring_request(
         dataset,
         method,
@@ -71,6 +78,8 @@ def run(
     request = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler).equip(request)
     if part is None:
         failures = _run(request, dataset=dataset, pictures=pictures, validation=validation)
+        for folder in request.runs if log is not None else ():
+            report(str(folder), pictures=pictures, log=log)
     else:
         failures = _run_part(request, part)
     if failures:

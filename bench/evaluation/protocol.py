@@ -34,7 +34,16 @@ class _Part(BaseModel):
 
 
 class MotionRules(_Part):
-    """When an annotated object moves, and in which way."""
+    """When an annotated object moves, and in which way; see `MotionSettings`.
+
+    Attributes:
+        object_static_mps: objects slower than this over the ground are static.
+        min_run_s: shorter runs of moving or static are taken as noise.
+        smoothing_s: width of the window over which velocities of a track are averaged.
+        ego_static_mps: the ego vehicle counts as stationary below this.
+        crossing_from_deg: angle between object velocity and ego direction of travel from which it is crossing.
+        crossing_to_deg: angle above which it is approaching.
+    """
 
     object_static_mps: NotNegative
     hysteresis_low_mps: NotNegative
@@ -69,7 +78,11 @@ class LimbRules(_Part):
 
 
 class UnknownBandRules(_Part):
-    """Causes of uncertain outlines; see `OutlineErrors`."""
+    """Causes of uncertain outlines; see `OutlineErrors`.
+
+    Attributes:
+        angle_deg: between lidar and camera, about each axis.
+    """
 
     range_noise_m: NotNegative
     angle_deg: NotNegative
@@ -82,7 +95,10 @@ class ReferenceRules(_Part):
 
     Attributes:
         polygon_kind: kind of the regions.
+        max_sweep_gap_ms: a sweep further from the exposure than this is not used.
+        max_annotation_gap_ms: an annotation further from the exposure than this is not used.
         ground_clearance_above: the road alone, or also the bottom of the annotated shape; surface patches always do.
+        unknown_band: null for regions without one.
     """
 
     range_limit_m: Positive
@@ -118,6 +134,9 @@ class Bins(_Part):
     """Edges of the half-open bins `[a, b)` of the breakdowns; the last bin is open to the right.
 
     Attributes:
+        range_m: of the object's nearest point from the camera.
+        ego_speed_mps: of the ego vehicle.
+        points: lidar points on the object that the camera sees.
         speed_mps: of the object itself. Up to 1.5 m/s people walk, up to 5 they run or vehicles turn and park, up to 10
             people ride and cars are in slow traffic, up to 20 cars are in a town.
     """
@@ -129,7 +148,12 @@ class Bins(_Part):
 
 
 class RangeMapRules(_Part):
-    """Cells of the range maps; those with fewer object-frames are hatched, not coloured."""
+    """Cells of the range maps.
+
+    Attributes:
+        cell_m: side of a cell.
+        min_object_frames: cells with fewer are hatched, not coloured.
+    """
 
     cell_m: Positive
     min_object_frames: Annotated[int, Field(ge=1)]

@@ -50,7 +50,7 @@ class Tolerance:
 
 
 class Override(FileModel):
-    """Change of a tolerance by a file; None leaves what is there."""
+    """Change of a tolerance by a file, see `Tolerance`; null leaves what is there."""
 
     absolute: NotNegative | None = None
     relative: NotNegative | None = None

@@ -27,7 +27,12 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Mounting(FileModel):
-    """A rigid transform as files state it, for example where a sensor sits on the vehicle."""
+    """A rigid transform as files state it, for example where a sensor sits on the vehicle.
+
+    Attributes:
+        quaternion_wxyz: of length 1.
+        translation_m: x, y and z.
+    """
 
     quaternion_wxyz: Quaternion
     translation_m: Vector3

@@ -43,6 +43,7 @@ COMMANDS = {
     "export": ("annotations", "export", "openlabel", "--dataset", "CARD", "--out", "OUT"),
     "reference": ("reference", "export", "CARD", "--workers", 1, "--out", "OUT"),
     "bundle": ("bundle", "RUN", "--out", "OUT"),
+    "croissant": ("croissant", "CARD", "--out", "OUT"),
     "unbundle": ("unbundle", "BUNDLE", "--out", "OUT"),
     "import": ("annotations", "import", "openlabel", "LABELS", "--dataset", "CARD", "--recording", "crossing",
                "--out", "OUT"),
