@@ -15,7 +15,7 @@ from bench.harness import FramePipeline
 from bench.harness.frames import InputOnly, UnscorableFrame
 from bench.harness.reference_files import ReferenceFolder
 from bench.methods import MethodInput
-from bench.recordings import DatasetCard, Recording, RecordingHandle, load_card
+from bench.recordings import DatasetCard, Recording, RecordingHandle, chosen_recordings, load_card
 from bench.recordings import open_dataset as list_recordings
 from bench.reference import ReferenceFrame
 
@@ -142,16 +142,33 @@ def open_dataset(
         DataError: the card or its data cannot be used.
     """
     card = load_card(dataset)
-    render_if_missing(card, workers=workers, progress=progress)
+    render_if_missing(card, split, workers=workers, progress=progress)
     return Dataset(card=card, handles=list_recordings(card, split))
 
 
-def render_if_missing(card: DatasetCard, *, workers: int, progress: Callable[[float, int], None] | None = None) -> None:
-    """Render what a card's scenario asks for and is not there yet."""
-    if card.scenario is not None and card.remote_root is None:
-        from bench.synthesis import synthesize  # a second, and recorded data need none of it
+def render_if_missing(
+    card: DatasetCard,
+    split: str | None,
+    *,
+    workers: int | None = None,
+    progress: Callable[[float, int], None] | None = None,
+) -> int:
+    """Render what of a split a card's scenario asks for and is not there yet.
 
-        synthesize(card.scenario, card.root, workers=workers, progress=progress)
+    Returns:
+        How many recordings of the split are rendered then; 0 of data that are not.
+
+    Raises:
+        UnknownNameError: no such split, nor recordings of these names.
+        DataError: the scenario is not one, or something else lies where a recording goes.
+    """
+    if card.scenario is None or card.remote_root is not None:
+        return 0
+    from bench.synthesis import read_scenario, synthesize  # a second, and recorded data need none of it
+
+    known = [spec.name for spec in read_scenario(card.scenario).recordings]
+    names, _ = chosen_recordings(card, split, known)
+    return len(synthesize(card.scenario, card.root, only=names, workers=workers, progress=progress))
 
 
 def _frames(pipeline: FramePipeline, history: int, *, exact: bool) -> Iterator[Frame]:

@@ -48,7 +48,7 @@ def export_reference(
     """
     card = dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
     rules = load_protocol(protocol)
-    render_if_missing(card, workers=1)
+    render_if_missing(card, split, workers=1)
     _, problems = export_references(
         card,
         protocol=rules,

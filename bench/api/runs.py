@@ -123,7 +123,7 @@ def run(
         out=out,
         overwrite=overwrite,
     )
-    render_if_missing(request.card, workers=workers)
+    render_if_missing(request.card, split, workers=workers)
     stored = None if cache is None else CacheFolder(folder=Path(cache))
     asked = replace(request, executor=local_executor(workers), cache=stored, progress=progress)
     ((folder, summary),) = run_benchmark(asked, finish=write_report).items()

@@ -120,7 +120,7 @@ def _compute(
     from bench.cli.request import render_if_synthetic, worker_processes
 
     with output_folder(folder):
-        render_if_synthetic(card)
+        render_if_synthetic(card, split)
         with interruptible(LEFT), progress_bar(title, "recordings") as report:
             executor = worker_processes(workers)
             return compute(card, out=folder, split=split, recordings=recordings, executor=executor, progress=report)

@@ -90,7 +90,7 @@ def evaluate(
     if reference is not None:
         request = replace(request, exported=open_reference(reference, rules=rules))
     if card.remote_root is None and not card.root.is_dir():
-        render_if_synthetic(card)  # what is there stays as it was when the predictions were made
+        render_if_synthetic(card, split)  # what is there stays as it was when the predictions were made
     with progress_bar(f"reading {predictions}", "recordings") as report:
         found = check_predictions(card, method=method, progress=report)
     _print_check(found)

@@ -31,7 +31,7 @@ def export(
     from bench.recordings import load_card
 
     card = load_card(dataset)
-    render_if_synthetic(card)
+    render_if_synthetic(card, split)
     with progress_bar(f"exporting the reference of {card.name}", "recordings") as report:
         problems = export_reference(
             card,

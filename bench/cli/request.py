@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from bench.api.datasets import render_if_missing
 from bench.api.runs import run_request
 from bench.cli.console import detail, note
 from bench.cli.progress import interruptible, progress_bar
@@ -110,18 +112,19 @@ def scoring_request(
     )
 
 
-def render(scenario: Path, out: Path, *, workers: int | None = None) -> None:
-    """Render a scenario with a progress bar and say where."""
-    from bench.synthesis import synthesize  # a second, and data that are there already need none of it
-
+@contextmanager
+def rendering(scenario: Path, out: Path) -> Iterator[Callable[[float, int], None]]:
+    """A progress bar for rendering, and what is left when that is interrupted."""
     left = f"the recordings that are done are in {out}, and the same command goes on from there"
     with interruptible(left), progress_bar(f"rendering {scenario.stem}", "recordings") as report:
-        folders = synthesize(scenario, out, workers=workers, progress=report)
-    note(f"{len(folders)} recordings in {out}")
+        yield report
 
 
-def render_if_synthetic(card: DatasetCard) -> None:
-    """Render what a card's scenario asks for and is not there yet."""
+def render_if_synthetic(card: DatasetCard, split: str | None = None) -> None:
+    """Render what of a split a card's scenario asks for and is not there yet."""
     detail(f"card {card.file}, root {card.content.root}")
-    if card.scenario is not None and card.remote_root is None:
-        render(card.scenario, card.root)
+    if card.scenario is not None:
+        with rendering(card.scenario, card.root) as report:
+            count = render_if_missing(card, split, progress=report)
+        if count:
+            note(f"{count} recordings in {card.root}")

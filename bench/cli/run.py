@@ -73,7 +73,7 @@ def run(
         overwrite=overwrite,
     )
     part = None if shard is None else Part.parse(shard)
-    render_if_synthetic(request.card)
+    render_if_synthetic(request.card, request.split)
     validation = _validated(request) if require_valid else None
     request = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler).equip(request)
     if part is None:

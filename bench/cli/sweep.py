@@ -82,7 +82,7 @@ def sweep(
     title = f"{setting} of {first.method.name} on {first.card.name} by {rules.name}"
     about = METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else ""
     with output_folder(folder):
-        render_if_synthetic(first.card)
+        render_if_synthetic(first.card, first.split)
         with resumable(folder), progress_bar(f"scoring {len(requests)} values of {setting}", "values") as progress:
             runs = run_values(requests, folder, progress=progress)
     files = write_sweep(folder, setting, runs, title=title, note=about)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.console import note
 from bench.cli.options import Workers
 
 
@@ -16,6 +17,9 @@ def synthesize(
     workers: Workers = None,
 ) -> None:
     """Render a scenario into recordings; what is there and up to date stays."""
-    from bench.cli.request import render
+    from bench.cli.request import rendering
+    from bench.synthesis import synthesize as render
 
-    render(scenario, out, workers=workers)
+    with rendering(scenario, out) as report:
+        folders = render(scenario, out, workers=workers, progress=report)
+    note(f"{len(folders)} recordings in {out}")

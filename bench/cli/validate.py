@@ -50,7 +50,7 @@ def validate_recordings(dataset: str, *, split: str | None, deep: bool, errors_o
 
     card = load_card(dataset)
     if card.scenario is not None and card.remote_root is None and not card.root.is_dir():
-        render_if_synthetic(card)  # what is there is validated as it is
+        render_if_synthetic(card, split)  # what is there is validated as it is
     handles = open_dataset(card, split)
     with progress_bar(f"validating {card.name}", "recordings") as progress:
         report = validate_dataset(card.name, handles, depth=Depth.DEEP if deep else Depth.SAMPLED, progress=progress)

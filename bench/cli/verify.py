@@ -28,8 +28,9 @@ def verify(
     from bench.recordings import load_card
 
     folder = run_folder(run)
-    card = load_card(data or load_run(folder).summary.manifest.dataset.card)
-    render_if_synthetic(card)
+    dataset = load_run(folder).summary.manifest.dataset
+    card = load_card(data or dataset.card)
+    render_if_synthetic(card, dataset.split)
     with progress_bar(f"counting {folder.name} again", "images") as report:
         found = verify_run(folder, card, executor=worker_processes(workers), progress=report)
     for line in found.differences:

@@ -7,7 +7,7 @@ conventions once, here, so that no other package depends on the data set.
 
 from bench.recordings.annotations import read_annotations
 from bench.recordings.cards import DatasetCard, list_cards, load_card
-from bench.recordings.catalogue import ADAPTERS, open_dataset
+from bench.recordings.catalogue import ADAPTERS, chosen_recordings, open_dataset
 from bench.recordings.handles import Exclusion, RecordingHandle
 from bench.recordings.images import read_image, read_truth
 from bench.recordings.native import open_native
@@ -58,6 +58,7 @@ __all__ = [
     "RecordingWriter",
     "SweepRef",
     "Track",
+    "chosen_recordings",
     "frame_gaps",
     "list_cards",
     "load_card",

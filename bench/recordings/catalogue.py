@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -74,7 +74,7 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
             raise DataError(_root(card), expected="recordings with names in UTF-8", got=repr(name), hint="rename it")
     if not handles:
         raise DataError(_root(card), expected=f"recordings of the adapter {card.content.adapter!r}", got="none")
-    names, limit = _chosen(card, split, handles)
+    names, limit = chosen_recordings(card, split, tuple(handles))
     excluded = card.content.exclusions
     _refuse_unknown((e.recording for e in excluded), handles, card, "exclusions")
     _refuse_strange_annotations(card, handles)
@@ -92,25 +92,33 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
     )
 
 
-def _chosen(
-    card: DatasetCard, split: str | None, handles: Mapping[str, RecordingHandle]
-) -> tuple[tuple[str, ...], int | None]:
-    """The recordings that a split names, and how many images of each camera it takes; None for all."""
+def chosen_recordings(card: DatasetCard, split: str | None, known: Sequence[str]) -> tuple[tuple[str, ...], int | None]:
+    """The recordings that a split names, and how many images of each camera it takes; None for all.
+
+    Args:
+        card: the data set.
+        split: as of `open_dataset`.
+        known: names of the data set's recordings.
+
+    Raises:
+        UnknownNameError: no such split.
+        DataError: a split of the card names a recording that does not exist.
+    """
     limited = FIRST_IMAGES.search(split or "")
     limit = int(limited[1]) if limited else None
     name = FIRST_IMAGES.sub("", split or "")
     if not name and (limited or split is None):
-        return tuple(handles), limit
+        return tuple(known), limit
     if name not in card.content.splits:
         recordings = tuple(name.split(","))
-        if not handles.keys() >= set(recordings) or len(set(recordings)) < len(recordings):
-            some = ", ".join(sorted(handles)[:SHOWN])
+        if not set(known) >= set(recordings) or len(set(recordings)) < len(recordings):
+            some = ", ".join(sorted(known)[:SHOWN])
             hint = f"or recordings, each once, with commas in between: {some}"
             raise UnknownNameError("split", name, card.content.splits, hint=hint)
         return recordings, limit
     chosen = card.content.splits[name]
-    names = tuple(handles) if chosen == "*" else chosen
-    _refuse_unknown(names, handles, card, f"splits.{name}")
+    names = tuple(known) if chosen == "*" else chosen
+    _refuse_unknown(names, known, card, f"splits.{name}")
     return names, limit
 
 
@@ -137,13 +145,11 @@ def _adapter(name: str) -> Adapter:
     return adapter
 
 
-def _refuse_unknown(
-    names: Iterable[str], handles: Mapping[str, RecordingHandle], card: DatasetCard, field: str
-) -> None:
+def _refuse_unknown(names: Iterable[str], known: Collection[str], card: DatasetCard, field: str) -> None:
     for name in names:
-        if name not in handles:
-            known = ", ".join(sorted(handles)[:SHOWN])
-            raise DataError(card.file, field=field, expected=f"recordings of {_root(card)}: {known}", got=repr(name))
+        if name not in known:
+            some = ", ".join(sorted(known)[:SHOWN])
+            raise DataError(card.file, field=field, expected=f"recordings of {_root(card)}: {some}", got=repr(name))
 
 
 def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, RecordingHandle]) -> None:

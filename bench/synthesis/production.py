@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -115,7 +115,12 @@ def _remove_former(scenario: Scenario, out: Path) -> None:
 
 
 def synthesize(
-    scenario_path: Path, out: Path, *, workers: int | None = None, progress: Progress | None = None
+    scenario_path: Path,
+    out: Path,
+    *,
+    only: Collection[str] | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
 ) -> list[Path]:
     """Render every recording of a scenario that is not there yet.
 
@@ -128,6 +133,7 @@ def synthesize(
     Args:
         scenario_path: the scenario file.
         out: folder of the recordings.
+        only: recordings that are wanted; None for all.
         workers: processes; None for one per core that this process may use.
         progress: called with the numbers of finished and of all recordings.
 
@@ -144,15 +150,16 @@ def synthesize(
     make_folder(out)
     with folder_lock(out):
         _remove_former(scenario, out)
-        missing = [spec for spec in scenario.recordings if not _is_rendered(out / spec.name, scenario, spec)]
+        wanted = [spec for spec in scenario.recordings if only is None or spec.name in only]
+        missing = [spec for spec in wanted if not _is_rendered(out / spec.name, scenario, spec)]
         for spec in missing:
             if (out / spec.name).exists():
                 _refuse_edited(out / spec.name)
-        done, total = len(scenario.recordings) - len(missing), len(scenario.recordings)
+        done, total = len(wanted) - len(missing), len(wanted)
         if progress is not None:
             progress(done, total)
         for count, _ in enumerate(_rendered(scenario, missing, out, workers or usable_cores()), start=done + 1):
             if progress is not None:
                 progress(count, total)
         shutil.rmtree(out / UNFINISHED, ignore_errors=True)
-    return [out / spec.name for spec in scenario.recordings]
+    return [out / spec.name for spec in wanted]

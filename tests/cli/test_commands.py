@@ -1,6 +1,7 @@
 """Every command once: exit status, what it prints, which files it leaves."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -69,9 +70,19 @@ def test_a_quick_look_scores_some_images_of_some_recordings(monkeypatch, tiny_ca
     assert call(monkeypatch, *look, "--recording", "crossing", "--split", "moving") == 2
 
 
-def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_card, tmp_path):
-    import shutil
+def test_a_quick_look_renders_no_more_than_it_scores(monkeypatch, tiny_card, tmp_path):
+    from bench.synthesis import production
 
+    made = []
+    monkeypatch.setattr(production, "_rendered", lambda _, specs, *__: made.extend(spec.name for spec in specs) or ())
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets", ignore=shutil.ignore_patterns("data"))
+    assert call(monkeypatch, "run", folder / tiny_card.name, "--recording", "standing", "--out", tmp_path / "run") == 2
+    assert made == ["standing"]
+    assert call(monkeypatch, "run", folder / tiny_card.name, "--split", "standin", "--out", tmp_path / "run") == 2
+    assert made == ["standing"], "and nothing where there is no such split"
+
+
+def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_card, tmp_path):
     folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
     without_scenario(folder / tiny_card.name)
     (folder / "data" / "tiny" / "standing" / "egomotion.csv").unlink()

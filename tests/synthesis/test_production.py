@@ -244,3 +244,12 @@ def test_foreign_folder_is_not_overwritten(scenario_file: Path, tmp_path: Path) 
 def test_no_workers_are_refused(scenario_file: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="workers"):
         synthesize(scenario_file, tmp_path / "out", workers=0)
+
+
+def test_what_is_wanted_alone_is_rendered(scenario_file: Path, tmp_path: Path, quick: list[str]) -> None:
+    first, second = [spec.name for spec in read_scenario(scenario_file).recordings][:2]
+    assert synthesize(scenario_file, tmp_path / "out", only=[second]) == [tmp_path / "out" / second]
+    assert quick == [second]
+    synthesize(scenario_file, tmp_path / "out")
+    assert quick[1:] == [spec.name for spec in read_scenario(scenario_file).recordings if spec.name != second]
+    assert (tmp_path / "out" / first).is_dir()
