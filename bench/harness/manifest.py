@@ -108,14 +108,6 @@ class Manifest(_Part):
     reference: str | None = None
     sums: str | None = None
 
-    @property
-    def commit(self) -> str | None:
-        """Commit of the method's code, "+" behind it where files were changed; None where it is unknown, and of
-        predictions from disk."""
-        if PREDICTIONS_DIGEST in self.method.settings:
-            return None
-        return self.code.commit if self.method.place.startswith("bench.") else self.method.commit
-
     def as_read(self) -> Manifest:
         """The manifest as it reads from a file: lists, not tuples."""
         return Manifest.model_validate_json(self.model_dump_json())

@@ -194,7 +194,7 @@ def _series(title: str, runs: Sequence[StoredRun], *, checkout: Path) -> Series:
 
 
 def _time(run: StoredRun, checkout: Path) -> datetime:
-    commit = run.summary.manifest.commit
+    commit = run.summary.commit
     return (commit and commit_time(commit, checkout)) or _started(run)
 
 
@@ -204,7 +204,7 @@ def _started(run: StoredRun) -> datetime:
 
 
 def _is_changed(run: StoredRun) -> bool:
-    return (run.summary.manifest.commit or "").endswith("+")
+    return (run.summary.commit or "").endswith("+")
 
 
 def _break(stretch: Sequence[StoredRun], run: StoredRun) -> str:
@@ -225,7 +225,7 @@ def _stretch(runs: Sequence[StoredRun], break_before: str, times: Mapping[Path, 
     pairs = [None, *(compare_runs(runs[place : place + 2])[0] for place in range(len(runs) - 1))]
     made = []
     for run, since in zip(runs, pairs, strict=True):
-        values, commit = entries[run.folder].metrics, run.summary.manifest.commit or ""
+        values, commit = entries[run.folder].metrics, run.summary.commit or ""
         made.append(
             Point(
                 run=run,
@@ -405,12 +405,11 @@ def _records(found: History) -> Iterator[dict[str, object]]:
         for number, stretch in enumerate(series.stretches, start=1):
             group = stretch.group
             for point in stretch.points:
-                manifest = point.run.summary.manifest
                 for metric in series.metrics:
                     yield {
                         "series": series.title, "stretch": number, "break_before": stretch.break_before,
                         "protocol_digest": group.protocol_digest, "reference_digest": group.reference_digest,
-                        "images_compared": group.images, "run": point.run.label, "commit": manifest.commit,
+                        "images_compared": group.images, "run": point.run.label, "commit": point.run.summary.commit,
                         "time_utc": point.time.isoformat(timespec="seconds"), "metric": metric,
                         **metric_record(point.metrics[metric]), **_change_record(point, metric),
                     } | annotations_field(group.unreviewed)  # fmt: skip

@@ -80,11 +80,11 @@ def score(folder: Path, card: Path, name: str) -> None:
 
 def test_the_commit_of_a_users_method_is_that_of_its_own_repository(repository):
     folder, commits = repository
-    found = {name: read_run(folder / "runs" / name).manifest for name in ("older", "newer", "changed")}
+    found = {name: read_run(folder / "runs" / name) for name in ("older", "newer", "changed")}
     assert {name: one.commit for name, one in found.items()} == {
         "older": commits[0], "newer": commits[1], "changed": f"{commits[1]}+",
     }  # fmt: skip
-    assert len({one.method.code_digest for one in found.values()}) == 3
+    assert len({one.manifest.method.code_digest for one in found.values()}) == 3
 
 
 def test_runs_stand_by_the_time_of_their_commits_and_changes_are_those_of_compare(repository, tmp_path):
