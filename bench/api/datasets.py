@@ -114,11 +114,11 @@ class Dataset:
         rules, looks = load_protocol(protocol), InputOnly(history=history, colour=colour)
         exported = None if reference is None else ReferenceFolder.open(Path(reference))
         for name in self.names if recordings is None else recordings:
-            recording = self[name]
+            recording, read = self[name], None if exported is None else exported.recording(name)
             if camera is not None and camera not in recording.cameras:
                 raise UnknownNameError("camera", camera, recording.cameras)
             for chosen in recording.cameras if camera is None else (camera,):
-                pipeline = FramePipeline(recording, chosen, method=looks, protocol=rules, exported=exported)
+                pipeline = FramePipeline(recording, chosen, method=looks, protocol=rules, exported=read)
                 yield from _frames(pipeline, history, exact=exact)
 
 

@@ -28,8 +28,8 @@ EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a ver
 # Each in the module of its name.
 COMMANDS = (
     "run", "cluster_example", "cache", "evaluate", "view", "validate", "synthesize", "perf", "datasets", "methods",
-    "report", "cite", "gate", "sweep", "audit", "compare", "leaderboard", "verify", "bundle", "unbundle", "schema",
-    "croissant", "doctor",
+    "report", "cite", "gate", "sweep", "audit", "compare", "leaderboard", "history", "verify", "bundle", "unbundle",
+    "schema", "croissant", "doctor",
 )  # fmt: skip
 GROUPS = ("annotate", "annotations", "new", "reference")
 

@@ -48,7 +48,7 @@ def leaderboard(
     """
     from bench.cli.request import Computing
     from bench.reporting.leaderboard.page import write_leaderboard
-    from bench.reporting.leaderboard.reading import read_leaderboard
+    from bench.reporting.leaderboard.reading import read_leaderboard, unbundle_command
     from bench.reporting.leaderboard.texts import leaderboard_tables
 
     if score is None and (methods is not None or workers is not None):
@@ -62,6 +62,8 @@ def leaderboard(
     show(leaderboard_tables(found))
     for run, fault in found.damaged:
         say(f"damaged: {run}: {fault}", style="red")
+    for one in found.packed:
+        say(f"not listed: {one[0]} is a run in one file; unpack it: {unbundle_command(*one)}", style="yellow")
     if out is not None:
         with progress_bar("drawing the same images", "runs") as progress:
             files, problems = write_leaderboard(found, out, pictures=pictures, progress=progress)

@@ -77,6 +77,15 @@ def write_bundle(run: Path, out: Path) -> RunSummary:
     return summary
 
 
+def is_bundle(file: Path) -> bool:
+    """True for what `write_bundle` wrote, as far as its list of files says."""
+    try:
+        with ZipFile(file) as archive:
+            return LIST in archive.namelist()
+    except (OSError, BadZipFile, NotImplementedError, ValueError):
+        return False
+
+
 def unpack_bundle(file: Path, out: Path) -> RunSummary:
     """Unpack a run into a folder that is new or empty, checked; it appears whole or not at all.
 

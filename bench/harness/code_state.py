@@ -8,6 +8,7 @@ import subprocess
 from base64 import urlsafe_b64encode
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
 from importlib import resources
 from importlib.metadata import PackageNotFoundError, distribution, distributions
 from pathlib import Path
@@ -40,6 +41,24 @@ def _installed_commit(package: Path) -> str | None:
     told = installed.read_text("direct_url.json")
     commit = json.loads(told).get("vcs_info", {}).get("commit_id") if told else None
     return str(commit) if commit else None
+
+
+def method_commit(method_code: MethodCode) -> str | None:
+    """Commit of the checkout that holds the module of a method's class, "+" behind it where a file of the method is
+    changed or untracked; None where no commit holds that module."""
+    module = method_code.place.partition(":")[0]
+    path = next((file.path.resolve() for file in method_code.files if file.module and file.name == module), None)
+    if path is None or _git(path.parent, "ls-files", "--error-unmatch", "--", path.name) is None:
+        return None
+    commit = _git(path.parent, "rev-parse", "HEAD")
+    changed = any(_uncommitted(sorted(file.path.resolve() for file in method_code.files)))
+    return None if commit is None else commit.strip() + ("+" if changed else "")
+
+
+def commit_time(commit: str, folder: Path) -> datetime | None:
+    """Time of a commit, UTC; None where the checkout that holds a folder does not have it."""
+    told = _git(folder, "show", "--no-patch", "--format=%cI", "--end-of-options", f"{commit.rstrip('+')}^{{commit}}")
+    return None if told is None else datetime.fromisoformat(told.strip()).astimezone(UTC)
 
 
 def unrepeatable_code(method_code: MethodCode) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from bench.evaluation import Protocol
 from bench.geometry import RigidTransform
 from bench.harness.cache import StepCache
 from bench.harness.oracles import exact_mask, is_oracle
-from bench.harness.reference_files import ExportedReferences, ReferenceFolder
+from bench.harness.reference_files import ExportedReferences, RecordingReference
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Scorable, Segmentation, UnansweredImage, ask_method
 from bench.methods.contract import not_derived, own_copy
@@ -80,7 +80,7 @@ class FramePipeline:
         further: Sequence[Protocol] = (),
         clock: StageClock | None = None,
         steps: StepCache | None = None,
-        exported: ReferenceFolder | None = None,
+        exported: RecordingReference | None = None,
     ) -> None:
         self.recording, self.camera = recording, recording.cameras[camera]
         self.images = recording.images[camera]
@@ -90,7 +90,7 @@ class FramePipeline:
         )
         self._exported = None
         if exported is not None:
-            self._exported = ExportedReferences(exported, recording.name, self.camera)
+            self._exported = ExportedReferences(exported, self.camera)
         self._method = own_copy(method)
         self._clock = clock or StageClock()
         self._steps = steps

@@ -66,6 +66,8 @@ class Provenance(BaseModel):
         peak_memory_mb: largest resident size of a process.
         work: what had to be computed; None of an audit.
         unrepeatable: code that cannot be had again, one line a file; see `code_state`.
+        method_commit: of the checkout that the method's own code is of, "+" behind it where a file of it is not as
+            committed; None for a method of this package, and for code in no commit.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -77,6 +79,7 @@ class Provenance(BaseModel):
     peak_memory_mb: float
     work: Work | None = None
     unrepeatable: tuple[str, ...] = ()
+    method_commit: str | None = None
 
 
 def provenance_since(
@@ -86,7 +89,6 @@ def provenance_since(
     images: int,
     work: Work | None = None,
     peak_memory_mb: float | None = None,
-    unrepeatable: tuple[str, ...] = (),
 ) -> Provenance:
     """The provenance of work that ends now.
 
@@ -96,7 +98,6 @@ def provenance_since(
         images: that were scored.
         work: what had to be computed.
         peak_memory_mb: of the largest process; None for this one.
-        unrepeatable: code that cannot be had again.
     """
     seconds = round(perf_counter() - start_s, 3)
     return Provenance(
@@ -106,7 +107,6 @@ def provenance_since(
         images=images,
         peak_memory_mb=round(largest_resident_mb() if peak_memory_mb is None else peak_memory_mb, 1),
         work=work,
-        unrepeatable=unrepeatable,
     )
 
 

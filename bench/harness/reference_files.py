@@ -11,7 +11,7 @@ Of the form "coco" the pixels are `annotations` of the recording's JSON, run len
 pixels, with its `instance_id`, and one each for all other labels, with `iscrowd` 1. An object is told once, in the
 entry of its image, with its place there as `instance_id`; `annotations` name that.
 
-An image is read alone, so that memory is that of one image and of the text of its recording.
+A recording's JSON is read once, images one at a time: memory is that of one image and of one recording's text.
 """
 
 from __future__ import annotations
@@ -342,7 +342,19 @@ class RecordingReference:
             annotated=image.annotated,
         )
 
-    def files(self, image: ImageEntry) -> list[Path]:
+    def digest(self, images: Sequence[ImageRef]) -> str:
+        """SHA-256 of what was read of images, and of their files of pixels."""
+        digest = hashlib.sha256()
+        for entry in filter(None, (self.find(image.camera, image.timestamp_ns) for image in images)):
+            digest.update(entry.model_dump_json().encode())
+            for _, pixels in self._pixels.get(entry.id, []):
+                digest.update(f"{pixels.model_dump_json()}{self._categories.get(pixels.category_id)}".encode())
+            for file in self._files(entry):
+                with suppress(OSError):  # an image without its file is told where it is scored
+                    digest.update(str(file.name).encode() + hashlib.sha256(read_regular(file)).digest())
+        return digest.hexdigest()
+
+    def _files(self, image: ImageEntry) -> list[Path]:
         """The files that hold an image's pixels, beside that of the recording."""
         if self._exported.head.form == "coco":
             return []
@@ -351,7 +363,7 @@ class RecordingReference:
 
     def _read(self, image: ImageEntry) -> tuple[NDArray[Any], NDArray[Any], Path]:
         """Instances and labels of an image, and the file to name."""
-        if files := self.files(image):
+        if files := self._files(image):
             instances, labels = _read_png(files[0], image, bits=16), _read_png(files[1], image, bits=8)
             return instances, labels, files[0]
         instances = np.zeros((image.height, image.width), dtype=np.uint16)
@@ -379,16 +391,12 @@ class ExportedReferences:
     """Gives the references of a camera as `bench.reference.ReferenceBuilder` does, from an export.
 
     Args:
-        exported: the whole export.
-        recording: name.
+        recording: as it was exported.
         camera: of the recording.
-
-    Raises:
-        DataError: the recording is not in it, or its file is damaged.
     """
 
-    def __init__(self, exported: ReferenceFolder, recording: str, camera: MountedCamera) -> None:
-        self._recording, self._camera = exported.recording(recording), camera
+    def __init__(self, recording: RecordingReference, camera: MountedCamera) -> None:
+        self._recording, self._camera = recording, camera
         self.valid = visible_region(camera)
 
     def build(self, image: ImageRef) -> ReferenceFrame:
@@ -403,12 +411,3 @@ class ExportedReferences:
             expected, got = f"{model.width} x {model.height} px", f"{entry.width} x {entry.height}"
             raise DataError(self._recording.file, field=f"images, id {entry.id}", expected=expected, got=got)
         return self._recording.frame(entry)
-
-    def digest(self, images: Sequence[ImageRef]) -> str:
-        """SHA-256 of the files that the references of images are read from."""
-        entries = (self._recording.find(image.camera, image.timestamp_ns) for image in images)
-        digest = hashlib.sha256()
-        for file in (self._recording.file, *(file for one in entries if one for file in self._recording.files(one))):
-            with suppress(OSError):  # an image without its file is told where it is scored
-                digest.update(str(file.name).encode() + hashlib.sha256(read_regular(file)).digest())
-        return digest.hexdigest()

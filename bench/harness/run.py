@@ -16,7 +16,7 @@ from bench.evaluation import Protocol, sum_run, summary_of, write_sums
 from bench.evaluation.summary import ProtocolOfRun, Summary, not_annotated
 from bench.execution import FailedTask, SerialExecutor, TaskExecutor
 from bench.harness.cache import CacheFolder
-from bench.harness.code_state import unrepeatable_code
+from bench.harness.code_state import method_commit, unrepeatable_code
 from bench.harness.digests import MethodCode
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, all_settings
 from bench.harness.method_of_run import MethodOfRun
@@ -134,9 +134,9 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> dict[
         with ExitStack() as replaced:
             folders = {run: replaced.enter_context(new_results(run)) for run in request.runs}
             scored = _score(request, handles, Part(), manifests, method_code)
-            unrepeatable = unrepeatable_code(method_code)
+            origin = {"unrepeatable": unrepeatable_code(method_code), "method_commit": method_commit(method_code)}
             for run, results in folders.items():
-                summaries[run] = _write_results(results, request, run, scored, manifests[run], unrepeatable)
+                summaries[run] = _write_results(results, request, run, scored, manifests[run], origin)
                 if finish is not None:
                     finish(results, summaries[run])
         for run in request.runs:
@@ -197,7 +197,7 @@ class ScoredPart:
         failed = [str(self.results[unit].failure) for unit in self.units if unit not in done]
         return [recording.failure for recording in self.recordings if recording.failure is not None] + failed
 
-    def provenance(self, run: Path, *, images: int, unrepeatable: tuple[str, ...] = ()) -> Provenance:
+    def provenance(self, run: Path, *, images: int) -> Provenance:
         """Provenance of the results in the folder of a run, so far."""
         results, opening_s = list(self.results.values()), sum(recording.seconds for recording in self.recordings)
         computed = [unit for unit, result in self.results.items() if run in result.computed]
@@ -215,7 +215,6 @@ class ScoredPart:
                 steps_computed=_sum(result.steps_computed for result in results),
             ),
             peak_memory_mb=max([largest_resident_mb(), *(result.peak_memory_mb for result in results)]),
-            unrepeatable=unrepeatable,
         )
 
 
@@ -346,9 +345,9 @@ def _write_results(
     run: Path,
     scored: ScoredPart,
     manifest: Manifest,
-    unrepeatable: tuple[str, ...],
+    origin: Mapping[str, object],
 ) -> RunSummary:
-    """Reduce the stored units of a run to its tables, its sums and its summary.
+    """Reduce the stored units of a run to its tables, its sums and its summary; `origin` is where its code is from.
 
     Raises:
         DataError: a unit is damaged, or nothing could be used.
@@ -374,8 +373,8 @@ def _write_results(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=SCHEMA_VERSION,
         manifest=manifest.with_data(digests).model_copy(update=finished),
-        provenance=scored.provenance(
-            run, images=metrics.images.evaluated + metrics.images.not_annotated, unrepeatable=unrepeatable
+        provenance=scored.provenance(run, images=metrics.images.evaluated + metrics.images.not_annotated).model_copy(
+            update=origin
         ),
         vehicle_outline_m=outlines[-1] if outlines else (),
         failures=(*failures, *problems),

@@ -41,7 +41,7 @@ from bench.evaluation.definitions import level_metrics
 from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.rows import Rows, read_parts, sort_rows, to_frame
 from bench.harness.digests.content import MISSING, UNREADABLE, FileDigests
-from bench.harness.manifest import Manifest, write_manifest
+from bench.harness.manifest import PREDICTIONS_DIGEST, Manifest, write_manifest
 from bench.harness.provenance import Provenance
 from bench.harness.unit_files import load_image_maps
 from bench.recordings.checked_json import read_checked, write_checked
@@ -157,6 +157,15 @@ class RunSummary(Summary):
     caveats: str = ""
     threshold_free: ThresholdFreeMetrics | None = None
     files: dict[Table, str]
+
+    @property
+    def commit(self) -> str | None:
+        """Commit of the method's code, "+" behind it where files were changed; None where it is unknown, and of
+        predictions from disk."""
+        method = self.manifest.method
+        if PREDICTIONS_DIGEST in method.settings:
+            return None
+        return self.manifest.code.commit if method.place.startswith("bench.") else self.provenance.method_commit
 
     @property
     def unreviewed(self) -> str:

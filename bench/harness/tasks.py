@@ -16,7 +16,7 @@ from bench.harness.digests import MethodCode, RecordingInputs, code_digest, dige
 from bench.harness.digests.content import UNIT_CODE
 from bench.harness.method_of_run import flat_settings
 from bench.harness.provenance import largest_resident_mb, recording_digest
-from bench.harness.reference_files import ExportedReferences, ReferenceFolder
+from bench.harness.reference_files import RecordingReference, ReferenceFolder
 from bench.harness.stages import StageClock
 from bench.harness.unit import Unit, plan_units, run_unit
 from bench.harness.unit_files import UnitStore, encode_unit
@@ -175,7 +175,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
         with clock.stage("digest"):
             spec.refuse_other_code()
             inputs = opened.inputs.reread()
-            decided_by = deciding_digests(spec, opened.recording, unit, inputs)
+            decided_by = deciding_digests(spec, opened, unit, inputs)
             names = {run: digest_of(parts) for run, parts in decided_by.items()}
             stored = task.stored
             if stored is None:
@@ -201,7 +201,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
                 protocols=protocols,
                 clock=clock,
                 steps=steps,
-                exported=spec.exported,
+                exported=opened.exported,
             )
             with clock.stage("digest"):
                 spec.refuse_other_code()
@@ -232,9 +232,10 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
 
 
 def deciding_digests(
-    spec: RunSpec, recording: Recording, unit: Unit, inputs: RecordingInputs
+    spec: RunSpec, opened: OpenedRecording, unit: Unit, inputs: RecordingInputs
 ) -> dict[Path, dict[str, str]]:
     """Digests of all that decides the results of a unit, by folder of the run and name."""
+    recording = opened.recording
     images = recording.images[unit.camera]
     first = max(unit.start - spec.method.most_history - 1, 0)
     read = images[first : unit.stop]
@@ -252,9 +253,8 @@ def deciding_digests(
         "images": inputs.images(read),
         "exact masks": inputs.truths(images[unit.start : unit.stop]),
     }
-    if spec.exported is not None:
-        exported = ExportedReferences(spec.exported, recording.name, recording.cameras[unit.camera])
-        shared["exported reference"] = exported.digest(images[unit.start : unit.stop])
+    if opened.exported is not None:
+        shared["exported reference"] = opened.exported.digest(images[unit.start : unit.stop])
     first_ns, last_ns = read[0].timestamp_ns, read[-1].timestamp_ns
     return {
         run: shared
@@ -273,30 +273,39 @@ def _changed(decided_by: Mapping[str, str], stored: Collection[Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Opened:
-    """A recording that this process has open."""
+class OpenedRecording:
+    """A recording that this process has open, with its exported reference where one is scored by."""
 
     spec_id: str
     handle_name: str
     recording: Recording
     inputs: RecordingInputs
+    exported: RecordingReference | None
 
 
-_held: list[_Opened] = []  # the last one; tasks of a recording mostly follow each other
+_held: list[OpenedRecording] = []  # the last one; tasks of a recording mostly follow each other
 
 
-def _open(spec: RunSpec, handle: RecordingHandle) -> _Opened:
+def _open(spec: RunSpec, handle: RecordingHandle) -> OpenedRecording:
     if not (_held and (_held[0].spec_id, _held[0].handle_name) == (spec.run_id, handle.name)):
         _held[:] = []
         recording = handle.open()
-        inputs = RecordingInputs(recording)
-        _held.append(_Opened(spec_id=spec.run_id, handle_name=handle.name, recording=recording, inputs=inputs))
+        opened = OpenedRecording(
+            spec_id=spec.run_id,
+            handle_name=handle.name,
+            recording=recording,
+            inputs=RecordingInputs(recording),
+            exported=None if spec.exported is None else spec.exported.recording(recording.name),
+        )
+        _held.append(opened)
     return _held[0]
 
 
-def _refuse_change(spec: RunSpec, opened: _Opened, unit: Unit, before: Mapping[Path, Mapping[str, str]]) -> None:
+def _refuse_change(
+    spec: RunSpec, opened: OpenedRecording, unit: Unit, before: Mapping[Path, Mapping[str, str]]
+) -> None:
     """Refuse a result of files that changed while they were read: nobody knows which of them it is of."""
-    if deciding_digests(spec, opened.recording, unit, opened.inputs.reread()) != before:
+    if deciding_digests(spec, opened, unit, opened.inputs.reread()) != before:
         raise DataError(
             opened.recording.root,
             expected="files that stay the same while they are scored",

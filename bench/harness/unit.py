@@ -13,7 +13,7 @@ from bench.evaluation import ImageMap, Protocol, SequenceScorer
 from bench.harness.cache import StepCache
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.masks import MASKS_SCHEMA, mask_row
-from bench.harness.reference_files import ReferenceFolder
+from bench.harness.reference_files import RecordingReference
 from bench.harness.stages import StageClock
 from bench.methods import Scorable
 from bench.recordings import ImageRef, Recording
@@ -131,7 +131,7 @@ def run_unit(
     protocols: Sequence[Protocol],
     clock: StageClock,
     steps: StepCache | None = None,
-    exported: ReferenceFolder | None = None,
+    exported: RecordingReference | None = None,
 ) -> list[UnitTables]:
     """Score the images of a unit. An image that cannot be used is reported; the others go on.
 

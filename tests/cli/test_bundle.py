@@ -32,6 +32,17 @@ def test_a_run_is_sent_unpacked_verified_and_listed(run, tmp_path, monkeypatch, 
     file, out = tmp_path / "sent.run.zip", tmp_path / "runs" / "theirs"
     assert call(monkeypatch, "verify", run) == 0
     assert call(monkeypatch, "bundle", run, "--out", file) == 0
+    out.parent.mkdir()
+    shutil.copy(file, tmp_path / "runs" / "theirs.run.zip")
+    assert call(monkeypatch, "leaderboard", tmp_path / "runs") == 2
+    unpack = f"fisheye-bench unbundle {out}.run.zip --out {out}"
+    assert (
+        f"expected at least one run, got no summary.json at any depth; unpack it: {unpack}" in capsys.readouterr().err
+    )
+    shutil.copytree(run, tmp_path / "runs" / "mine")
+    assert call(monkeypatch, "leaderboard", tmp_path / "runs") == 0
+    assert f"theirs.run.zip is a run in one file; unpack it: {unpack}" in "".join(capsys.readouterr().out.split("\n"))
+    shutil.rmtree(tmp_path / "runs" / "mine")
     assert call(monkeypatch, "unbundle", file, "--out", out) == 0
     assert "nothing of it is verified yet" in capsys.readouterr().out
     names = {path.name for path in out.iterdir()}

@@ -30,6 +30,7 @@ COMMANDS = {
     "compare",
     "leaderboard",
     "doctor",
+    "history",
 }
 
 

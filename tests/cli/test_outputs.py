@@ -31,6 +31,7 @@ COMMANDS = {
     "report": ("report", "RUN", "--no-pictures", "--out", "OUT"),
     "compare": ("compare", "RUN", "OTHER", "--no-pictures", "--out", "OUT"),
     "leaderboard": ("leaderboard", "RUNS", "--out", "OUT"),
+    "history": ("history", "RUN", "COPY", "--out", "OUT"),
     "sweep": ("sweep", "CARD", "--set", "threshold=0.001,0.002", "--no-cache", "--out", "OUT"),
     "audit": ("audit", "CARD", "--method", "nothing", "--recordings", 1, "--workers", 1, "--no-pictures",
               "--out", "OUT"),
@@ -68,6 +69,7 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         words = ("annotations", "export", "openlabel", "--dataset", tiny_card, "--out", folder / "labels")
         assert call(monkeypatch, *words, "--recording", "crossing") == 0
         assert call(monkeypatch, "bundle", folder / "runs" / "nothing", "--out", folder / "sent.run.zip") == 0
+    shutil.copytree(folder / "runs" / "nothing", folder / "copy")
     *_, image = sorted((tiny_card.parent / "data" / "tiny" / "crossing" / "images" / "front").glob("*.png"))
     (folder / "predictions" / "crossing" / "front").mkdir(parents=True)
     cv2.imwrite(str(folder / "predictions" / "crossing" / "front" / image.name), np.zeros((240, 320), np.uint8))
@@ -78,6 +80,7 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         "RUNS": str(folder / "runs"),
         "RUN": str(folder / "runs" / "nothing"),
         "OTHER": str(folder / "runs" / "everything"),
+        "COPY": str(folder / "copy"),
         "LABELS": str(next(file for file in (folder / "labels").rglob("*") if file.is_file())),
         "BASELINE": str(folder / "b"),
         "BUNDLE": str(folder / "sent.run.zip"),

@@ -15,6 +15,7 @@ from bench.errors import DataError
 from bench.execution import local_executor
 from bench.harness import read_run, read_tables
 from bench.harness.reference_files import ReferenceFolder
+from bench.recordings.validation import read_json
 from bench.reference import ReferenceFrame
 from bench.training import training_pairs
 from tests.cli.predictions import CAMERA, images_of, write_maps
@@ -89,6 +90,36 @@ def test_the_score_by_it_is_that_by_the_data_to_the_count(
         assert [*map(repr, by_data.to_pylist())] == [*map(repr, by_files.to_pylist())]
     assert read_run(tmp_path / "files").manifest.reference == read_run(tmp_path / "data").manifest.reference
     assert f"The reference was read from {export.name}." in read_run(tmp_path / "files").caveats
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_recording_is_parsed_once_whatever_its_length_and_a_changed_image_is_scored_again_alone(
+    exports, tiny_card, masks, tmp_path, monkeypatch, form
+):
+    """One unit an image; what was computed again is the one whose reference is another."""
+    parsed: list[str] = []
+
+    def count(model, file):
+        parsed.append(file.name)
+        return read_json(model, file)
+
+    monkeypatch.setattr("bench.harness.reference_files.read_json", count)
+    monkeypatch.setattr("bench.harness.unit.plan_units.__kwdefaults__", {"chunk_images": 1})
+    export = shutil.copytree(exports[form, "surface-v1"], tmp_path / "export")
+    common = ("evaluate", tiny_card, "--predictions", masks, "--protocol", "surface-v1", "--no-pictures", "--no-cache")
+    words = (*common, "--out", tmp_path / "run", "--reference", export)
+    assert call(monkeypatch, *words) == 0
+    work = read_run(tmp_path / "run").provenance.work
+    assert work.units_computed == 12
+    assert sorted(parsed) == sorted({*parsed})
+
+    def faster(content):
+        content["images"][-1]["objects"][0]["speed_mps"] += 1
+
+    changed_json(export / "crossing.json", faster)
+    assert call(monkeypatch, *words) == 0
+    work = read_run(tmp_path / "run").provenance.work
+    assert (work.units_computed, work.units_reused, work.changed) == (1, 11, {"exported reference": 1})
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)

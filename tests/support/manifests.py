@@ -8,8 +8,8 @@ from bench.harness.method_of_run import MethodOfRun
 from bench.methods import known_methods
 
 
-def provenance(*, images: int = 9) -> Provenance:
-    return Provenance(started_utc="2026-01-02T03:04", seconds=2.0, stage_seconds={}, images=images, peak_memory_mb=1.0)
+def provenance(*, images: int = 9, started_utc: str = "2026-01-02T03:04") -> Provenance:
+    return Provenance(started_utc=started_utc, seconds=2.0, stage_seconds={}, images=images, peak_memory_mb=1.0)
 
 
 def method_of_run(
@@ -29,10 +29,13 @@ def manifest(
     protocol: Protocol | None = None,
     commit: str | None = None,
     reference: str = "",
+    recordings: dict[str, str] | None = None,
 ) -> Manifest:
     rules = protocol or load_protocol("paper-v1")
     return Manifest(
-        dataset=DatasetOfRun(name=dataset, card=card, split=split, data=""),
+        dataset=DatasetOfRun(
+            name=dataset, card=card, split=split, data=str(recordings or ""), recordings=recordings or {}
+        ),
         method=method_of_run(method, settings=settings or {}),
         protocol=ProtocolOfRun(name=rules.name, version=rules.version, digest=rules.digest),
         code=CodeOfRun(version="0", commit=commit, python="3", libraries={}),

@@ -258,10 +258,14 @@ class RunComparison:
     remarks: tuple[str, ...] = ()
 
 
+def changes_over_everything(comparison: RunComparison) -> pd.DataFrame:
+    """The rows of all moving objects and of whole images, by metric."""
+    return comparison.changes.drop(CATEGORY, level="breakdown").droplevel(["breakdown", "slice"])
+
+
 def verdict_line(comparison: RunComparison) -> str:
     """One sentence: which headline metrics are better, worse, or not shown to differ."""
-    overall = comparison.changes.drop(CATEGORY, level="breakdown")["verdict"].droplevel(["breakdown", "slice"])
-    said = []
+    overall, said = changes_over_everything(comparison)["verdict"], []
     for verdict in Verdict:
         names = [label for metric, label in HEADLINES.items() if overall.get(metric) == verdict]
         if names:

@@ -71,7 +71,7 @@ def p_text(p_value: float) -> str:
     return "<0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
-def _interval(ci95: tuple[float, float]) -> str:
+def points_interval(ci95: tuple[float, float]) -> str:
     """In percentage points, for example "-1.2 to +0.3"."""
     return " to ".join(map(points, ci95))
 
@@ -89,7 +89,7 @@ _COLUMNS: dict[str, Column | Cell | str] = {
     "before": Column("before", hundredths),
     "after": Column("after", hundredths),
     "difference": Column("change", points),
-    "ci95": Column("95 %", _interval),
+    "ci95": Column("95 %", points_interval),
     "p_holm": Column("p (Holm)", p_text),
     "chance_before": Column("chance before", _bound),
     "chance_after": Column("after", _bound),

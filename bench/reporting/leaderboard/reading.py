@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -15,6 +16,7 @@ from bench.evaluation.rows import CommonImages
 from bench.evaluation.summary import Metric, ObjectMetrics, Summary
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness import RunSummary
+from bench.harness.bundle import is_bundle
 from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
 from bench.harness.stored import reference_digest, refuse_unscored
@@ -141,14 +143,41 @@ class Leaderboard:
     Attributes:
         groups: runs that compare; never two in one table that do not.
         damaged: folder and fault of every run that cannot be read.
+        packed: runs in one file, which are not listed, with the folder to unpack each into.
     """
 
     groups: tuple[Group, ...]  # data sets of most recordings first; of one, first those by the judging protocol
     damaged: tuple[tuple[str, str], ...]
+    packed: tuple[tuple[Path, Path], ...] = ()
 
 
 def read_leaderboard(folder: Path) -> Leaderboard:
     """Find and read all runs under a folder, at any depth; the values of a sweep below it are no entries.
+
+    Raises:
+        DataError: there is no folder, or no run in it.
+    """
+    sound, damaged, packed = read_runs(folder)
+    groups: list[Group] = []
+    for runs in _of_one_protocol(sound):
+        if len({_reference(run) for run in runs}) > 1:
+            runs = readable(runs, damaged)
+        groups += [group_of(alike) for alike in _comparable(runs)]
+    most: dict[str, int] = {}
+    for group in groups:
+        most[group.dataset] = max(group.rows[ALL_MOVING].recordings, most.get(group.dataset, 0))
+    groups.sort(key=lambda g: (-most[g.dataset], g.dataset, g.split or "", not g.judged))  # else as they came
+    return Leaderboard(groups=tuple(groups), damaged=tuple(sorted(damaged)), packed=packed)
+
+
+def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]], tuple[tuple[Path, Path], ...]]:
+    """Read the runs under a folder, at any depth, itself included.
+
+    Returns:
+        sound: called as their folder below this one.
+        damaged: folder and fault of each that cannot be read.
+        packed: bundles that are not unpacked, with the folder to unpack each into. Tables, masks and marks are read
+            from a run's folder for as long as something is made of it, so that none is read in place.
 
     Raises:
         DataError: there is no folder, or no run in it.
@@ -158,31 +187,30 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     found = {file.parent for file in folder.rglob("summary.json") if not is_temporary(file.parent.name)}
     found |= {units.parent for units in folder.rglob(UNITS) if units.is_dir()}
     found = {run for run in found if run.parent == folder or not (run.parent / TABLE_OF_SWEEP).is_file()}
+    bundles = [(file, file.with_name(file.name.split(".")[0])) for file in folder.rglob("*.zip") if is_bundle(file)]
+    packed = tuple(sorted((file, out) for file, out in bundles if out not in found))
     if not found:
-        raise DataError(folder, expected="at least one run", got="no summary.json at any depth")
+        hint = "; ".join(f"unpack it: {unbundle_command(*one)}" for one in packed[:1])
+        raise DataError(folder, expected="at least one run", got="no summary.json at any depth", hint=hint)
     sound: list[StoredRun] = []
     damaged: list[tuple[str, str]] = []
     for run in sorted(found):
-        name = run.relative_to(folder).as_posix()
+        name = run.name if run == folder else run.relative_to(folder).as_posix()
         try:
             stored = read_stored_run(run, label=name)
             refuse_unscored(stored.summary, run)
             sound.append(stored)
         except BenchError as error:
             damaged.append((name, str(error)))
-    groups: list[Group] = []
-    for runs in _of_one_protocol(sound):
-        if len({_reference(run) for run in runs}) > 1:
-            runs = _readable(runs, damaged)
-        groups += [_group(alike) for alike in _comparable(runs)]
-    most: dict[str, int] = {}
-    for group in groups:
-        most[group.dataset] = max(group.rows[ALL_MOVING].recordings, most.get(group.dataset, 0))
-    groups.sort(key=lambda g: (-most[g.dataset], g.dataset, g.split or "", not g.judged))  # else as they came
-    return Leaderboard(groups=tuple(groups), damaged=tuple(sorted(damaged)))
+    return sound, damaged, packed
 
 
-def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list[StoredRun]:
+def unbundle_command(file: Path, out: Path) -> str:
+    """The command that unpacks a bundle into a folder."""
+    return shlex.join(["fisheye-bench", "unbundle", str(file), "--out", str(out)])
+
+
+def readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list[StoredRun]:
     """The runs whose tables can be read and are those of their summary; the others are listed as damaged."""
     readable = []
     for run in runs:
@@ -217,7 +245,7 @@ def _comparable(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
     """Runs of one data set, split and protocol in groups whose references agree on their common images."""
     groups: list[list[StoredRun]] = []
     for run in sorted(runs, key=lambda run: (-run.summary.images.evaluated, run.label)):
-        joined = next((group for group in groups if _agree(group, run)), None)
+        joined = next((group for group in groups if not why_apart(group, run)), None)
         if joined is None:
             groups.append([run])
         else:
@@ -225,15 +253,16 @@ def _comparable(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
     return groups
 
 
-def _agree(group: Sequence[StoredRun], run: StoredRun) -> bool:
-    """True if a run has enough images in common with all of a group, and the same reference on them."""
+def why_apart(group: Sequence[StoredRun], run: StoredRun) -> str:
+    """Say why a run stands in no table with others: too few images in common, or another reference on them; or ""."""
     if any(_reference(one) == _reference(run) for one in group):
-        return True
+        return ""
     images = _common_images([*group, run])
     common, scored = images.count(), max(one.summary.images.evaluated for one in (*group, run))
     if not common or common < LEAST_COMMON * scored:
-        return False
-    return digest(group[0], images) == digest(run, images)
+        return f"only {common} images are common, of {scored} that one of the runs scored"
+    same = digest(group[0], images) == digest(run, images)
+    return "" if same else f"the reference changed on the {common} images that all scored"
 
 
 def _reference(run: StoredRun) -> str:
@@ -245,7 +274,8 @@ def _common_images(runs: Sequence[StoredRun]) -> CommonImages:
     return CommonImages(list({_reference(run): run.frames for run in runs}.values()))
 
 
-def _group(runs: Sequence[StoredRun]) -> Group:
+def group_of(runs: Sequence[StoredRun]) -> Group:
+    """Take runs that compare over the images that all of them scored."""
     first = runs[0]
     reference, summaries = _reference(first), [run.metrics for run in runs]
     if len({_reference(run) for run in runs}) > 1:

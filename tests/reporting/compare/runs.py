@@ -42,6 +42,9 @@ def write_run(
     method: str = "nothing",
     settings: dict[str, object] | None = None,
     region_px: int = REGION_PX,
+    commit: str | None = "0123456789+",
+    started_utc: str = "2026-01-02T03:04",
+    recordings: dict[str, str] | None = None,
 ) -> Path:
     """Store a run; all of its reference comes from the keys of `detected` and from `region_px`."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -56,10 +59,11 @@ def write_run(
     metrics = summary_of(sums, protocol=rules)
     summary = RunSummary(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
-        schema_version=1, provenance=provenance(images=len(images)), failures=(), files=file_digests(folder),
+        schema_version=1, failures=(), files=file_digests(folder),
+        provenance=provenance(images=len(images), started_utc=started_utc),
         manifest=manifest(
             dataset=dataset, card=card, split=split, method=method, settings=settings, protocol=rules,
-            commit="0123456789+", reference=reference_digest(objects, frames),
+            commit=commit, reference=reference_digest(objects, frames), recordings=recordings,
         ),
         vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip
