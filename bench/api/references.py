@@ -8,8 +8,8 @@ from pathlib import Path
 from bench.api.datasets import render_if_missing
 from bench.errors import UsageError
 from bench.evaluation import Protocol, load_protocol
+from bench.exchange.reference_export import export_references
 from bench.execution import TaskExecutor, local_executor
-from bench.harness.reference_export import export_references
 from bench.harness.reference_files import Form, ReferenceFolder
 from bench.harness.stages import Progress
 from bench.recordings import DatasetCard, load_card

@@ -16,7 +16,7 @@ def bundle(
 ) -> None:
     """Pack what decides a run's metrics into one file, for others to list and to verify."""
     from bench.api.runs import run_folder
-    from bench.harness.bundle import write_bundle
+    from bench.exchange.bundle import write_bundle
 
     write_bundle(run_folder(run), out)
     say(str(out))

@@ -15,7 +15,7 @@ def unbundle(
     out: Annotated[Path, typer.Option(help="Folder of the run, new or empty.")],
 ) -> None:
     """Unpack a run that somebody sent, checked; then `verify` it, and `leaderboard` lists it."""
-    from bench.harness.bundle import unpack_bundle
+    from bench.exchange.bundle import unpack_bundle
 
     summary = unpack_bundle(file, out)
     manifest = summary.manifest

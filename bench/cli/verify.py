@@ -24,7 +24,7 @@ def verify(
     """
     from bench.api.runs import load_run, run_folder
     from bench.cli.request import render_if_synthetic, worker_processes
-    from bench.harness.verify import verify_run
+    from bench.exchange.verify import verify_run
     from bench.recordings import load_card
 
     folder = run_folder(run)

@@ -8,8 +8,8 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 import pytest
 
 from bench.errors import DataError
+from bench.exchange.bundle import FILES, LIST, unpack_bundle, write_bundle
 from bench.harness import read_run
-from bench.harness.bundle import FILES, LIST, unpack_bundle, write_bundle
 from tests.support.commands import call, error_line
 
 

@@ -184,7 +184,7 @@ def test_an_export_that_breaks_off_leaves_nothing(tiny_card, tmp_path, monkeypat
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("bench.harness.reference_export.write_text", full)
+    monkeypatch.setattr("bench.exchange.reference_export.write_text", full)
     assert call(monkeypatch, "reference", "export", tiny_card, "--out", tmp_path / "out", "--workers", 1) == 2
     assert [*tmp_path.iterdir()] == []
 

@@ -15,12 +15,12 @@ from bench.evaluation import find_metric, summary_of
 from bench.evaluation.rows import CommonImages
 from bench.evaluation.summary import Metric, ObjectMetrics, Summary
 from bench.evaluation.sums import ALL_MOVING
+from bench.exchange.bundle import is_bundle
+from bench.exchange.verify import is_verified
 from bench.harness import RunSummary
-from bench.harness.bundle import is_bundle
 from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
 from bench.harness.stored import reference_digest, refuse_unscored
-from bench.harness.verify import is_verified
 from bench.reporting import formats
 from bench.reporting.compare.runs import digest, name_methods, restricted
 from bench.reporting.stored_run import StoredRun, read_stored_run
