@@ -129,7 +129,9 @@ def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, t
     assert best_line(tmp_path / "nowhere.json", dataset="demo") is None
     page = files[0].read_text()
     assert "<strong>good</strong> of 2 methods" in page
-    assert '"pages":{"exact":"' in page
+    assert '"pages":{}' in page, "runs elsewhere do not travel with the page"
+    beside, _ = write_leaderboard(read_leaderboard(judged), judged, pictures=False)
+    assert '"pages":{"exact":"exact/index.html"}' in beside[0].read_text()
 
 
 @pytest.mark.parametrize("ms", [2, 80, 3000])

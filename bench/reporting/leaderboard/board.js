@@ -90,11 +90,19 @@
       if (MARKS[entry.kind]) make("small", MARKS[entry.kind], head);
       if (entry.verified) make("small", "verified", head);
       if (entry.failures) make("small", `${entry.failures} failures`, head);
-      for (const metric of Object.keys(group.metrics)) value(entry, row, metric, make("td", "", line));
-      const cost = make("td", entry.cost ? entry.cost[0].toFixed(1) : "", line);
+      for (const metric of Object.keys(group.metrics)) value(entry, row, metric, labelled(line, group.metrics[metric]));
+      const cost = labelled(line, "ms per image");
+      cost.append(entry.cost ? entry.cost[0].toFixed(1) : "");
       if (entry.cost) make("small", `${entry.cost[1].toFixed(2)} Farnebäck`, cost);
       return line;
     }));
+  }
+
+  // On a phone a row is a block whose cells name their columns.
+  function labelled(line, heading) {
+    const cell = make("td", "", line);
+    cell.dataset.heading = heading;
+    return cell;
   }
 
   function value(entry, row, metric, cell) {

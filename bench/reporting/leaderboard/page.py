@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict
 from importlib import resources
@@ -20,7 +19,7 @@ from bench.reporting.count_view import AREA_COLOURS, AREA_NAMES
 from bench.reporting.formats import write_texts
 from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.pictures import Example, draw_examples
-from bench.reporting.leaderboard.reading import RANKING_PROTOCOL, Entry, Group, Leaderboard
+from bench.reporting.leaderboard.reading import RANKING_PROTOCOL, Group, Leaderboard
 from bench.reporting.leaderboard.texts import (
     NOTES,
     best_methods,
@@ -105,6 +104,7 @@ def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: 
             charts=[inline_svg(chart) for chart in charts],
             best=list(best_methods(found)),
             damaged=found.damaged,
+            linked=any(group["pages"] for group in groups),
             judged=RANKING_PROTOCOL,
             notes=NOTES,
             areas=[(colour, AREA_NAMES[kind]) for kind, colour in AREA_COLOURS.items()],
@@ -117,12 +117,10 @@ def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: 
 
 
 def _pages(group: Group, out: Path) -> dict[str, str]:
-    """Addresses of the pages of the runs, as seen from the leaderboard's."""
-    return {entry.run: _address(entry, out) for entry in group.entries if (entry.folder / "index.html").is_file()}
-
-
-def _address(entry: Entry, out: Path) -> str:
-    return quote(Path(os.path.relpath(entry.folder / "index.html", out)).as_posix())
+    """Addresses of the pages of runs inside `out`; others do not travel with the leaderboard and are no links."""
+    pages = {entry.run: (entry.folder / "index.html").resolve() for entry in group.entries}
+    inside = {run: page for run, page in pages.items() if page.is_relative_to(out.resolve()) and page.is_file()}
+    return {run: quote(page.relative_to(out.resolve()).as_posix()) for run, page in inside.items()}
 
 
 def _packaged(package: str, name: str) -> Markup:

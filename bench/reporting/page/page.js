@@ -146,6 +146,18 @@
       by("viewer").showModal();
     });
   }
-  addEventListener("beforeprint", () => { for (const part of document.querySelectorAll("section > details")) part.open = true; });
+  // Sections are open in the file, so that nothing is lost without scripts, and folded on a phone.
+  const phone = matchMedia("(max-width: 40rem)");
+  function fold() { for (const part of document.querySelectorAll(".part")) part.open = !phone.matches; }
+  function reveal(hash) {
+    const part = by(decodeURIComponent(hash.slice(1)))?.closest("section")?.querySelector(".part");
+    if (part) part.open = true;
+  }
+  phone.addEventListener("change", fold);
+  addEventListener("click", (event) => { const link = event.target.closest("a[href^='#']"); if (link) reveal(link.hash); });
+  addEventListener("beforeprint", () => { for (const part of document.querySelectorAll("section > details, .part > details")) part.open = true; });
+  addEventListener("afterprint", fold);
+  fold();
+  reveal(location.hash);
   refresh();
 })();

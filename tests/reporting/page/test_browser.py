@@ -5,7 +5,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select, WebDriverWait
 
 from tests.reporting.page.hostile import TRACK
-from tests.support.browser import opened
+from tests.support.browser import accessibility_faults, opened
 
 pytestmark = pytest.mark.slow
 
@@ -55,12 +55,36 @@ def test_it_renders_without_errors_and_every_picture_loads(browser, tiny_page, w
 
 def test_on_a_phone_tables_show_tpr_and_iou_without_scrolling_sideways(browser, tiny_page):
     page = opened(browser, tiny_page, width=390)
+    page.execute_script("for (const part of document.querySelectorAll('.part')) part.open = true")
     ends = page.execute_script(
         "return [...document.querySelectorAll('table.metrics, #objects')].map(t => [...t.querySelectorAll('thead th')]"
         ".filter(h => /TPR|IoU/.test(h.textContent)).slice(0, 2).map(h => h.getBoundingClientRect().right))"
     )
     assert len(ends) >= 8
     assert all(len(two) == 2 and max(two) <= 390 for two in ends), ends
+
+
+def test_sections_fold_on_a_phone_and_a_link_opens_its_section(browser, tiny_page):
+    page = opened(browser, tiny_page, width=390)
+    assert page.execute_script("return document.documentElement.scrollHeight") < 5000
+    assert page.find_elements(By.CSS_SELECTOR, ".part[open]") == []
+    press(page, page.find_element(By.CSS_SELECTOR, "nav a[href='#results']"))
+    (part,) = page.find_elements(By.CSS_SELECTOR, ".part[open]")
+    assert part.find_element(By.CSS_SELECTOR, "caption").is_displayed()
+    assert page.execute_script(
+        "return (s => s.scrollWidth <= s.clientWidth)(document.querySelector('#results .scroll'))"
+    )
+    wide = opened(browser, tiny_page)
+    assert wide.find_elements(By.CSS_SELECTOR, ".part:not([open])") == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing(browser, tiny_page, width, scheme):
+    page = opened(browser, tiny_page, width=width, scheme=scheme)
+    page.execute_script("for (const part of document.querySelectorAll('.part')) part.open = true")
+    assert accessibility_faults(page) == []
 
 
 def test_on_a_laptop_the_main_table_fits(page):

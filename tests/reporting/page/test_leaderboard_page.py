@@ -7,7 +7,7 @@ from selenium.webdriver.support.ui import Select
 from bench.reporting.leaderboard.page import write_leaderboard
 from bench.reporting.leaderboard.reading import read_leaderboard
 from tests.reporting.compare.runs import drawn, write_run
-from tests.support.browser import opened
+from tests.support.browser import accessibility_faults, opened
 
 pytestmark = pytest.mark.slow
 
@@ -40,3 +40,11 @@ def test_it_sorts_and_filters_and_fits_the_screen(browser, board, width):
     assert methods(page) == ["<three>", "one", "two"]
     Select(page.find_element(By.ID, "protocol")).select_by_visible_text("paper-v1")
     assert "carried along" in page.find_element(By.ID, "about").text
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_and_no_column_runs_off(browser, board, width, scheme):
+    page = opened(browser, board, width=width, scheme=scheme)
+    assert accessibility_faults(page) == []
+    assert page.execute_script("return (s => s.scrollWidth <= s.clientWidth)(document.querySelector('#table .scroll'))")
