@@ -91,7 +91,7 @@ def test_html_draws_bars_and_escapes_text():
     assert "<small>25 to 75</small>" in shown
     shown = to_html(everything("<script>x</script>\"' onerror='y'>&"))
     assert "<script" not in shown
-    assert shown.count("&lt;script&gt;") == shown.count("x&lt;/script&gt;&#34;&#39; onerror=&#39;y&#39;&gt;&amp;") == 17
+    assert shown.count("&lt;script&gt;") == shown.count("x&lt;/script&gt;&#34;&#39; onerror=&#39;y&#39;&gt;&amp;") == 18
     assert "<details><summary>" in shown
 
 
