@@ -29,7 +29,8 @@ def run(
     split: options.Split = None,
     recording: Annotated[list[str] | None, typer.Option(help="Score this recording only; repeatable.")] = None,
     limit: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="For a quick look: the first N images of each camera.")
+        int | None,
+        typer.Option(min=2, max=10**9 - 1, metavar="N", help="Quick look: the first N images of each camera."),
     ] = None,
     out: Annotated[
         str | None,

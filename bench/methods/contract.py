@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass, is_dataclass
 from functools import partial
+from math import isfinite
 from pathlib import Path, PurePath
 from typing import Any, Literal, Protocol, TypeVar
 
@@ -176,8 +177,8 @@ def refuse_unfit(method: Scorable) -> None:
         )
     for place, value in _unstorable("", settings):
         raise UsageError(
-            f"method {_called(method)}: settings(): {place}: expected numbers, text, None, and lists and dictionaries "
-            f"of them, got {_shown(value)} of type {type(value).__name__}; convert it, for example by float()"
+            f"method {_called(method)}: settings(): {place}: expected finite numbers, text, None, and lists and "
+            f"dictionaries of them, got {_shown(value)} of {type(value)}; convert it, for example by float()"
         )
 
 
@@ -212,7 +213,11 @@ def _unstorable(place: str, value: object) -> Iterator[tuple[str, object]]:
     elif isinstance(value, list | tuple):
         for number, inner in enumerate(value):
             yield from _unstorable(f"{place}[{number}]", inner)
-    elif isinstance(value, np.generic) or not isinstance(value, str | int | float | PurePath | None):
+    elif (
+        isinstance(value, np.generic)
+        or not isinstance(value, str | int | float | PurePath | None)
+        or (isinstance(value, float) and not isfinite(value))  # JSON has null for all of these
+    ):
         yield place, value
 
 

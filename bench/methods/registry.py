@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -118,7 +119,7 @@ def _refuse_values(name: str, kind: type, parameters: Mapping[str, object]) -> N
         UsageError: for example text for a number: many a class would take it, and fail by it on the first image.
     """
     try:
-        hints = get_type_hints(kind.__init__)  # type: ignore[misc]
+        hints = get_type_hints(kind if is_dataclass(kind) else kind.__init__)  # type: ignore[misc]
     except (NameError, TypeError):  # of names that only type checkers import
         return
     for parameter in parameters.keys() & {known for known, hint in hints.items() if _is_plain(hint)}:

@@ -1,6 +1,7 @@
 """What holds for every registered method."""
 
 import json
+import math
 import re
 from dataclasses import dataclass, replace
 
@@ -151,6 +152,17 @@ def test_a_value_that_is_not_of_the_annotated_type_is_refused(bad):
         build_method(f"{__name__}:Annotated", bad)
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_setting_that_is_no_finite_number_is_refused(value):
+    with pytest.raises(UsageError, match=r"threshold: expected finite numbers, .* got -?(nan|inf)"):
+        build_method(f"{__name__}:Annotated", {"threshold": value})
+
+
+def test_the_fields_of_a_data_class_are_checked_with_those_that_it_inherits():
+    with pytest.raises(UsageError, match="spherical: expected a valid number for threshold, got 'abc'"):
+        build_method("spherical", {"threshold": "abc"})
+
+
 def test_values_of_the_annotated_type_are_taken():
     built = build_method(f"{__name__}:Annotated", {"threshold": 1, "images": None, "anything": "abc"})
     assert (built.threshold, built.images, built.anything) == (1.0, None, "abc")
@@ -207,9 +219,12 @@ UNFIT = {
     "reads_images": (("reads_images", None), "reads_images: expected True or False, got None"),
     "files": (("files", [None]), r"files: expected a sequence of paths, got \[None\]"),
     "one file": (("files", "weights"), "files: expected a sequence of paths, got 'weights'"),
-    "numpy": (("settings", lambda: {"a": {"b": np.float64(1)}}), r"settings\(\): a\.b: expected numbers, .*float64"),
-    "array": (("settings", lambda: {"a": [np.zeros(1)]}), r"settings\(\): a\[0\]: expected numbers, .*ndarray"),
-    "number as name": (("settings", lambda: {1: 2}), r"settings\(\): 1: expected numbers"),
+    "numpy": (
+        ("settings", lambda: {"a": {"b": np.float64(1)}}),
+        r"settings\(\): a\.b: expected finite .*float64",
+    ),
+    "array": (("settings", lambda: {"a": [np.zeros(1)]}), r"settings\(\): a\[0\]: expected finite numbers, .*ndarray"),
+    "number as name": (("settings", lambda: {1: 2}), r"settings\(\): 1: expected finite numbers"),
     "none": (("settings", lambda: None), r"settings\(\): expected a dictionary of values by name, got None"),
     "list": (("settings", lambda: [1]), r"settings\(\): expected a dictionary of values by name, got \[1\]"),
     "raises": (("settings", _raise), r"class Unfit: settings\(\): _SilentError: its message cannot be read"),

@@ -62,7 +62,10 @@ def log123d_recordings(
     found = sorted(sync for split in splits for sync in (root / chosen.logs).glob(f"{split}/*/{SYNC}"))
     if not found:
         expected = f"logs of 123D, {' or '.join(splits)}/<log>/{SYNC}"
-        hint = "convert the data set by py123d, or set the card's options logs and log_splits to where its logs are"
+        hint = (
+            "convert the data set by py123d, or set the card's options logs and log_splits to where its logs are; "
+            "py123d writes them into the folder logs"
+        )
         raise DataError(root / chosen.logs, expected=expected, got="none", hint=hint)
     return tuple(
         RecordingHandle(
