@@ -123,7 +123,7 @@ def rendering(scenario: Path, out: Path) -> Iterator[Callable[[float, int], None
 def render_if_synthetic(card: DatasetCard, split: str | None = None) -> None:
     """Render what of a split a card's scenario asks for and is not there yet."""
     detail(f"card {card.file}, root {card.content.root}")
-    if card.scenario is not None:
+    if card.scenario is not None and card.remote_root is None:
         with rendering(card.scenario, card.root) as report:
             count = render_if_missing(card, split, progress=report)
         if count:

@@ -132,7 +132,7 @@ def test_the_leaderboard_scores_what_is_not_there_and_bounds_it(monkeypatch, cap
     assert (found["truth"]["cost"], found["exact-flow"]["cost"]) == (None, None)
     page = (tmp_path / "board" / "index.html").read_text()
     assert page.count("data:image/webp;base64") >= 6, "three layers on an image of each kind of motion"
-    assert '"tiny/spherical-surface-v1":"../runs/tiny/spherical-surface-v1/index.html"' in page
+    assert "../runs" not in page, "a run that lies beside the page's folder may not go where that goes"
     cost = (tmp_path / "runs" / "tiny" / "spherical" / "cost.json").read_text()
     again = [word if word != methods else "spherical" for word in words[:-2]]
     assert call(monkeypatch, *again, "--workers", 1, "--no-cache") == 0
