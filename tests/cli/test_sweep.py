@@ -86,7 +86,7 @@ def test_values_are_yaml_between_commas():
     ("words", "message"),
     [
         (("--set", "treshold=1,2"), "takes cell_size_px"),
-        (("--set", "threshold=1e-3,many"), "method 'spherical' takes "),
+        (("--set", "threshold=1e-3,many"), "spherical: expected a valid number for threshold, got 'many'"),
         (("--set", "threshold=1e-3,,2e-3"), "expected values of YAML with commas in between"),
         (("--set", "threshold=1e-3"), "expected one --set or --input-error with several values"),
         (("--set", "threshold=1,2", "--set", "cell_size_px=5,8"), "threshold=3e-4,6e-4,1e-3, got 2"),

@@ -57,7 +57,7 @@ def test_constraints_that_need_scale_are_refused_without_it():
         build_method(NAME, {"weights": {"positive_height": 0.2, "anti_parallel": 0.2}})
     with pytest.raises(UsageError, match=r"set weights\.anti_parallel=0, or"):
         build_method(NAME, {"weights": {"anti_parallel": 0.2}})
-    with pytest.raises(UsageError, match="scale: expected none or given, got 'wheel'"):
+    with pytest.raises(UsageError, match="expected 'none' or 'given' for scale, got 'wheel'"):
         build_method(NAME, {"scale": "wheel"})
     shown = {"flow_u", "flow_v", "epipolar", "positive_depth"}
     assert build_method(NAME).segment(frame(*crossing()[:2], STEP)).parts.keys() == shown

@@ -144,7 +144,7 @@ def test_settings_that_cannot_be_told_apart_are_refused():
     method = Listing([])
     method.settings = lambda: {"callable": object()}  # type: ignore[method-assign]
     with pytest.raises(
-        UsageError, match=r"method 'listing' of class Listing: settings\(\): callable: expected numbers"
+        UsageError, match=r"method 'listing' of class Listing: settings\(\): callable: expected finite numbers"
     ):
         MethodCode.of(method)
 
