@@ -8,7 +8,7 @@ the reference finds the angles between rows in the sweeps themselves, as it does
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict
 
 from bench.audit.predictions import CameraPredictions, Prediction
 from bench.audit.ranking import Estimate, agreement, metric_values, read_terms
-from bench.audit.ranking_sums import EXACT, FITS, OBJECT_METRICS, SURFACE, RankingRows, predicted_images
+from bench.audit.ranking_sums import EXACT, FITS, OBJECT_METRICS, SURFACE, RankingRows, RankingSums, predicted_images
 from bench.audit.recording import added_seconds
 from bench.audit.results import ALL
 from bench.audit.sources import AuditSource, audit_each, audit_sources, instance_ids, refuse_without_masks, same_objects
@@ -186,29 +186,11 @@ def _read_rings(
     return replace(sweep, **{name: values[kept] for name, values in fields.items() if values is not None})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BeamsSums:
-    """Sums of a recording, by number of beams in the column `beams`.
-
-    Attributes:
-        scores: as in `RankingSums`, by `surface-v1` and by exact masks.
-        fits: `FITS` and `lost` by class.
-        images: that were used.
-        digest: of the recording.
-        problems: one line per image that could not be used.
-        seconds: time of each stage.
-    """
-
-    scores: pd.DataFrame
-    fits: pd.DataFrame
-    images: int
-    digest: str
-    problems: tuple[str, ...]
-    seconds: dict[str, float]
-
-
-def thin_recording(source: AuditSource, *, beams: Sequence[int], predictions: Sequence[Prediction]) -> BeamsSums:
+def thin_recording(source: AuditSource, *, beams: Sequence[int], predictions: Sequence[Prediction]) -> RankingSums:
     """Score the predictions by the references of fewer and fewer beams, the sensor's own first.
+
+    Returns:
+        Sums with a column `beams`: scores by `surface-v1` and by exact masks; fits by class, with `lost` beside `FITS`.
 
     Raises:
         DataError: the recording cannot be opened, has no rendered masks, no rings, or fewer of them than asked for.
@@ -237,7 +219,7 @@ def thin_recording(source: AuditSource, *, beams: Sequence[int], predictions: Se
                     rows[count].add(pair, image.masks)
                     kept = _classes(pair[0])
                     lost[count] += [of_class for track, of_class in evaluated.items() if track not in kept]
-    return BeamsSums(
+    return RankingSums(
         scores=pd.concat([found.scores().assign(beams=count) for count, found in rows.items()]),
         fits=pd.concat([_fits(found, lost[count]).assign(beams=count) for count, found in rows.items()]),
         images=rows[own].images,
@@ -258,7 +240,7 @@ def _fits(rows: RankingRows, lost: Sequence[str]) -> pd.DataFrame:
     return fits.join(missing.rename("lost"), how="outer").fillna(0.0).rename_axis("object_class").reset_index()
 
 
-def beams_rows(sums: Sequence[BeamsSums], predictions: Sequence[Prediction]) -> Iterator[BeamsRow]:
+def beams_rows(sums: Sequence[RankingSums], predictions: Sequence[Prediction]) -> Iterator[BeamsRow]:
     """Rows of all object-frames, then of each class that has some; each from the sensor's own beams down.
 
     Args:

@@ -11,7 +11,7 @@ import typer
 from bench.cli.console import print_failures, say, show
 from bench.cli.options import FAILURES, Dataset, Workers, group
 from bench.cli.progress import progress_bar, resumable
-from bench.errors import UnknownNameError, UsageError
+from bench.errors import UsageError
 
 if TYPE_CHECKING:
     from bench.recordings import DatasetCard, Recording, RecordingHandle
@@ -26,7 +26,7 @@ Reviews = Annotated[
 ]
 LabellingTool = Literal["sustechpoints", "cvat", "labelcloud"]
 PointsOf = Literal["deskewed", "recorded"]
-Chosen = Annotated[str | None, typer.Option("--recording", help="Name of the recording; default: all.")]
+Chosen = Annotated[str | None, typer.Option("--recording", help="Recordings with commas in between; default: all.")]
 
 
 def reviews_folder(card: DatasetCard, reviews: Path | None) -> Path:
@@ -34,20 +34,13 @@ def reviews_folder(card: DatasetCard, reviews: Path | None) -> Path:
     return reviews or card.annotations or DEFAULT_FOLDER / card.name
 
 
-def chosen_recordings(card: DatasetCard, recording: str | None) -> list[RecordingHandle]:
-    """Recordings of a data set, rendered first where it is not, or the one that is asked for.
-
-    Raises:
-        UnknownNameError: no such recording.
-    """
+def rendered_recordings(card: DatasetCard, chosen: str | None) -> tuple[RecordingHandle, ...]:
+    """Recordings of a data set, rendered first where they are not; all, or those that are asked for."""
     from bench.cli.request import render_if_synthetic
     from bench.recordings import open_dataset
 
-    render_if_synthetic(card)
-    handles = open_dataset(card)
-    if recording is not None and recording not in {handle.name for handle in handles}:
-        raise UnknownNameError("recording", recording, [handle.name for handle in handles])
-    return [handle for handle in handles if recording in (None, handle.name)]
+    render_if_synthetic(card, chosen)
+    return open_dataset(card, chosen)
 
 
 @app.command("propose")
@@ -62,7 +55,7 @@ def propose(dataset: Dataset, recording: Chosen = None, workers: Workers = None,
     from bench.reporting.document import Table
 
     card = load_card(dataset)
-    handles, folder = chosen_recordings(card, recording), reviews_folder(card, reviews)
+    handles, folder = rendered_recordings(card, recording), reviews_folder(card, reviews)
     with resumable(folder), progress_bar(f"proposing objects of {card.name}", "recordings") as progress:
         drives = propose_drives(card.name, handles, folder, executor=worker_processes(workers), progress=progress)
     found = [drive for drive in drives if not drive.failure]
@@ -90,7 +83,7 @@ def evaluate(
     from bench.reporting.proposal_scores import scores_table, write_proposal_scores
 
     card = load_card(dataset)
-    handles, folder = chosen_recordings(card, recording), reviews_folder(card, reviews)
+    handles, folder = rendered_recordings(card, recording), reviews_folder(card, reviews)
     with progress_bar(f"evaluating proposals of {card.name}", "recordings") as progress:
         frames, minutes = evaluate_drives(handles, folder, executor=worker_processes(workers), progress=progress)
     scores = proposal_scores(frames, minutes=minutes)
@@ -122,7 +115,7 @@ def review(
     from bench.recordings import load_card
 
     card = load_card(dataset)
-    names = [handle.name for handle in chosen_recordings(card, recording)]
+    names = [handle.name for handle in rendered_recordings(card, recording)]
     folder = reviews_folder(card, reviews)
 
     def open_session(name: str) -> Session:
@@ -175,7 +168,7 @@ def export(
     card = load_card(dataset)
     folder, unreviewed = reviews_folder(card, reviews), unreviewed or labelling is not None
     found = []
-    for handle in chosen_recordings(card, recording):
+    for handle in rendered_recordings(card, recording):
         file = review_file(folder, handle.name)
         stored, opened = read_review(file), open_unannotated(card, handle.name)
         if not unreviewed:

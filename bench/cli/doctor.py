@@ -95,7 +95,7 @@ def _open3d() -> str:
 
 
 def _problems() -> Iterator[str]:
-    """What is wrong with the installation, and what to do."""
+    """Problems of the installation, each with what to do."""
     others = [name for name in ("opencv-python", "opencv-contrib-python") if _version(name)]
     if others:
         both = " ".join([*others, "opencv-python-headless"])

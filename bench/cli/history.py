@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from bench.cli import options
-from bench.cli.console import note_files, say, show
+from bench.cli.console import note_files, say_unlisted, show
 
 
 def history(
@@ -22,14 +22,10 @@ def history(
     Run it in the repository of the method, which knows the times of its commits.
     """
     from bench.reporting.history import history_tables, read_history, write_history
-    from bench.reporting.leaderboard.reading import unbundle_command
 
     found = read_history(runs, checkout=Path.cwd())
     show(history_tables(found))
-    for run, fault in found.damaged:
-        say(f"damaged: {run}: {fault}", style="red")
-    for one in found.packed:
-        say(f"left out: {one[0]} is a run in one file; unpack it: {unbundle_command(*one)}", style="yellow")
+    say_unlisted(found.damaged, found.packed)
     if out is not None:
         note_files(write_history(found, out))
     if found.damaged:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli import options
-from bench.cli.console import note_files, say, show
+from bench.cli.console import note_files, say, say_unlisted, show
 from bench.cli.progress import interruptible, progress_bar
 from bench.errors import BenchError, UsageError
 
@@ -48,7 +48,7 @@ def leaderboard(
     """
     from bench.cli.request import Computing
     from bench.reporting.leaderboard.page import write_leaderboard
-    from bench.reporting.leaderboard.reading import read_leaderboard, unbundle_command
+    from bench.reporting.leaderboard.reading import read_leaderboard
     from bench.reporting.leaderboard.texts import leaderboard_tables
 
     if score is None and (methods is not None or workers is not None):
@@ -60,10 +60,7 @@ def leaderboard(
     )
     found = read_leaderboard(folder)
     show(leaderboard_tables(found))
-    for run, fault in found.damaged:
-        say(f"damaged: {run}: {fault}", style="red")
-    for one in found.packed:
-        say(f"not listed: {one[0]} is a run in one file; unpack it: {unbundle_command(*one)}", style="yellow")
+    say_unlisted(found.damaged, found.packed)
     if out is not None:
         with progress_bar("drawing the same images", "runs") as progress:
             files, problems = write_leaderboard(found, out, pictures=pictures, progress=progress)

@@ -112,9 +112,9 @@ def chosen_recordings(card: DatasetCard, split: str | None, known: Sequence[str]
     if name not in card.content.splits:
         recordings = tuple(name.split(","))
         if not set(known) >= set(recordings) or len(set(recordings)) < len(recordings):
-            some = ", ".join(sorted(known)[:SHOWN])
-            hint = f"or recordings, each once, with commas in between: {some}"
-            raise UnknownNameError("split", name, card.content.splits, hint=hint)
+            some = [*card.content.splits, *sorted(known)[:SHOWN]]
+            hint = "recordings are named each once, with commas in between"
+            raise UnknownNameError("split or recording", name, some, hint=hint)
         return recordings, limit
     chosen = card.content.splits[name]
     names = tuple(known) if chosen == "*" else chosen

@@ -53,7 +53,7 @@ class Point:
         run: as it is stored.
         metrics: the headlines, by name, of the images that all of its stretch scored.
         commit: of the method's code, short, "+" behind it where files were changed; "" where it is unknown.
-        time: of the commit; of the run where nobody knows that.
+        time: of the commit; of the run where no repository has the commit.
         since: against the run before it; None of the first of a stretch.
     """
 
@@ -171,7 +171,7 @@ def read_history(folders: Sequence[Path], *, checkout: Path) -> History:
 
 
 def _title(run: StoredRun) -> str:
-    """What all runs of a series share: another default of a method, or state of a protocol, is a change within it."""
+    """Name of a series: another default of a method, or another state of a protocol, is a change within it."""
     manifest = run.summary.manifest
     data, method = manifest.dataset, manifest.method
     asked = [f"{name}={value}" for name, value in sorted({**method.asked, **data.input_errors}.items())]

@@ -21,16 +21,8 @@ from bench.plug_ins import describe_error
 from bench.reporting.formats import headline_metrics
 
 PROJECT = "fisheye-bench"  # where the environment names no other
-TO_READ = {
-    ".csv",
-    ".html",
-    ".json",
-    ".md",
-    ".pdf",
-    ".png",
-    ".svg",
-    ".tex",
-}  # not the tables of single objects and masks
+# Files that people read: not the tables of single objects, nor masks.
+TO_READ = {".csv", ".html", ".json", ".md", ".pdf", ".png", ".svg", ".tex"}
 NO_TAGS = ("dataset.recordings.", "method.settings.", "method.asked.")  # of the manifest: long, or told as parameters
 
 

@@ -111,4 +111,4 @@ def test_evaluate_says_what_to_do_first(card):
 def test_an_unknown_recording(card):
     done = called_here("annotate", "propose", card, "--recording", "other", folder=card.parent)
     assert done.returncode == 2
-    assert "unknown recording" in done.stderr.lower()
+    assert "unknown split or recording" in done.stderr.lower()

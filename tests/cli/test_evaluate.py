@@ -368,7 +368,7 @@ def test_missing_scores_may_count_as_empty(evaluate, images, tmp_path):
         (("--threshold", "1"), "threshold: expected a number in [0, 1), got 1.0"),
         (("--history", "0"), "history: expected 1 or more, got 0"),
         (("--name", "spherical"), "--name: expected another name than those of methods, got 'spherical'"),
-        (("--split", "test"), "known are all, moving"),
+        (("--split", "test"), "known are all, crossing, moving"),
     ],
 )
 def test_mistakes_of_the_call_are_one_clear_line(evaluate, masks, capsys, words, message):

@@ -144,5 +144,5 @@ def test_a_damaged_run_is_named_and_one_in_one_file_is_left_out_with_the_remedy(
     done = called_here("history", folder / "runs", tmp_path / "sent")
     command = f"fisheye-bench unbundle {place} --out {place.with_name('theirs')}"
     assert done.returncode == 2
-    assert f"left out: {place} is a run in one file; unpack it: {command}" in done.stdout
+    assert f"not listed: {place} is a run in one file; unpack it: {command}" in done.stdout
     assert "damaged: broken: " in done.stdout

@@ -100,7 +100,7 @@ def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder)
     [
         (("nowhere.yaml",), "nowhere.yaml"),
         (("OTHER_SUFFIX",), "is street.yaml meant?"),
-        (("CARD", "--split", "test"), "unknown split 'test'"),
+        (("CARD", "--split", "test"), "unknown split or recording 'test'"),
         (("DATA", "--adapter", "nomodule"), "expected module:function, got 'nomodule'"),
         (("DATA", "--adapter", "no_such_module_here:list"), "that can be imported"),
         (("DATA", "--adapter", "bench.recordings:no_such"), "that can be imported"),

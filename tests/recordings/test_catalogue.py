@@ -48,7 +48,7 @@ def test_splits_choose_recordings(tmp_path, data):
     card = load_card(card_file(tmp_path, splits={"all": "*", "second": ["b"]}))
     assert names(open_dataset(card, "second")) == ["b"]
     assert names(open_dataset(card, "all")) == ["a", "b"]
-    known = "unknown split 'secnd': known are all, second; or recordings, .*: a, b; did you mean 'second'"
+    known = "unknown split or recording 'secnd': known are a, all, b, second; .*; did you mean 'second'"
     with pytest.raises(UnknownNameError, match=known):
         open_dataset(card, "secnd")
 
@@ -68,7 +68,7 @@ def test_a_split_may_be_recordings_and_the_first_images(tmp_path, data):
 
 @pytest.mark.parametrize("split", ["", "a,a", "a,c", "a[:0]", "a[2:]", "a[:-1]", "[:]"])
 def test_what_is_neither_a_split_nor_recordings_is_refused(tmp_path, data, split):
-    with pytest.raises(UnknownNameError, match="unknown split"):
+    with pytest.raises(UnknownNameError, match="unknown split or recording"):
         open_dataset(load_card(card_file(tmp_path)), split)
 
 

@@ -163,7 +163,7 @@ def convert_kitti360(data: Path, logs: Path, library: Path) -> None:
 
 
 def names_in_123d(library: Path) -> dict[str, dict]:
-    """What the library's parsers write: `cards` -> splits and tables of cameras, `labels` -> number -> names."""
+    """Names that parsers of the library write: `cards` -> splits and tables of cameras, `labels` -> number -> names."""
     return json.loads(_run_with(library, "names_by_123d.py"))
 
 
