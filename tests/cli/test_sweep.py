@@ -94,7 +94,7 @@ def test_values_are_yaml_between_commas():
         (("--input-error", "pitch=1,2"), "did you mean 'pitch_deg'"),
         (("--input-error", "pitch_deg=1,far"), "input error pitch_deg: expected a number, got 'far'"),
         (("--input-error", "image_noise_grey=0,-1"), "expected a number of at least 0"),
-        (("--set", "threshold=1,2", "--split", "test"), "known are all, moving"),
+        (("--set", "threshold=1,2", "--split", "test"), "known are all, crossing, moving"),
         (("--set", "threshold=1,2", "--protocol", "paper-v1,surface-v1"), "expected one protocol"),
     ],
 )

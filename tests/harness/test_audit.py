@@ -228,7 +228,7 @@ def test_the_command_prints_the_tables_and_leaves_the_files(monkeypatch, capsys,
 def test_the_command_tells_a_mistake_in_one_line(monkeypatch, capsys, tiny_card, tmp_path):
     assert call(monkeypatch, "audit", tiny_card, "--out", tmp_path / "audit", "--split", "test") == 2
     shown = capsys.readouterr().err
-    assert "known are all, moving" in shown
+    assert "known are all, crossing, moving" in shown
     assert shown.count("\n") == 1
 
 
