@@ -205,11 +205,12 @@ class Session:
             image: number of the image.
 
         Returns:
-            As `region_outlines`; of the object alone, as if nothing hid it.
+            As `region_outlines`; of the object alone, as if nothing hid it. Empty where the track has no such box,
+            as the page may ask while a split or a merge takes the track away.
 
         Raises:
             IndexError: no such camera or image.
-            UsageError: no key frame, one that cannot be carried out, or an image without the object.
+            UsageError: no key frame.
             DataError: a sweep or the ego-motion cannot be used.
         """
         key = parse_decision(json.dumps(self._complete(content)).encode())
@@ -217,10 +218,14 @@ class Session:
             raise UsageError(f"outline: expected set_box, got {key.action}")
         name = _at(tuple(self.recording.cameras), camera)
         shown = _at(self.recording.images[name], image)
-        track = after(self._state, key)[key.track]
+        nothing = region_outlines(None, self.recording.cameras[name].model)
+        try:
+            track = after(self._state, key)[key.track]
+        except UsageError:
+            return nothing
         near = np.abs(track.motion.times_ns - shown.timestamp_ns) <= AROUND_NS
         if not near.any():
-            return region_outlines(None, self.recording.cameras[name].model)
+            return nothing
         track = replace(track, motion=track.motion.where(near))
         with self._drawing:
             tracks = (to_track(track, self.recording, reviewed=False),)

@@ -120,7 +120,8 @@ def test_the_reference_of_a_box_is_outlined_and_nothing_is_stored(server, review
     assert json.loads(ask(server, f"/drives/0/outline/0/{image}", body=far)[2]) != found
     assert stored(reviews) == before
     assert ask(server, f"/drives/0/outline/0/{image}", body=ACCEPT)[0] == 400
-    assert ask(server, f"/drives/0/outline/0/{image}", body=box | {"track": "nobody"})[0] == 400
+    status, _, gone = ask(server, f"/drives/0/outline/0/{image}", body=box | {"track": "merged"})
+    assert (status, json.loads(gone)["core"]) == (200, [])
     assert ask(server, "/drives/0/outline/0/99999", body=box)[0] == 404
     assert ask(server, "/drives/0/outline/9/0", body=box)[0] == 404
     assert ask(server, "/drives/0/outline", body=box)[0] == 404
