@@ -35,7 +35,11 @@ def reviews_folder(card: DatasetCard, reviews: Path | None) -> Path:
 
 
 def rendered_recordings(card: DatasetCard, chosen: str | None) -> tuple[RecordingHandle, ...]:
-    """Recordings of a data set, rendered first where they are not; all, or those that are asked for."""
+    """Recordings of a data set, rendered first where they are not; all, or those that are asked for.
+
+    Raises:
+        UnknownNameError: no such recording.
+    """
     from bench.cli.request import render_if_synthetic
     from bench.recordings import open_dataset
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -112,9 +113,9 @@ def chosen_recordings(card: DatasetCard, split: str | None, known: Sequence[str]
     if name not in card.content.splits:
         recordings = tuple(name.split(","))
         if not set(known) >= set(recordings) or len(set(recordings)) < len(recordings):
-            some = [*card.content.splits, *sorted(known)[:SHOWN]]
+            nearest = get_close_matches(name, known, n=SHOWN, cutoff=0.0)
             hint = "recordings are named each once, with commas in between"
-            raise UnknownNameError("split or recording", name, some, hint=hint)
+            raise UnknownNameError("split or recording", name, [*card.content.splits, *nearest], hint=hint)
         return recordings, limit
     chosen = card.content.splits[name]
     names = tuple(known) if chosen == "*" else chosen
