@@ -14,13 +14,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
+INSTALLED_DOCS := $(VENV)/installed-docs
+INSTALLED_RELEASE := $(VENV)/installed-release
+FRESH := .release
 export NO_MKDOCS_2_WARNING := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help benchmark leaderboard paper report gate perf docs test test-all coverage check format clean
+.PHONY: help benchmark leaderboard paper report gate perf docs release-check test test-all coverage check format clean
 
 help: ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-11s %s\n", $$1, $$2 }'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-13s %s\n", $$1, $$2 }'
 
 benchmark: $(INSTALLED) ## score METHOD= on DATASET= (the demo) by PROTOCOL= (paper-v1,surface-v1): tables, range maps, pictures
 	$(BIN)/fisheye-bench run $(DATASET) --method $(METHOD) --protocol $(PROTOCOL)
@@ -74,15 +77,26 @@ check: $(INSTALLED_DEV) ## format, lint, types, layers, documentation
 	$(BIN)/lint-imports
 	$(BIN)/mkdocs build --strict
 
-docs: $(INSTALLED_DEV) ## build the documentation into site/, to be read from site/index.html
+docs: $(INSTALLED_DOCS) ## build the documentation into site/, to be read from site/index.html
 	$(BIN)/mkdocs build --strict
+
+release-check: $(INSTALLED_RELEASE) ## build dist/, check it, then score and gate the demo by the wheel, in an environment of its own
+	rm -rf dist
+	$(BIN)/python -m hatchling build
+	$(BIN)/twine check --strict dist/*
+	rm -rf $(FRESH) && $(PYTHON) -m venv $(FRESH)/venv
+	$(FRESH)/venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt dist/*.whl
+	cd $(FRESH) && PATH="$(CURDIR)/$(FRESH)/venv/bin:$$PATH" && unset PYTHONPATH && fisheye-bench doctor && \
+		fisheye-bench run demo --protocol $(PROTOCOL) --out run && \
+		fisheye-bench gate run --baseline demo --tolerances rendered-v1
+	rm -rf $(FRESH)
 
 format: $(INSTALLED_DEV) ## put the code into shape
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
 
 clean: ## remove the environment, rendered data, runs and the built documentation
-	rm -rf $(VENV) datasets/data reports/runs reports/audit site
+	rm -rf $(VENV) $(FRESH) datasets/data reports/runs reports/audit site dist
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -97,4 +111,9 @@ $(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
 $(INSTALLED_DEV): pyproject.toml constraints.txt | $(BIN)/python
 	@echo "installing into $(VENV) ..."
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $(INSTALLED) $(INSTALLED_DOCS) $@
+
+$(INSTALLED_DOCS) $(INSTALLED_RELEASE): $(VENV)/installed-%: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "installing into $(VENV) ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[$*]'
 	@touch $(INSTALLED) $@

@@ -37,7 +37,10 @@ def test_an_example_is_complete_and_its_commands_exist(file):
     assert set(called) == {"validate", "run", "gate"}
     assert ["--update" in words for words in called["gate"]] == [False, False, True]
     assert called["gate"][1][-1] == "target"  # of a change that brings its own baseline
-    assert any(line.startswith("pip install") for line in lines)
+    assert [line for line in lines if "pip " in line] == ['pip install --constraint "$CONSTRAINTS" "$FISHEYE_BENCH"']
+    variables = yaml.safe_load(file.read_text("utf-8"))["env" if file.stem == "gate-github" else "variables"]
+    assert variables["CONSTRAINTS"].endswith("COMMIT/constraints.txt")
+    assert variables["FISHEYE_BENCH"].endswith("@COMMIT")
     assert any("fetch_recordings.sh datasets/data" in line for line in lines)
 
 

@@ -1,0 +1,74 @@
+"""What others build on: the signatures of the public interface and the fields of its files, as public.txt has them.
+
+After a change that is meant, write the file anew (`python -m tests.api.test_public`), and tell it in the changelog.
+"""
+
+import dataclasses
+import inspect
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from bench.api.schemas import SCHEMAS, json_schema
+
+SNAPSHOT = Path(__file__).with_name("public.txt")
+MODULES = ("bench", "bench.methods", "bench.errors")
+
+
+def lines() -> Iterator[str]:
+    for name in MODULES:
+        module = import_module(name)
+        public = getattr(module, "__all__", None) or [
+            key for key, value in vars(module).items() if getattr(value, "__module__", None) == name
+        ]
+        for key in sorted(public):
+            yield from _told(f"{name}.{key}", getattr(module, key))
+    for name in sorted(SCHEMAS):
+        yield from _fields(f"file {name}", json_schema(name))
+
+
+def _told(name: str, thing: Any) -> Iterator[str]:
+    if inspect.isfunction(thing):
+        yield f"{name}{inspect.signature(thing)}"
+    elif inspect.isclass(thing):
+        bases = ", ".join(base.__name__ for base in thing.__bases__)
+        yield f"{name}({bases})"
+        if dataclasses.is_dataclass(thing):
+            yield from (f"{name}.{field.name}: {field.type}" for field in dataclasses.fields(thing))
+        for key, member in sorted(vars(thing).items()):
+            if key.startswith("_") and key != "__call__":
+                continue
+            called = member.__func__ if isinstance(member, classmethod | staticmethod) else member
+            if inspect.isfunction(called):
+                yield f"{name}.{key}{inspect.signature(called)}"
+            elif isinstance(member, property) or hasattr(member, "attrname"):
+                yield f"{name}.{key}"
+    else:
+        yield f"{name}: {type(thing).__name__}"
+
+
+def _fields(name: str, schema: Any) -> Iterator[str]:
+    """Every object of a schema with the names of its fields; those that must be there have a star."""
+    if isinstance(schema, Mapping):
+        if isinstance(properties := schema.get("properties"), Mapping):
+            required = schema.get("required", ())
+            yield f"{name}: {', '.join(f'{key}*' if key in required else key for key in sorted(properties))}"
+        for key in sorted(schema.get("$defs", {})):
+            yield from _fields(f"{name} {key}", schema["$defs"][key])
+
+
+def test_what_others_build_on_is_as_it_was():
+    assert list(lines()) == SNAPSHOT.read_text("utf-8").splitlines(), "changed: if it is meant, see this module's text"
+
+
+def test_the_snapshot_sees_a_changed_signature_and_a_new_field():
+    def scored(mask, *, strict=False): ...
+
+    assert list(_told("x.scored", scored)) == ["x.scored(mask, *, strict=False)"]
+    schema = {"properties": {"a": {}, "b": {}}, "required": ["b"], "$defs": {"In": {"properties": {"c": {}}}}}
+    assert list(_fields("file x", schema)) == ["file x: a, b*", "file x In: c"]
+
+
+if __name__ == "__main__":
+    SNAPSHOT.write_text("\n".join(lines()) + "\n", "utf-8")
