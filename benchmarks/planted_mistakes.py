@@ -26,7 +26,7 @@ from bench.recordings.native import native_recordings
 from bench.synthesis import synthesize
 from bench.validation import Finding, validate_recording
 from benchmarks.false_alarms import with_table
-from benchmarks.mistakes import MISTAKES, Mistake
+from benchmarks.mistakes import MISTAKES
 
 HERE = Path(__file__).parent
 SCENARIO = HERE / "planted.scenario.yaml"
@@ -73,8 +73,9 @@ def text_of(finding: Finding) -> str:
     )
 
 
-def judged(mistake: Mistake, drive: Path) -> Outcome:
-    """Plant a mistake into a copy of a drive, and validate it."""
+def judged(index: int, drive: Path) -> Outcome:
+    """Plant the mistake of this place in `MISTAKES` into a copy of a drive, and validate it."""
+    mistake = MISTAKES[index]
     with tempfile.TemporaryDirectory() as folder:
         root = shutil.copytree(drive, Path(folder) / drive.name)
         mistake.plant(root)
@@ -130,10 +131,10 @@ def main() -> None:
         return
     synthesize(SCENARIO, asked.data, workers=asked.workers)
     drives = {folder.name: folder for folder in sorted(asked.data.iterdir()) if (folder / "recording.json").is_file()}
-    chosen = [one for one in MISTAKES if re.search(asked.only, f"{one.part} {one.name}")]
     tasks = [
-        (mistake, drives[name])
-        for mistake in chosen
+        (index, drives[name])
+        for index, mistake in enumerate(MISTAKES)
+        if re.search(asked.only, f"{mistake.part} {mistake.name}")
         for name in mistake.drives or sorted(drives)
         if re.search(asked.drives, name)
     ]

@@ -1,4 +1,5 @@
-"""Hooks of mkdocs: commands and schemas are made from the code, notebooks become pages, files beside `docs/` come.
+"""Hooks of mkdocs: commands and schemas are made from the code, notebooks become pages with what they show, and files
+beside `docs/` come.
 
 Pages link to committed files outside of `docs/` by relative paths, which work on a code host. In the site these files
 lie under the same names below the root of the site.
@@ -6,14 +7,21 @@ lie under the same names below the root of the site.
 
 from __future__ import annotations
 
+import ast
+import io
 import json
 import os
 import re
 import sys
 from collections.abc import Iterator
+from contextlib import chdir, redirect_stdout
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Literal, get_args, get_origin
+from unittest.mock import patch
 
+import matplotlib.pyplot as plt
 import typer
 import typer.main
 
@@ -89,11 +97,44 @@ def _cell(text: str | None) -> str:
     return (text or "").replace("<", "&lt;").replace("|", "\\|")
 
 
-def notebook_page(file: Path) -> str:
-    """A notebook's text and code as Markdown."""
+@cache
+def notebook_page(file: Path) -> tuple[str, dict[str, bytes]]:
+    """A notebook's text, code and outputs as Markdown, and its pictures (PNG) by name; its cells run for that."""
     cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(file.read_text("utf-8"))["cells"]]
-    shown = [f"```python\n{text}\n```" if kind == "code" else text for kind, text in cells]
-    return "\n\n".join([*shown, f"This page is the notebook [{file.name}]({file.name})."]) + "\n"
+    shown: list[str] = []
+    pictures: dict[str, bytes] = {}
+
+    def keep(*_: object) -> None:
+        name, picture = f"{file.stem}-{len(pictures) + 1}.png", io.BytesIO()
+        plt.savefig(picture, format="png", dpi=100, bbox_inches="tight")
+        plt.close()
+        pictures[name] = picture.getvalue()
+
+    backend, names = plt.get_backend(), {"__name__": "__main__"}
+    plt.switch_backend("agg")
+    with TemporaryDirectory() as folder, chdir(folder), patch.object(plt, "show", keep), patch.dict(os.environ):
+        os.environ |= {"FISHEYE_BENCH_DATA": folder, "FISHEYE_BENCH_DATASETS": str(ROOT / "datasets")}
+        for kind, text in cells:
+            shown.append(f"```python\n{text}\n```" if kind == "code" else text)
+            if kind == "code":
+                before = len(pictures)
+                if said := _output(text, names):
+                    shown.append(f"```text\n{said}\n```")
+                shown += [f"![Drawn by the cell above]({name})" for name in list(pictures)[before:]]
+    plt.switch_backend(backend)
+    return "\n\n".join([*shown, f"This page is the notebook [{file.name}]({file.name})."]) + "\n", pictures
+
+
+def _output(code: str, names: dict[str, Any]) -> str:
+    """What a cell prints, and the value of its last line if that is an expression."""
+    program = ast.parse(code)
+    last = program.body.pop() if isinstance(program.body[-1], ast.Expr) else None
+    with redirect_stdout(io.StringIO()) as printed:
+        exec(compile(program, "cell", "exec"), names)
+        value = eval(compile(ast.Expression(last.value), "cell", "eval"), names) if isinstance(last, ast.Expr) else None
+        if value is not None:
+            sys.stdout.write(str(value))
+    return printed.getvalue().rstrip()
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -104,7 +145,10 @@ def on_files(files: Any, config: Any) -> Any:
         content = json.dumps(json_schema(name), indent=1, ensure_ascii=False) + "\n"
         files.append(File.generated(config, f"schemas/{name}.json", content=content))
     for notebook in sorted((ROOT / "docs").glob("*.ipynb")):
-        files.append(File.generated(config, f"{notebook.stem}.md", content=notebook_page(notebook)))
+        page, pictures = notebook_page(notebook)
+        files.append(File.generated(config, f"{notebook.stem}.md", content=page))
+        for name, picture in pictures.items():
+            files.append(File.generated(config, name, content=picture))
     waiting = [page for file in files.documentation_pages() if (page := ROOT / "docs" / file.src_uri).is_file()]
     while waiting:
         page = waiting.pop()
