@@ -87,8 +87,9 @@ release-check: $(INSTALLED_RELEASE) ## build dist/, check it, then score and gat
 	rm -rf $(FRESH) && $(PYTHON) -m venv $(FRESH)/venv
 	$(FRESH)/venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt dist/*.whl
 	cd $(FRESH) && PATH="$(CURDIR)/$(FRESH)/venv/bin:$$PATH" && unset PYTHONPATH && fisheye-bench doctor && \
-		fisheye-bench run demo --protocol $(PROTOCOL) --out run && \
-		fisheye-bench gate run --baseline demo --tolerances rendered-v1
+		fisheye-bench run demo --protocol paper-v1,surface-v1 --out run && \
+		fisheye-bench gate run --tolerances rendered-v1 && \
+		fisheye-bench gate run-surface-v1 --tolerances rendered-v1
 	rm -rf $(FRESH)
 
 format: $(INSTALLED_DEV) ## put the code into shape

@@ -6,8 +6,10 @@ messages from data files may hold anything. The writers escape it, here and nowh
 
 from __future__ import annotations
 
+import base64
 import json
 import math
+import mimetypes
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +26,8 @@ from rich.text import Text
 from bench.plain_text import escape_markdown, plain
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import pandas as pd
 
 Style = Literal["", "strong", "dim", "good", "warn", "bad"]
@@ -299,11 +303,20 @@ def to_html(blocks: Iterable[Block]) -> Markup:
     return Markup("").join(parts)
 
 
-def to_page(title: str, blocks: Iterable[Block]) -> str:
-    """A whole page of HTML in one file, without scripts."""
+def to_page(title: str, blocks: Iterable[Block], *, folder: Path) -> str:
+    """A whole page of HTML in one file, without scripts; pictures are read from `folder` and become part of it."""
+    blocks = [_with_picture(block, folder) for block in blocks]
     style = Markup(resources.files("bench.reporting.page").joinpath("page.css").read_text("utf-8"))  # ours
     page: str = environment().get_template("document_page.html.j2").render(title=title, blocks=blocks, style=style)
     return page
+
+
+def _with_picture(block: Block, folder: Path) -> Block:
+    if not isinstance(block, Picture) or block.address.startswith("data:"):
+        return block
+    kind, _ = mimetypes.guess_type(block.address)
+    content = base64.b64encode((folder / block.address).read_bytes()).decode()
+    return replace(block, address=f"data:{kind};base64,{content}")
 
 
 @cache

@@ -449,18 +449,21 @@ def write_history(found: History, out: Path) -> tuple[Path, ...]:
         for number, series in enumerate(found.series, start=1)
     ]
     blocks = list(report(found, charts=charts))
-    files = write_texts(
+    drawn = [
+        file
+        for chart, series in zip(charts, found.series, strict=True)
+        for file in write_picture((out / chart.address).with_suffix(""), draw(series))
+    ]
+    texts = write_texts(
         out,
         {
-            "history.html": document.to_page("Results over time", blocks),
+            "history.html": document.to_page("Results over time", blocks, folder=out),
             "history.md": document.to_markdown(blocks),
             "history.csv": to_csv(found),
             "history.tex": to_latex(found),
         },
     )
-    for chart, series in zip(charts, found.series, strict=True):
-        files += write_picture((out / chart.address).with_suffix(""), draw(series))
-    return files
+    return (*texts, *drawn)
 
 
 def _caption(series: Series) -> str:

@@ -87,7 +87,7 @@ def write_proposal_scores(
     return write_texts(
         out,
         {
-            f"{NAME}.html": document.to_page(title, blocks),
+            f"{NAME}.html": document.to_page(title, blocks, folder=out),
             f"{NAME}.md": document.to_markdown([Heading(title, 1), *blocks]),
             f"{NAME}.csv": scores.to_csv(index=False, lineterminator="\n"),
         },

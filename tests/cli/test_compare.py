@@ -53,7 +53,9 @@ def test_compare_ends_with_verdicts_files_and_titled_pictures(monkeypatch, capsy
         title = image[:60]
         assert (title < 100).any(), "letters"
         assert picture["title"].split(" (")[1] in (tmp_path / "compare.md").read_text()
-    assert f"and 4 more files in {tmp_path}" in shown, "compare.tex and the pictures"
+    page = (tmp_path / "compare.html").read_text()
+    assert page.count('<img src="data:image/jpeg;base64,') == page.count("<img ") == len(stored["pictures"])
+    assert f"and 5 more files in {tmp_path}" in shown, "compare.tex and the pictures"
 
 
 def test_pictures_show_what_was_scored_and_call_no_method(monkeypatch, capsys, runs, tmp_path):
@@ -98,7 +100,7 @@ def test_compare_writes_beside_the_runs_of_the_house_without_out(monkeypatch, ru
     monkeypatch.chdir(tmp_path)
     assert call(monkeypatch, "compare", runs / "spherical", runs / "nothing", "--no-pictures") == 0
     made = sorted(file.name for file in (tmp_path / "reports" / "runs" / "compare-spherical-nothing").iterdir())
-    assert made == ["compare.csv", "compare.json", "compare.md", "compare.tex", "object_changes.csv"]
+    assert made == ["compare.csv", "compare.html", "compare.json", "compare.md", "compare.tex", "object_changes.csv"]
 
 
 def test_leaderboard_lists_groups_and_damaged_runs(monkeypatch, capsys, runs, tmp_path):

@@ -104,6 +104,7 @@ def test_files_and_terminal_say_the_same(folder, tmp_path):
     assert [file.name for file in files] == [
         "history.html", "history.md", "history.csv", "history.tex", "history-1.png", "history-1.svg",
     ]  # fmt: skip
+    assert files[0].read_text().count('<img src="data:image/png;base64,') == 1
     sentence = "dddd0000 does not compare with cccc0000+, which is no change of the method: the reference changed"
     for text in (files[0].read_text(), files[1].read_text(), printed(history_tables(found))):
         assert sentence in " ".join(text.split())

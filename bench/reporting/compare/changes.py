@@ -113,6 +113,19 @@ def _value(ratios: Ratios, key: tuple[str, str, str], metric: str, of: str = "va
     return getattr(ratios.get((*key[:2], metric), NO_CASES), of)
 
 
+def recording_values(before: StoredRun, after: StoredRun) -> pd.DataFrame:
+    """The headline metrics of each recording, over all its moving objects and its whole images.
+
+    Returns:
+        A row for each recording and columns (metric, "before" or "after"), ratios; NaN without cases.
+    """
+    rows = pd.concat({"before": before.sums, "after": after.sums}, names=["side"]).reset_index("side")
+    rows = rows[rows["breakdown"].isin([ALL_MOVING, FRAMES]) & rows["metric"].isin(HEADLINES)]
+    values = rows.assign(value=rows["numerator"] / rows["denominator"].where(rows["denominator"] > 0))
+    table = values.pivot_table("value", index="recording", columns=["metric", "side"], dropna=False, observed=True)
+    return table.reindex(columns=pd.MultiIndex.from_product([HEADLINES, ["before", "after"]]))
+
+
 LISTED = 10  # of each kind, one per track
 
 

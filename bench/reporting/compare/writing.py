@@ -20,6 +20,7 @@ from bench.reporting.compare.changes import (
     RunComparison,
     compare_runs,
     paired_objects,
+    recording_values,
     verdict_line,
 )
 from bench.reporting.compare.pictures import draw_changed_frames, frame_title
@@ -43,11 +44,15 @@ NOTE = (
 )
 
 
+def title_of(comparisons: Sequence[RunComparison]) -> str:
+    """For example "rigid-scene, learned against spherical"."""
+    return f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}"
+
+
 def report(comparisons: Sequence[RunComparison]) -> Iterator[Block]:
-    """The first run with each of the others."""
+    """The first run with each of the others, without a title."""
     first = comparisons[0].before.summary
     data = first.manifest.dataset
-    yield Heading(f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}", 1)
     yield Paragraph(
         f"Data set {data.name}, {data.split or 'all recordings'}, protocol {first.protocol.name} "
         f"({first.protocol.digest[:12]}), reference {str(first.manifest.reference)[:12]}."
@@ -105,13 +110,14 @@ def _section(comparison: RunComparison) -> Iterator[Block]:
     yield Paragraph(f"Before: {before}, {comparison.methods[0]}. After: {after}, {comparison.methods[1]}.")
     yield from map(Paragraph, comparison.notes)
     yield headline_table(comparison)
-    yield _further_table(comparison.changes)
+    yield _recording_table(comparison)
     yield _detection_table(comparison)
     for kind, frames in comparison.frames.groupby("kind", sort=False):
         yield _frame_table(str(kind), frames)
     for name, title in comparison.pictures.items():
         yield Paragraph(title, "strong")
         yield Picture(f"pictures/{name}", title)
+    yield _further_table(comparison.changes)
     yield from (Paragraph(remark, "dim") for remark in comparison.remarks)
 
 
@@ -119,6 +125,17 @@ def headline_table(comparison: RunComparison) -> Table:
     """The metrics that are judged, by kind of motion, with their verdicts; kinds without object-frames are left out."""
     title = f"{comparison.after.label} (after) against {comparison.before.label} (before), percent"
     return _change_table(comparison.changes, HEADLINES, title, ["metric", "label", "verdict"], [*_CHANGE, "p_holm"])
+
+
+def _recording_table(comparison: RunComparison) -> Table:
+    """The metrics that are judged, by recording: all moving objects of each, and its whole images."""
+    return Table(
+        title="By recording, percent, before and after",
+        columns=["Recording", *(Column(f"{label}: {side}", _bound) for label in HEADLINES.values()
+                                for side in ("before", "after"))],
+        rows=recording_values(comparison.before, comparison.after).reset_index(),
+        words=1,
+    )  # fmt: skip
 
 
 def _further_table(changes: pd.DataFrame) -> Table:
@@ -272,7 +289,7 @@ def _json_run(run: StoredRun) -> dict[str, Any]:
 
 _TERMINAL_NOTE = (
     "Differences in percentage points, with 95 % intervals by recording, in pairs; p: corrected over the rows of a "
-    f"metric; a verdict needs {FEWEST_RECORDINGS} recordings (recs). All metrics, chance and ceiling: compare.md."
+    f"metric; a verdict needs {FEWEST_RECORDINGS} recordings (recs). All metrics, chance and ceiling: compare.html."
 )
 
 
@@ -282,7 +299,7 @@ def terminal_report(comparison: RunComparison) -> list[Block]:
 
 
 CHANGES = "object_changes.csv"
-NAMES = ("compare.md", "compare.csv", CHANGES, "compare.json", "compare.tex")
+NAMES = ("compare.html", "compare.md", "compare.csv", CHANGES, "compare.json", "compare.tex")
 _PICTURE_NAME = re.compile(r"\d\d-\d\d-[a-z-]+\.jpg")
 
 
@@ -293,7 +310,7 @@ def write_comparison(
     pictures: bool = True,
     progress: Progress | None = None,
 ) -> tuple[list[RunComparison], tuple[Path, ...]]:
-    """Compare runs and write `compare.md`, `.csv`, `.json`, `.tex`, `object_changes.csv` and `pictures/`.
+    """Compare runs and write `compare.html`, `.md`, `.csv`, `.json`, `.tex`, `object_changes.csv` and `pictures/`.
 
     Each file appears whole or not at all. Pictures of an earlier comparison in `out` are removed, other files are left.
 
@@ -316,8 +333,10 @@ def write_comparison(
         numbered = enumerate(comparisons, start=1)
         folder = out / "pictures"
         comparisons = [draw_changed_frames(c, folder, number=number, progress=progress) for number, c in numbered]
+    title, blocks = title_of(comparisons), list(report(comparisons))
     texts = {
-        "compare.md": document.to_markdown(report(comparisons)),
+        "compare.html": document.to_page(title, blocks, folder=out),
+        "compare.md": document.to_markdown([Heading(title, 1), *blocks]),
         "compare.csv": to_csv(comparisons),
         "compare.json": to_json(comparisons),
         "compare.tex": to_latex(comparisons),

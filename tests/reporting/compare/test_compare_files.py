@@ -3,6 +3,7 @@ import io
 import json
 import re
 
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
@@ -14,7 +15,7 @@ from bench.reporting.compare.writing import points, terminal_report, write_compa
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed
 
-NAMES = ["compare.md", "compare.csv", "object_changes.csv", "compare.json", "compare.tex"]
+NAMES = ["compare.html", "compare.md", "compare.csv", "object_changes.csv", "compare.json", "compare.tex"]
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +55,18 @@ def test_all_forms_carry_the_same_numbers(folders, tmp_path):
     lost = [r for r in changed if r["after_run"] == "new" and r["change"] == "lost"]
     assert len(lost) == stored["detections"][-1]["lost"] == 7 + 3
     assert {r["coverage_after"] for r in lost} == {"0.0"}
+
+
+def test_recordings_are_set_beside_each_other(folders, tmp_path):
+    write_comparison(folders[:2], tmp_path)
+    keys = ["breakdown", "metric", "recording"]
+    sums = [pd.read_csv(folder / "sums.csv").set_index(keys).loc["all_moving"] for folder in folders[:2]]
+    lines = (tmp_path / "compare.md").read_text().splitlines()
+    for recording in (f"drive-{number}" for number in range(8)):
+        rows = [one.loc[metric, recording] for metric in ("iou", "tpr_all", "detection_rate_50") for one in sums]
+        expected = [f"{100 * row['numerator'] / row['denominator']:.1f}" for row in rows]
+        (line,) = [line for line in lines if line.startswith(f"| {recording} |")]
+        assert line.split(" | ")[1:7] == expected
 
 
 def test_latex_sets_both_runs_beside_each_other_with_their_intervals(folders, tmp_path):
