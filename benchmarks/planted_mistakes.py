@@ -1,9 +1,10 @@
 """Mistakes that people make with a drive of their own, planted into rendered drives: what `validate` says of each.
 
 python -m benchmarks.planted_mistakes writes the table into docs/your-data.md; with --clean CARD it counts what is found
-in drives without mistakes. Each mistake goes into a copy of each drive of planted.scenario.yaml that it can be told in,
-and the copy is validated. A mistake is found with the right lead where a finding that the clean drive does not have
-names the cause (`Mistake.lead`), weakly where findings name something else, and it is silent where there is none.
+in drives without mistakes, with --scores it tells by how much a mistake changes scores. Each mistake goes into a copy
+of each drive of planted.scenario.yaml that it can be told in, and the copy is validated. A mistake is found with the
+right lead where a finding that the clean drive does not have names the cause (`Mistake.lead`), weakly where findings
+name something else, and it is silent where there is none.
 """
 
 from __future__ import annotations
@@ -21,12 +22,15 @@ from functools import cache
 from itertools import groupby
 from pathlib import Path
 
+import pandas as pd
+
+import bench
 from bench.recordings import load_card, open_dataset
 from bench.recordings.native import native_recordings
 from bench.synthesis import synthesize
 from bench.validation import Finding, validate_recording
 from benchmarks.false_alarms import with_table
-from benchmarks.mistakes import MISTAKES
+from benchmarks.mistakes import MISTAKES, Mistake
 
 HERE = Path(__file__).parent
 SCENARIO = HERE / "planted.scenario.yaml"
@@ -86,6 +90,44 @@ def judged(index: int, drive: Path) -> Outcome:
     return Outcome(mistake=mistake.name, part=mistake.part, drive=drive.name, verdict=verdict, findings=tuple(new))
 
 
+CARD = """
+name: planted
+title: Drives with mistakes
+source: rendered
+how_to_get: rendered
+licence: CC0-1.0
+adapter: native
+splits: {{all: "*"}}
+root: {root}
+"""
+SCORED = ("rigid-scene", "surface-v1")
+
+
+def scores(drive: Path, mistake: Mistake | None = None) -> pd.Series[float]:
+    """Score a copy of a drive: evaluated object-frames; IoU and TPR over all moving and false positives in percent."""
+    with tempfile.TemporaryDirectory() as folder:
+        root, card = shutil.copytree(drive, Path(folder) / "data" / drive.name), Path(folder) / "card.yaml"
+        if mistake is not None:
+            mistake.plant(root)
+        card.write_text(CARD.format(root=root.parent), "utf-8")
+        method, protocol = SCORED
+        run = bench.run(card, method, protocol=protocol, out=Path(folder) / "run")
+        row = run.metrics.loc["all_moving"]
+        values = [row["object_frames"], 100 * row["iou"], 100 * row["tpr_all"], 100 * run.false_positives]
+        return pd.Series(values, index=["object-frames", "IoU", "TPR", "false positives"])
+
+
+def effects(tasks: Sequence[tuple[int, Path]]) -> Iterator[str]:
+    """A line for each mistake: by how much the scores of the drive change."""
+    clean: dict[Path, pd.Series[float]] = {}
+    for index, drive in tasks:
+        if drive not in clean:
+            clean[drive] = scores(drive)
+            yield f"{drive.name}: " + ", ".join(f"{name} {value:.1f}" for name, value in clean[drive].items())
+        changes = scores(drive, MISTAKES[index]) - clean[drive]
+        yield f"{MISTAKES[index].name} in {drive.name}: " + ", ".join(f"{name} {x:+.1f}" for name, x in changes.items())
+
+
 def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
     """Lines of the table: in how many drives each mistake is found, and the sum."""
     total = Counter(outcome.verdict for outcome in outcomes)
@@ -123,6 +165,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="regular expression of mistakes' names or parts; writes no docs")
     parser.add_argument("--drives", default="", help="regular expression of drives' names")
     parser.add_argument("--clean", metavar="CARD", help="validate a data set without mistakes instead")
+    parser.add_argument("--scores", action="store_true", help="print by how much each mistake changes scores instead")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     if asked.clean:
@@ -138,6 +181,11 @@ def main() -> None:
         for name in mistake.drives or sorted(drives)
         if re.search(asked.drives, name)
     ]
+    if asked.scores:
+        for line in effects(tasks):
+            sys.stdout.write(f"{line}\n")
+            sys.stdout.flush()
+        return
     with ProcessPoolExecutor(asked.workers) as pool:
         outcomes = []
         for outcome in pool.map(judged, *zip(*tasks, strict=True)):
