@@ -115,18 +115,20 @@ def notebook_page(file: Path) -> tuple[str, dict[str, bytes]]:
     with TemporaryDirectory() as folder, chdir(folder), patch.object(plt, "show", keep), patch.dict(os.environ):
         os.environ |= {"FISHEYE_BENCH_DATA": folder, "FISHEYE_BENCH_DATASETS": str(ROOT / "datasets")}
         for kind, text in cells:
-            shown.append(f"```python\n{text}\n```" if kind == "code" else text)
-            if kind == "code":
-                before = len(pictures)
-                if said := _output(text, names):
-                    shown.append(f"```text\n{said}\n```")
-                shown += [f"![Drawn by the cell above]({name})" for name in list(pictures)[before:]]
+            if kind != "code":
+                shown.append(text)
+                continue
+            before = len(pictures)
+            printed = _output(text, names)
+            shown.append(f"```python\n{text}\n```")
+            shown += [f"```text\n{printed}\n```"] if printed else []
+            shown += [f"![Drawn by the cell above]({name})" for name in list(pictures)[before:]]
     plt.switch_backend(backend)
     return "\n\n".join([*shown, f"This page is the notebook [{file.name}]({file.name})."]) + "\n", pictures
 
 
 def _output(code: str, names: dict[str, Any]) -> str:
-    """What a cell prints, and the value of its last line if that is an expression."""
+    """Run a cell; return what it prints, and the value of its last line if that is an expression."""
     program = ast.parse(code)
     last = program.body.pop() if isinstance(program.body[-1], ast.Expr) else None
     with redirect_stdout(io.StringIO()) as printed:

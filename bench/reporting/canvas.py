@@ -8,7 +8,6 @@ Source:
 
 from __future__ import annotations
 
-import base64
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,6 +28,7 @@ from numpy.typing import NDArray
 from bench.atomic import write_bytes
 from bench.plain_text import plain
 from bench.records.reference import Category
+from bench.reporting.document import data_uri
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -140,13 +140,13 @@ def jpeg_bytes(image: NDArray[np.uint8], *, quality: int) -> bytes:
 
 def jpeg_uri(image: NDArray[np.uint8], *, quality: int = 82) -> str:
     """A BGR image as a `data:` address."""
-    return "data:image/jpeg;base64," + base64.b64encode(jpeg_bytes(image, quality=quality)).decode()
+    return data_uri(jpeg_bytes(image, quality=quality), "image/jpeg")
 
 
 def layer_uri(image: NDArray[np.uint8]) -> str:
     """A BGRA image of few colours as a `data:` address; WebP without losses takes half of what PNG takes."""
     content = _encoded(".webp", image, cv2.IMWRITE_WEBP_QUALITY, 101)  # above 100 nothing is lost
-    return "data:image/webp;base64," + base64.b64encode(content).decode()
+    return data_uri(content, "image/webp")
 
 
 def _encoded(ending: str, image: NDArray[np.uint8], option: int, value: int) -> bytes:

@@ -311,12 +311,16 @@ def to_page(title: str, blocks: Iterable[Block], *, folder: Path) -> str:
     return page
 
 
+def data_uri(content: bytes, kind: str) -> str:
+    """The `data:` address of a file, with which it is part of a page; `kind` for example "image/png"."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
 def _with_picture(block: Block, folder: Path) -> Block:
     if not isinstance(block, Picture) or block.address.startswith("data:"):
         return block
     kind, _ = mimetypes.guess_type(block.address)
-    content = base64.b64encode((folder / block.address).read_bytes()).decode()
-    return replace(block, address=f"data:{kind};base64,{content}")
+    return replace(block, address=data_uri((folder / block.address).read_bytes(), str(kind)))
 
 
 @cache

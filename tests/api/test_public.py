@@ -1,4 +1,4 @@
-"""What others build on: the signatures of the public interface and the fields of its files, as public.txt has them.
+"""The public interface: its signatures and the fields of its files are those of public.txt.
 
 After a change that is meant, write the file anew (`python -m tests.api.test_public`), and tell it in the changelog.
 """
@@ -20,22 +20,28 @@ def lines() -> Iterator[str]:
     for name in MODULES:
         module = import_module(name)
         public = getattr(module, "__all__", None) or [
-            key for key, value in vars(module).items() if getattr(value, "__module__", None) == name
+            key
+            for key, value in vars(module).items()
+            if getattr(value, "__module__", None) == name and not key.startswith("_")
         ]
         for key in sorted(public):
-            yield from _told(f"{name}.{key}", getattr(module, key))
+            yield from _described(f"{name}.{key}", getattr(module, key))
     for name in sorted(SCHEMAS):
         yield from _fields(f"file {name}", json_schema(name))
 
 
-def _told(name: str, thing: Any) -> Iterator[str]:
+def _described(name: str, thing: Any) -> Iterator[str]:
     if inspect.isfunction(thing):
         yield f"{name}{inspect.signature(thing)}"
     elif inspect.isclass(thing):
         bases = ", ".join(base.__name__ for base in thing.__bases__)
         yield f"{name}({bases})"
         if dataclasses.is_dataclass(thing):
-            yield from (f"{name}.{field.name}: {field.type}" for field in dataclasses.fields(thing))
+            yield from (
+                f"{name}.{field.name}: {field.type}"
+                for field in dataclasses.fields(thing)
+                if not field.name.startswith("_")
+            )
         for key, member in sorted(vars(thing).items()):
             if key.startswith("_") and key != "__call__":
                 continue
@@ -58,14 +64,14 @@ def _fields(name: str, schema: Any) -> Iterator[str]:
             yield from _fields(f"{name} {key}", schema["$defs"][key])
 
 
-def test_what_others_build_on_is_as_it_was():
+def test_the_public_interface_is_as_the_snapshot_has_it():
     assert list(lines()) == SNAPSHOT.read_text("utf-8").splitlines(), "changed: if it is meant, see this module's text"
 
 
 def test_the_snapshot_sees_a_changed_signature_and_a_new_field():
     def scored(mask, *, strict=False): ...
 
-    assert list(_told("x.scored", scored)) == ["x.scored(mask, *, strict=False)"]
+    assert list(_described("x.scored", scored)) == ["x.scored(mask, *, strict=False)"]
     schema = {"properties": {"a": {}, "b": {}}, "required": ["b"], "$defs": {"In": {"properties": {"c": {}}}}}
     assert list(_fields("file x", schema)) == ["file x: a, b*", "file x In: c"]
 

@@ -44,7 +44,7 @@ NOTE = (
 )
 
 
-def title_of(comparisons: Sequence[RunComparison]) -> str:
+def _title(comparisons: Sequence[RunComparison]) -> str:
     """For example "rigid-scene, learned against spherical"."""
     return f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}"
 
@@ -333,7 +333,7 @@ def write_comparison(
         numbered = enumerate(comparisons, start=1)
         folder = out / "pictures"
         comparisons = [draw_changed_frames(c, folder, number=number, progress=progress) for number, c in numbered]
-    title, blocks = title_of(comparisons), list(report(comparisons))
+    title, blocks = _title(comparisons), list(report(comparisons))
     texts = {
         "compare.html": document.to_page(title, blocks, folder=out),
         "compare.md": document.to_markdown([Heading(title, 1), *blocks]),
