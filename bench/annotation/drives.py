@@ -30,7 +30,7 @@ from bench.harness.digests.content import REFERENCE_PACKAGES
 from bench.recordings import Recording, RecordingHandle
 
 MODULES = (
-    *("boxes", "clusters", "free_space", "ground", "joining", "prepared"),
+    *("boxes", "clusters", "free_space", "ground", "joining", "people", "prepared"),
     *("proposals", "registration", "settings", "tracking"),
 )
 CODE = (*REFERENCE_PACKAGES, *(f"annotation/{name}.py" for name in MODULES))

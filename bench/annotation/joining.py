@@ -21,6 +21,7 @@ PERSON_M = (2.4, 1.1)  # largest length and width of what is no vehicle
 SPEED_SHARE = 0.08  # of the speed, by which fragments may differ further
 AROUND_M = 0.15  # of a box in which points are looked for
 LEAST_HELD = 3
+SHARED = 0.5  # of a track's points that a larger one has too
 
 
 def join(boxes: Sequence[Box], settings: ProposalSettings) -> list[Fragment]:
@@ -28,7 +29,7 @@ def join(boxes: Sequence[Box], settings: ProposalSettings) -> list[Fragment]:
 
     A part that moves as the larger one and fits it gives it its points; one inside that does not is dropped.
     """
-    order = sorted(boxes, key=lambda box: (-box.fragment.points, box.fragment.chain))
+    order = sorted(boxes, key=lambda box: (-box.fragment.points, box.fragment.name))
     gone: set[int] = set()
     joined = []
     for rank, large in enumerate(order):
@@ -116,3 +117,19 @@ def _held(box: Box, state: int, cloud: Cloud, settings: ProposalSettings) -> Obs
     rows = np.flatnonzero(within & (cloud.points[:, 2] <= box.bottom_m[state] + box.size_m[2] + AROUND_M))
     enough = max(LEAST_HELD, settings.held_share * len(known.rows))
     return Observation(cloud=cloud, rows=rows) if len(rows) >= enough else None
+
+
+def without_duplicates(boxes: Sequence[Box]) -> list[Box]:
+    """Leave out tracks most of whose points a larger one has too, since both were carried on into each other."""
+    kept: list[Box] = []
+    for box in sorted(boxes, key=lambda box: (-box.fragment.points, box.fragment.name)):
+        if all(_shared(box.fragment, other.fragment) < SHARED * box.fragment.points for other in kept):
+            kept.append(box)
+    return kept
+
+
+def _shared(small: Fragment, large: Fragment) -> int:
+    """Number of points that two tracks have in common."""
+    theirs = {observation.cloud.number: observation.rows for observation in large.observations}
+    both = (one for one in small.observations if one.cloud.number in theirs)
+    return sum(len(np.intersect1d(one.rows, theirs[one.cloud.number])) for one in both)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from bench.annotation.boxes import VEHICLE_M, Box, fit_box
 from bench.annotation.clusters import find_clusters
-from bench.annotation.joining import extend, join
+from bench.annotation.joining import extend, join, without_duplicates
+from bench.annotation.people import split_people
 from bench.annotation.prepared import Cloud, clouds
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.annotation.tracking import Fragment, Tracker
@@ -70,11 +71,11 @@ def propose(
     if not recording.sweeps:
         raise DataError(recording.root, field="sweeps", expected="lidar sweeps to find moving objects in", got="none")
     settings = settings or ProposalSettings()
-    tracker, segment, pieces = Tracker(settings), list[Cloud](), dict[int, list[Proposal]]()
+    tracker, segment, pieces = Tracker(settings), list[Cloud](), dict[tuple[int, int], list[Proposal]]()
 
     def judge() -> None:
         for box in _believed(tracker.take(), segment, settings):
-            pieces.setdefault(box.fragment.chain, []).append(_proposal(box, settings))
+            pieces.setdefault(box.fragment.name, []).append(_proposal(box, settings))
         segment.clear()
 
     for cloud in clouds(recording, settings, progress=progress):
@@ -90,13 +91,14 @@ def propose(
 
 def _believed(fragments: Sequence[Fragment], segment: Sequence[Cloud], settings: ProposalSettings) -> list[Box]:
     """Boxes of the tracks of a segment that are believed to move."""
-    first = [box for box in (fit_box(fragment, settings) for fragment in fragments) if box is not None]
-    alone = {box.fragment.chain: box for box in first}
+    whole = [box for box in (fit_box(fragment, settings) for fragment in fragments) if box is not None]
+    first = [part for box in whole for part in split_people(box, settings)]
+    alone = {box.fragment.name: box for box in first}
     found = []
     for fragment in join(first, settings):
-        box = (fit_box(fragment, settings) if fragment.joined else None) or alone[fragment.chain]
+        box = (fit_box(fragment, settings) if fragment.joined else None) or alone[fragment.name]
         found.append(fit_box(extend(box, segment, settings), settings))
-    return [box for box in found if box is not None]  # what does not stand longer looks is no object
+    return without_duplicates([box for box in found if box is not None])  # the rest does not stand longer looks
 
 
 def _proposal(box: Box, settings: ProposalSettings) -> Proposal:

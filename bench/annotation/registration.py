@@ -102,7 +102,7 @@ def _visible_shift(
     cut = [cut_ends(one, flags) for one, flags in zip(along, cut_off, strict=True)]
     if min(np.ptp(one) for one in along) < LONG_M and not (cut_off[0].any() or cut_off[1].any()):
         return guess_m
-    ends = [np.sort(one)[[*range(-END_POINTS, 0), *range(END_POINTS)]].reshape(2, -1).mean(axis=1) for one in along]
+    ends = [(one[-END_POINTS:].mean(), one[:END_POINTS].mean()) for one in map(np.sort, along)]
     shifts = [ends[1][end] - ends[0][end] for end in (0, 1) if not (cut[0][1 - end] or cut[1][1 - end])]
     return np.asarray(guess_m / length_m * np.mean(shifts)) if shifts else guess_m
 

@@ -54,11 +54,18 @@ class Fragment:
         chain: equal for what the tracker followed without a break, over several segments.
         observations: in time, one a sweep.
         joined: fragments that were joined to this one.
+        part: number of the person among people side by side, 0 for anybody alone.
     """
 
     chain: int
     observations: tuple[Observation, ...]
     joined: int = 0
+    part: int = 0
+
+    @property
+    def name(self) -> tuple[int, int]:
+        """Equal for one object over several segments."""
+        return self.chain, self.part
 
     @property
     def points(self) -> int:

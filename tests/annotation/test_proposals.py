@@ -93,6 +93,19 @@ def test_who_starts_within_the_drive_rests_before(tmp_path, monkeypatch):
     assert (moves[-5:] > 1.5).all()
 
 
+def test_people_side_by_side_are_two(tmp_path, monkeypatch):
+    walkers = {
+        name: ("pedestrian", (12.0, y, 0.9), np.pi, 1.2, (0.4, 0.5, 1.8)) for name, y in (("a", 2.0), ("b", 2.75))
+    }
+    monkeypatch.setattr(drive, "OBJECTS", walkers)
+    recording = street(tmp_path / "street")
+    proposals = propose(replace(recording, tracks=(), annotated=NOT_ANNOTATED), settings=COARSE)
+    frames = evaluate_proposals(recording, annotated(proposals, recording))
+    assert set(frames.loc[frames["outcome"] == "found", "object"]) == {"a", "b"}
+    assert "false" not in set(frames["outcome"])
+    assert [proposal.object_class for proposal in proposals] == ["pedestrian", "pedestrian"]
+
+
 def test_tilted_mounting_changes_nothing(recording, proposals):
     """Each sweep is levelled by its own road, since the bus's ego-motion knows no pitch."""
     tilt = RigidTransform(Rotation.from_euler("y", 0.015).as_matrix(), np.zeros(3))
