@@ -103,7 +103,11 @@ root: {root}
 
 
 def scores(drive: Path, mistake: Mistake | None = None) -> pd.Series[float]:
-    """Score `rigid-scene` on a copy of a drive: evaluated object-frames; IoU and TPR over all moving and false positives in percent."""
+    """Score `rigid-scene` on a copy of a drive.
+
+    Returns:
+        Evaluated object-frames; IoU and TPR over all moving, and false positives, in percent.
+    """
     with tempfile.TemporaryDirectory() as folder:
         root, card = shutil.copytree(drive, Path(folder) / "data" / drive.name), Path(folder) / "card.yaml"
         if mistake is not None:

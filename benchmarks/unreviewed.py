@@ -107,7 +107,12 @@ def prepare(drives: Sequence[Path], condition: str, folder: Path, workers: int) 
 
 
 def scores(card: Path, methods: Sequence[str], folder: Path, workers: int) -> pd.DataFrame:
-    """One row for each method and row of the table: `object_frames`, `recordings`, and IoU, TPR and false positives in percent."""
+    """Score methods on a data set.
+
+    Returns:
+        One row for each method and row of the table: `object_frames`, `recordings`, and in percent `iou`, `tpr_all`
+        and `false_positives`.
+    """
     scored = []
     for method in methods:
         out = folder / f"{card.stem}-{method}"
@@ -160,18 +165,18 @@ def table(condition: str, found: pd.DataFrame, proposals: pd.DataFrame) -> Itera
     """Lines about a condition: the proposals, then rows of `compared`."""
     near, far = (proposals.query("range == @band and group == 'all'").iloc[0] for band in ("< 8 m", "< 20 m"))
     yield (
-        f"**{condition.capitalize()}**: recall {100 * near['recall']:.1f} %, precision {100 * near['precision']:.1f} % within 8 m; "
-        f"{100 * far['recall']:.1f} and {100 * far['precision']:.1f} % within 20 m, "
-        f"{far['false_tracks_per_minute']:.1f} false tracks a minute."
+        f"**{condition.capitalize()}**: recall {100 * near['recall']:.1f} %, precision "
+        f"{100 * near['precision']:.1f} % within 8 m; {100 * far['recall']:.1f} and "
+        f"{100 * far['precision']:.1f} % within 20 m, {far['false_tracks_per_minute']:.1f} false tracks a minute."
     )
     yield ""
-    yield "| row | object-frames | by proposals | tau | ceiling | IoU, most | method | TPR, most | false positives, most |"
+    yield "| row | object-frames | by proposals | tau | ceiling | IoU | method | TPR | false positives |"
     yield "|---|---|---|---|---|---|---|---|---|"
     for one in found.itertuples():
         tau = "n/a" if np.isnan(one.tau) else f"{one.tau:.2f}"
         yield (
-            f"| {one.row.replace('_', ' ')} | {one.object_frames} | {one.object_frames_proposed} | {tau} | {one.ceiling:+.1f} "
-            f"| {one.iou:+.1f} | {one.method} | {one.tpr_all:+.1f} | {one.false_positives:+.1f} |"
+            f"| {str(one.row).replace('_', ' ')} | {one.object_frames} | {one.object_frames_proposed} | {tau} "
+            f"| {one.ceiling:+.1f} | {one.iou:+.1f} | {one.method} | {one.tpr_all:+.1f} | {one.false_positives:+.1f} |"
         )
     yield ""
 
