@@ -97,9 +97,10 @@ _FORBIDDEN = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 
 
 def to_junit(verdict: Verdict) -> bytes:
-    """JUnit XML, UTF-8: failed is a failure, all that is not judged is one skipped case, the rest passes with its line.
+    """JUnit XML, UTF-8: a case for each check of the data and each slice, with the lines of its metrics.
 
-    Where there is no verdict, that is an error, so that no reader takes it for a pass.
+    A slice fails with what failed in it and what changed since the baseline. All that is not judged is one skipped
+    case. Where there is no verdict, that is an error, so that no reader takes it for a pass.
     """
     suite = TestSuite(_clean(f"fisheye-bench gate {verdict.dataset} {verdict.method}".rstrip()))
     if verdict.why_none:
@@ -107,12 +108,23 @@ def to_junit(verdict: Verdict) -> bytes:
         none.result = [Error(_clean(verdict.why_none), "no verdict")]
         suite.add_testcase(none)
     for check in verdict.checks:
-        suite.add_testcase(_case(check.name, "data", check.outcome, message=check.message))
+        failed = (check.message, check.message) if check.outcome is Outcome.FAILED else None
+        suite.add_testcase(_case(check.name, "data", failed=failed, lines=[f"{check.outcome}: {check.message}"]))
+    slices: dict[str, list[Row]] = {}
     for row in verdict.rows:
         if row.outcome is not Outcome.NOT_JUDGED:
-            suite.add_testcase(_case(row.metric, row.slice_name, row.outcome, message=row_text(row)))
+            slices.setdefault(row.slice_name, []).append(row)
+    for name, rows in slices.items():
+        worse = [row for row in verdict.rows_with(Outcome.FAILED) if row in rows]  # the worst first
+        cause = "\n".join([*map(row_text, worse), *change_lines(verdict)])
+        failed = (_slice_text(worse), cause) if worse else None
+        suite.add_testcase(
+            _case(name, "metrics", failed=failed, lines=[f"{row.outcome}: {row_text(row)}" for row in rows])
+        )
     if skipped := not_judged_line(verdict):
-        suite.add_testcase(_case("not judged", "metrics", Outcome.NOT_JUDGED, message=skipped))
+        unjudged = TestCase("not judged", classname="gate.metrics", time=0.0)
+        unjudged.result = [Skipped(_clean(skipped), "not judged")]
+        suite.add_testcase(unjudged)
     document = JUnitXml()
     document.add_testsuite(suite)
     document.update_statistics()  # type: ignore[no-untyped-call]
@@ -121,17 +133,15 @@ def to_junit(verdict: Verdict) -> bytes:
     return text.getvalue()
 
 
-def _case(name: str, group: str, outcome: Outcome, *, message: str) -> TestCase:
+def _case(name: str, group: str, *, failed: tuple[str, str] | None, lines: Sequence[str]) -> TestCase:
+    """A case with all its lines, and if it failed with a message and a text."""
     case = TestCase(_clean(name), classname=_clean(f"gate.{group}"), time=0.0)
-    if outcome is Outcome.FAILED:
-        failure = Failure(_clean(message), "data" if group == "data" else "regression")
-        failure.text = _clean(message)
+    if failed is not None:
+        message, text = map(_clean, failed)
+        failure = Failure(message, "data" if group == "data" else "regression")
+        failure.text = text
         case.result = [failure]
-        return case
-    if outcome is Outcome.NOT_JUDGED:
-        case.result = [Skipped(_clean(message), "not judged")]
-        return case
-    case.system_out = _clean(f"{outcome}: {message}")
+    case.system_out = _clean("\n".join(lines))
     return case
 
 
