@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import pandas as pd
 
@@ -49,8 +51,8 @@ def _title(comparisons: Sequence[RunComparison]) -> str:
     return f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}"
 
 
-def report(comparisons: Sequence[RunComparison]) -> Iterator[Block]:
-    """The first run with each of the others, without a title."""
+def report(comparisons: Sequence[RunComparison], *, out: Path) -> Iterator[Block]:
+    """The first run with each of the others, without a title; `out` is the folder from which links to runs lead."""
     first = comparisons[0].before.summary
     data = first.manifest.dataset
     yield Paragraph(
@@ -58,7 +60,7 @@ def report(comparisons: Sequence[RunComparison]) -> Iterator[Block]:
         f"({first.protocol.digest[:12]}), reference {str(first.manifest.reference)[:12]}."
     )
     for comparison in comparisons:
-        yield from _section(comparison)
+        yield from _section(comparison, out)
     yield Paragraph(NOTE)
 
 
@@ -103,11 +105,19 @@ _COLUMNS: dict[str, Column | Cell | str] = {
 _CHANGE = ["recordings", "before", "after", "difference", "ci95"]
 
 
-def _section(comparison: RunComparison) -> Iterator[Block]:
+def _section(comparison: RunComparison, out: Path) -> Iterator[Block]:
     before, after = comparison.before.label, comparison.after.label
     yield Heading(f"{after} against {before}")
     yield Paragraph(verdict_line(comparison), "strong")
-    yield Paragraph(f"Before: {before}, {comparison.methods[0]}. After: {after}, {comparison.methods[1]}.")
+    yield Table(
+        columns=["", "Run", "Method"],
+        rows=[
+            [side, Cell(run.label, link=_page_address(run, out)), method]
+            for side, run, method in zip(
+                ("before", "after"), (comparison.before, comparison.after), comparison.methods, strict=True
+            )
+        ],
+    )
     yield from map(Paragraph, comparison.notes)
     yield headline_table(comparison)
     yield _recording_table(comparison)
@@ -119,6 +129,12 @@ def _section(comparison: RunComparison) -> Iterator[Block]:
         yield Picture(f"pictures/{name}", title)
     yield _further_table(comparison.changes)
     yield from (Paragraph(remark, "dim") for remark in comparison.remarks)
+
+
+def _page_address(run: StoredRun, out: Path) -> str:
+    """Address of a run's page as seen from a folder; "" where the run has none."""
+    page = run.folder / "index.html"
+    return quote(Path(os.path.relpath(page.resolve(), out.resolve())).as_posix()) if page.is_file() else ""
 
 
 def headline_table(comparison: RunComparison) -> Table:
@@ -333,7 +349,7 @@ def write_comparison(
         numbered = enumerate(comparisons, start=1)
         folder = out / "pictures"
         comparisons = [draw_changed_frames(c, folder, number=number, progress=progress) for number, c in numbered]
-    title, blocks = _title(comparisons), list(report(comparisons))
+    title, blocks = _title(comparisons), list(report(comparisons, out=out))
     texts = {
         "compare.html": document.to_page(title, blocks, folder=out),
         "compare.md": document.to_markdown([Heading(title, 1), *blocks]),

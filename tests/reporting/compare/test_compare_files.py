@@ -2,6 +2,7 @@ import csv
 import io
 import json
 import re
+from urllib.parse import unquote
 
 import pandas as pd
 import pyarrow.parquet as pq
@@ -114,6 +115,17 @@ def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_
     remarks = [comparison.remarks for comparison in comparisons]
     assert all(remark.startswith("no picture: nowhere.yaml") for (remark,) in remarks)
     assert "no picture: nowhere.yaml" in (tmp_path / "compare.md").read_text()
+
+
+def test_the_page_leads_to_the_pages_of_the_runs(folders, tmp_path):
+    page = folders[1] / "index.html"
+    page.write_text("a page")
+    write_comparison(folders[:2], tmp_path / "a b")
+    links = re.findall(r'<a href="([^"]*)">([^<]*)</a>', (tmp_path / "a b" / "compare.html").read_text())
+    page.unlink()
+    ((address, label),) = links  # the other run has no page
+    assert label == "new"
+    assert (tmp_path / "a b" / unquote(address)).resolve() == page.resolve()
 
 
 def test_old_pictures_go_and_other_files_stay(folders, tmp_path):
