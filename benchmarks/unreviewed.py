@@ -99,9 +99,12 @@ def prepare(drives: Sequence[Path], condition: str, folder: Path, workers: int) 
         of_drive = found[found["recording"] == handle.name]
         names = of_drive.groupby("proposal")["object"].agg(lambda objects: objects.mode()[0]).drop_duplicates()
         recording, review = handle.open(), read_review(review_file(folder, handle.name))
-        tracks = to_tracks(review, recording, unreviewed=True)
-        tracks = [replace(track, track_id=names.get(track.track_id, track.track_id)) for track in tracks]
-        if tracks:  # by the names that the exact masks have
+        masks = {track.track_id: track.instance_id for track in recording.tracks}
+        tracks = [
+            replace(track, instance_id=masks.get(names.get(track.track_id, "")))
+            for track in to_tracks(review, recording, unreviewed=True)
+        ]
+        if tracks:
             write_reviewed(folder, recording, tracks).rename(proposed / handle.name / "annotations.json")
     return *cards, proposal_scores(frames, minutes=minutes)
 
