@@ -126,7 +126,7 @@ def seen_flow(recording: Recording, camera: MountedCamera, row: int) -> SeenFlow
 
 
 def chosen_pairs(recording: Recording, camera: str) -> list[int]:
-    """Indices of images, not the first: in each of as many parts of the drive the one with most change of motion."""
+    """Indices of images, not the first, in whose time the camera moves: the middle one of each part of the drive."""
     times_ns, sweeps_ns = times_of(recording, camera), sweep_times(recording)
     if len(times_ns) < 2 or not len(sweeps_ns):
         return []
