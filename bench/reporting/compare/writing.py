@@ -110,7 +110,7 @@ def _section(comparison: RunComparison, out: Path) -> Iterator[Block]:
     yield Heading(f"{after} against {before}")
     yield Paragraph(verdict_line(comparison), "strong")
     yield Table(
-        columns=["", "Run", "Method"],
+        columns=["Side", "Run", "Method"],
         rows=[
             [side, Cell(run.label, link=_page_address(run, out)), method]
             for side, run, method in zip(
