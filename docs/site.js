@@ -1,0 +1,8 @@
+// What the theme's own script adds to a page while it loads, made usable by keyboard and by name: wide tables and code
+// scroll, and every block of code has a group of buttons.
+const complete = () => {
+  document.querySelectorAll(".md-typeset__scrollwrap, pre > code").forEach((scrolled) => (scrolled.tabIndex = 0));
+  document.querySelectorAll(".md-code__nav").forEach((buttons, number) => (buttons.ariaLabel = `Code ${number + 1}`));
+};
+new MutationObserver(complete).observe(document.body, { childList: true, subtree: true });
+complete();
