@@ -1,4 +1,4 @@
-"""How often the gate fails a method that is the same but for noise, and one that has lost points, by simulation.
+"""Share of gates that fail a method that is the same but for noise, and one that has lost points, by simulation.
 
 python -m benchmarks.false_alarms writes the table into docs/gate.md (ten minutes). Recordings are drawn with
 replacement from those of the demo's baseline, and each grows or shrinks by a log-normal factor (sigma 0.8, two in three
@@ -82,7 +82,7 @@ class Drawn:
         return np.clip(expit(moved) - self.better * loss, 0.0, 1.0)
 
     def fails(self, draw: np.random.Generator, recordings: int, *, loss: float) -> tuple[bool, bool]:
-        """Whether a row fails, and whether one would if none were corrected for the number of rows."""
+        """True where a row fails, and where one would if none were corrected for the number of rows."""
         rows = judge_rows(self.pairs(draw, recordings, loss=loss), tolerances=self.rules)
         failed = any(row.outcome is Outcome.FAILED for row in rows)
         suspect = [row for row in rows if row.outcome is Outcome.SUSPECT]

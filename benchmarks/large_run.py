@@ -43,7 +43,7 @@ MB = 1024 if sys.platform == "linux" else 1024 * 1024  # `ru_maxrss` counts kilo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spent:
-    """What a step took.
+    """Cost of a step.
 
     Attributes:
         seconds: on the clock.
@@ -59,7 +59,7 @@ class Spent:
 
 
 def summarise_run(one: Path, _: Path) -> None:
-    """What ends a run: summary, digest of the reference, threshold-free metrics."""
+    """Steps that end a run: summary, digest of the reference, threshold-free metrics."""
     rules = load_protocol("paper-v1")
     objects, frames = open_tables(one)
     sums = sum_run(objects, frames, protocol=rules)

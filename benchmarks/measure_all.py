@@ -27,7 +27,7 @@ from bench.harness.perf import measure as measure_stages
 from bench.harness.provenance import library_versions
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
-from benchmarks import large_run, masks, parallel, projections, references, staging
+from benchmarks import large_run, masks, parallel, projections, references, simulation
 from benchmarks.enlarged import enlarge
 
 Row = Sequence[object]
@@ -38,7 +38,7 @@ REPORT_STEPS = ("summary", "tables", "page")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """What to measure.
+    """Settings of the measurement.
 
     Attributes:
         card: a rendered native data set.
@@ -141,7 +141,7 @@ def reports(_: Asked) -> str:
 
 def rendering(_: Asked) -> str:
     """One image and one revolution of the lidar."""
-    seconds = staging.seconds()
+    seconds = simulation.seconds()
     flow_s = seconds["Farnebäck"]
     return table(["640 x 480", "ms", "/ Farnebäck"], ([n, 1e3 * s, s / flow_s] for n, s in seconds.items()))
 

@@ -17,7 +17,7 @@ from tests.support.processes import group_lives
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunCost:
-    """What a whole command took, from its start to its end.
+    """Cost of a whole command, from its start to its end.
 
     Attributes:
         seconds: on the clock.
@@ -93,7 +93,7 @@ def best_costs(card: Path, *options: object, workers: int, rounds: int) -> tuple
 
 
 def efficiency_of_processor_time(one: RunCost, several: RunCost, *, workers: int) -> float:
-    """What the efficiency would be if every process had a core for itself, whatever else the machine does.
+    """Efficiency as it would be if every process had a core for itself, whatever else the machine does.
 
     All that the first process does counts as if the others waited for it, so it is rather too small.
     """

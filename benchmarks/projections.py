@@ -40,7 +40,7 @@ def project_in_a_loop(camera: KannalaBrandtCamera, points: np.ndarray) -> list[t
 
 
 def works_of(camera: CameraModel, points: np.ndarray, pixels: np.ndarray) -> dict[str, Callable[[], object]]:
-    """What to time for a lens."""
+    """Calls to time for a lens."""
     works: dict[str, Callable[[], object]] = {
         "project": lambda: camera.project(points),
         "unproject": lambda: camera.unproject(pixels),

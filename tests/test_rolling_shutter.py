@@ -74,7 +74,7 @@ def opened(folder: Path, name: str, *, rolling: bool = True) -> Recording:
     return replace(drive, cameras={"left": replace(drive.cameras["left"], rolling_shutter=None)})
 
 
-def staged(folder: Path) -> tuple[Scenario, Scene, MountedCamera]:
+def prepared(folder: Path) -> tuple[Scenario, Scene, MountedCamera]:
     """The straight drive's scenario, scene and camera."""
     scenario = read_scenario(folder / "scenario.yaml")
     spec = scenario.recordings[0]
@@ -103,7 +103,7 @@ def error_m(drive: Recording, scene: Scene, car: PlacedMesh) -> float:
 
 def test_an_image_is_off_by_what_is_driven_between_its_rows(folder: Path) -> None:
     """0.35 m are driven in 25 ms at 14 m/s; two cars are seen by the first and the last sixth of the rows."""
-    _, scene, _ = staged(folder)
+    _, scene, _ = prepared(folder)
     with_rows, at_once = (
         [error_m(opened(folder, "straight", rolling=rolling), scene, actor.placed(0)) for actor in scene.actors]
         for rolling in (True, False)
@@ -126,7 +126,7 @@ def test_lidar_points_are_drawn_at_their_rows(folder: Path) -> None:
 
 
 def test_each_band_shows_the_scene_at_its_own_time(folder: Path) -> None:
-    scenario, scene, camera = staged(folder)
+    scenario, scene, camera = prepared(folder)
     assert camera.rolling_shutter is not None
     bands = readout_bands(camera.model, camera.rolling_shutter)
     assert len(bands) == 25
@@ -163,6 +163,6 @@ def test_methods_that_are_told_mark_less_of_what_is_static(folder: Path, drive: 
 
 
 def test_exact_flow_refuses_a_rolling_shutter(folder: Path) -> None:
-    _, scene, camera = staged(folder)
+    _, scene, camera = prepared(folder)
     with pytest.raises(UsageError, match="rolling shutter"):
         ExactFlowCaster(scene, camera, valid=visible_region(camera))

@@ -33,6 +33,6 @@ def other_unit(times_ns: ArrayLike) -> tuple[str, int] | None:
 
 
 def unit_hint(times_ns: ArrayLike) -> str:
-    """What to do about times of another unit; empty where they may be nanoseconds."""
+    """Hint on times of another unit; empty where they may be nanoseconds."""
     found = other_unit(times_ns)
     return "" if found is None else f"these would be {found[0]}: multiply them by {found[1]}"

@@ -58,7 +58,7 @@ Statement = Literal["none", "complete"] | PartlyAnnotated
 
 
 def annotated_as(statement: Statement) -> Annotated:
-    """What a file states."""
+    """The times and areas that a statement of a file names."""
     if isinstance(statement, PartlyAnnotated):
         earliest_ns, latest_ns = ALWAYS_NS
         spans_ns = [

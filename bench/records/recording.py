@@ -241,7 +241,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Annotated:
-    """When and where a recording is annotated: every road user that moves there has an object or a mask.
+    """Times and areas of a recording that are annotated: every road user that moves there has an object or a mask.
 
     Elsewhere nobody knows what moves, so nothing is scored: images of other times, and pixels of other areas.
 

@@ -175,7 +175,7 @@ class ObjectGeometry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionSettings:
-    """When an object counts as moving, and in which way.
+    """Rules by which an object counts as moving, and in which way.
 
     Attributes:
         static_below_mps: objects slower than this over the ground are static.

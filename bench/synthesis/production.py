@@ -56,11 +56,7 @@ def _produce(spec: RecordingSpec, *, scenario: Scenario, out: Path) -> None:
 def _origin(scenario: Scenario, spec: RecordingSpec) -> dict[str, Any]:
     """Digest of what a recording is made from: the generator, the sensors and the recording's own lines."""
     shared = scenario.model_dump(mode="json", exclude={"recordings"})
-    for camera in shared["cameras"]:
-        if camera["rolling_shutter"] is None:  # what was rendered before there were rolling shutters stays
-            del camera["rolling_shutter"]
-    dry = {} if spec.street.wet else {"street": {"wet"}}  # what was rendered before there was rain stays
-    content = json.dumps([GENERATOR_VERSION, shared, spec.model_dump(mode="json", exclude=dry)], sort_keys=True)
+    content = json.dumps([GENERATOR_VERSION, shared, spec.model_dump(mode="json")], sort_keys=True)
     digest = hashlib.sha256(content.encode()).hexdigest()
     return {"scenario": scenario.name, "recording": spec.name, "digest": digest}
 

@@ -26,7 +26,7 @@ DEPTH_M = 2e-4  # between faces of one plane, ten times what single precision is
 
 
 def depths_m(mesh: Mesh) -> NDArray[np.float64]:
-    """How deep each triangle lies, (T,): 0, unless it overlaps earlier ones of its plane that look otherwise."""
+    """Depth of each triangle, (T,): 0, unless it overlaps earlier ones of its plane that look otherwise."""
     corners_m = mesh.corners_m
     normals = normalise(cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]))
     axes = np.abs(np.round(normals, PLANE_DECIMALS)).argmax(axis=1)

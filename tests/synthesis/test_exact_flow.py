@@ -28,7 +28,7 @@ TWICE_AS_FINE = {
 
 
 class Drive:
-    """The first recording of a scenario, staged, and its last pair of images."""
+    """The first recording of a scenario, prepared, and its last pair of images."""
 
     def __init__(self, recording: Recording, scene: Scene) -> None:
         self.recording, self.scene = recording, scene

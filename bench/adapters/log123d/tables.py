@@ -114,7 +114,7 @@ class LogTable:
         return values
 
     def stores_text(self, name: str) -> bool:
-        """Whether the cells of a column are texts, such as paths."""
+        """True where the cells of a column are texts, such as paths."""
         with _reading(self.path):
             kind = _reader(*_state(self.path)).schema.field(self._index(name)).type
         return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))

@@ -1,4 +1,4 @@
-"""What every rendering and every run begins with: reading a scenario, making bodies, building a world; for `make perf`.
+"""Cost of what begins every rendering and every run: reading a scenario, making bodies, building a world; `make perf`.
 
 No time is asserted here.
 """

@@ -1,4 +1,4 @@
-"""What the staged world takes: one image, one revolution of the lidar, beside one Farnebäck call on such images."""
+"""Cost of the simulated world: one image, one revolution of the lidar, beside one Farnebäck call on such images."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LIGHTS = ("sunny", "overcast", "night")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Staged:
+class Prepared:
     """The first drive of the demo in some light.
 
     Attributes:
@@ -35,7 +35,7 @@ class Staged:
     scan: Callable[[int], object]
 
 
-def staged(light: str) -> Staged:
+def prepared(light: str) -> Prepared:
     """Set the scene."""
     scenario = read_scenario(DEMO)
     spec = scenario.recordings[0].model_copy(
@@ -62,12 +62,12 @@ def staged(light: str) -> Staged:
         time_ns = int(scene.sweep_times_ns[number])
         return scanner.scan(time_ns, timestamp_ns=time_ns, rng=np.random.default_rng(0))
 
-    return Staged(render=render, scan=scan)
+    return Prepared(render=render, scan=scan)
 
 
 def seconds(lights: tuple[str, ...] = LIGHTS, *, rounds: int = 7) -> dict[str, float]:
     """Of each piece of work, in turns."""
-    stages = {light: staged(light) for light in lights}
+    stages = {light: prepared(light) for light in lights}
     first = stages[lights[0]]
     start, end = first.render(1), first.render(0)
     works: dict[str, Callable[[], object]] = {"Farnebäck": lambda: dense_flow("farneback")(start, end)}
