@@ -13,6 +13,8 @@ from bench.errors import DataError
 from bench.lidar import deskew, interpolation_timestamps
 from bench.recordings import load_card, open_dataset, read_image
 from tests.support import tiny_aimotive as tiny
+from tests.support.cards import write_card
+from tests.support.planting import change_json
 from tests.support.real import needs_real
 
 
@@ -77,12 +79,6 @@ def test_field_of_view_size_and_rolling_shutter_come_from_the_card(folder, tmp_p
     assert read_image(recording.images[tiny.CAMERA][2], camera).shape == (18, 32)
 
 
-def edited(path, edit):
-    content = json.loads(path.read_text())
-    edit(content)
-    path.write_text(json.dumps(content))
-
-
 def first_box(**values):
     return lambda content: content["CapturedObjects"][0].update(values)
 
@@ -104,7 +100,7 @@ FAULTS = [
 
 @pytest.mark.parametrize(("edit", "message"), FAULTS, ids=[message for _, message in FAULTS])
 def test_faults_of_boxes_name_file_and_field(folder, tmp_path, edit, message):
-    edited(tiny.box_file(folder, 1), edit)
+    change_json(tiny.box_file(folder, 1), edit)
     with pytest.raises(DataError) as caught:
         opened(tmp_path)
     assert "3d_body/frame_0000101.json: " in str(caught.value)
@@ -115,13 +111,13 @@ def test_calibration_must_be_there_and_complete(folder, tmp_path):
     file = folder / "sensor/calibration/calibration.json"
     with pytest.raises(DataError, match=r"calibration\.json: B_CAM: expected a calibration of this camera, got none"):
         opened(tmp_path, cameras=["B_CAM"])
-    edited(file, lambda content: content[tiny.CAMERA].update(model="pinhole"))
+    change_json(file, lambda content: content[tiny.CAMERA].update(model="pinhole"))
     with pytest.raises(
         DataError, match=r"calibration\.json: M_FISHEYE_R\.model: expected 'mei' or 'opencv_pinhole', got 'pinhole'"
     ):
         opened(tmp_path)
-    edited(file, lambda content: content[tiny.CAMERA].update(model="mei"))
-    edited(file, lambda content: content[tiny.CAMERA].pop("xi"))
+    change_json(file, lambda content: content[tiny.CAMERA].update(model="mei"))
+    change_json(file, lambda content: content[tiny.CAMERA].pop("xi"))
     with pytest.raises(DataError, match=r"calibration\.json: M_FISHEYE_R\.xi: expected a value, got nothing"):
         opened(tmp_path)
     file.unlink()
@@ -135,22 +131,13 @@ def test_an_image_without_boxes_has_no_time(folder, tmp_path):
         opened(tmp_path)
 
 
-def test_links_that_lead_outside_are_refused(folder, tmp_path, tmp_path_factory):
-    outside = tmp_path_factory.mktemp("outside") / "boxes.json"
-    tiny.box_file(folder, 2).rename(outside)
-    tiny.box_file(folder, 2).symlink_to(outside)
-    with pytest.raises(DataError, match=r"frame_0000102\.json: .*a link that leads outside"):
-        opened(tmp_path)
-
-
 def test_two_sequences_of_one_name_are_refused(folder, tmp_path):
     (tmp_path / "data/val/daytime" / folder.name).mkdir(parents=True)
-    content = {"name": "x", "title": "x", "adapter": "aimotive", "root": ".", "licence": "x", "options": tiny.OPTIONS}
-    (tmp_path / "x.yaml").write_text(json.dumps(content))
+    card = write_card(tmp_path, adapter="aimotive", root=".", options=tiny.OPTIONS)
     with pytest.raises(
         DataError, match=r"expected recordings of different names, got '20260101-000000-tiny@Car' twice"
     ):
-        open_dataset(load_card(tmp_path / "x.yaml"))
+        open_dataset(load_card(card))
 
 
 def test_ego_motion_stays_inside_the_data_set(folder, tmp_path):
@@ -297,7 +284,7 @@ def test_all_cameras_of_a_sequence(folder, tmp_path):
         "distortion_coeffs": [-0.3, 0.08, 0.002, 0, 0.5],
     }
     del pinhole["xi"]
-    edited(folder / "sensor/calibration/calibration.json", lambda content: content.update({name: pinhole}))
+    change_json(folder / "sensor/calibration/calibration.json", lambda content: content.update({name: pinhole}))
     recording = opened(tmp_path, cameras=None)
     assert set(recording.cameras) == {name, tiny.CAMERA}
     assert len(recording.images[name]) == 3

@@ -359,17 +359,6 @@ def test_damaged_scans(root):
         reference.read()
 
 
-def test_links_that_lead_outside_are_refused(root, tmp_path):
-    for path in (scan_file(root), poses_file(root), boxes_file(root)):
-        outside = tmp_path / path.name
-        path.rename(outside)
-        path.symlink_to(outside)
-        with pytest.raises(DataError, match="a link that leads outside"):
-            opened(root)
-        path.unlink()
-        outside.rename(path)
-
-
 def test_a_sequence_without_boxes_is_not_scored_as_empty(root):
     assert opened(root).annotated == COMPLETELY
     boxes_file(root).unlink()
@@ -419,11 +408,10 @@ def test_the_real_calibration(real_root):
     assert left.vehicle_from_camera.rotation[:, 2] == pytest.approx([-0.03, 1.0, 0], abs=0.015)
     assert right.vehicle_from_camera.rotation[:, 2] == pytest.approx([-0.025, -1.0, 0], abs=0.01)
     assert recording.vehicle_from_lidar.translation_m == pytest.approx([0.76, 0, 1.73])
-    rays, valid = right.model.unproject(np.array([[700.0, 700.0], [100.0, 700.0], [700.0, 1300.0], [1250.0, 250.0]]))
+    pixels = np.array([[700.0, 700.0], [100.0, 700.0], [700.0, 1300.0], [1250.0, 250.0]])
+    rays, valid = right.model.unproject(pixels)
     assert valid.all()
-    assert right.model.project(rays)[0] == pytest.approx(
-        np.array([[700.0, 700.0], [100.0, 700.0], [700.0, 1300.0], [1250.0, 250.0]]), abs=1e-6
-    )
+    assert right.model.project(rays)[0] == pytest.approx(pixels, abs=1e-6)
 
 
 @needs_real

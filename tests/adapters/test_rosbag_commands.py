@@ -2,26 +2,21 @@
 
 import json
 import shutil
+from functools import partial
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from bench.cameras import camera_parameters
-from bench.cli import main
 from bench.egomotion import read_bus_signals
 from bench.recordings import load_card, open_dataset
 from tests.support import tiny_rosbag as bags
+from tests.support.cards import write_card
+from tests.support.commands import call
 
 FLOAT = "std_msgs/msg/Float64"
-CARD = """
-name: bags
-title: a rendered drive in messages
-adapter: rosbag
-root: data
-licence: CC0-1.0
-annotations: annotations
-"""
 
 
 def mounting(vehicle_from_sensor):
@@ -98,20 +93,13 @@ def cards(tiny_card, tmp_path_factory):
     bags.write_bag(folder / "data" / "crossing", rows_of(recording), compression="STORAGE", late_ns=0)
     (folder / "annotations").mkdir()
     (folder / "annotations" / "crossing.json").write_bytes((recording.root / "annotations.json").read_bytes())
-    (folder / "bags.yaml").write_text(CARD)
-    (folder / "drive.yaml").write_text(f"name: bags\ntitle: x\nadapter: native\nroot: {recording.root}\nlicence: x\n")
-    return folder / "drive.yaml", folder / "bags.yaml"
+    drive = write_card(folder, file="drive.yaml", name="bags", root=str(recording.root))
+    return drive, write_card(folder, file="bags.yaml", name="bags", adapter="rosbag", annotations="annotations")
 
 
 @pytest.fixture
 def command(monkeypatch):
-    def run(*words):
-        monkeypatch.setattr("sys.argv", ["fisheye-bench", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code or 0
-
-    return run
+    return partial(call, monkeypatch)
 
 
 def test_run_gives_the_scores_of_the_drive_itself(command, cards, tmp_path, capsys):
@@ -143,39 +131,32 @@ def test_validate_and_view(command, cards, tmp_path, capsys):
         assert cv2.imread(str(tmp_path / "pictures" / f"{picture}.png")) is not None
 
 
-def test_validate_and_run_say_how_to_repair_a_cut_bag(command, cards, tmp_path, capsys):
-    _, card = cards
-    content = (card.parent / "data" / "crossing" / "crossing.mcap").read_bytes()
-    root = shutil.copytree(card.parent / "data", tmp_path / "data")
-    (root / "crossing" / "crossing.mcap").write_bytes(content[: len(content) * 2 // 3])
-    text = card.read_text().replace("annotations: annotations", f"annotations: {card.parent / 'annotations'}")
-    (tmp_path / "bags.yaml").write_text(text)
+def cut(file):
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) * 2 // 3])
+
+
+REPAIR = "mcap recover crossing.mcap"
+DAMAGES = {  # file, what is done to it, what `validate` reports and `run` says to do
+    "cut short": ("crossing.mcap", cut, f"{REPAIR} -o crossing-repaired.mcap", REPAIR),
+    "no metadata": ("metadata.yaml", Path.unlink, "the metadata that a recorder writes last", "accept_losses"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_validate_and_run_say_what_to_do_with_a_damaged_bag(command, cards, tmp_path, capsys, damage):
+    name, spoil, reported, told = DAMAGES[damage]
+    shutil.copytree(cards[1].parent, tmp_path, dirs_exist_ok=True)
+    spoil(tmp_path / "data" / "crossing" / name)
     assert command("validate", tmp_path / "bags.yaml", "--json", tmp_path / "report.json") == 1
     assert "crossing" in " ".join(capsys.readouterr().out.split())
-    assert "mcap recover crossing.mcap -o crossing-repaired.mcap" in (tmp_path / "report.json").read_text()
+    assert reported in (tmp_path / "report.json").read_text()
     assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 2
-    assert "mcap recover crossing.mcap" in " ".join(capsys.readouterr().err.split())
-
-
-def test_validate_lists_what_a_bag_lacks(command, cards, tmp_path, capsys):
-    _, card = cards
-    root = shutil.copytree(card.parent / "data", tmp_path / "data")
-    (root / "crossing" / "metadata.yaml").unlink()
-    text = card.read_text().replace("annotations: annotations", f"annotations: {card.parent / 'annotations'}")
-    (tmp_path / "bags.yaml").write_text(text)
-    assert command("validate", tmp_path / "bags.yaml", "--json", tmp_path / "report.json") == 1
-    assert "the metadata that a recorder writes last" in (tmp_path / "report.json").read_text()
-    assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 2
-    assert "accept_losses" in " ".join(capsys.readouterr().err.split())
+    assert told in " ".join(capsys.readouterr().err.split())
 
 
 def test_without_annotations_it_has_masks_but_no_scores(command, cards, tmp_path, capsys):
-    _, card = cards
-    (tmp_path / "bags.yaml").write_text(
-        card.read_text()
-        .replace("annotations: annotations\n", "")
-        .replace("root: data", f"root: {card.parent / 'data'}")
-    )
-    assert command("view", tmp_path / "bags.yaml", "--out", tmp_path / "pictures", "--frame", 2) == 0
-    assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 0
+    card = write_card(tmp_path, adapter="rosbag", root=str(cards[1].parent / "data"))
+    assert command("view", card, "--out", tmp_path / "pictures", "--frame", 2) == 0
+    assert command("run", card, "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 0
     assert "Not annotated: no scores" in " ".join("".join(capsys.readouterr()).split())

@@ -1,9 +1,9 @@
 """Bags that were cut short, damaged or made to hurt: one line says what is wrong and how to repair it."""
 
+import copy
 import sqlite3
 import struct
-import tracemalloc
-from contextlib import closing, contextmanager
+from contextlib import closing
 from functools import cache
 from zlib import crc32
 
@@ -20,6 +20,7 @@ from bench.errors import BenchError, DataError
 from bench.recordings import read_image
 from tests.support import tiny
 from tests.support import tiny_rosbag as bags
+from tests.support.limits import memory_below, peak_bytes
 
 STEP_NS = 50_000_000
 IMAGES = 60
@@ -76,18 +77,6 @@ def copied(file, tmp_path, content=None, *, metadata=True):
     if metadata:
         (root / "drive" / "metadata.yaml").write_bytes((file.parent / "metadata.yaml").read_bytes())
     return root
-
-
-@contextmanager
-def memory_below(most_bytes):
-    """Python's memory stays below so much in the block."""
-    tracemalloc.start()
-    try:
-        yield
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < most_bytes
 
 
 def handle_of(root, **options):
@@ -266,11 +255,9 @@ def record(kind, content):
 
 
 def text(value):
-    return text_bytes(value.encode())
-
-
-def text_bytes(value):
-    return struct.pack("<I", len(value)) + value
+    """A text, or bytes in the place of one, with its length before it."""
+    content = value if isinstance(value, bytes) else value.encode()
+    return struct.pack("<I", len(content)) + content
 
 
 def chunk(data, *, packed=None, size=None, compression="zstd"):
@@ -325,7 +312,7 @@ CHUNKS = {
 @pytest.mark.parametrize("kind", CHUNKS)
 def test_definitions_in_other_languages_than_ros_damage_nothing(tmp_path, kind):
     """Loggers put channels of other kinds beside those of ROS; their definitions are no text."""
-    schemas = record(3, struct.pack("<H", 1) + text("example.Log") + text("protobuf") + text_bytes(b"\x0a\xff\xfe\x80"))
+    schemas = record(3, struct.pack("<H", 1) + text("example.Log") + text("protobuf") + text(b"\x0a\xff\xfe\x80"))
     schemas += record(3, struct.pack("<H", 2) + text(bags.IMU) + text("ros2msg") + text(""))
     channels = record(4, struct.pack("<HH", 1, 1) + text("/log") + text("protobuf") + text(""))
     channels += record(4, struct.pack("<HH", 2, 2) + text("/imu") + text("cdr") + text(""))
@@ -357,9 +344,7 @@ def test_definitions_that_fill_the_memory(tmp_path):
     blank = b" " * (1 << 20)
     content = b"\x89MCAP0\r\n" + HEADER_RECORD
     for first in range(0, 1000, 4):
-        schemas = (
-            struct.pack("<H", first + i) + text("a/msg/B") + text("ros2msg") + text_bytes(blank) for i in range(4)
-        )
+        schemas = (struct.pack("<H", first + i) + text("a/msg/B") + text("ros2msg") + text(blank) for i in range(4))
         content += chunk(b"".join(record(3, schema) for schema in schemas))
     file = tmp_path / "hostile.mcap"
     file.write_bytes(content)
@@ -587,7 +572,6 @@ def test_memory_does_not_grow_with_the_length(tmp_path):
     """Four times the messages, 12 MB more: the index grows by some bytes for each, and nothing else."""
 
     def peak(name, rounds):
-        root = bags.write_rig(tmp_path / name)
         noise = np.random.default_rng(1).integers(0, 256, (240, 320), dtype=np.uint8)
         rows = []
         for i in range(rounds):
@@ -595,20 +579,18 @@ def test_memory_does_not_grow_with_the_length(tmp_path):
             rows.append((bags.FRONT, bags.IMAGE, time_ns, bags.image(time_ns, noise)))
             rows.append((bags.ODOM, bags.ODOMETRY, time_ns, bags.odometry(time_ns, (0.1 * i, 0.0, 0.0))))
         for_lidar = (bags.LIDAR, bags.CLOUD, tiny.TIMES_NS[0], bags.cloud(tiny.TIMES_NS[0], bags.sweep_points(0)))
-        bags.write_bag(root / "drive", [for_lidar, *rows])
-        rig = yaml.safe_load((root / "rig.yaml").read_text())
+        rig = copy.deepcopy(bags.RIG)
         rig["cameras"]["front"]["image_size"] = [320, 240]
         rig["cameras"]["front"]["model"]["principal_point"] = [160, 120]
-        bags.write_rig(root, rig)
+        root = bags.data_set(tmp_path / name, [for_lidar, *rows], rig)
         handle_of(root).open()  # what is loaded once
-        tracemalloc.start()
-        try:
+
+        def walk():
             recording = handle_of(root).open()
             for ref in recording.images["front"]:
                 read_image(ref, recording.cameras["front"])
-            return tracemalloc.get_traced_memory()[1]
-        finally:
-            tracemalloc.stop()
+
+        return peak_bytes(walk)[0]
 
     short, long = peak("short", 50), peak("long", 200)
     assert long - short < 150 * 4000

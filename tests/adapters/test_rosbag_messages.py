@@ -1,6 +1,5 @@
 """Images and point clouds of ROS 2, in every layout that is read and in those that lie."""
 
-import zlib
 from pathlib import Path
 
 import cv2
@@ -13,6 +12,7 @@ from bench.adapters.rosbag.messages import NO_TIME, Topic, header_stamp_ns
 from bench.adapters.rosbag.rig import LidarRig
 from bench.adapters.rosbag.storage import Position
 from bench.errors import DataError
+from tests.hostile.files import png
 from tests.support import tiny_rosbag as bags
 
 NAME = Path("drive.mcap/front/1")
@@ -143,17 +143,10 @@ def test_compressed_images():
     assert np.array_equal(compressed(message, white_level=255 * 16, colour=True)[..., 2], pixels[..., 0])
 
 
-def png_of_size(width, height):
-    content = bytearray(cv2.imencode(".png", np.zeros((2, 2), dtype=np.uint8))[1].tobytes())
-    content[16:24] = width.to_bytes(4, "big") + height.to_bytes(4, "big")
-    content[29:33] = zlib.crc32(content[12:29]).to_bytes(4, "big")
-    return content
-
-
 def test_compressed_images_that_lie():
     pixels = np.zeros((48, 64), dtype=np.uint8)
     cases = {
-        "image size: expected 64 x 48 px, as the rig file says, got 100000 x 100000": png_of_size(100_000, 100_000),
+        "image size: expected 64 x 48 px, as the rig file says, got 100000 x 100000": png(100_000, 100_000),
         "expected a JPEG or PNG image, got 4 bytes .* begin with 52 49 46 46": b"RIFF",
         "expected a JPEG or PNG image, got 0 bytes": b"",
         "a JPEG cut short": cv2.imencode(".jpg", pixels)[1].tobytes()[:-40],
@@ -162,7 +155,7 @@ def test_compressed_images_that_lie():
     }
     message = bags.compressed(TIME_NS, pixels)
     for told, content in cases.items():
-        message.data = np.frombuffer(bytes(content), dtype=np.uint8)
+        message.data = np.frombuffer(content, dtype=np.uint8)
         with pytest.raises(DataError, match=told):
             compressed(message)
     with pytest.raises(DataError, match=r"format: expected JPEG or PNG, got '16UC1; compressedDepth png'"):
@@ -294,10 +287,6 @@ def test_rings_beyond_a_byte_are_left_out():
     assert swept(points_of([*xyz(), ("ring", "<u2")], ring=[0, 1, 2, 3, 300])).ring is None
 
 
-def cloud_lie(message):
-    return cloud_sweep(message, TIME_NS, stamp_ns=TIME_NS, rig=LidarRig(**RIG), name=NAME)
-
-
 CLOUD_LIES = [
     (lambda m: setattr(m, "width", 2**32 - 1), "width: expected at most 10000000 points, got 4294967295 x 1"),
     (lambda m: setattr(m, "width", 6), "data: expected 72 bytes for 1 rows of 6 points, got 60"),
@@ -322,4 +311,4 @@ def test_clouds_that_lie(lie, told):
     message = bags.cloud(TIME_NS, points_of(xyz()))
     lie(message)
     with pytest.raises(DataError, match=told):
-        cloud_lie(message)
+        cloud_sweep(message, TIME_NS, stamp_ns=TIME_NS, rig=LidarRig(**RIG), name=NAME)

@@ -7,8 +7,9 @@ import zipfile
 import zlib
 
 import cv2
-import laspy
 import numpy as np
+
+from tests.support.clouds import laz, pcd, ply
 
 
 def png_chunk(name: bytes, content: bytes) -> bytes:
@@ -130,18 +131,6 @@ NPZ_FILES = {
 }
 
 
-def laz(points: np.ndarray, *, point_format: int = 1, **values: np.ndarray) -> bytes:
-    header = laspy.LasHeader(point_format=point_format, version="1.4" if point_format > 5 else "1.2")
-    header.scales = np.full(3, 0.001)
-    cloud = laspy.LasData(header)
-    cloud.xyz = points
-    for name, value in values.items():
-        setattr(cloud, name, value)
-    file = io.BytesIO()
-    cloud.write(file, do_compress=True)
-    return file.getvalue()
-
-
 LAZ = laz(POINTS.astype(np.float64))
 LAYERED_LAZ = laz(POINTS.astype(np.float64), point_format=6)
 POINTS_AT = struct.Struct("<96xI")  # in the header of a .laz file
@@ -195,12 +184,6 @@ BIN_FILES = {
 }
 
 
-def pcd(points: int, *, data: str = "binary", body: bytes = b"", **lines: str) -> bytes:
-    head = {"VERSION": "0.7", "FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1"}
-    head |= {"WIDTH": str(points), "HEIGHT": "1", "VIEWPOINT": "0 0 0 1 0 0 0", "POINTS": str(points)} | lines
-    return "".join(f"{key} {value}\n" for key, value in head.items()).encode() + f"DATA {data}\n".encode() + body
-
-
 PCD_FILES = {
     "empty": b"",
     "text": b"not points",
@@ -219,11 +202,6 @@ PCD_FILES = {
 }
 
 
-def ply(vertices: object, *, form: str = "binary_little_endian", body: bytes = b"", last: str = "z") -> bytes:
-    columns = "".join(f"property float {name}\n" for name in ("x", "y", last))
-    return f"ply\nformat {form} 1.0\nelement vertex {vertices}\n{columns}end_header\n".encode() + body
-
-
 PLY_FILES = {
     "empty": b"",
     "text": b"ply",
@@ -231,7 +209,7 @@ PLY_FILES = {
     "a negative number of vertices": ply(-5, body=bytes(120)),
     "no number of vertices": ply("many", body=bytes(120)),
     "cut short": ply(500, body=POINTS.tobytes()[:-40]),
-    "no z": ply(10, body=bytes(120), last="colour"),
+    "no z": ply(10, body=bytes(120), **dict.fromkeys(("x", "y", "colour"), "float")),
     "lists for vertices": b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n1 1\n",
     "text of NaN": ply(2, form="ascii", body=b"1 2 3\nnan nan nan\n"),
     "text of words": ply(2, form="ascii", body=b"1 2 3\n4 five 6\n"),

@@ -4,12 +4,12 @@ import json
 import shutil
 
 import pytest
-import yaml
 
 from tests.hostile import files
 from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
 from tests.support.commands import call, error_line
-from tests.support.data_sets import DATA_SETS
+from tests.support.data_sets import DATA_SETS, card_of
+from tests.support.planting import change_head
 
 pytestmark = pytest.mark.slow
 
@@ -17,45 +17,39 @@ AIMOTIVE = tiny_aimotive.SEQUENCE
 KITTI = tiny_kitti360.SEQUENCE
 PAIR = tiny_woodscape.NAMES[0]
 ADAPTERS = ("native", "aimotive", "kitti360", "woodscape")
+HEAD, ANNOTATIONS = "drive/recording.json", "drive/annotations.json"
+SENSORS, BOX = f"{AIMOTIVE}/sensor/calibration/calibration.json", f"{AIMOTIVE}/dynamic/box/3d_body/frame_0000101.json"
+LENS, STATE = f"calibration_data/calibration/{PAIR}.json", f"vehicle_data/rgb_images/{PAIR}.json"
 JSON_FILES = [
-    ("native", "drive/recording.json"),
-    ("native", "drive/annotations.json"),
-    ("aimotive", f"{AIMOTIVE}/sensor/calibration/calibration.json"),
-    ("aimotive", f"{AIMOTIVE}/dynamic/box/3d_body/frame_0000101.json"),
-    ("woodscape", f"calibration_data/calibration/{PAIR}.json"),
-    ("woodscape", f"vehicle_data/rgb_images/{PAIR}.json"),
-    ("woodscape", f"vehicle_data/previous_images/{PAIR}.json"),
+    *(("native", file) for file in (HEAD, ANNOTATIONS)),
+    *(("aimotive", file) for file in (SENSORS, BOX)),
+    *(("woodscape", file) for file in (LENS, STATE, f"vehicle_data/previous_images/{PAIR}.json")),
 ]
-BOX = f"{AIMOTIVE}/dynamic/box/3d_body/frame_0000101.json"
 VAN = ("openlabel", "frames", "1", "objects", "van", "object_data")
 WALKER = ("openlabel", "frames", "2", "objects", "walker", "object_data")
 NUMBERS = [
-    ("native", "drive/recording.json", ("frame_interval_ns",)),
-    ("native", "drive/recording.json", ("cameras", "front", "image_size", 0)),
-    ("native", "drive/recording.json", ("cameras", "front", "vehicle_from_camera", "translation_m", 2)),
-    ("native", "drive/recording.json", ("cameras", "front", "model", "coefficients", 0)),
-    ("native", "drive/recording.json", ("lidar", "vehicle_from_lidar", "translation_m", 0)),
-    ("native", "drive/recording.json", ("vehicle", "outline_m", 0, 0)),
-    ("native", "drive/annotations.json", ("openlabel", "frames", "1", "frame_properties", "timestamp")),
-    ("native", "drive/annotations.json", (*VAN, "cuboid", 0, "val", 0)),
-    ("native", "drive/annotations.json", (*VAN, "vec", 0, "val", 0)),
-    ("native", "drive/annotations.json", (*WALKER, "num", 0, "val")),
-    ("native", "drive/annotations.json", (*WALKER, "vec", 0, "val", 0)),
+    ("native", HEAD, ("frame_interval_ns",)),
+    ("native", HEAD, ("cameras", "front", "image_size", 0)),
+    ("native", HEAD, ("cameras", "front", "vehicle_from_camera", "translation_m", 2)),
+    ("native", HEAD, ("cameras", "front", "model", "coefficients", 0)),
+    ("native", HEAD, ("lidar", "vehicle_from_lidar", "translation_m", 0)),
+    ("native", HEAD, ("vehicle", "outline_m", 0, 0)),
+    ("native", ANNOTATIONS, ("openlabel", "frames", "1", "frame_properties", "timestamp")),
+    ("native", ANNOTATIONS, (*VAN, "cuboid", 0, "val", 0)),
+    ("native", ANNOTATIONS, (*VAN, "vec", 0, "val", 0)),
+    ("native", ANNOTATIONS, (*WALKER, "num", 0, "val")),
+    ("native", ANNOTATIONS, (*WALKER, "vec", 0, "val", 0)),
     ("aimotive", BOX, ("Timestamp",)),
     ("aimotive", BOX, ("CapturedObjects", 0, "ObjectId")),
     ("aimotive", BOX, ("CapturedObjects", 0, "BoundingBox3D Origin X")),
     ("aimotive", BOX, ("CapturedObjects", 0, "BoundingBox3D Orientation Quat W")),
-    (
-        "aimotive",
-        f"{AIMOTIVE}/sensor/calibration/calibration.json",
-        (tiny_aimotive.CAMERA, "RT_body_from_sensor", 0, 3),
-    ),
-    ("aimotive", f"{AIMOTIVE}/sensor/calibration/calibration.json", (tiny_aimotive.CAMERA, "image_resolution_px", 0)),
-    ("woodscape", f"vehicle_data/rgb_images/{PAIR}.json", ("timestamp",)),
-    ("woodscape", f"vehicle_data/rgb_images/{PAIR}.json", ("ego_yawRate",)),
-    ("woodscape", f"calibration_data/calibration/{PAIR}.json", ("intrinsic", "k1")),
-    ("woodscape", f"calibration_data/calibration/{PAIR}.json", ("intrinsic", "width")),
-    ("woodscape", f"calibration_data/calibration/{PAIR}.json", ("extrinsic", "translation", 2)),
+    ("aimotive", SENSORS, (tiny_aimotive.CAMERA, "RT_body_from_sensor", 0, 3)),
+    ("aimotive", SENSORS, (tiny_aimotive.CAMERA, "image_resolution_px", 0)),
+    ("woodscape", STATE, ("timestamp",)),
+    ("woodscape", STATE, ("ego_yawRate",)),
+    ("woodscape", LENS, ("intrinsic", "k1")),
+    ("woodscape", LENS, ("intrinsic", "width")),
+    ("woodscape", LENS, ("extrinsic", "translation", 2)),
 ]
 TEXT_FILES = [
     ("native", "drive/egomotion.csv"),
@@ -104,9 +98,7 @@ class Place:
         self.root = shutil.copytree(folder / adapter / "data", tmp_path / "data")
         self.out = tmp_path / "out"
         self.folder = tmp_path
-        content = {"name": "x", "title": "x", "adapter": adapter, "root": "data", "licence": "x"}
-        self.card = tmp_path / "x.yaml"
-        self.card.write_text(yaml.safe_dump(content | {"options": options[adapter]}))
+        self.card = card_of(tmp_path, adapter, options[adapter])
         monkeypatch.chdir(tmp_path)
 
     def listing(self):
@@ -176,15 +168,15 @@ def test_text_files(place, adapter, file, what):
 
 
 LINKS = [
-    ("native", "drive/recording.json"),
-    ("native", "drive/annotations.json"),
+    ("native", HEAD),
+    ("native", ANNOTATIONS),
     ("native", "drive/egomotion.csv"),
     ("native", f"drive/images/front/{tiny.TIMES_NS[1]}.png"),
     ("native", f"drive/lidar/{tiny.TIMES_NS[1]}.npz"),
     ("native", "drive/ego_body/front.png"),
     ("native", "drive/images/front"),
     ("native", "drive/lidar"),
-    ("aimotive", f"{AIMOTIVE}/sensor/calibration/calibration.json"),
+    ("aimotive", SENSORS),
     ("aimotive", BOX),
     ("aimotive", f"{AIMOTIVE}/sensor/camera/{tiny_aimotive.CAMERA}/{tiny_aimotive.CAMERA}_0000101.jpg"),
     ("aimotive", f"{AIMOTIVE}/dynamic/raw-revolutions/frame_0000100.laz"),
@@ -196,7 +188,7 @@ LINKS = [
     ("kitti360", f"data_3d_raw/{KITTI}/velodyne_points/data/0000000004.bin"),
     ("woodscape", f"rgb_images/{PAIR}.png"),
     ("woodscape", f"motion_annotations/gtLabels/{PAIR}.png"),
-    ("woodscape", f"vehicle_data/rgb_images/{PAIR}.json"),
+    ("woodscape", STATE),
     ("woodscape", "calibration_data/calibration"),
 ]
 
@@ -216,9 +208,6 @@ def test_links_that_lead_outside(place, tmp_path, adapter, file):
 @pytest.mark.parametrize("path", ["../../x.png", "/etc/passwd", "a\\..\\b", "C:/x", "", "a\0b"])
 def test_paths_that_lead_outside(place, path):
     here = place("native")
-    head = here.root / "drive/recording.json"
-    content = json.loads(head.read_text())
-    content["cameras"]["front"]["ego_body_mask"] = path
-    head.write_text(json.dumps(content))
+    change_head(here.root / "drive", lambda head: head["cameras"]["front"].update(ego_body_mask=path))
     found = here.refused("drive/recording.json")
     assert [finding["field"] for finding in found][:1] == ["cameras.front.ego_body_mask"]

@@ -1,24 +1,22 @@
 """Names, polygons and files in a recording that try the commands: nothing ends up outside of the run's folder."""
 
-import json
-
 import numpy as np
 import pytest
 
 from tests.hostile import files
 from tests.support import tiny
+from tests.support.cards import write_card
 from tests.support.commands import call, error_line
+from tests.support.planting import change_json
 
 pytestmark = pytest.mark.slow
-
-CARD = "name: x\ntitle: x\nadapter: native\nroot: data\nlicence: x\n"
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     place = tmp_path / "a" / "b" / "work"
     tiny.write_recording(place / "data" / "drive")
-    (place / "x.yaml").write_text(CARD)
+    write_card(place)
     monkeypatch.chdir(place)
     return place
 
@@ -29,10 +27,7 @@ def listing(folder):
 
 
 def edit(folder, change):
-    file = folder / "data" / "drive" / "annotations.json"
-    content = json.loads(file.read_text())
-    change(content["openlabel"])
-    file.write_text(json.dumps(content))
+    change_json(folder / "data" / "drive" / "annotations.json", lambda content: change(content["openlabel"]))
 
 
 @pytest.mark.parametrize("name", ["../../../evil", "/tmp/evil", "a/b", "..", "\n\x1b[2J", "x" * 5000, "<script>"])
@@ -68,21 +63,18 @@ def test_polygons_of_a_hundred_thousand_points(monkeypatch, capsys, folder):
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("what", ["30000 x 30000 px", "cut short", "one byte turned"])
-def test_run_tells_a_broken_image_and_ends_with_2(monkeypatch, capsys, folder, what):
-    image = folder / "data" / "drive" / "images" / "front" / f"{tiny.TIMES_NS[1]}.png"
-    image.write_bytes(files.IMAGES[what])
+BROKEN = [(f"images/front/{tiny.TIMES_NS[1]}.png", kind, files.IMAGES[kind])
+          for kind in ("30000 x 30000 px", "cut short", "one byte turned")]  # fmt: skip
+BROKEN.append((f"lidar/{tiny.TIMES_NS[1]}.npz", "zip of zeros", files.NPZ_FILES["zip of zeros"]))
+
+
+@pytest.mark.parametrize(("name", "content"), [(n, c) for n, _, c in BROKEN], ids=[kind for _, kind, _ in BROKEN])
+def test_run_tells_a_broken_file_and_ends_with_2(monkeypatch, capsys, folder, name, content):
+    file = folder / "data" / "drive" / name
+    file.write_bytes(content)
     before = listing(folder)
     assert call(monkeypatch, "run", "x.yaml", "--method", "nothing", "--out", folder / "out", "--no-pictures") == 2
     told = capsys.readouterr()
-    assert image.name in "".join((told.out + told.err).split())
+    assert file.name in "".join((told.out + told.err).split())
     assert "Traceback" not in told.err
     assert listing(folder) == before
-
-
-def test_run_tells_a_sweep_of_zeros(monkeypatch, capsys, folder):
-    sweep = folder / "data" / "drive" / "lidar" / f"{tiny.TIMES_NS[1]}.npz"
-    sweep.write_bytes(files.NPZ_FILES["zip of zeros"])
-    assert call(monkeypatch, "run", "x.yaml", "--method", "nothing", "--out", folder / "out", "--no-pictures") == 2
-    told = capsys.readouterr()
-    assert sweep.name in "".join((told.out + told.err).split())

@@ -2,18 +2,15 @@
 
 import os
 import shutil
-import signal
 
 import pytest
 
-from bench.evaluation import load_protocol
-from bench.methods import build_method
-from bench.recordings import load_card
 from tests.support import tiny
+from tests.support.cards import write_card
 from tests.support.commands import called_here
-from tests.support.runs import run_one
+from tests.support.limits import at_most
+from tests.support.runs import score
 
-CARD = "name: x\ntitle: x\nadapter: native\nroot: data\nlicence: x\n"
 DRIVE = "data/drive"
 FIRST = tiny.TIMES_NS[0]
 KINDS = {
@@ -25,16 +22,8 @@ KINDS = {
 
 @pytest.fixture(autouse=True)
 def _never_waits():
-    """What waits for ever is a failure."""
-
-    def fail(*_):
-        raise AssertionError("waits for a file that never ends")
-
-    before = signal.signal(signal.SIGALRM, fail)
-    signal.alarm(60)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
+    with at_most(60):
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -42,9 +31,7 @@ def whole(tmp_path_factory):
     """A data set, and a run of it."""
     folder = tmp_path_factory.mktemp("whole")
     tiny.write_recording(folder / DRIVE)
-    (folder / "x.yaml").write_text(CARD)
-    request = {"card": load_card(folder / "x.yaml"), "protocol": load_protocol("paper-v1")}
-    run_one(method=build_method("nothing"), out=folder / "runs" / "nothing", **request)
+    score(write_card(folder), folder / "runs" / "nothing", method="nothing")
     return folder
 
 

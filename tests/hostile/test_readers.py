@@ -17,6 +17,7 @@ from bench.recordings import ImageRef, load_card, read_image
 from bench.recordings.images import read_mask
 from tests.hostile import files
 from tests.support import tiny
+from tests.support.clouds import laz, pcd, ply
 
 pytestmark = pytest.mark.slow
 
@@ -86,19 +87,19 @@ def test_the_whole_ones_are_read(tmp_path, suffix):
         ".npz": files.NPZ,
         ".laz": files.LAZ,
         ".bin": files.ROWS.tobytes(),
-        ".pcd": files.pcd(500, body=files.POINTS.tobytes()),
-        ".ply": files.ply(500, body=files.POINTS.tobytes()),
+        ".pcd": pcd(500, body=files.POINTS.tobytes()),
+        ".ply": ply(500, body=files.POINTS.tobytes()),
     }
     path = tmp_path / f"1000{suffix}"
     path.write_bytes(whole[suffix])
     if suffix == ".laz":
-        path.write_bytes(files.laz(files.POINTS.astype(float), gps_time=np.full(500, 1000.0)))
+        path.write_bytes(laz(files.POINTS.astype(float), gps_time=np.full(500, 1000.0)))
     assert read_sweep(path, 1000).points_lidar == pytest.approx(files.POINTS, abs=1e-3)
 
 
 def test_a_whole_sweep_in_layers_is_read(tmp_path):
     path = tmp_path / "1000.laz"
-    path.write_bytes(files.laz(files.POINTS.astype(float), point_format=6, gps_time=np.full(500, 1000.0)))
+    path.write_bytes(laz(files.POINTS.astype(float), point_format=6, gps_time=np.full(500, 1000.0)))
     assert read_sweep(path, 1000).points_lidar == pytest.approx(files.POINTS, abs=1e-3)
 
 

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import json
 import shutil
-import signal
 import zlib
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -20,7 +18,6 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import pytest
-import yaml
 
 import bench
 from bench.errors import BenchError
@@ -30,8 +27,11 @@ from bench.recordings.images import read_mask
 from tests.hostile import files
 from tests.hostile.damage import damaged
 from tests.labels.street import FORMATS
-from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
+from tests.support import tiny, tiny_rosbag
+from tests.support.clouds import laz, pcd, ply
 from tests.support.commands import call
+from tests.support.data_sets import DATA_SETS, card_of
+from tests.support.limits import at_most
 from tests.support.runs import bytes_of
 
 BENCH = Path(bench.__file__).parent
@@ -45,20 +45,6 @@ Read = TypeVar("Read")
 pytestmark = pytest.mark.slow
 
 
-@contextmanager
-def at_most(seconds: int) -> Iterator[None]:
-    def late(*_: object) -> None:
-        raise AssertionError(f"nothing after {seconds} s")
-
-    before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(seconds)
-    try:
-        yield
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
-
-
 def seeded(*words: object) -> Random:
     return Random(zlib.crc32(repr((SEED, *words)).encode()))
 
@@ -67,11 +53,11 @@ def seeded(*words: object) -> Random:
 
 CLOUDS = {
     ".npz": files.NPZ,
-    ".laz": files.laz(files.POINTS.astype(float), gps_time=np.full(500, 1000.0)),
-    "layered.laz": files.laz(files.POINTS.astype(float), point_format=6, gps_time=np.full(500, 1000.0)),
+    ".laz": laz(files.POINTS.astype(float), gps_time=np.full(500, 1000.0)),
+    "layered.laz": laz(files.POINTS.astype(float), point_format=6, gps_time=np.full(500, 1000.0)),
     ".bin": files.ROWS.tobytes(),
-    ".pcd": files.pcd(500, body=files.POINTS.tobytes()),
-    ".ply": files.ply(500, body=files.POINTS.tobytes()),
+    ".pcd": pcd(500, body=files.POINTS.tobytes()),
+    ".ply": ply(500, body=files.POINTS.tobytes()),
 }
 
 
@@ -148,28 +134,14 @@ def content_of(*names: str) -> Callable[[Path], Observed]:
     return lambda folder: {name: (folder / name).read_bytes() for name in names}
 
 
-def verdict(folder: Path) -> Observed:
-    return {"verdict": (folder / "verdict.json").read_bytes()}
-
-
 def tables(folder: Path) -> Observed:
     return bytes_of(folder / "run")
 
 
-DATA = (
-    "run",
-    "{}/card.yaml",
-    "--method",
-    "nothing",
-    "--workers",
-    "1",
-    "--no-pictures",
-    "--no-cache",
-    "--out",
-    "{}/out",
-)
+QUIETLY = ("--workers", "1", "--no-pictures")
+DATA = ("run", "{}/card.yaml", "--method", "nothing", *QUIETLY, "--no-cache", "--out", "{}/out")
 VALIDATE = ("validate", "{}/card.yaml", "--deep")
-RUN = ("run", "{}/tiny.yaml", "--method", "everything", "--workers", "1", "--no-pictures")
+RUN = ("run", "{}/tiny.yaml", "--method", "everything", *QUIETLY)
 GATE = ("gate", "{}/run", "--baseline", "{}/baseline", "--json", "{}/verdict.json")
 STORED = ("run/*.json", "run/*.parquet", "run/*.npz")
 TARGETS = {
@@ -191,8 +163,8 @@ TARGETS = {
     },
     "protocol": Target(("p.yaml",), (*RUN, "--protocol", "{}/p.yaml", "--out", "{}/out"), 15),
     "tolerances": Target(("t.yaml",), (*GATE, "--tolerances", "{}/t.yaml"), 15),
-    "gate": Target(STORED, GATE, 50, verdict),
-    "baseline": Target(("baseline/*",), GATE, 50, verdict),
+    "gate": Target(STORED, GATE, 50, content_of("verdict.json")),
+    "baseline": Target(("baseline/*",), GATE, 50, content_of("verdict.json")),
     "report": Target(STORED, ("report", "{}/run", "--no-pictures"), 12, content_of("run/index.html")),
     "page with pictures": Target(("run/masks.parquet", "run/frames.parquet"), ("report", "{}/run"), 10,
                                  content_of("run/index.html")),
@@ -212,19 +184,13 @@ def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
 
     def data_set(name: str) -> Path:
         folder = tmp_path_factory.mktemp(name)
-        adapter, options = "rosbag" if name in {"mcap", "sqlite"} else name, {}
-        if name == "native":
-            tiny.write_recording(folder / "data" / "drive")
-        elif name in {"mcap", "sqlite"}:
-            tiny_rosbag.write_data_set(folder / "data", storage=name if name == "mcap" else "sqlite3")
+        adapter = "rosbag" if name in {"mcap", "sqlite"} else name
+        if name == "sqlite":
+            tiny_rosbag.write_data_set(folder / "data", storage="sqlite3")
             options = tiny_rosbag.OPTIONS
         else:
-            module = {"aimotive": tiny_aimotive, "kitti360": tiny_kitti360, "woodscape": tiny_woodscape}[name]
-            module.write_data_set(folder / "data")
-            options = module.OPTIONS | ({"cameras": ["FV"]} if name == "woodscape" else {})
-        card = {"name": "x", "title": "x", "adapter": adapter, "root": "data", "licence": "x", "options": options}
-        card |= {"annotations": "annotations"} if adapter == "rosbag" else {}
-        (folder / "card.yaml").write_text(yaml.safe_dump(card))
+            options = DATA_SETS[adapter](folder / "data")
+        card_of(folder, adapter, options, file="card.yaml")
         return folder
 
     def run_of(method: str, folder: Path, *words: str) -> None:
@@ -304,8 +270,8 @@ def test_files_behind_commands(whole, tmp_path, monkeypatch, capsys, name):
         shutil.rmtree(place)
         shutil.copytree(source, place)
         rng = seeded(name, case)
-        found = sorted({path for pattern in target.harm for path in place.glob(pattern) if path.is_file()})
-        file = rng.choice([path for path in found if path.stat().st_size])
+        found = {path for pattern in target.harm for path in place.glob(pattern) if path.is_file()}
+        file = rng.choice(sorted(path for path in found if path.stat().st_size))
         content, how = damaged(file.read_bytes(), rng)
         file.write_bytes(content)
         where = f"case {case}: {how} in {file.relative_to(place)}"

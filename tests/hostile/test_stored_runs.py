@@ -6,16 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from bench.evaluation import load_protocol
-from bench.methods import build_method
-from bench.recordings import load_card
 from bench.recordings.checked_json import with_digest
 from tests.support.commands import call
-from tests.support.runs import run_one
+from tests.support.runs import score
 
 pytestmark = pytest.mark.slow
 
-PAPER = load_protocol("paper-v1")
 TRAP = """
 from pathlib import Path
 
@@ -40,9 +36,8 @@ def trap(tmp_path, monkeypatch) -> Path:
 def set_trap(file: Path, trap: Path) -> None:
     """Let a stored file name other code in every place where it names a method."""
     content = json.loads(file.read_text())
-    stamps = [content["manifest"]["method"] if "manifest" in content else content["method"]]
-    for stamp in stamps:
-        stamp |= {"name": "trap_module:Trap", "place": "trap_module:Trap", "settings": {"args": ["touch", str(trap)]}}
+    method = content["manifest"]["method"] if "manifest" in content else content["method"]
+    method |= {"name": "trap_module:Trap", "place": "trap_module:Trap", "settings": {"args": ["touch", str(trap)]}}
     file.write_text(json.dumps(with_digest(content)))
 
 
@@ -52,7 +47,7 @@ def runs(tiny_card, tmp_path_factory) -> list[Path]:
     folders = []
     for name in ("spherical", "nothing"):
         folders.append(tmp_path_factory.mktemp("runs") / name)
-        run_one(card=load_card(tiny_card), method=build_method(name), protocol=PAPER, out=folders[-1])
+        score(tiny_card, folders[-1], method=name)
     return folders
 
 

@@ -1,9 +1,7 @@
 """Adapters stream: opening and walking through a recording costs a small index a frame, however long it is."""
 
-import gc
 import json
 import shutil
-import tracemalloc
 from dataclasses import replace
 from functools import partial
 
@@ -18,6 +16,7 @@ from bench.recordings import RecordingWriter, read_image
 from bench.recordings.images import read_moving_mask
 from bench.recordings.native import native_recordings
 from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
+from tests.support.limits import peak_bytes
 
 pytestmark = pytest.mark.slow
 
@@ -43,9 +42,8 @@ def linked(first, paths):
 
 def native(root, frames):
     drive = tiny.write_recording(root / "drive")
-    shutil.rmtree(drive / "images")
-    shutil.rmtree(drive / "lidar")
-    shutil.rmtree(drive / "truth")
+    for folder in ("images", "lidar", "truth"):
+        shutil.rmtree(drive / folder)
     times_ns = tiny.TIMES_NS[0] + np.arange(frames, dtype=np.int64) * tiny.STEP_NS
     writer = RecordingWriter(drive)
     writer.image("front", int(times_ns[0]), pixels(0)[:48, :64])
@@ -131,16 +129,6 @@ def walk(adapter, root, options):
         for sweep in recording.sweeps[: 1 if adapter is aimotive_recordings else None]:
             sweep.read()
     return count
-
-
-def peak_bytes(run):
-    gc.collect()
-    tracemalloc.start()
-    try:
-        count = run()
-        return tracemalloc.get_traced_memory()[1], count
-    finally:
-        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("write", [native, aimotive, kitti360, woodscape])

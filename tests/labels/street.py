@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
+from bench.labels import LabelSet
 from bench.lidar import LidarSweep, read_sweep, write_sweep
 from bench.recordings import NOT_ANNOTATED, Cuboid, ObjectState, Recording, SweepRef, Track
 
@@ -33,6 +34,21 @@ CLASSES = {"car": "vehicle", "walker": "pedestrian", "parked": "vehicle"}
 WALKER_MPS = np.array([0.0, -1.2, 0.0])
 POINTS = 40  # on each object
 GROUND = 60
+
+
+def about_axes(x: float, y: float, z: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rotations about each axis alone."""
+    return (
+        np.array([[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]]),
+        np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]]),
+        np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]]),
+    )
+
+
+def label_set(*names: str, told: bool = True) -> LabelSet:
+    """These objects, or all of them, as boxes at every sweep."""
+    tracks = tuple(box_track(name, told=told) for name in names or SIZES_M)
+    return LabelSet(tracks=tracks, timestamps_ns=TIMES_NS)
 
 
 def seconds(time_ns: float) -> float:

@@ -12,10 +12,6 @@ PLAIN = LabelOptions()
 NAMES = sorted(LABEL_FORMATS)
 
 
-def label_set():
-    return LabelSet(tracks=tuple(street.box_track(name) for name in street.SIZES_M), timestamps_ns=street.TIMES_NS)
-
-
 def files(folder):
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
@@ -31,7 +27,7 @@ def test_names_and_descriptions(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_written_is_read_and_makes_an_annotation_file(name, tmp_path, drive):
     before = files(tmp_path)
-    lost = label_format(name).write(label_set(), drive, tmp_path / "out", PLAIN)
+    lost = label_format(name).write(street.label_set(), drive, tmp_path / "out", PLAIN)
     assert all(isinstance(line, str) and line and "\n" not in line for line in lost)
     written = [path for path in files(tmp_path) if path not in before]
     assert written
@@ -54,7 +50,7 @@ def test_what_is_written_is_read_and_makes_an_annotation_file(name, tmp_path, dr
 @pytest.mark.parametrize("name", NAMES)
 def test_writing_twice_leaves_the_same_bytes(name, tmp_path, drive):
     for folder in ("a", "b"):
-        label_format(name).write(label_set(), drive, tmp_path / folder, PLAIN)
+        label_format(name).write(street.label_set(), drive, tmp_path / folder, PLAIN)
     one, other = ({p.relative_to(tmp_path / f): p.read_bytes() for p in files(tmp_path / f)} for f in "ab")
     assert one == other
 
@@ -70,7 +66,7 @@ def test_a_drive_without_objects_comes_back_empty(name, tmp_path, drive):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("content", [None, b"", b"\0" * 64, b"{}", b"[[[["])
 def test_what_is_no_such_file_is_one_clear_line(name, content, tmp_path, drive):
-    label_format(name).write(label_set(), drive, tmp_path / "out", PLAIN)
+    label_format(name).write(street.label_set(), drive, tmp_path / "out", PLAIN)
     for path in files(tmp_path / "out"):
         path.unlink() if content is None else path.write_bytes(content)
     with pytest.raises(BenchError) as told:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform
@@ -74,8 +73,8 @@ def test_the_same_tags_of_cvat_mean_something_else(tmp_path, drive):
     file = put(tmp_path, document(item(tag, w=4.5, h=1.75, length=1.5)))
     ((state,),) = (track.states for track in label_format("cvat-tracklets").read(file, drive, PLAIN).tracks)
     assert state.shape.vehicle_from_object.translation_m.tolist() == [10.0, 2.0, 0.75]
-    about = [Rotation.from_rotvec(angle * np.eye(3)[i]).as_matrix() for i, angle in enumerate(angles)]
-    assert state.shape.vehicle_from_object.rotation == pytest.approx(about[0] @ about[1] @ about[2], abs=1e-12)
+    about_x, about_y, about_z = street.about_axes(*angles)
+    assert state.shape.vehicle_from_object.rotation == pytest.approx(about_x @ about_y @ about_z, abs=1e-12)
     assert state.shape.size_m.tolist() == [4.5, 1.75, 1.5]
     with pytest.raises(DataError, match=r"item 0, frame 0\.rx, ry: expected 0, got 0.1 and -0.2; files of CVAT"):
         label_format("kitti-tracklets").read(file, drive, PLAIN)
@@ -177,18 +176,17 @@ def upright(drive):
 @pytest.mark.parametrize("name", ["kitti-tracklets", "cvat-tracklets"])
 def test_boxes_come_back_as_they_went(tmp_path, drive, name):
     drive = upright(drive) if name == "kitti-tracklets" else drive
-    tracks = tuple(street.box_track(which) for which in street.SIZES_M)
-    label_set = LabelSet(tracks=tracks, timestamps_ns=street.TIMES_NS)
+    label_set = street.label_set()
     lost = label_format(name).write(label_set, drive, tmp_path / "out", PLAIN)
     assert not any("stand upright" in line for line in lost)
     found = label_format(name).read(tmp_path / "out", drive, PLAIN)
-    assert_same_boxes(found.tracks, tracks, names=False)
+    assert_same_boxes(found.tracks, label_set.tracks, names=False)
     assert found.timestamps_ns == label_set.timestamps_ns
 
 
 def test_velocities_come_from_the_places_in_the_world(tmp_path, drive):
     """The walker moves on a straight line at one speed: differences are exact; the ego vehicle turns meanwhile."""
-    label_set = LabelSet(tracks=(street.box_track("walker"),), timestamps_ns=street.TIMES_NS)
+    label_set = street.label_set("walker")
     label_format("cvat-tracklets").write(label_set, drive, tmp_path / "out", PLAIN)
     (track,) = label_format("cvat-tracklets").read(tmp_path / "out", drive, PLAIN).tracks
     for state, true in zip(track.states, label_set.tracks[0].states, strict=True):
@@ -197,7 +195,7 @@ def test_velocities_come_from_the_places_in_the_world(tmp_path, drive):
 
 
 def test_a_leaning_lidar_makes_boxes_stand_upright_and_says_so(tmp_path, drive):
-    label_set = LabelSet(tracks=(street.box_track("car"),), timestamps_ns=street.TIMES_NS)
+    label_set = street.label_set("car")
     lost = label_format("kitti-tracklets").write(label_set, drive, tmp_path / "out", PLAIN)
     assert any(line.startswith("boxes that lean by up to 1.28 deg") for line in lost)
     (track,) = read(tmp_path / "out", drive).tracks
@@ -240,7 +238,7 @@ def test_what_the_format_cannot_hold_is_told(tmp_path, drive):
 
 def test_numbers_of_frames_are_those_of_the_sweeps(tmp_path):
     drive = street.recording(tmp_path / "drive", names=tuple(f"{250 + i:010d}" for i in range(street.SWEEPS)))
-    label_set = LabelSet(tracks=(street.box_track("parked"),), timestamps_ns=street.TIMES_NS)
+    label_set = street.label_set("parked")
     label_format("cvat-tracklets").write(label_set, drive, tmp_path / "a", PLAIN)
     assert read_tracklets(tmp_path / "a/tracklet_labels.xml")[0][0].first_frame == 250
     options = LabelOptions(first_frame=10, classes={"Van": "vehicle"})
@@ -256,7 +254,7 @@ def test_numbers_of_frames_are_those_of_the_sweeps(tmp_path):
 def test_frames_of_cvat_whose_names_have_gaps_are_counted(tmp_path):
     """Each box would else be a track of its own."""
     drive = street.recording(tmp_path / "drive", names=tuple(f"{5 * i + 3:010d}" for i in range(street.SWEEPS)))
-    label_set = LabelSet(tracks=(street.box_track("parked"),), timestamps_ns=street.TIMES_NS)
+    label_set = street.label_set("parked")
     label_format("cvat-tracklets").write(label_set, drive, tmp_path / "out", PLAIN)
     ((tracklet,), _) = read_tracklets(tmp_path / "out/tracklet_labels.xml")
     assert (tracklet.first_frame, len(tracklet.poses)) == (0, street.SWEEPS)
@@ -384,16 +382,11 @@ def test_a_missing_file_is_named(tmp_path, drive):
 @needs_real
 def test_the_real_sample_stands_on_the_road(tmp_path):
     """15 tracklets of drive 1: the lidar is 1.73 m above the road, so that bottoms of cars lie about -1.73 m."""
-    from bench.recordings import SweepRef
-
     (file,) = REAL.glob("kitti_raw/*/*/tracklet_labels.xml")
     drive = street.recording(tmp_path / "drive")
+    first = drive.sweeps[0]
     sweeps = tuple(
-        SweepRef(
-            timestamp_ns=street.FIRST_NS + i * 100_000_000,
-            path=tmp_path / f"{i:010d}.bin",
-            reader=drive.sweeps[0].reader,
-        )
+        replace(first, timestamp_ns=first.timestamp_ns + i * street.STEP_NS, path=tmp_path / f"{i:010d}.bin")
         for i in range(108)
     )
     drive = replace(drive, sweeps=sweeps, vehicle_from_lidar=RigidTransform.from_yaw(0.0, (0.76, 0.0, 1.73)))
@@ -410,4 +403,4 @@ def test_the_real_sample_stands_on_the_road(tmp_path):
     assert abs(np.median(bottoms)) < 0.15
     label_format("kitti-tracklets").write(label_set, drive, tmp_path / "out", PLAIN)
     again = read(tmp_path / "out", drive)
-    assert_same_boxes(again.tracks, [replace(t, object_class=t.object_class) for t in label_set.tracks], names=False)
+    assert_same_boxes(again.tracks, label_set.tracks, names=False)

@@ -76,9 +76,7 @@ def test_a_box_by_hand(tmp_path, drive, way, entry):
 
 def test_angles_turn_about_x_then_the_fixed_y_then_the_fixed_z(tmp_path, drive):
     x, y, z = 0.3, -0.2, 1.1
-    about_x = np.array([[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]])
-    about_y = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
-    about_z = np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]])
+    about_x, about_y, about_z = street.about_axes(x, y, z)
     put(tmp_path, "000000", labelled(by_middle((x, y, z))))
     (track,) = label_format("labelcloud-centroid-rel").read(tmp_path, still(drive), PLAIN).tracks
     assert track.states[0].shape.vehicle_from_object.rotation == pytest.approx(about_z @ about_y @ about_x, abs=1e-12)
@@ -88,8 +86,8 @@ def test_angles_turn_about_x_then_the_fixed_y_then_the_fixed_z(tmp_path, drive):
 def test_there_and_back(tmp_path, drive, way):
     """The tool numbers no objects: those that come back are followed, and called after their class."""
     form = label_format(f"labelcloud-{way}")
-    tracks = tuple(street.box_track(name) for name in street.SIZES_M)
-    lost = form.write(LabelSet(tracks=tracks, timestamps_ns=street.TIMES_NS), drive, tmp_path / "out", PLAIN)
+    tracks = street.label_set().tracks
+    lost = form.write(street.label_set(), drive, tmp_path / "out", PLAIN)
     assert lost == (
         "which boxes are one object: labelCloud numbers none of the 3",
         "18 velocities: no field for them",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import BrownConradyCamera, KannalaBrandtCamera, PinholeCamera, RadialPolynomialCamera, UnifiedCamera
+from bench.cameras import PinholeCamera, RadialPolynomialCamera, UnifiedCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.labels import LabelOptions, LabelSet, calibration_text, label_format
@@ -28,35 +28,25 @@ from bench.recordings import (
 from bench.recordings.schema import CameraHead, LidarHead
 from tests.labels import street
 from tests.labels.same import assert_same_boxes
+from tests.support.lenses import LENSES
 from tests.support.real import REAL, needs_real
 
 PLAIN = LabelOptions()
 OPENLABEL = label_format("openlabel")
 BOX = [10.0, 2.0, -0.5, 0.0, 0.0, 0.0, 1.0, 4.5, 1.75, 1.5]
 HALF = 0.5**0.5
-LENSES = [
-    RadialPolynomialCamera(
-        width=1280, height=966, coefficients=(339.7, -31.9, 48.2, -7.2), principal_point=(643.4, 479.3)
-    ),
-    RadialPolynomialCamera(
-        width=640, height=480, coefficients=(200.0, 3.0), principal_point=(320.0, 240.0), aspect_ratio=1.02
-    ),
-    KannalaBrandtCamera(
-        width=640, height=480, focal=(200.0, 210.0), coefficients=(0.1, -0.02, 0.001), principal_point=(320.0, 240.0)
-    ),
-    UnifiedCamera(
-        width=140, height=140, xi=2.2, focal=(133.0, 132.0), principal_point=(70.5, 69.0), radial=(0.01, 1.6)
-    ),
-    PinholeCamera(width=640, height=480, focal=(500.0, 505.0), principal_point=(319.5, 239.5)),
-    BrownConradyCamera(
-        width=640,
-        height=480,
-        focal=(400.0, 405.0),
-        principal_point=(319.5, 239.5),
-        radial=(-0.2, 0.05, -0.001),
-        tangential=(1e-3, -2e-3),
-    ),
-]
+SQUARE_PIXELS = RadialPolynomialCamera(
+    width=1280, height=966, coefficients=(339.7, -31.9, 48.2, -7.2), principal_point=(643.4, 479.3)
+)
+FEW = {"radial_polynomial": (200.0, 3.0), "kannala_brandt": (0.1, -0.02, 0.001)}  # coefficients, fewer than are usual
+CAMERAS = {
+    "front": SQUARE_PIXELS,
+    "lidar": replace(LENSES["radial_polynomial"], coefficients=FEW["radial_polynomial"]),
+    "rear": replace(LENSES["kannala_brandt"], coefficients=FEW["kannala_brandt"]),
+    "left": LENSES["unified"],
+    "right": LENSES["pinhole"],
+    "narrow": LENSES["brown_conrady"],
+}
 
 
 def entry(val, system=None, name="box3D", **more):
@@ -109,8 +99,8 @@ def test_ten_values_in_the_local_system(tmp_path, drive):
 def test_nine_values_turn_about_x_then_y_then_z_as_they_stand(tmp_path, drive):
     angles = (0.1, -0.2, 0.5)
     state = only(read(tmp_path, drive, document({"0": frame(entry([1.0, 2.0, 3.0, *angles, 4.0, 2.0, 1.5], "base"))})))
-    about = [Rotation.from_rotvec(angle * np.eye(3)[i]).as_matrix() for i, angle in enumerate(angles)]
-    assert pose(state).rotation == pytest.approx(about[2] @ about[1] @ about[0], abs=1e-12)
+    about_x, about_y, about_z = street.about_axes(*angles)
+    assert pose(state).rotation == pytest.approx(about_z @ about_y @ about_x, abs=1e-12)
 
 
 def poses(rotation, translation_m):
@@ -171,14 +161,8 @@ def test_boxes_in_the_world_follow_the_pose_of_their_frame(tmp_path, drive):
 
 
 def test_a_box_of_the_head_holds_in_the_frames_of_its_object(tmp_path, drive):
-    objects = {
-        "0": {
-            "name": "wall",
-            "type": "car",
-            "frame_intervals": [{"frame_start": 1, "frame_end": 2}],
-            "object_data": {"cuboid": [entry(BOX, "base")]},
-        }
-    }
+    wall = {"name": "wall", "type": "car", "frame_intervals": [{"frame_start": 1, "frame_end": 2}]}
+    objects = {"0": wall | {"object_data": {"cuboid": [entry(BOX, "base")]}}}
     frames = {str(i): {"frame_properties": {"timestamp": street.TIMES_NS[i]}} for i in range(4)}
     own = [*BOX[:1], 5.0, *BOX[2:]]
     frames["2"] = frame(entry(own, "base"), time=street.TIMES_NS[2])
@@ -204,21 +188,16 @@ def test_a_box_of_the_head_holds_in_the_frames_of_its_object(tmp_path, drive):
     ],
 )
 def test_times_are_read_in_any_unit(tmp_path, drive, written):
-    assert (
-        only(read(tmp_path, drive, document({"7": frame(entry(BOX, "base"), time=written)}))).timestamp_ns
-        == (street.TIMES_NS[1])
-    )
+    state = only(read(tmp_path, drive, document({"7": frame(entry(BOX, "base"), time=written)})))
+    assert state.timestamp_ns == street.TIMES_NS[1]
 
 
 def test_frames_without_times_pair_by_what_the_lidar_says(tmp_path, drive):
     streams = {"LIDAR_TOP": {"type": "lidar", "uri": "", "description": ""}}
 
     def told(number, said):
-        return read(
-            tmp_path,
-            drive,
-            document({number: frame(entry(BOX, "base"), time=None, streams={"LIDAR_TOP": said})}, streams=streams),
-        )
+        shown = frame(entry(BOX, "base"), time=None, streams={"LIDAR_TOP": said})
+        return read(tmp_path, drive, document({number: shown}, streams=streams))
 
     assert only(told("0", {"uri": "some/where/000003.pcd"})).timestamp_ns == street.TIMES_NS[3]
     said = {"stream_properties": {"sync": {"timestamp": street.TIMES_NS[4] / 1e9}}}
@@ -347,7 +326,7 @@ def with_cameras(drive):
             road=RoadPlane.below(mounted),
             stored_size_px=(lens.width, lens.height),
         )
-        for name, lens in zip(("front", "lidar", "rear", "left", "right", "narrow"), LENSES, strict=True)
+        for name, lens in CAMERAS.items()
     }
     return replace(drive, cameras=cameras)
 
@@ -392,12 +371,8 @@ def test_the_written_file_keeps_to_the_standard(tmp_path, drive):
     assert root["streams"]["lidar_sensor"]["type"] == "lidar"
     fisheye = root["streams"]["front"]["stream_properties"]["intrinsics_fisheye"]
     assert fisheye["lens_coeffs"] == [339.7, -31.9, 48.2, -7.2]
-    assert [fisheye[key] for key in ("center_x_px", "center_y_px", "width_px", "height_px")] == [
-        643.4,
-        479.3,
-        1280,
-        966,
-    ]
+    place_and_size = [fisheye[key] for key in ("center_x_px", "center_y_px", "width_px", "height_px")]
+    assert place_and_size == [643.4, 479.3, 1280, 966]
     assert len(root["streams"]["right"]["stream_properties"]["intrinsics_pinhole"]["camera_matrix"]) == 12
 
 
@@ -410,13 +385,13 @@ def test_our_own_annotation_files_are_read(tmp_path, drive):
     assert [track.track_id for track in read_annotations(tmp_path / "again.json")] == ["car", "the walker"]
 
 
-@pytest.mark.parametrize("lens", LENSES, ids=lambda lens: type(lens).__name__)
+@pytest.mark.parametrize("lens", CAMERAS.values(), ids=CAMERAS)
 def test_lenses_come_back(tmp_path, lens):
     written = json.loads(json.dumps(lens_properties(lens)))
     assert read_lens(StreamProperties(**written), tmp_path, "x") == lens
     schema_only = {key: value for key, value in written.items() if key != "intrinsics_custom"}
     if not isinstance(lens, UnifiedCamera):
-        pixels = np.array([[10.0, 20.0], [300.0, 200.0], [321.0, 241.0]])
+        pixels = np.array([[160.0, 120.0], [300.0, 200.0], [321.0, 241.0]])
         found = read_lens(StreamProperties(**schema_only), tmp_path, "x")
         assert found.unproject(pixels)[0] == pytest.approx(lens.unproject(pixels)[0], abs=1e-9)
 

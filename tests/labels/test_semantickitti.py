@@ -152,8 +152,7 @@ def test_groups_come_back_without_an_instance(tmp_path, drive, semantickitti):
 
 def test_boxes_become_labels_of_the_points_in_them(tmp_path, drive, semantickitti):
     """Each point was seen at its own time, with the ego vehicle, the car and its heading elsewhere."""
-    tracks = tuple(street.box_track(name) for name in street.SIZES_M)
-    lost = semantickitti.write(LabelSet(tracks=tracks, timestamps_ns=street.TIMES_NS), drive, tmp_path, PLAIN)
+    lost = semantickitti.write(street.label_set(), drive, tmp_path, PLAIN)
     for i in range(street.SWEEPS):
         _, rows = street.sweep(i)
         values = np.fromfile(tmp_path / f"labels/{i:06d}.label", dtype="<u4")
@@ -165,8 +164,7 @@ def test_boxes_become_labels_of_the_points_in_them(tmp_path, drive, semantickitt
 
 
 def test_without_velocities_boxes_find_theirs(tmp_path, drive, semantickitti):
-    tracks = (street.box_track("car", told=False),)
-    semantickitti.write(LabelSet(tracks=tracks, timestamps_ns=street.TIMES_NS), drive, tmp_path, PLAIN)
+    semantickitti.write(street.label_set("car", told=False), drive, tmp_path, PLAIN)
     for i in range(street.SWEEPS):
         values = np.fromfile(tmp_path / f"labels/{i:06d}.label", dtype="<u4")
         assert np.flatnonzero(values & 0xFFFF == MOVING_CAR).tolist() == street.sweep(i)[1]["car"].tolist()
@@ -271,7 +269,7 @@ def test_what_cannot_be_written_is_refused_by_name(tmp_path, drive, semantickitt
     )
     with pytest.raises(DataError, match=re.escape("point indices of 'x' from 0 to 179, got 3 to 180")):
         semantickitti.write(label_set, drive, tmp_path, PLAIN)
-    label_set = LabelSet(tracks=(street.box_track("car"),), timestamps_ns=street.TIMES_NS)
+    label_set = street.label_set("car")
     with pytest.raises(UsageError, match="'limousine': SemanticKITTI has no label of this name"):
         semantickitti.write(label_set, drive, tmp_path, LabelOptions(classes={"limousine": "vehicle"}))
     late = replace(drive, sweeps=(replace(drive.sweeps[0], timestamp_ns=street.TIMES_NS[0] + 10**11),))
@@ -283,7 +281,7 @@ def test_what_cannot_be_written_is_refused_by_name(tmp_path, drive, semantickitt
 
 
 def test_the_user_says_what_ours_is_called(tmp_path, drive, semantickitti):
-    label_set = LabelSet(tracks=(street.box_track("car"), street.box_track("parked")), timestamps_ns=street.TIMES_NS)
+    label_set = street.label_set("car", "parked")
     semantickitti.write(label_set, drive, tmp_path, LabelOptions(classes={"truck": "vehicle"}))
     labels = np.fromfile(tmp_path / "labels/000000.label", dtype="<u4") & 0xFFFF
     assert set(labels.tolist()) == {9, 18, 258}

@@ -63,9 +63,7 @@ def test_a_file_as_the_tool_writes_it(tmp_path, drive, sustech):
 
 def test_angles_turn_about_the_boxs_own_x_then_y_then_z(tmp_path, drive, sustech):
     x, y, z = 0.3, -0.2, 1.1
-    about_x = np.array([[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]])
-    about_y = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
-    about_z = np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]])
+    about_x, about_y, about_z = street.about_axes(x, y, z)
     put(tmp_path / "label", "000000", [box(turn=(x, y, z))])
     still = replace(drive, vehicle_from_lidar=RigidTransform.identity())
     (track,) = sustech.read(tmp_path / "label", still, PLAIN).tracks
@@ -193,7 +191,7 @@ def test_what_the_format_cannot_hold_is_told(tmp_path, drive, sustech):
 def test_frames_are_called_as_the_sweeps_or_counted(tmp_path, sustech):
     names = tuple(str(t) for t in street.TIMES_NS)
     drive = street.recording(tmp_path / "drive", names=names)
-    label_set = LabelSet(tracks=(street.box_track("car", told=False),), timestamps_ns=street.TIMES_NS)
+    label_set = street.label_set("car", told=False)
     for folder, options, first in (("a", PLAIN, names[0]), ("b", LabelOptions(first_frame=950), "000950")):
         sustech.write(label_set, drive, tmp_path / folder, options)
         assert min(path.stem for path in (tmp_path / folder / "label").iterdir()) == first
@@ -266,7 +264,7 @@ def test_frames_that_do_not_pair(tmp_path, drive, sustech):
 
 
 def test_old_frames_do_not_pass_for_new_ones(tmp_path, drive, sustech):
-    whole = LabelSet(tracks=(street.box_track("car"),), timestamps_ns=street.TIMES_NS)
+    whole = street.label_set("car")
     sustech.write(whole, drive, tmp_path, PLAIN)
     sustech.write(whole, drive, tmp_path, PLAIN)
     two = LabelSet(tracks=(), timestamps_ns=street.TIMES_NS[:2])

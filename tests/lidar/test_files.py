@@ -9,7 +9,7 @@ from hypothesis.extra import numpy as hnp
 from bench.errors import DataError, UnknownNameError
 from bench.lidar import LidarSweep, read_points, read_sweep, write_sweep
 from bench.lidar.files import FORMATS
-from tests.support.clouds import write_points
+from tests.support.clouds import pcd_of, ply, write_points
 
 POINTS = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [-7.5, 8.25, 0.125]], dtype=np.float32)
 INTENSITY = np.array([0.0, 0.5, 1.0], dtype=np.float32)
@@ -122,28 +122,12 @@ def test_laz_times_are_nanoseconds_in_the_clock_of_the_sweep(tmp_path):
         read_sweep(path, 0)
 
 
-PADDED = np.dtype(
-    [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
-        ("_", "u1", 4),
-        ("intensity", "<f4"),
-        ("t", "<f8"),
-        ("pad", "u1", 6),
-        ("ring", "<u2"),
-    ]
-)
+PLACE = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+PADDED = [*PLACE, ("_", "u1", 4), ("intensity", "<f4"), ("t", "<f8"), ("pad", "u1", 6), ("ring", "<u2")]
 
 
-def pcd(path, columns, rows, body, kind="binary"):
-    """A file of named columns: (name, size, type, count)."""
-    names, sizes, types, counts = (" ".join(map(str, values)) for values in zip(*columns, strict=True))
-    lines = [f"FIELDS {names}", f"SIZE {sizes}", f"TYPE {types}", f"COUNT {counts}", f"WIDTH {rows}", "HEIGHT 1"]
-    head = "\n".join(
-        ["# .PCD v0.7", "VERSION 0.7", *lines, "VIEWPOINT 0 0 0 1 0 0 0", f"POINTS {rows}", f"DATA {kind}", ""]
-    )
-    path.write_bytes(head.encode() + body)
+def pcd(path, *content):
+    path.write_bytes(b"# .PCD v0.7\n" + pcd_of(*content))
     return path
 
 
@@ -156,13 +140,7 @@ def test_fields_that_pad_a_point_are_passed_over(tmp_path):
     for i, axis in enumerate("xyz"):
         rows[axis] = POINTS[:, i]
     rows["intensity"], rows["t"], rows["ring"] = [1.0, 2.0, 3.0], [0.0, 0.05, 0.1], [0, 63, 127]
-    padding = [
-        ("_", 1, "U", 4),
-        ("intensity", 4, "F", 1),
-        ("t", 8, "F", 1),
-        ("_", 1, "U", 6),
-        ("ring", 2, "U", 1),
-    ]
+    padding = [("_", 1, "U", 4), ("intensity", 4, "F", 1), ("t", 8, "F", 1), ("_", 1, "U", 6), ("ring", 2, "U", 1)]
     path = pcd(tmp_path / "1.pcd", [*XYZ, *padding], 3, rows.tobytes() + bytes(1000))
     sweep = read_sweep(path, SWEEP_NS)
     np.testing.assert_array_equal(sweep.points_lidar, POINTS)
@@ -182,7 +160,7 @@ def test_fields_that_pad_a_point_are_passed_over(tmp_path):
 
 def test_behind_a_field_of_no_numbers_nothing_is_read(tmp_path):
     """A real file with COUNT 0 has its times four bytes further on than its header says."""
-    rows = np.zeros(3, dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rest", "u1", 12)])
+    rows = np.zeros(3, dtype=[*PLACE, ("rest", "u1", 12)])
     rows["x"] = 1.0
     columns = [*XYZ, ("_", 4, "F", 0), ("label", 4, "U", 1), ("timestamp", 8, "F", 1)]
     with pytest.raises(DataError, match=r"COUNT: expected a COUNT of 1 or more for each field before timestamp, got 0"):
@@ -211,7 +189,7 @@ OFFSETS_NS = np.array([-50_000_000, 0, 49_000_000])
 def test_times_of_points_are_read_in_any_unit_from_the_sweep_or_its_clock(tmp_path, times, dtype):
     text = dtype == "ascii"
     kind = np.dtype("<u8" if text else dtype)
-    rows = np.zeros(3, dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("timestamp", kind)])
+    rows = np.zeros(3, dtype=[*PLACE, ("timestamp", kind)])
     rows["x"], rows["timestamp"] = [1, 2, 3], times.astype(kind)
     letter = {"f": "F", "u": "U", "i": "I"}[kind.kind]
     body = "\n".join(" ".join(map(str, row)) for row in rows.tolist()).encode() if text else rows.tobytes()
@@ -221,15 +199,14 @@ def test_times_of_points_are_read_in_any_unit_from_the_sweep_or_its_clock(tmp_pa
     assert read_sweep(path, SWEEP_NS).time_offset_ns == pytest.approx(OFFSETS_NS, abs=300)
     if kind.itemsize == 4:
         name = {"f": "float", "i": "int"}[kind.kind]
-        columns = "".join(f"property float {axis}\n" for axis in "xyz") + f"property {name} timestamp\n"
-        head = f"ply\nformat binary_little_endian 1.0\nelement vertex 3\n{columns}end_header\n"
-        (tmp_path / "1.ply").write_bytes(head.encode() + rows.tobytes())
+        columns = dict.fromkeys("xyz", "float") | {"timestamp": name}
+        (tmp_path / "1.ply").write_bytes(ply(3, body=rows.tobytes(), **columns))
         assert read_sweep(tmp_path / "1.ply", SWEEP_NS).time_offset_ns == pytest.approx(OFFSETS_NS, abs=300)
 
 
 def test_times_of_points_that_make_no_sweep_are_refused(tmp_path):
     def sweep_of(times, timestamp_ns=SWEEP_NS):
-        rows = np.zeros(3, dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("t", "<f8")])
+        rows = np.zeros(3, dtype=[*PLACE, ("t", "<f8")])
         rows["t"] = times
         path = pcd(tmp_path / "1.pcd", [*XYZ, ("t", 8, "F", 1)], 3, rows.tobytes())
         return read_sweep(path, timestamp_ns)

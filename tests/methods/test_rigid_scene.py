@@ -167,13 +167,8 @@ def test_what_would_have_to_float_above_the_road_comes_towards_the_camera():
     assert not floating(dark, at_most=0.75, calm_sigmas=6.0).any()
 
 
-@pytest.fixture(scope="module")
-def board():
-    return crossing()
-
-
-def test_what_crosses_is_found_and_what_stands_is_not(board):
-    previous, current, truth = board
+def test_what_crosses_is_found_and_what_stands_is_not():
+    previous, current, truth = crossing()
     found = build_method("rigid-scene").segment(frame(previous, current, STEP)).mask
     assert (found & truth).sum() > 0.8 * truth.sum()
     assert (found & ~truth).sum() < 0.5 * truth.sum()
@@ -183,8 +178,8 @@ def test_what_crosses_is_found_and_what_stands_is_not(board):
     assert still.mean() < 0.002
 
 
-def test_switches_change_the_answer_and_an_older_image_may_be_there(board):
-    previous, current, truth = board
+def test_switches_change_the_answer_and_an_older_image_may_be_there():
+    previous, current, truth = crossing()
     given = frame(previous, current, STEP)
     whole = build_method("rigid-scene").segment(given).mask
     for setting in (
@@ -200,17 +195,16 @@ def test_switches_change_the_answer_and_an_older_image_may_be_there(board):
     assert (whole & truth).sum() > 0.9 * (wide & truth).sum()
 
 
-def test_without_ego_motion_it_says_so(board):
-    previous, current, _ = board
-    given = replace(frame(previous, current, STEP), current_from_previous=())
+def test_without_ego_motion_it_says_so():
+    given = replace(frame(*crossing()[:2], STEP), current_from_previous=())
     with pytest.raises(UnansweredImage, match="ego-motion"):
         build_method("rigid-scene").segment(given)
     with pytest.raises(UsageError, match="floating"):
         build_method("rigid-scene", {"objects": {"floating": 1.5}})
 
 
-def test_the_papers_method_takes_the_first_guess_and_the_refined_motion(board):
-    previous, current, truth = board
+def test_the_papers_method_takes_the_first_guess_and_the_refined_motion():
+    previous, current, truth = crossing()
     given = frame(previous, current, STEP)
     pitch = RigidTransform(Rotation.from_rotvec([np.deg2rad(0.3), 0, 0]).as_matrix(), np.zeros(3))
     pitched = replace(given, current_from_previous=(pitch @ given.current_from_previous[0],))

@@ -7,12 +7,12 @@ from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
-import yaml
 
 from bench import plug_ins
 from bench.errors import DataError, UsageError
 from bench.recordings import ADAPTERS, load_card, open_dataset, read_image
-from tests.support.data_sets import DATA_SETS, LABELLED_APART, native
+from tests.support.cards import write_card
+from tests.support.data_sets import DATA_SETS, card_of, native
 
 MASKED = {"woodscape"}  # masks in place of lidar and annotated objects
 
@@ -21,18 +21,10 @@ def test_every_adapter_is_tried():
     assert set(DATA_SETS) == set(ADAPTERS)
 
 
-def write_card(tmp_path, adapter, options):
-    content = {"name": "x", "title": "x", "adapter": adapter, "root": "data", "licence": "x", "options": options}
-    content |= {"annotations": "annotations"} if adapter in LABELLED_APART else {}
-    path = tmp_path / "x.yaml"
-    path.write_text(yaml.safe_dump(content))
-    return load_card(path)
-
-
 @pytest.fixture(params=DATA_SETS)
 def card(request, tmp_path):
     (tmp_path / "data").mkdir()
-    return write_card(tmp_path, request.param, DATA_SETS[request.param](tmp_path / "data"))
+    return load_card(card_of(tmp_path, request.param, DATA_SETS[request.param](tmp_path / "data")))
 
 
 def test_recordings_keep_the_contract(card):
@@ -68,7 +60,7 @@ def test_recordings_keep_the_contract(card):
 
 def test_half_the_size_is_an_option_of_every_adapter(card, tmp_path):
     options = {**card.content.options, "evaluated_size_px": [32, 18]}
-    (handle,) = open_dataset(write_card(tmp_path, card.content.adapter, options))
+    (handle,) = open_dataset(load_card(card_of(tmp_path, card.content.adapter, options)))
     for camera in handle.open().cameras.values():
         assert (camera.model.width, camera.model.height) == (32, 18)
 
@@ -76,14 +68,14 @@ def test_half_the_size_is_an_option_of_every_adapter(card, tmp_path):
 def test_unknown_options_are_refused_before_anything_is_opened(card, tmp_path):
     options = {**card.content.options, "colour": "red"}
     with pytest.raises(DataError, match=r"x\.yaml: options\.colour: expected no such key, got 'red'"):
-        open_dataset(write_card(tmp_path, card.content.adapter, options))
+        open_dataset(load_card(card_of(tmp_path, card.content.adapter, options)))
 
 
 def test_a_package_adds_an_adapter(tmp_path, monkeypatch):
     point = EntryPoint(name="mine", value="bench.recordings.native:native_recordings", group="fisheye_bench.adapters")
     monkeypatch.setattr(plug_ins, "installed_points", lambda group: [point] if group == point.group else [])
     native(tmp_path / "data")
-    (handle,) = open_dataset(write_card(tmp_path, "mine", {}))
+    (handle,) = open_dataset(load_card(write_card(tmp_path, adapter="mine")))
     assert handle.open().name == "drive"
 
 
@@ -93,7 +85,7 @@ def test_a_package_whose_adapter_cannot_be_imported_is_one_clear_line(tmp_path, 
     monkeypatch.setattr(plug_ins, "installed_points", lambda group: [point] if group == point.group else [])
     native(tmp_path / "data")
     with pytest.raises(UsageError, match="adapter 'mine': expected a function that can be imported; "):
-        open_dataset(write_card(tmp_path, "mine", {}))
+        open_dataset(load_card(write_card(tmp_path, adapter="mine")))
 
 
 def test_importing_the_room_loads_nothing_heavy():

@@ -1,13 +1,13 @@
 """What of a recording is annotated: stated by its head or its card, else complete with a file and none without."""
 
-import json
-
 import pytest
 
 from bench.errors import DataError
 from bench.recordings import COMPLETELY, NOT_ANNOTATED, Annotated, load_card, open_dataset, open_native
 from bench.records.recording import ALWAYS_NS
 from tests.support import tiny
+from tests.support.cards import write_card
+from tests.support.planting import change_head
 
 AREA = ((-50.0, 4.0), (50.0, 4.0), (50.0, 30.0))
 PARTLY = {"timestamps_ns": [[tiny.TIMES_NS[1], None]], "left_out_m": [[list(point) for point in AREA]]}
@@ -20,15 +20,11 @@ def root(tmp_path):
 
 
 def state(root, annotated):
-    file = root / "recording.json"
-    file.write_text(json.dumps(json.loads(file.read_text()) | {"annotated": annotated}))
+    change_head(root, lambda head: head.update(annotated=annotated))
 
 
 def by_card(root, **keys):
-    lines = ["name: drives", "title: t", "adapter: native", "root: drives", "licence: none"]
-    card = root.parent.parent / "drives.yaml"
-    card.write_text("\n".join([*lines, *(f"{key}: {json.dumps(value)}" for key, value in keys.items())]))
-    (handle,) = open_dataset(load_card(card))
+    (handle,) = open_dataset(load_card(write_card(root.parent.parent, root="drives", **keys)))
     return handle.open()
 
 

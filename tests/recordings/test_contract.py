@@ -2,22 +2,19 @@
 
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
 
-from bench import plug_ins
-from bench.adapters.aimotive.adapter import aimotive_recordings
-from bench.adapters.kitti360.adapter import kitti360_recordings
-from bench.adapters.woodscape.adapter import woodscape_recordings
 from bench.errors import DataError
 from bench.lidar import LidarSweep
-from bench.recordings import RecordingHandle, catalogue
+from bench.plug_ins import imported
+from bench.recordings import ADAPTERS, RecordingHandle
 from bench.recordings.contract import adapter_faults, check_adapter
-from bench.recordings.native import native_recordings, open_native
+from bench.recordings.native import open_native
 from bench.recordings.validation import FileModel, validated
-from tests.support import tiny, tiny_aimotive, tiny_kitti360, tiny_woodscape
+from tests.support import tiny
+from tests.support.data_sets import DATA_SETS
 
 
 class Options(FileModel):
@@ -44,10 +41,6 @@ def adapter_of(opener, *, names=("drive",)):
 
 def changed(root, **changes):
     return replace(open_native(root), **changes)
-
-
-def wrong_name(root):
-    return changed(root, name="other")
 
 
 def out_of_order(root):
@@ -90,18 +83,13 @@ def read_with_traceback(path, timestamp_ns):
     return LidarSweep(timestamp_ns=timestamp_ns, points_lidar=points)
 
 
-def sweeps_with_traceback(root):
-    recording = open_native(root)
-    return replace(recording, sweeps=tuple(replace(sweep, reader=read_with_traceback) for sweep in recording.sweeps))
-
-
 def read_at_another_time(path, timestamp_ns):
     return LidarSweep(timestamp_ns=timestamp_ns + 1, points_lidar=np.full((3, 3), np.nan))
 
 
-def sweeps_of_another_time(root):
+def sweeps_read_by(reader, root):
     recording = open_native(root)
-    return replace(recording, sweeps=tuple(replace(sweep, reader=read_at_another_time) for sweep in recording.sweeps))
+    return replace(recording, sweeps=tuple(replace(sweep, reader=reader) for sweep in recording.sweeps))
 
 
 def raises_key_error(root):
@@ -112,36 +100,21 @@ def refuses(root):
     raise DataError(root, expected="a calibration", got="none")
 
 
-def test_our_adapters_keep_it(root):
-    check_adapter(native_recordings, root)
-    check_adapter(adapter_of(open_native), root)
-
-
-@pytest.mark.parametrize(
-    ("adapter", "miniature"),
-    [
-        (aimotive_recordings, tiny_aimotive),
-        (kitti360_recordings, tiny_kitti360),
-        (woodscape_recordings, tiny_woodscape),
-    ],
-)
-def test_adapters_of_data_sets_keep_it(tmp_path, adapter, miniature):
+@pytest.mark.parametrize("name", DATA_SETS)
+def test_our_adapters_keep_it(tmp_path, name):
     (tmp_path / "set").mkdir()
-    miniature.write_data_set(tmp_path / "set")
-    check_adapter(adapter, tmp_path / "set", options=miniature.OPTIONS)
+    options = DATA_SETS[name](tmp_path / "set")
+    check_adapter(imported(ADAPTERS[name], expected="an adapter"), tmp_path / "set", options=options)
 
 
-def test_an_adapter_of_another_package_keeps_it(root, monkeypatch):
-    """One that is found by its entry point, as an installed package gives it."""
-    point = EntryPoint(name="mine", value="bench.recordings.native:native_recordings", group="fisheye_bench.adapters")
-    monkeypatch.setattr(plug_ins, "installed_points", lambda group: [point] if group == point.group else [])
-    check_adapter(catalogue._adapter("mine"), root)
+def test_an_adapter_of_ones_own_keeps_it(root):
+    check_adapter(adapter_of(open_native), root)
 
 
 @pytest.mark.parametrize(
     ("opener", "fault"),
     [
-        (wrong_name, "drive: name: expected 'drive', as listed, got 'other'"),
+        (partial(changed, name="other"), "drive: name: expected 'drive', as listed, got 'other'"),
         (out_of_order, "drive: images.front: expected times that increase"),
         (floats_for_times, "drive: images.front: expected times as int nanoseconds, got float"),
         (outside, "drive: images.front: expected files below"),
@@ -149,10 +122,10 @@ def test_an_adapter_of_another_package_keeps_it(root, monkeypatch):
         (tracks_twice, "drive: tracks: expected each id once, got 'van' twice"),
         (odd_class, "drive: tracks, van: expected a class of pedestrian, cyclist, vehicle, animal, got 'tram'"),
         (
-            sweeps_with_traceback,
+            partial(sweeps_read_by, read_with_traceback),
             "drive: sweeps: expected a DataError for a file that is missing, got FileNotFoundError",
         ),
-        (sweeps_of_another_time, "expected finite points, got NaN or infinity"),
+        (partial(sweeps_read_by, read_at_another_time), "expected finite points, got NaN or infinity"),
         (
             raises_key_error,
             "drive: open: expected no error, or a DataError for a fault of the data, got KeyError: 'fx'",

@@ -1,6 +1,6 @@
 """The card's options that read the exact truth of a synthetic recording instead of what its car reports."""
 
-import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter, load_card, open_dataset, open_native
 from tests.support import tiny
+from tests.support.cards import write_card
 
 OFF = RigidTransform.from_yaw(0.01, (0.003, -0.002, 0.001))
 
@@ -18,9 +19,7 @@ def truthful(root):
     """The tiny recording, whose camera and lidar sit a little off."""
     camera = tiny.front_camera()
     writer = RecordingWriter(root)
-    moved = type(camera)(
-        **{name: getattr(camera, name) for name in camera.__slots__} | {"vehicle_from_camera": OFF @ tiny.FRONT}
-    )
+    moved = replace(camera, vehicle_from_camera=OFF @ tiny.FRONT)
     writer.true_calibration(cameras={"front": moved}, vehicle_from_lidar=OFF @ tiny.VEHICLE_FROM_LIDAR)
     (root / "egomotion.csv").write_text(
         (root / "egomotion.csv").read_text().replace(",3.0,", ",2.7,"), encoding="utf-8"
@@ -49,14 +48,9 @@ def test_each_option_changes_its_own_part(truthful):
     assert mounting.vehicle_from_lidar.matrix == pytest.approx((OFF @ tiny.VEHICLE_FROM_LIDAR).matrix, abs=1e-12)
 
 
-def card_with(root, tmp_path, options):
-    card = {"name": "drive", "title": "t", "adapter": "native", "root": str(root), "licence": "CC0", "options": options}
-    (tmp_path / "card.yaml").write_text(json.dumps(card))
-    return load_card(tmp_path / "card.yaml")
-
-
 def test_cards_take_them(truthful, tmp_path):
-    (handle,) = open_dataset(card_with(truthful, tmp_path, {"ego_motion": "exact", "calibration": "exact"}))
+    options = {"ego_motion": "exact", "calibration": "exact"}
+    (handle,) = open_dataset(load_card(write_card(tmp_path, root=str(truthful), options=options)))
     recording = handle.open()
     assert recording.trajectory.positions_m[-1].tolist() == [0.4, 0.0, 0.0]
     assert recording.vehicle_from_lidar.matrix == pytest.approx((OFF @ tiny.VEHICLE_FROM_LIDAR).matrix, abs=1e-12)
@@ -64,7 +58,7 @@ def test_cards_take_them(truthful, tmp_path):
 
 def test_other_words_are_refused(truthful, tmp_path):
     with pytest.raises(DataError, match=r"options.ego_motion: expected 'recorded' or 'exact', got 'true'"):
-        open_dataset(card_with(truthful, tmp_path, {"ego_motion": "true"}))
+        open_dataset(load_card(write_card(tmp_path, root=str(truthful), options={"ego_motion": "true"})))
 
 
 @pytest.mark.parametrize(

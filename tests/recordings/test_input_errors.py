@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import KannalaBrandtCamera, PinholeCamera, RadialPolynomialCamera, UnifiedCamera
+from bench.cameras import PinholeCamera
 from bench.egomotion import Trajectory, camera_motion
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import ImageRef, InputErrors, MountedCamera
 from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
+from tests.support.lenses import LENSES
 
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # vehicle from a camera that looks ahead
 MOUNTING = RigidTransform(AHEAD, np.array([2.0, 0.0, 1.0]))
@@ -99,31 +100,14 @@ def test_pitch_rate_turns_the_previous_image_only():
 
 
 def test_time_offset_reads_the_motion_elsewhere():
-    times_ns = np.arange(0, 3_000_000_001, 100_000_000)
-    seconds = times_ns / 1e9
-    faster = Trajectory(
-        source="test",
-        timestamps_ns=times_ns,
-        rotations=Rotation.from_rotvec(np.zeros((len(seconds), 3))),
-        positions_m=np.column_stack([5 * seconds**2, 0 * seconds, 0 * seconds]),
-    )
+    path = drive(speed_mps=1.0)  # whose x is the time
+    faster = replace(path, positions_m=5 * path.positions_m**2)
     true, _, motion = told(faster, time_offset_ms=100.0)
     assert true.translation_m[2] == pytest.approx(-5 * (1.1**2 - 1.0**2))
     assert motion.translation_m[2] == pytest.approx(-5 * (1.2**2 - 1.1**2))
 
 
-@pytest.mark.parametrize(
-    "lens",
-    [
-        LENS,
-        RadialPolynomialCamera(
-            width=64, height=48, principal_point=(30.0, 25.0), coefficients=(40.0, -2.0, 3.0, -0.5), aspect_ratio=1.01
-        ),
-        KannalaBrandtCamera(width=64, height=48, principal_point=(30.0, 25.0), focal=(40, 41), coefficients=(0.01,)),
-        UnifiedCamera(width=64, height=48, principal_point=(30.0, 25.0), focal=(40, 41), xi=1.2, radial=(0.01, 0)),
-    ],
-    ids=lambda lens: type(lens).__name__,
-)
+@pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
 def test_calibration_shifts_and_scales_every_lens(lens):
     camera = perturbed_camera(
         replace(MOUNTED, model=lens),
@@ -134,7 +118,7 @@ def test_calibration_shifts_and_scales_every_lens(lens):
     shifted, _ = camera.model.project(rays)
     centre = np.array(lens.principal_point)
     np.testing.assert_allclose(shifted, centre + [5, -3] + 1.02 * (pixels - centre), atol=1e-9)
-    assert (camera.model.width, camera.model.height) == (64, 48)
+    assert (camera.model.width, camera.model.height) == (lens.width, lens.height)
 
 
 def test_noise_is_seeded_by_image_and_scales():

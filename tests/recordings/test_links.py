@@ -1,12 +1,11 @@
 """Links to other disks: followed at the top of a root that the user gave, never inside of what lies below."""
 
 import pytest
-import yaml
 
 from bench.errors import DataError
 from bench.recordings import load_card, open_dataset
 from tests.support import tiny_aimotive, tiny_kitti360
-from tests.support.data_sets import DATA_SETS
+from tests.support.data_sets import DATA_SETS, card_of
 
 KITTI, AIMOTIVE = tiny_kitti360.SEQUENCE, tiny_aimotive.SEQUENCE
 PLACES = {  # folders at the top, which may lie on other disks, and one further in
@@ -30,9 +29,7 @@ def move_away(path, disk):
 
 
 def opened(folder, adapter, options):
-    content = {"name": "x", "title": "x", "adapter": adapter, "root": "data", "licence": "x", "options": options}
-    (folder / "card.yaml").write_text(yaml.safe_dump(content))
-    return [handle.open() for handle in open_dataset(load_card(folder / "card.yaml"))]
+    return [handle.open() for handle in open_dataset(load_card(card_of(folder, adapter, options)))]
 
 
 @pytest.mark.parametrize("adapter", DATA_SETS)

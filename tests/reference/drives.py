@@ -9,7 +9,7 @@ import shapely
 from bench.cameras import RadialPolynomialCamera
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform, RoadPlane, advance_twist
-from bench.geometry.raster import Raster
+from bench.geometry.raster import Raster, rasterise
 from bench.lidar import LidarSweep
 from bench.recordings import (
     COMPLETELY,
@@ -21,7 +21,16 @@ from bench.recordings import (
     SweepRef,
     Track,
 )
-from bench.reference import Category, IgnoreReason, MotionSettings, ReferenceObject, ReferenceSettings, Status
+from bench.reference import (
+    Category,
+    IgnoreReason,
+    MotionSettings,
+    ReferenceBuilder,
+    ReferenceFrame,
+    ReferenceObject,
+    ReferenceSettings,
+    Status,
+)
 from bench.reference.regions import Region
 
 MS = 1_000_000
@@ -163,6 +172,19 @@ def drive(
         tracks=tuple(tracks),
         annotated=annotated,
     )
+
+
+def reference_of(recording: Recording, settings: ReferenceSettings = SETTINGS) -> ReferenceFrame:
+    """The reference of its first image."""
+    return ReferenceBuilder(recording, "front", settings).build(recording.images["front"][0])
+
+
+def pixels_of(polygon) -> np.ndarray:
+    """The pixels of an image of the lens whose centre a polygon covers."""
+    pixels = np.zeros((LENS.height, LENS.width), dtype=bool)
+    window, covered = rasterise(polygon, width=LENS.width, height=LENS.height)
+    pixels[window] = covered
+    return pixels
 
 
 def with_settings(**changes) -> ReferenceSettings:

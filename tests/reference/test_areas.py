@@ -7,9 +7,9 @@ import pytest
 
 from bench.recordings import COMPLETELY, NOT_ANNOTATED, Annotated
 from bench.records.recording import ALWAYS_NS
-from bench.reference import IgnoreReason, ReferenceBuilder, Status
+from bench.reference import IgnoreReason, Status
 from bench.reference.areas import TALLEST_M, left_out_pixels
-from tests.reference.drives import MS, SETTINGS, Box, camera, circle, drive
+from tests.reference.drives import MS, Box, camera, circle, drive, reference_of
 
 LEFT = ((-300.0, 3.0), (300.0, 3.0), (300.0, 60.0), (-300.0, 60.0))  # an opposite carriageway
 LEFT_OUT = Annotated(spans_ns=(ALWAYS_NS,), left_out_m=(LEFT,))
@@ -18,8 +18,7 @@ HERE, THERE = Box((8.0, 1.0, 0.8), SIZE, (0.0, -1.4, 0.0)), Box((7.0, 4.5, 0.8),
 
 
 def build(annotated, boxes=(HERE, THERE)):
-    recording = drive(boxes, circle(5.0, 0.0), exposures_ns=(30 * MS,), annotated=annotated)
-    return ReferenceBuilder(recording, "front", SETTINGS).build(recording.images["front"][0])
+    return reference_of(drive(boxes, circle(5.0, 0.0), exposures_ns=(30 * MS,), annotated=annotated))
 
 
 def test_objects_and_pixels_of_an_area_are_ignored():

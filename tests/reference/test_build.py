@@ -1,5 +1,7 @@
 """From annotations to regions: where every object ends, and which pixels it owns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -7,7 +9,7 @@ import shapely
 from bench.errors import DataError, UsageError
 from bench.recordings import ImageRef, ObjectState, PointIndices, Track
 from bench.reference import Category, Direction, IgnoreReason, ReferenceBuilder, Status
-from tests.reference.drives import MS, SETTINGS, Box, camera, circle, drive, with_settings
+from tests.reference.drives import MS, SETTINGS, Box, camera, circle, drive, reference_of, with_settings
 
 SIZE = (1.0, 1.0, 1.6)
 EGO = {"speed_mps": 5.0, "yaw_rate_radps": 0.0}
@@ -15,8 +17,7 @@ WALKER = Box((8.0, 1.0, 0.8), SIZE, (0.0, -1.4, 0.0))
 
 
 def build(boxes, trajectory=None, *, exposure_ns=30 * MS, settings=SETTINGS, **options):
-    recording = drive(boxes, trajectory or circle(**EGO), exposures_ns=(exposure_ns,), **options)
-    return ReferenceBuilder(recording, "front", settings).build(recording.images["front"][0])
+    return reference_of(drive(boxes, trajectory or circle(**EGO), exposures_ns=(exposure_ns,), **options), settings)
 
 
 def test_a_crossing_walker_is_evaluated_with_all_its_words():
@@ -122,9 +123,9 @@ def test_the_ego_vehicles_own_body_is_no_reference():
     body = np.zeros((480, 640), dtype=bool)
     body[300:] = True
     recording = drive([WALKER], circle(**EGO), exposures_ns=(30 * MS,))
-    whole = ReferenceBuilder(recording, "front", SETTINGS).build(recording.images["front"][0])
+    whole = reference_of(recording)
     recording.cameras["front"] = camera(ego_body=body)
-    cut = ReferenceBuilder(recording, "front", SETTINGS).build(recording.images["front"][0])
+    cut = reference_of(recording)
     assert not cut.valid[300:].any()
     assert cut.objects[0].region_px == (whole.labels[:300] == 1).sum()
 
@@ -147,18 +148,11 @@ def test_point_indices_without_velocity_say_nothing_about_motion():
     recording = drive([WALKER], circle(**EGO), exposures_ns=(30 * MS,))
     shape = PointIndices(indices=np.arange(400), sweep_timestamp_ns=0)
     state = ObjectState(timestamp_ns=0, shape=shape, velocity_mps=np.full(3, np.nan))
-    named = ObjectState(timestamp_ns=0, shape=shape, velocity_mps=np.full(3, np.nan), category="crossing")
-    lost = ObjectState(
-        timestamp_ns=0,
-        shape=PointIndices(indices=np.arange(4), sweep_timestamp_ns=7),
-        velocity_mps=np.zeros(3),
-    )
+    named = replace(state, category="crossing")
+    lost = replace(state, shape=replace(shape, sweep_timestamp_ns=7))
 
     def frame(chosen):
-        from dataclasses import replace
-
-        changed = replace(recording, tracks=(Track(track_id="p", object_class="vehicle", states=(chosen,)),))
-        return ReferenceBuilder(changed, "front", SETTINGS).build(recording.images["front"][0])
+        return reference_of(replace(recording, tracks=(Track(track_id="p", object_class="vehicle", states=(chosen,)),)))
 
     assert frame(state).objects[0].reason is IgnoreReason.MOTION_UNKNOWN
     assert frame(named).objects[0].status is Status.EVALUATED

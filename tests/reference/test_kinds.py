@@ -8,27 +8,18 @@ import numpy as np
 import pytest
 
 from bench.errors import UnknownNameError
-from bench.geometry.raster import rasterise
 from bench.recordings import PointIndices
 from bench.records.reference import Limb, RegionKindName
-from bench.reference import REGION_KINDS, OutlineErrors, ReferenceBuilder, Status
+from bench.reference import REGION_KINDS, OutlineErrors, Status
 from bench.reference.kinds import RegionKind, region_kind
-from tests.reference.drives import wall_recording, with_settings
+from tests.reference.drives import pixels_of, reference_of, wall_recording, with_settings
 
 ROOT = Path(__file__).parents[2]
 every_kind = pytest.mark.parametrize("kind", sorted(REGION_KINDS))
 
 
 def frame_of(recording, kind, **changes):
-    settings = with_settings(polygon_kind=kind, **changes)
-    return ReferenceBuilder(recording, "front", settings).build(recording.images["front"][0])
-
-
-def image_of(polygon):
-    pixels = np.zeros((480, 640), dtype=bool)
-    window, covered = rasterise(polygon, width=640, height=480)
-    pixels[window] = covered
-    return pixels
+    return reference_of(recording, with_settings(polygon_kind=kind, **changes))
 
 
 @every_kind
@@ -38,7 +29,7 @@ def test_a_scanned_wall_is_evaluated_within_its_polygon(kind):
     (wall,) = frame.objects
     assert wall.status is Status.EVALUATED
     assert wall.region_px == wall.polygon_px == (frame.labels == 1).sum()
-    np.testing.assert_array_equal(frame.labels == 1, image_of(wall.polygon) & frame.valid)
+    np.testing.assert_array_equal(frame.labels == 1, pixels_of(wall.polygon) & frame.valid)
     assert wall.polygon.intersection(truth).area > 0.8 * wall.polygon.union(truth).area
     assert not frame.ignored.any()
 
@@ -49,7 +40,7 @@ def test_a_band_takes_from_the_region_and_adds_beside_it(kind):
     errors = OutlineErrors(range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limbs={"vehicle": (LIMB,)})
     (plain,), frame = frame_of(recording, kind).objects, frame_of(recording, kind, outline=errors)
     (wall,) = frame.objects
-    assert wall.region_px < image_of(truth).sum()
+    assert wall.region_px < pixels_of(truth).sum()
     assert wall.region_px + wall.unknown_px > plain.region_px
     assert wall.unknown_px == frame.ignored.sum() > 0
 

@@ -12,9 +12,9 @@ import pytest
 
 from bench.evaluation.counts import count_frame
 from bench.records.reference import Limb
-from bench.reference import OutlineErrors, ReferenceBuilder, ReferenceFrame, Status, build
+from bench.reference import OutlineErrors, ReferenceFrame, Status, build
 from bench.reference.bands import with_band
-from tests.reference.drives import MS, Box, circle, drive, with_settings
+from tests.reference.drives import MS, Box, circle, drive, reference_of, with_settings
 
 SEEDS = range(12)
 LEGS = (Limb(joint=0.53, end=0.0, speed=2.0),)
@@ -50,7 +50,7 @@ def recording_of(seed):
 
 def frame_of(recording, settings) -> ReferenceFrame:
     """The reference of its only image."""
-    return ReferenceBuilder(recording, "front", SETTINGS[settings]).build(recording.images["front"][0])
+    return reference_of(recording, SETTINGS[settings])
 
 
 @pytest.fixture(scope="module")

@@ -14,11 +14,11 @@ from bench.geometry import RigidTransform
 from bench.geometry.raster import rasterise
 from bench.lidar import LidarSweep
 from bench.recordings import SweepRef
-from bench.reference import ReferenceBuilder, Status
+from bench.reference import Status
 from bench.reference.grid import find_grid
 from bench.reference.patches import count_patches, without_slits
 from bench.reference.polygons import trace_polygon
-from tests.reference.drives import LIDAR, wall_recording, with_settings
+from tests.reference.drives import LIDAR, reference_of, wall_recording, with_settings
 
 SIZE = {"width": 64, "height": 48}
 UNIT = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
@@ -110,13 +110,17 @@ def test_patches_that_cover_no_pixel_give_no_polygon(patches):
     assert patch_polygon(patches) is None
 
 
+def object_of(recording, kind):
+    (found,) = reference_of(recording, with_settings(polygon_kind=kind)).objects
+    return found
+
+
 @pytest.mark.parametrize("away_m", [6.0, 8.0, 11.0])
 def test_a_scanned_wall_is_covered_down_to_the_road_where_hulls_end_early(away_m):
     recording, truth = wall_recording(away_m=away_m)
     found = {}
     for kind in ("convex", "concave", "surface-patches"):
-        settings = with_settings(polygon_kind=kind)
-        (wall,) = ReferenceBuilder(recording, "front", settings).build(recording.images["front"][0]).objects
+        wall = object_of(recording, kind)
         assert wall.status is Status.EVALUATED
         found[kind] = wall.polygon.intersection(truth).area / wall.polygon.union(truth).area
         if kind == "surface-patches":  # no pixels to count beyond the true outline's border
@@ -128,11 +132,10 @@ def test_a_scanned_wall_is_covered_down_to_the_road_where_hulls_end_early(away_m
 def test_what_lies_above_the_highest_beam_goes_on_to_the_top_of_the_annotated_shape():
     """A van of 2.6 m at 4 m from the lidar: beams rise by 2 degrees, so its upper half metre is never met."""
     recording, truth = wall_recording(away_m=6.0, width_m=2.0, height_m=2.6)
-    frames = {
-        kind: ReferenceBuilder(recording, "front", with_settings(polygon_kind=kind)).build(recording.images["front"][0])
+    shares = {
+        kind: object_of(recording, kind).polygon.intersection(truth).area / truth.area
         for kind in ("concave", "surface-patches")
     }
-    shares = {kind: f.objects[0].polygon.intersection(truth).area / truth.area for kind, f in frames.items()}
     assert shares["concave"] < 0.8
     assert shares["surface-patches"] > 0.95
 
@@ -146,13 +149,7 @@ def test_points_without_rows_fall_back_to_the_concave_hull():
     sweep = LidarSweep(timestamp_ns=0, points_lidar=points)
     ref = SweepRef(timestamp_ns=0, path=Path("0.npz"), reader=lambda *_: sweep)
     sparse = replace(recording, sweeps=(ref,))
-    polygons = [
-        ReferenceBuilder(sparse, "front", with_settings(polygon_kind=kind))
-        .build(sparse.images["front"][0])
-        .objects[0]
-        .polygon
-        for kind in ("concave", "surface-patches")
-    ]
+    polygons = [object_of(sparse, kind).polygon for kind in ("concave", "surface-patches")]
     assert polygons[0].area > 20
     assert polygons[1].equals(polygons[0])
 
@@ -165,17 +162,8 @@ def test_points_in_the_vehicles_axes_give_the_same_polygon_once_it_is_told_where
     ref = replace(recording.sweeps[0], reader=lambda *_: in_vehicle_axes)
     merged = replace(recording, sweeps=(ref,), vehicle_from_lidar=RigidTransform.identity())
     stated = replace(merged, lidar_from_sensor=LIDAR)
-    expected, found, unstated = (
-        ReferenceBuilder(one, "front", with_settings(polygon_kind="surface-patches"))
-        .build(one.images["front"][0])
-        .objects[0]
-        .polygon
-        for one in (recording, stated, merged)
-    )
+    expected, found, unstated = (object_of(one, "surface-patches").polygon for one in (recording, stated, merged))
     assert found.symmetric_difference(expected).area < 0.005 * expected.area
     assert unstated.intersection(truth).area < found.intersection(truth).area
-    hulls = [
-        ReferenceBuilder(one, "front", with_settings(polygon_kind="convex")).build(one.images["front"][0]).objects[0]
-        for one in (stated, merged)
-    ]
+    hulls = [object_of(one, "convex") for one in (stated, merged)]
     assert hulls[0].polygon.equals(hulls[1].polygon)  # hulls do not ask where beams start

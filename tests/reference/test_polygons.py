@@ -14,6 +14,13 @@ def hull(points, ratio=None):
     return hull_polygon(np.array(points, dtype=float), ratio=ratio, **SIZE)
 
 
+def image_of(polygon):
+    image = np.zeros((48, 64), dtype=bool)
+    window, covered = rasterise(polygon, **SIZE)
+    image[window] = covered
+    return image
+
+
 def test_convex_polygon_of_a_square_with_a_point_inside():
     polygon = hull([(10, 10), (20, 10), (20, 20), (10, 20), (15, 12)])
     assert polygon.equals(shapely.box(10, 10, 20, 20))
@@ -31,9 +38,7 @@ def test_points_that_span_no_area_give_no_polygon(points):
 
 
 def test_pixels_of_a_square_by_hand():
-    window, covered = rasterise(shapely.box(1.5, 2.5, 5.4, 4.4), **SIZE)
-    image = np.zeros((48, 64), dtype=bool)
-    image[window] = covered
+    image = image_of(shapely.box(1.5, 2.5, 5.4, 4.4))
     assert np.argwhere(image).tolist() == [[v, u] for v in (3, 4) for u in (2, 3, 4, 5)]
 
 
@@ -66,11 +71,8 @@ def test_pixels_of_a_comb_with_holes():
     comb = comb.difference(shapely.union_all([shapely.Point(u, 35).buffer(2.2) for u in (10, 21.4, 40, 52)]))
     assert comb.geom_type == "Polygon"
     assert len(comb.interiors) == 4
-    window, covered = rasterise(comb, **SIZE)
-    image = np.zeros((48, 64), dtype=bool)
-    image[window] = covered
     u, v = np.meshgrid(np.arange(64), np.arange(48))
-    np.testing.assert_array_equal(image, shapely.contains_xy(comb, u, v))
+    np.testing.assert_array_equal(image_of(comb), shapely.contains_xy(comb, u, v))
 
 
 corner = st.tuples(*(st.integers(-20_000, end).map(lambda thousandth: thousandth / 1000) for end in (90_000, 70_000)))
@@ -81,9 +83,7 @@ def test_pixels_are_those_whose_centre_the_polygon_covers(corners):
     polygon = hull(corners)
     if polygon is None:
         return
-    image = np.zeros((48, 64), dtype=bool)
-    window, covered = rasterise(polygon, **SIZE)
-    image[window] = covered
+    image = image_of(polygon)
     u, v = np.meshgrid(np.arange(64), np.arange(48))
     surely_in = shapely.contains_xy(polygon.buffer(-1e-6), u, v)
     surely_out = ~shapely.contains_xy(polygon.buffer(1e-6), u, v)

@@ -7,9 +7,9 @@ import pytest
 
 from bench.cameras import RollingShutter
 from bench.geometry import RigidTransform
-from bench.reference import ReferenceBuilder, visible_region
+from bench.reference import visible_region
 from bench.reference.exposure import Exposure
-from tests.reference.drives import LENS, MOUNT, MS, SETTINGS, Box, camera, circle, drive
+from tests.reference.drives import LENS, MOUNT, MS, SETTINGS, Box, camera, circle, drive, reference_of
 from tests.support.rolling import seen_by_rows
 
 DRIVE = circle(14.0, np.deg2rad(30))
@@ -58,7 +58,7 @@ def test_regions_follow_the_rows(min_points):
     def corners(shutter):
         recording = drive([van], straight, exposures_ns=(0,))
         recording = replace(recording, cameras={"front": replace(recording.cameras["front"], rolling_shutter=shutter)})
-        frame = ReferenceBuilder(recording, "front", settings).build(recording.images["front"][0])
+        frame = reference_of(recording, settings)
         region = frame.labels if min_points == 10 else frame.ignored
         v, u = np.nonzero(region)
         return np.array([u.min(), v.min(), u.max(), v.max()])

@@ -6,24 +6,16 @@ import numpy as np
 import pytest
 import shapely
 
-from bench.geometry.raster import rasterise
 from bench.recordings import GroundPolygon, PointIndices
 from bench.records.reference import Limb
 from bench.reference import OutlineErrors, ReferenceBuilder, Status
 from bench.reference.grid import find_grid
 from bench.reference.scanned import way_out_m
-from tests.reference.drives import camera, wall_recording, with_settings
+from tests.reference.drives import camera, pixels_of, reference_of, wall_recording, with_settings
 
 LEGS = (Limb(joint=0.53, end=0.0, speed=2.0),)
 ERRORS = OutlineErrors(range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limbs={"pedestrian": LEGS})
 SURFACE = with_settings(polygon_kind="surface-patches", clearance_above_shape=True, outline=ERRORS)
-
-
-def truth_pixels(truth) -> np.ndarray:
-    pixels = np.zeros((480, 640), dtype=bool)
-    window, covered = rasterise(truth, width=640, height=480)
-    pixels[window] = covered
-    return pixels
 
 
 def annotated_as(recording, shape: str):
@@ -44,7 +36,7 @@ def annotated_as(recording, shape: str):
 
 
 def built(recording, settings=SURFACE):
-    return ReferenceBuilder(recording, "front", settings).build(recording.images["front"][0])
+    return reference_of(recording, settings)
 
 
 @pytest.mark.parametrize("steps_deg", [(0.1728, 0.42), (0.2, 2.0)], ids=["64 rows", "16 rows"])
@@ -53,7 +45,7 @@ def built(recording, settings=SURFACE):
 def test_the_core_is_the_objects_and_the_band_holds_its_outline(steps_deg, shape, object_class):
     recording, truth = wall_recording(width_m=2.0, away_m=6.0, steps_deg=steps_deg)
     recording = replace(recording, tracks=(replace(recording.tracks[0], object_class=object_class),))
-    frame, pixels = built(annotated_as(recording, shape)), truth_pixels(truth)
+    frame, pixels = built(annotated_as(recording, shape)), pixels_of(truth)
     (wall,) = frame.objects
     core = frame.labels == 1
     assert wall.status is Status.EVALUATED
@@ -99,7 +91,7 @@ def test_what_the_lidar_looks_over_is_unknown():
     ring = shapely.segmentize(shapely.box(-0.4, 0.02, 0.4, 0.1), 0.02).exterior.coords
     strip_vehicle = np.column_stack([np.full(len(ring), 4.49), np.asarray(ring)])
     pixels, _ = mounted.model.project(mounted.vehicle_from_camera.inverse().apply(strip_vehicle))
-    bottom = truth_pixels(shapely.Polygon(pixels))
+    bottom = pixels_of(shapely.Polygon(pixels))
     assert bottom.sum() > 500
     assert not (frame.labels[bottom] > 0).any()
     assert frame.ignored[bottom].all()
@@ -120,7 +112,7 @@ def test_where_beams_went_past_is_not_certain():
     solid = replace(recording, tracks=(replace(recording.tracks[0], object_class="vehicle"),))
     comb, filled = built(recording).objects[0], built(solid).objects[0]
     assert comb.region_px < 0.8 * filled.region_px
-    assert truth_pixels(truth).sum() > filled.region_px
+    assert pixels_of(truth).sum() > filled.region_px
 
 
 def test_points_near_the_ground_on_which_an_object_stands_are_no_part_of_any_kind():

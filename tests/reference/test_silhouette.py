@@ -9,9 +9,9 @@ import shapely
 from bench.cameras import PinholeCamera, ray_grid
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices, Track
-from bench.reference import IgnoreReason, ReferenceBuilder, Status
+from bench.reference import IgnoreReason, Status
 from bench.reference.silhouette import convex_parts, silhouette
-from tests.reference.drives import LENS, MOUNT, MS, Box, circle, drive, with_settings
+from tests.reference.drives import LENS, MOUNT, MS, Box, circle, drive, reference_of, with_settings
 from tests.support.lenses import LENSES
 
 SMALL = {name: lens.scaled(160, round(lens.height * 160 / lens.width)) for name, lens in LENSES.items()}
@@ -151,9 +151,7 @@ def ignored_region(box, *, exposure_ns, track=None):
     recording = drive([box], HOST, exposures_ns=(exposure_ns,))
     if track is not None:
         recording = replace(recording, tracks=(track,))
-    builder = ReferenceBuilder(recording, "front", FEW_POINTS)
-    frame = builder.build(recording.images["front"][0])
-    return frame, HOST.world_from_vehicle(exposure_ns) @ MOUNT
+    return reference_of(recording, FEW_POINTS), HOST.world_from_vehicle(exposure_ns) @ MOUNT
 
 
 @pytest.mark.parametrize("yaw_rate_radps", [0.0, 1.5, -0.7])

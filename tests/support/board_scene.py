@@ -1,5 +1,7 @@
 """A board that crosses in front of a wall and on a road, as a camera that goes straight on sees it."""
 
+from functools import cache
+
 import cv2
 import numpy as np
 
@@ -90,9 +92,13 @@ def share(mask, region):
 STEP = np.array([0.06, 0.0, 0.0])
 
 
+@cache
 def crossing():
+    """The image before, the one now and the board's mask in it; nobody changes them."""
     previous, _ = render(np.zeros(3), np.array([3.0, -0.6, 0.0]))
     current, mask = render(STEP, np.array([3.0, -0.3, 0.0]))
+    for image in (previous, current, mask):
+        image.flags.writeable = False
     return previous, current, mask
 
 

@@ -1,5 +1,7 @@
 """Point clouds in every format that is read, written for tests."""
 
+import io
+
 import laspy
 import numpy as np
 
@@ -25,23 +27,46 @@ def write_cloud(path, arrays):
     """Binary .pcd or .ply, by its suffix."""
     columns = dict(zip("xyz", np.asarray(arrays["points_lidar"]).T, strict=True))
     columns |= {name: arrays[name] for name in ("intensity",) if name in arrays}
-    count, names = len(arrays["points_lidar"]), " ".join(columns)
+    count, body = len(arrays["points_lidar"]), np.column_stack([*columns.values()]).astype("<f4").tobytes()
     if path.suffix == ".ply":
-        properties = "".join(f"property float {name}\n" for name in columns)
-        head = f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{properties}end_header\n"
+        path.write_bytes(ply(count, body=body, **dict.fromkeys(columns, "float")))
     else:
-        sizes, types, ones = (" ".join([value] * len(columns)) for value in ("4", "F", "1"))
-        head = f"VERSION 0.7\nFIELDS {names}\nSIZE {sizes}\nTYPE {types}\nCOUNT {ones}\n"
-        head += f"WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA binary\n"
-    path.write_bytes(head.encode() + np.column_stack([*columns.values()]).astype("<f4").tobytes())
+        path.write_bytes(pcd_of([(name, 4, "F", 1) for name in columns], count, body))
+
+
+def pcd_of(columns, count, body, data="binary"):
+    """A .pcd of named columns: (name, size, type, count)."""
+    names, sizes, types, counts = (" ".join(map(str, values)) for values in zip(*columns, strict=True))
+    return pcd(count, data=data, body=body, FIELDS=names, SIZE=sizes, TYPE=types, COUNT=counts)
+
+
+def pcd(points, *, data="binary", body=b"", **lines):
+    """A .pcd of x, y and z, but for what `lines` says of its head."""
+    head = {"VERSION": "0.7", "FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1"}
+    head |= {"WIDTH": str(points), "HEIGHT": "1", "VIEWPOINT": "0 0 0 1 0 0 0", "POINTS": str(points)} | lines
+    return "".join(f"{key} {value}\n" for key, value in head.items()).encode() + f"DATA {data}\n".encode() + body
+
+
+def ply(vertices, *, form="binary_little_endian", body=b"", **columns):
+    """A .ply of x, y and z as floats, or of other columns: name -> type."""
+    columns = columns or dict.fromkeys("xyz", "float")
+    properties = "".join(f"property {kind} {name}\n" for name, kind in columns.items())
+    return f"ply\nformat {form} 1.0\nelement vertex {vertices}\n{properties}end_header\n".encode() + body
 
 
 def write_laz(path, arrays):
-    header = laspy.LasHeader(point_format=1, version="1.2")
+    values = {name: arrays[name] for name in ("intensity", "gps_time") if name in arrays}
+    path.write_bytes(laz(arrays["points_lidar"], **values))
+
+
+def laz(points, *, point_format=1, **values):
+    """A .laz with millimetres, and what else the points have."""
+    header = laspy.LasHeader(point_format=point_format, version="1.4" if point_format > 5 else "1.2")
     header.scales = np.full(3, 0.001)
     cloud = laspy.LasData(header)
-    cloud.xyz = arrays["points_lidar"]
-    for name in ("intensity", "gps_time"):
-        if name in arrays:
-            setattr(cloud, name, arrays[name])
-    cloud.write(path)
+    cloud.xyz = points
+    for name, value in values.items():
+        setattr(cloud, name, value)
+    file = io.BytesIO()
+    cloud.write(file, do_compress=True)
+    return file.getvalue()

@@ -1,6 +1,7 @@
 """A small data set for every adapter."""
 
 from tests.support import log123d, tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
+from tests.support.cards import write_card
 
 
 def native(root):
@@ -42,3 +43,9 @@ DATA_SETS = {
     "123d": log_of_123d,
 }
 LABELLED_APART = {"rosbag"}  # annotations only beside the data
+
+
+def card_of(folder, adapter, options, **content):
+    """The card of a data set that lies in `data` beside it."""
+    content |= {"annotations": "annotations"} if adapter in LABELLED_APART else {}
+    return write_card(folder, adapter=adapter, options=options, **content)

@@ -99,18 +99,17 @@ def tracks() -> tuple[Track, ...]:
     )
 
 
+def write_head(root: Path, **changes: object) -> None:
+    usual = {"name": root.name, "licence": "Apache-2.0", "frame_interval_ns": STEP_NS}
+    usual |= {"cameras": {"front": front_camera()}}
+    usual |= {"vehicle_from_lidar": VEHICLE_FROM_LIDAR, "vehicle_outline_m": OUTLINE_M}
+    RecordingWriter(root).header(**(usual | changes))
+
+
 def write_recording(root: Path, *, model: CameraModel | None = None, ground_height_m: float = 0.0) -> Path:
     writer = RecordingWriter(root)
     camera = front_camera(model, ground_height_m=ground_height_m)
-    writer.header(
-        name=root.name,
-        licence="Apache-2.0",
-        frame_interval_ns=STEP_NS,
-        cameras={"front": camera},
-        vehicle_from_lidar=VEHICLE_FROM_LIDAR,
-        vehicle_outline_m=OUTLINE_M,
-        ground_height_m=ground_height_m,
-    )
+    write_head(root, cameras={"front": camera}, ground_height_m=ground_height_m)
     for i, time_ns in enumerate(TIMES_NS):
         writer.image("front", time_ns, pixels(i))
         writer.truth("front", time_ns, truth(i))

@@ -236,7 +236,7 @@ def write_bag(
 
 
 def write_rig(root: Path, rig=RIG) -> Path:
-    root.mkdir(exist_ok=True)
+    root.mkdir(parents=True, exist_ok=True)
     (root / "rig.yaml").write_text(yaml.safe_dump(rig))
     return root
 

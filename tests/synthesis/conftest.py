@@ -1,8 +1,12 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
+
+from bench.synthesis import synthesize
 
 MINIATURE = """
 name: miniature
@@ -35,10 +39,27 @@ recordings:
 REAL = "vehicle: {suspension: {road_class: B}, bus: {}, calibration: {}}\n"
 
 
+IDEAL = ""
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     """All files of the recordings below a folder."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
     return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+@pytest.fixture(scope="session")
+def rendered(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """The folder of the miniature's recordings by an ideal car or a real one; rendered once, and only read."""
+
+    @cache
+    def of(vehicle: str) -> Path:
+        folder = tmp_path_factory.mktemp("miniature")
+        (folder / "scenario.yaml").write_text(vehicle + MINIATURE)
+        synthesize(folder / "scenario.yaml", folder / "out", workers=1)
+        return folder
+
+    return of
 
 
 @pytest.fixture

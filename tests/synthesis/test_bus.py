@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -10,20 +11,16 @@ import pytest
 from bench.egomotion import planar_trajectory
 from bench.harness.provenance import recording_digest
 from bench.recordings import open_native
-from bench.synthesis import read_scenario, synthesize
+from bench.synthesis import read_scenario
 from bench.synthesis.driving.bus import BusReport, bus_report
 from bench.synthesis.driving.ego import mounted_rig
 from bench.synthesis.driving.path import SECOND_NS, Path, driven_path
 from bench.synthesis.recorder import DECIMALS
 from bench.synthesis.scenario import BusSpec
+from tests.synthesis.conftest import REAL
 
-PERFECT = {
-    "speed_scale_sigma": 0,
-    "yaw_rate_noise_degps": 0,
-    "yaw_rate_bias_degps": 0,
-    "yaw_rate_step_degps": 0,
-    "speed_step_kmh": 0,
-}
+ERRORS = ("speed_scale_sigma", "yaw_rate_noise_degps", "yaw_rate_bias_degps", "yaw_rate_step_degps", "speed_step_kmh")
+PERFECT = dict.fromkeys(ERRORS, 0.0)
 TICK_M = 2 * np.pi * 0.31 / 96
 
 
@@ -124,24 +121,16 @@ def test_odometry_of_the_paper_reads_the_report() -> None:
 
 
 WRITTEN = 3 * 10.0**-DECIMALS
-REAL = """
-vehicle:
-  suspension: {road_class: B}
-  bus: {}
-  calibration: {}
-recordings:
-"""
 
 
 def test_the_recording_states_the_nominal_calibration_and_the_truth_the_true_one(
-    scenario_file: FilePath, tmp_path: FilePath
+    rendered: Callable[[str], FilePath],
 ) -> None:
-    scenario_file.write_text(scenario_file.read_text().replace("recordings:\n", REAL.lstrip()))
-    scenario = read_scenario(scenario_file)
-    roots = synthesize(scenario_file, tmp_path / "out", workers=1)
+    folder = rendered(REAL)
+    scenario = read_scenario(folder / "scenario.yaml")
     offsets = []
-    for root, spec in zip(roots, scenario.recordings, strict=True):
-        rig = mounted_rig(scenario, spec)
+    for spec in scenario.recordings:
+        root, rig = folder / "out" / spec.name, mounted_rig(scenario, spec)
         recorded, exact = open_native(root), open_native(root, calibration="exact", ego_motion="exact")
         for opened, cameras, lidar in (
             (recorded, rig.recorded_cameras, rig.recorded_vehicle_from_lidar),

@@ -6,21 +6,16 @@ import numpy as np
 import pytest
 
 from bench.cameras import PinholeCamera
-from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings import MountedCamera
+from bench.geometry import RigidTransform
 from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA
-from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
-from bench.synthesis.imaging.textures import texture_atlas
+from bench.synthesis.imaging.renderer import Moment, RenderedImage
 from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, joined, quads
-from bench.synthesis.scenario import SensorSpec
-from bench.synthesis.scene import KINDS, Lighting
+from bench.synthesis.scene import KINDS
+from tests.synthesis.pictures import PLAIN, mounted, renderer_of, road
 
 pytestmark = pytest.mark.slow
 
-PLAIN = Surface(albedo=0.5, contrast=0.0)
-ROAD = quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], PLAIN)
-NOWHERE = box([0.1, 0.1, 0.1], [0, 0, -50], PLAIN)
-IDEAL = SensorSpec(edge_light=1.0, read_noise_grey=0.0, full_well_electrons=None)
+ROAD = road(PLAIN)
 # 5 m up, looking straight down; the right of the image is -y of the world, its top is +x.
 DOWN = RigidTransform(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.array([0.0, 0.0, 5.0]))
 AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([0.0, 0.0, 1.0]))
@@ -31,11 +26,7 @@ def seen(
     mounting: RigidTransform = DOWN, ego: RigidTransform | None = None,
 ) -> RenderedImage:  # fmt: skip
     model = PinholeCamera(width=201, height=201, focal=(100, 100), principal_point=(100, 100))
-    camera = MountedCamera(
-        name="c", model=model, vehicle_from_camera=mounting, road=RoadPlane.below(AHEAD), stored_size_px=(201, 201)
-    )
-    light = Lighting(kind=KINDS[kind], towards_sun=np.array(sun) / np.linalg.norm(sun))
-    renderer = ImageRenderer(camera, own_body=NOWHERE, world=world, atlas=texture_atlas(0), light=light, sensor=IDEAL)
+    renderer = renderer_of(mounted(model, mounting), world=world, kind=kind, sun=sun)
     moment = Moment(placed=placed, world_from_vehicle=ego or RigidTransform.identity())
     return renderer.render(moment, rng=np.random.default_rng(0))
 

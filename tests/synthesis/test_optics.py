@@ -9,25 +9,24 @@ import numpy as np
 import pytest
 
 from bench.cameras import PinholeCamera, RadialPolynomialCamera
-from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings import MountedCamera, RecordingWriter
+from bench.geometry import RigidTransform
+from bench.recordings import RecordingWriter
 from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA
 from bench.synthesis.imaging.exposure import Sensor
 from bench.synthesis.imaging.lens import lens_of
-from bench.synthesis.imaging.renderer import ImageRenderer, Moment
-from bench.synthesis.imaging.textures import texture_atlas
+from bench.synthesis.imaging.renderer import Moment
 from bench.synthesis.mesh import PlacedMesh, Surface, box, quads
 from bench.synthesis.scenario import SensorSpec
-from bench.synthesis.scene import KINDS, Lighting
+from tests.synthesis.pictures import EXACT, mounted, renderer_of, road
 
 CAMERA = PinholeCamera(width=160, height=120, focal=(80, 80), principal_point=(79.5, 59.5))
 GREY = np.full((120, 160), 0.4, dtype=np.float32)
-STILL = SensorSpec(edge_light=1.0, read_noise_grey=0.0, full_well_electrons=None)
+AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([0.0, 0.0, 1.0]))
 
 
 def test_edge_of_the_lens_gets_its_share_of_the_light() -> None:
     lens = lens_of(CAMERA)
-    spec = STILL.model_copy(update={"edge_light": 0.5})
+    spec = EXACT.model_copy(update={"edge_light": 0.5})
     pixels = Sensor(spec, lens, gain=1.0).expose(GREY, np.random.default_rng(0))
     assert pixels[59, 79] == 102
     assert pixels[0, 0] == pytest.approx(51, abs=1)
@@ -46,15 +45,8 @@ def test_noise_has_its_variance(gain: float, grey: float) -> None:
 def test_stripe_is_smeared_by_its_way_in_the_image() -> None:
     # A white stripe 8 m ahead moves 0.8 m to the left while the shutter is open: 0.8 / 8 * 80 px = 8 px.
     black, white = Surface(albedo=0.02, contrast=0.0), Surface(albedo=0.7, contrast=0.0)
-    ahead = RigidTransform(AHEAD_FROM_CAMERA, np.array([0.0, 0.0, 1.0]))
-    camera = MountedCamera(
-        name="c", model=CAMERA, vehicle_from_camera=ahead, road=RoadPlane.below(ahead), stored_size_px=(160, 120)
-    )
     wall = quads([[9, 30, -20], [9, -30, -20], [9, -30, 20], [9, 30, 20]], black)
-    renderer = ImageRenderer(
-        camera, own_body=box([0.1, 0.1, 0.1], [0, 0, -50], black), world=wall, atlas=texture_atlas(0),
-        light=Lighting(kind=KINDS["overcast"], towards_sun=np.array([0.0, 0.0, 1.0])), sensor=STILL,
-    )  # fmt: skip
+    renderer = renderer_of(mounted(CAMERA, AHEAD), world=wall)
 
     def at(y_m: float) -> Moment:
         stripe = box([0.02, 2.0, 4], [8.01, y_m, 1], white)
@@ -77,26 +69,19 @@ def test_ego_vehicle_that_turns_leaves_its_own_body_sharp() -> None:
     camera_model = RadialPolynomialCamera(
         width=160, height=120, coefficients=(42.0, -3.0, 5.0, -0.8), principal_point=(79.5, 59.5)
     )
-    ahead = RigidTransform(AHEAD_FROM_CAMERA, np.array([0.0, 0.0, 1.0]))
-    camera = MountedCamera(
-        name="c", model=camera_model, vehicle_from_camera=ahead, road=RoadPlane.below(ahead), stored_size_px=(160, 120)
-    )
     rough = Surface(albedo=0.5, contrast=0.4, texel_m=0.02)
-    renderer = ImageRenderer(
-        camera, own_body=box([2, 4, 0.2], [0.3, 0, 0.3], rough), atlas=texture_atlas(0),
-        world=quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], rough),
-        light=Lighting(kind=KINDS["overcast"], towards_sun=np.array([0.0, 0.0, 1.0])), sensor=STILL,
-    )  # fmt: skip
+    own_body = box([2, 4, 0.2], [0.3, 0, 0.3], rough)
+    renderer = renderer_of(mounted(camera_model, AHEAD), world=road(rough), own_body=own_body)
     moments = [Moment(placed=[], world_from_vehicle=RigidTransform.from_yaw(0, [x_m, 0, 0])) for x_m in (-0.8, 0, 0.8)]
     still = renderer.render(moments[1], rng=np.random.default_rng(0))
     moved = renderer.render(moments[1], shutter=(moments[0], moments[2]), rng=np.random.default_rng(0))
     own = np.zeros((120, 160), dtype=bool)
     own[100:, 60:100] = True
-    road = np.zeros_like(own)
-    road[68:75, 20:140] = True
+    ground = np.zeros_like(own)
+    ground[68:75, 20:140] = True
     assert (still.distances_m[own] < 1.5).all()
     assert np.array_equal(still.pixels[own], moved.pixels[own])
-    assert moved.pixels[road].std() < 0.9 * still.pixels[road].std()
+    assert moved.pixels[ground].std() < 0.9 * still.pixels[ground].std()
 
 
 def test_jpeg_is_written_beside_no_png(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from bench.errors import DataError, UsageError
 from bench.synthesis import Scenario, production, read_scenario, synthesize
 from bench.synthesis.production import MANIFEST
 from bench.synthesis.scenario import RecordingSpec
-from tests.synthesis.conftest import MINIATURE, contents
+from tests.synthesis.conftest import IDEAL, MINIATURE, contents
 
 pytestmark = pytest.mark.slow
 
@@ -34,21 +34,12 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return made
 
 
-def test_same_scenario_gives_same_bytes_in_two_processes_and_in_another_order(
-    scenario_file: Path, tmp_path: Path
+def test_same_scenario_gives_same_bytes_in_two_processes_of_which_one_is_killed_and_in_another_order(
+    scenario_file: Path, tmp_path: Path, rendered: Callable[[str], Path]
 ) -> None:
-    synthesize(scenario_file, tmp_path / "once", workers=1)
     head, recordings = scenario_file.read_text().split("recordings:\n")
     first, second = recordings.split("  - name: reversing")
     scenario_file.write_text(f"{head}recordings:\n  - name: reversing{second}{first}")
-    synthesize(scenario_file, tmp_path / "again", workers=2)
-    once, again = contents(tmp_path / "once"), contents(tmp_path / "again")
-    assert len([name for name in once if name.startswith("crossing/images/front/")]) == 2
-    assert once.keys() == again.keys()
-    assert [name for name in once if once[name] != again[name]] == []
-
-
-def test_process_that_is_killed_costs_another_attempt(scenario_file: Path, tmp_path: Path) -> None:
     out, killed = tmp_path / "out", []
 
     def kill_one_that_renders() -> None:
@@ -62,8 +53,12 @@ def test_process_that_is_killed_costs_another_attempt(scenario_file: Path, tmp_p
     folders = synthesize(scenario_file, out, workers=2)
     killing.join()
     assert killed[0].exitcode == -SIGKILL
-    assert all((folder / "recording.json").is_file() for folder in folders)
+    assert [folder.name for folder in folders] == ["reversing", "crossing"]
     assert not (out / production.UNFINISHED).exists()
+    once, again = contents(rendered(IDEAL) / "out"), contents(out)
+    assert len([name for name in once if name.startswith("crossing/images/front/")]) == 2
+    assert once.keys() == again.keys()
+    assert [name for name in once if once[name] != again[name]] == []
 
 
 def test_interrupted_run_leaves_whole_recordings_and_resumes(

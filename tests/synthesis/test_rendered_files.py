@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.recordings import Cuboid, ObjectState, Recording, open_native, read_truth
-from bench.synthesis import synthesize
-from tests.synthesis.conftest import MINIATURE, REAL
+from tests.synthesis.conftest import IDEAL, REAL
 
 NOISE_M = 0.02
 
 
-IDEAL = ""
-
-
 @pytest.fixture(scope="module", params=[IDEAL, REAL], ids=["ideal", "real"])
-def recordings(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[Recording]:
+def recordings(request: pytest.FixtureRequest, rendered: Callable[[str], Path]) -> list[Recording]:
     """As recorded by an ideal car, and by a real one whose exact poses and calibration are read."""
-
-    folder, source = tmp_path_factory.mktemp("scene"), "recorded" if request.param == IDEAL else "exact"
-    (folder / "scenario.yaml").write_text(request.param + MINIATURE)
-    roots = synthesize(folder / "scenario.yaml", folder / "out", workers=1)
+    folder, source = rendered(request.param) / "out", "recorded" if request.param == IDEAL else "exact"
+    roots = (folder / name for name in ("crossing", "reversing"))
     return [open_native(root, ego_motion=source, calibration=source) for root in roots]  # type: ignore[arg-type]
 
 

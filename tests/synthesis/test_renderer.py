@@ -6,54 +6,29 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bench.cameras import CAMERA_MODELS, CameraModel, camera_from_parameters, ray_grid
-from bench.geometry import RigidTransform, RoadPlane
+from bench.cameras import PinholeCamera, camera_parameters, ray_grid
+from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera
 from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA, mounted_camera, own_body
-from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
-from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.mesh import PlacedMesh, Surface, box, quads
+from bench.synthesis.imaging.renderer import Moment, RenderedImage
+from bench.synthesis.mesh import PlacedMesh, box
 from bench.synthesis.scenario import CameraSpec, SensorSpec
-from bench.synthesis.scene import KINDS, Lighting
+from tests.support.lenses import LENSES
+from tests.synthesis.pictures import GREY, mounted, renderer_of, road
 
-GREY = Surface(albedo=0.5, contrast=0.2)
 SIZE = {"width": 320, "height": 240}
-PARAMETERS = {
-    "radial_polynomial": {"coefficients": [85.0, -7.0, 12.0, -2.0], "principal_point": [159.5, 119.5]},
-    "kannala_brandt": {"focal": [90, 92], "principal_point": [158, 121], "coefficients": [0.02, -0.01, 0.002, 0]},
-    "unified": {"xi": 1.2, "focal": [190, 190], "principal_point": [160, 120]},
-    "brown_conrady": {
-        "focal": [150, 152],
-        "principal_point": [160, 120],
-        "radial": [-0.2, 0.05, -0.004],
-        "tangential": [1e-3, -5e-4],
-    },
-    "pinhole": {"focal": [100, 100], "principal_point": [159.5, 119.5]},
-}
+MODELS = {name: lens.scaled(**SIZE) for name, lens in LENSES.items()}
+MODELS["pinhole"] = PinholeCamera(**SIZE, focal=(100, 100), principal_point=(159.5, 119.5))  # wide enough for the box
+FISHEYE = MODELS["radial_polynomial"]
 PITCH = RigidTransform(
     np.array([[np.cos(0.3), 0, np.sin(0.3)], [0, 1, 0], [-np.sin(0.3), 0, np.cos(0.3)]]), np.zeros(3)
 )
 VEHICLE_FROM_CAMERA = RigidTransform(PITCH.rotation @ AHEAD_FROM_CAMERA, np.array([3.7, 0.1, 0.8]))
 WORLD_FROM_VEHICLE = RigidTransform.from_yaw(0.4, [20.0, -7.0, 0.0])
-ROAD = quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], GREY)
-NOON = Lighting(kind=KINDS["sunny"], towards_sun=np.array([0.0, 0.6, 0.8]))
 
 
-def mounted(model: CameraModel) -> MountedCamera:
-    return MountedCamera(
-        name="front",
-        model=model,
-        vehicle_from_camera=VEHICLE_FROM_CAMERA,
-        road=RoadPlane.below(VEHICLE_FROM_CAMERA),
-        stored_size_px=(model.width, model.height),
-    )
-
-
-def rendered(camera: MountedCamera, *placed: PlacedMesh) -> RenderedImage:
-    below_ground = box([1, 1, 1], [0, 0, -50], GREY)
-    renderer = ImageRenderer(
-        camera, own_body=below_ground, world=ROAD, atlas=texture_atlas(0), light=NOON, sensor=SensorSpec()
-    )
+def picture(camera: MountedCamera, *placed: PlacedMesh) -> RenderedImage:
+    renderer = renderer_of(camera, world=road(GREY), kind="sunny", sensor=SensorSpec())
     moment = Moment(placed=placed, world_from_vehicle=WORLD_FROM_VEHICLE)
     return renderer.render(moment, rng=np.random.default_rng(0))
 
@@ -66,16 +41,12 @@ def box_surface_m(size_m: list[float], centre_m: list[float]) -> NDArray[np.floa
     return np.concatenate(faces) * size_m + centre_m
 
 
-def test_every_camera_model_is_tried() -> None:
-    assert PARAMETERS.keys() == CAMERA_MODELS.keys()
-
-
-@pytest.mark.parametrize("model", PARAMETERS)
+@pytest.mark.parametrize("model", MODELS)
 def test_mask_of_a_box_is_its_projection(model: str) -> None:
-    camera = mounted(camera_from_parameters(model, **SIZE, **PARAMETERS[model]))
+    camera = mounted(MODELS[model], VEHICLE_FROM_CAMERA)
     size_m, centre_m = [2.0, 1.2, 1.5], [8.0, 1.0, 0.95]
     placed = PlacedMesh(mesh=box(size_m, centre_m, GREY).moved(WORLD_FROM_VEHICLE), instance_id=7)
-    image = rendered(camera, placed)
+    image = picture(camera, placed)
     pixels, valid = camera.model.project(VEHICLE_FROM_CAMERA.inverse().apply(box_surface_m(size_m, centre_m)))
     assert valid.all()
     v, u = np.nonzero(image.instance_ids == 7)
@@ -89,10 +60,10 @@ def test_mask_of_a_box_is_its_projection(model: str) -> None:
     assert (covered & (image.instance_ids == 7)).sum() > 0.9 * covered.sum()
 
 
-@pytest.mark.parametrize("model", PARAMETERS)
+@pytest.mark.parametrize("model", MODELS)
 def test_distance_of_the_road_is_that_of_the_road_plane(model: str) -> None:
-    camera = mounted(camera_from_parameters(model, **SIZE, **PARAMETERS[model]))
-    image = rendered(camera)
+    camera = mounted(MODELS[model], VEHICLE_FROM_CAMERA)
+    image = picture(camera)
     grid = ray_grid(camera.model)
     wanted_m = camera.road.distance_m(grid.rays_camera[grid.valid])
     near = wanted_m < 30
@@ -102,34 +73,28 @@ def test_distance_of_the_road_is_that_of_the_road_plane(model: str) -> None:
 
 
 def test_road_has_texture_everywhere_and_no_clipping() -> None:
-    camera = mounted(camera_from_parameters("radial_polynomial", **SIZE, **PARAMETERS["radial_polynomial"]))
-    image = rendered(camera)
+    camera = mounted(FISHEYE, VEHICLE_FROM_CAMERA)
+    image = picture(camera)
     near = image.distances_m < 6
     assert 0.1 < image.pixels[near].std() / image.pixels[near].mean() < 0.5
     assert ((image.pixels[near] == 0) | (image.pixels[near] == 255)).mean() < 0.01
 
 
+def spec_of(name: str, **place: object) -> CameraSpec:
+    parameters = {key: value for key, value in camera_parameters(MODELS[name]).items() if key not in {"model", *SIZE}}
+    return CameraSpec(name="front", model=name, **SIZE, parameters=parameters, **place)  # type: ignore[arg-type]
+
+
 def test_body_mask_covers_what_is_seen_of_the_ego_vehicle() -> None:
-    spec = CameraSpec(
-        name="front",
-        model="radial_polynomial",
-        **SIZE,
-        parameters=PARAMETERS["radial_polynomial"],
-        position_m=(3.7, 0.0, 0.66),
-        pitch_down_deg=20,
-    )
-    camera = mounted_camera(spec)
+    camera = mounted_camera(spec_of("radial_polynomial", position_m=(3.7, 0.0, 0.66), pitch_down_deg=20))
     own = PlacedMesh(mesh=own_body().moved(WORLD_FROM_VEHICLE), instance_id=9)
     assert camera.ego_body is not None
-    assert np.array_equal(rendered(camera, own).instance_ids == 9, camera.ego_body)
+    assert np.array_equal(picture(camera, own).instance_ids == 9, camera.ego_body)
     assert 0.02 < camera.ego_body.mean() < 0.25
     assert not camera.ego_body[:120].any()
 
 
 def test_camera_looks_where_its_angles_say() -> None:
-    spec = CameraSpec(
-        name="left", model="pinhole", **SIZE, parameters=PARAMETERS["pinhole"], position_m=(2, 1, 1),
-        yaw_deg=90, pitch_down_deg=30,
-    )  # fmt: skip
+    spec = spec_of("pinhole", position_m=(2, 1, 1), yaw_deg=90, pitch_down_deg=30)
     ahead = mounted_camera(spec).vehicle_from_camera.rotate(np.array([0.0, 0.0, 1.0]))
     assert ahead == pytest.approx([0, np.cos(np.pi / 6), -0.5], abs=1e-12)

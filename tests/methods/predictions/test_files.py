@@ -1,9 +1,7 @@
 """The three kinds of file: what they say, and what no file can do to us."""
 
 import json
-import struct
 import zipfile
-import zlib
 
 import cv2
 import numpy as np
@@ -25,6 +23,7 @@ from bench.methods.predictions.files import (
     read_npz_scores,
     read_png_map,
 )
+from tests.hostile.files import npy_header, png
 
 SIZES = ImageSizes(evaluated_px=(6, 4), stored_px=(6, 4))
 MASK = np.array([[0, 0, 0, 0, 0, 1], [0, 1, 1, 0, 0, 1], [0, 0, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0]], dtype=bool)
@@ -64,27 +63,8 @@ def test_other_values_are_unclear(tmp_path, values, got):
         read_png_map(write_png(tmp_path / "a.png", grey), SIZES)
 
 
-def png_header(width: int, height: int, *, bits: int) -> bytes:
-    body = b"IHDR" + struct.pack(">IIBBBBB", width, height, bits, 0, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + body + struct.pack(">I", zlib.crc32(body))
-
-
-def png(*shape: int) -> bytes:
+def black(*shape: int) -> bytes:
     return cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes()
-
-
-def chunk(kind: bytes, body: bytes) -> bytes:
-    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-
-NO_PIXELS = chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
-PALETTE = (
-    png(4, 6)[:8]
-    + chunk(b"IHDR", struct.pack(">IIBBBBB", 6, 4, 8, 3, 0, 0, 0))
-    + chunk(b"PLTE", bytes((0, 0, 0, 255, 255, 255)))
-    + chunk(b"IDAT", zlib.compress(bytes(7) * 4))
-    + chunk(b"IEND", b"")
-)
 
 
 @pytest.mark.parametrize(
@@ -92,15 +72,15 @@ PALETTE = (
     [
         (b"", "got an empty file"),
         (b"GIF89a", "6 bytes that begin with 47 49 46"),
-        (png(4, 6)[:20], "expected a whole PNG file, got 20 bytes"),
-        (png(4, 6, 3), "expected one grey channel, got 3 channels"),
-        (png(4, 6, 4), "expected one grey channel, got 4 channels"),
-        (PALETTE, "expected one grey channel, got 3 channels"),
-        (png_header(6, 4, bits=7) + NO_PIXELS, "expected a whole PNG"),
-        (png_header(6, 4, bits=8), "expected a whole PNG file, got 33 bytes"),
-        (png_header(6, 4, bits=8) + NO_PIXELS[:-12], "a PNG cut short at"),
-        (png_header(60_000, 40_000, bits=8) + NO_PIXELS, "at most 67108864 pixels, got 60000 x 40000"),
-        (png_header(6, 5, bits=16) + NO_PIXELS, "got 6 x 5"),
+        (black(4, 6)[:20], "expected a whole PNG file, got 20 bytes"),
+        (black(4, 6, 3), "expected one grey channel, got 3 channels"),
+        (black(4, 6, 4), "expected one grey channel, got 4 channels"),
+        (png(6, 4, colour=3, rows=bytes(7) * 4), "expected one grey channel, got 3 channels"),
+        (png(6, 4, bits=7), "expected a whole PNG"),
+        (png(6, 4)[:33], "expected a whole PNG file, got 33 bytes"),
+        (png(6, 4)[:-12], "a PNG cut short at"),
+        (png(60_000, 40_000), "at most 67108864 pixels, got 60000 x 40000"),
+        (png(6, 5, bits=16), "got 6 x 5"),
     ],
 )
 def test_what_is_no_mask_is_refused(tmp_path, content, message):
@@ -147,19 +127,14 @@ def test_what_is_no_score_is_refused(tmp_path, scores, error, message):
         read_npz_scores(tmp_path / "a.npz", SIZES)
 
 
-def npy_header(shape: tuple[int, ...]) -> bytes:
-    text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".encode().ljust(117) + b"\n"
-    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text
-
-
 @pytest.mark.parametrize(
     ("member", "message"),
     [
-        (npy_header((600_000_000, 600_000_000)), "got 600000000 x 600000000"),  # nothing is unpacked for it
-        (npy_header((4, 6)), "score: expected an .npz file with this array"),  # and no numbers
+        (npy_header((600_000_000, 600_000_000), "<f8"), "got 600000000 x 600000000"),  # nothing is unpacked for it
+        (npy_header((4, 6), "<f8"), "score: expected an .npz file with this array"),  # and no numbers
         (b"no array", "score: expected an .npz file with this array"),
         (b"\x93NUMPY\x07\x00", "format 1 or 2"),
-        (npy_header((4, 6)).replace(b"False", b"f(x) "), "score: expected an .npz file with this array"),
+        (npy_header((4, 6), "<f8").replace(b"False", b"f(x) "), "score: expected an .npz file with this array"),
     ],
 )
 def test_hostile_archives_are_refused(tmp_path, member, message):
@@ -171,7 +146,7 @@ def test_hostile_archives_are_refused(tmp_path, member, message):
 
 def test_a_zip_of_zeros_is_not_unpacked(tmp_path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("score.npy", npy_header((4, 6)) + bytes(192) + bytes(1 << 28))
+        archive.writestr("score.npy", npy_header((4, 6), "<f8") + bytes(192) + bytes(1 << 28))
     assert read_npz_scores(tmp_path / "a.npz", SIZES).max() == 0
 
 

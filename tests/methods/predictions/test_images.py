@@ -29,29 +29,22 @@ def listed(handle, **options) -> list[tuple[int, str, bool]]:
 
 def test_numbers_that_name_files_are_frame_numbers_unless_they_are_times(recording):
     times = [k * STEP_NS for k in range(3)]
-    numbered = handle_of(recording, zip(times, ("0000000250", "0000000251", "0000000253"), strict=True))
-    assert [frame for frame, _, _ in listed(numbered, history=1)] == [250, 251, 253]
-    named = handle_of(recording, zip(times, ("00000_FV", "00001_FV", "00002_FV"), strict=True))
-    assert [frame for frame, _, _ in listed(named, history=1)] == [0, 1, 2]
-    timed = handle_of(recording, zip(times, map(str, times), strict=True))
-    assert [frame for frame, _, _ in listed(timed, history=1)] == [0, 1, 2]
-    twice = handle_of(recording, zip(times, ("1", "01", "2"), strict=True))
-    assert [frame for frame, _, _ in listed(twice, history=1)] == [0, 1, 2]
+    for stems, expected in (
+        (("0000000250", "0000000251", "0000000253"), [250, 251, 253]),
+        (("00000_FV", "00001_FV", "00002_FV"), [0, 1, 2]),
+        (map(str, times), [0, 1, 2]),
+        (("1", "01", "2"), [0, 1, 2]),
+    ):
+        handle = handle_of(recording, zip(times, stems, strict=True))
+        assert [frame for frame, _, _ in listed(handle, history=1)] == expected
 
 
 def test_images_without_their_history_are_not_scored(recording):
     steps = (0, 1, 2, 4, 5, 6)  # one is missing
     refs = [(k * STEP_NS, f"x{k}") for k in steps]
-    assert [k for k, image in zip(steps, listed(handle_of(recording, refs), history=1), strict=True) if image[2]] == [
-        1,
-        2,
-        5,
-        6,
-    ]
-    assert [k for k, image in zip(steps, listed(handle_of(recording, refs), history=2), strict=True) if image[2]] == [
-        2,
-        6,
-    ]
+    for history, expected in ((1, [1, 2, 5, 6]), (2, [2, 6])):
+        found = listed(handle_of(recording, refs), history=history)
+        assert [k for k, image in zip(steps, found, strict=True) if image[2]] == expected
 
 
 def test_excluded_images_are_there_under_their_numbers_but_not_scored(recording):

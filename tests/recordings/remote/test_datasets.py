@@ -4,30 +4,26 @@ import pickle
 import shutil
 
 import pytest
-import yaml
 
 from bench.errors import DataError
 from bench.recordings import load_card, open_dataset
 from bench.recordings.object_storage import BY_RECORDING
-from tests.support.data_sets import DATA_SETS, LABELLED_APART
+from tests.support.data_sets import DATA_SETS, card_of
 
 pytestmark = pytest.mark.slow
 
 
-def cards(folder, adapter, options, url):
-    """The card of a data set on disk, and the one of its copy on the storage."""
-    content = {"name": "x", "title": "x", "adapter": adapter, "licence": "x", "options": options}
-    content |= {"annotations": "annotations"} if adapter in LABELLED_APART else {}
-    for name, root in (("disk", "data"), ("remote", url)):
-        (folder / f"{name}.yaml").write_text(yaml.safe_dump(content | {"root": root}))
-    return load_card(folder / "disk.yaml"), load_card(folder / "remote.yaml")
+def remote_card(folder, adapter, options, url):
+    """The card of a data set whose copy lies on the storage."""
+    return load_card(card_of(folder, adapter, options, file="remote.yaml", root=url))
 
 
 @pytest.mark.parametrize("adapter", DATA_SETS)
 def test_every_adapter_reads_the_same_from_an_address(tmp_path, bucket, adapter):
     (tmp_path / "data").mkdir()
     options = DATA_SETS[adapter](tmp_path / "data")
-    here, there = cards(tmp_path, adapter, options, bucket.put_folder(tmp_path / "data", "sets/data"))
+    here = load_card(card_of(tmp_path, adapter, options))
+    there = remote_card(tmp_path, adapter, options, bucket.put_folder(tmp_path / "data", "sets/data"))
     (local,), (remote,) = open_dataset(here), pickle.loads(pickle.dumps(open_dataset(there)))
     shutil.move(tmp_path / "data", tmp_path / "elsewhere")
     recording = remote.open()
@@ -60,7 +56,7 @@ def write_two(root, adapter):
 def test_only_the_opened_recording_is_fetched(tmp_path, bucket, fetched, adapter):
     (tmp_path / "data").mkdir()
     options, name, other = write_two(tmp_path / "data", adapter)
-    _, there = cards(tmp_path, adapter, options, bucket.put_folder(tmp_path / "data", "sets/data"))
+    there = remote_card(tmp_path, adapter, options, bucket.put_folder(tmp_path / "data", "sets/data"))
     handles = open_dataset(there)
     assert len(handles) == 2
     assert fetched == []
@@ -72,7 +68,7 @@ def test_only_the_opened_recording_is_fetched(tmp_path, bucket, fetched, adapter
 def test_an_address_may_be_of_one_recording(tmp_path, bucket):
     (tmp_path / "data").mkdir()
     options = DATA_SETS["native"](tmp_path / "data")
-    _, there = cards(tmp_path, "native", options, bucket.put_folder(tmp_path / "data" / "drive", "sets/drive"))
+    there = remote_card(tmp_path, "native", options, bucket.put_folder(tmp_path / "data" / "drive", "sets/drive"))
     (handle,) = open_dataset(there)
     assert handle.open().name == "drive"
 
@@ -81,7 +77,7 @@ def test_faults_are_told_of_the_remote_recording(tmp_path, bucket):
     (tmp_path / "data").mkdir()
     options = DATA_SETS["native"](tmp_path / "data")
     (tmp_path / "data" / "drive" / "annotations.json").write_text("{}")
-    _, there = cards(tmp_path, "native", options, bucket.put_folder(tmp_path / "data", "sets/data"))
+    there = remote_card(tmp_path, "native", options, bucket.put_folder(tmp_path / "data", "sets/data"))
     (handle,) = open_dataset(there)
     with pytest.raises(DataError, match=r"annotations.json"):
         handle.open()
@@ -99,8 +95,8 @@ def test_wrong_options_and_hostile_names_are_told_before_anything_is_fetched(tmp
     DATA_SETS["native"](tmp_path / "data")
     url = bucket.put_folder(tmp_path / "data", "sets/data")
     with pytest.raises(DataError, match=r"remote.yaml: options.speed"):
-        open_dataset(cards(tmp_path, "native", {"speed": 1}, url)[1])
+        open_dataset(remote_card(tmp_path, "native", {"speed": 1}, url))
     bucket.put("sets/data/../x/recording.json", b"{}")
     with pytest.raises(DataError, match="names of objects that can be files"):
-        open_dataset(cards(tmp_path, "native", {}, url)[1])
+        open_dataset(remote_card(tmp_path, "native", {}, url))
     assert fetched == []

@@ -3,13 +3,13 @@
 from pathlib import Path
 
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.errors import DataError, UsageError
 from bench.recordings import load_card, open_dataset
 from bench.recordings.object_storage import RemoteUrl, parse_location, refuse_unsafe, without_secrets
+from tests.support.cards import write_card
 
 
 @pytest.mark.parametrize("text", ["data", "/data/x", "../x", "C:\\data", "runs/s3"])
@@ -61,26 +61,20 @@ def test_texts_lose_their_secrets():
     assert told == 'no answer of "https://host:90/a", s3://b/c and a?b'
 
 
-def card(folder: Path, **keys: object) -> Path:
-    content = {"name": "x", "title": "x", "adapter": "native", "licence": "x", "root": "s3://bench/x"} | keys
-    (folder / "x.yaml").write_text(yaml.safe_dump(content))
-    return folder / "x.yaml"
-
-
 def test_a_card_names_an_address_also_through_a_variable(tmp_path, monkeypatch):
     monkeypatch.setenv("PLACE", "s3://bench/y")
-    assert load_card(card(tmp_path)).remote_root == RemoteUrl("s3://bench/x")
-    assert load_card(card(tmp_path, root="${PLACE}/z")).remote_root == RemoteUrl("s3://bench/y/z")
-    assert load_card(card(tmp_path, root="data")).remote_root is None
-    assert load_card(card(tmp_path, root=f"file://{tmp_path}")).root == tmp_path
+    assert load_card(write_card(tmp_path, root="s3://bench/x")).remote_root == RemoteUrl("s3://bench/x")
+    assert load_card(write_card(tmp_path, root="${PLACE}/z")).remote_root == RemoteUrl("s3://bench/y/z")
+    assert load_card(write_card(tmp_path)).remote_root is None
+    assert load_card(write_card(tmp_path, root=f"file://{tmp_path}")).root == tmp_path
 
 
 def test_a_card_with_a_secret_or_remote_annotations_is_refused(tmp_path):
     with pytest.raises(DataError, match="root: expected a folder or an address") as refused:
-        open_dataset(load_card(card(tmp_path, root="s3://me:hidden@bench/x")))
+        open_dataset(load_card(write_card(tmp_path, root="s3://me:hidden@bench/x")))
     assert "hidden" not in str(refused.value)
     with pytest.raises(DataError, match="annotations: expected a folder or file of this machine"):
-        open_dataset(load_card(card(tmp_path, annotations="s3://bench/labels")))
+        open_dataset(load_card(write_card(tmp_path, root="s3://bench/x", annotations="s3://bench/labels")))
 
 
 URL = parse_location("s3://bench/x")

@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 
 from bench.cameras import RadialPolynomialCamera
-from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings import MountedCamera
+from bench.geometry import RigidTransform
 from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA, own_body
 from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
-from bench.synthesis.imaging.textures import texture_atlas
-from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, quads
+from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, joined, quads
 from bench.synthesis.scenario import SensorSpec
-from bench.synthesis.scene import KINDS, Lighting
+from tests.synthesis.pictures import GREY, mounted, renderer_of, road
 
-GREY = Surface(albedo=0.5, contrast=0.2)
-ROAD = quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], GREY)
+ROAD = road(GREY)
 AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([3.7, 0.0, 0.8]))
 MODEL = RadialPolynomialCamera(
     width=157, height=117, coefficients=(42.0, -3.0, 5.0, -0.8), principal_point=(78.0, 58.0)
@@ -24,13 +21,8 @@ MODEL = RadialPolynomialCamera(
 
 
 def renderer(kind: str, world: Mesh = ROAD) -> ImageRenderer:
-    camera = MountedCamera(
-        name="c", model=MODEL, vehicle_from_camera=AHEAD, road=RoadPlane.below(AHEAD), stored_size_px=(157, 117)
-    )
-    return ImageRenderer(
-        camera, own_body=own_body(), world=world, atlas=texture_atlas(0), sensor=SensorSpec(),
-        light=Lighting(kind=KINDS[kind], towards_sun=np.array([0.0, 0.6, 0.8])),
-    )  # fmt: skip
+    camera = mounted(MODEL, AHEAD)
+    return renderer_of(camera, world=world, own_body=own_body(), kind=kind, sensor=SensorSpec())
 
 
 def image(renderer: ImageRenderer, body: Mesh, way_m: float) -> RenderedImage:
@@ -60,14 +52,7 @@ def test_what_lies_behind_changes_nothing() -> None:
     body = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
     wall = quads([[14, 9, 0], [14, -9, 0], [14, -9, 6], [14, 9, 6]], GREY)
     behind = box([1.0, 3.0, 2.0], [16.0, 0.0, 1.0], GREY)
-    front, more = (
-        Mesh(
-            corners_m=np.concatenate([part.corners_m for part in parts]),
-            texture_m=np.concatenate([part.texture_m for part in parts]),
-            surfaces=np.concatenate([part.surfaces for part in parts]),
-        )
-        for parts in ([ROAD, wall], [behind, ROAD, wall])
-    )
+    front, more = joined([ROAD, wall]), joined([behind, ROAD, wall])
     without, with_hidden = (image(renderer("overcast", world), body, 0.0) for world in (front, more))
     assert np.array_equal(without.instance_ids, with_hidden.instance_ids)
     assert np.array_equal(without.distances_m, with_hidden.distances_m)

@@ -1,0 +1,49 @@
+"""What a test may take: time and Python's memory."""
+
+import gc
+import signal
+import tracemalloc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
+
+Result = TypeVar("Result")
+
+
+@contextmanager
+def at_most(seconds: int) -> Iterator[None]:
+    """What waits for ever is a failure."""
+
+    def late(*_: object) -> None:
+        raise AssertionError(f"nothing after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def peak_bytes(run: Callable[[], Result]) -> tuple[int, Result]:
+    """The most memory that Python holds in a call, and what the call gives."""
+    gc.collect()
+    tracemalloc.start()
+    try:
+        result = run()
+        return tracemalloc.get_traced_memory()[1], result
+    finally:
+        tracemalloc.stop()
+
+
+@contextmanager
+def memory_below(most_bytes: int) -> Iterator[None]:
+    """Python's memory stays below so much in the block."""
+    tracemalloc.start()
+    try:
+        yield
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < most_bytes

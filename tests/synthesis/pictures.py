@@ -1,0 +1,41 @@
+"""Renderers of small worlds that no recording holds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.cameras import CameraModel
+from bench.geometry import RigidTransform, RoadPlane
+from bench.recordings import MountedCamera
+from bench.synthesis.imaging.renderer import ImageRenderer
+from bench.synthesis.imaging.textures import texture_atlas
+from bench.synthesis.mesh import Mesh, Surface, box, quads
+from bench.synthesis.scenario import SensorSpec
+from bench.synthesis.scene import KINDS, Lighting
+
+GREY = Surface(albedo=0.5, contrast=0.2)
+PLAIN = Surface(albedo=0.5, contrast=0.0)
+NOWHERE = box([0.1, 0.1, 0.1], [0, 0, -50], PLAIN)
+EXACT = SensorSpec(edge_light=1.0, read_noise_grey=0.0, full_well_electrons=None)
+
+
+def road(surface: Surface) -> Mesh:
+    return quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], surface)
+
+
+def mounted(model: CameraModel, vehicle_from_camera: RigidTransform) -> MountedCamera:
+    return MountedCamera(
+        name="front",
+        model=model,
+        vehicle_from_camera=vehicle_from_camera,
+        road=RoadPlane.below(vehicle_from_camera),
+        stored_size_px=(model.width, model.height),
+    )
+
+
+def renderer_of(
+    camera: MountedCamera, *, world: Mesh, own_body: Mesh = NOWHERE, kind: str = "overcast",
+    sun: tuple[float, float, float] = (0.0, 0.6, 0.8), sensor: SensorSpec = EXACT,
+) -> ImageRenderer:  # fmt: skip
+    light = Lighting(kind=KINDS[kind], towards_sun=np.array(sun) / np.linalg.norm(sun))
+    return ImageRenderer(camera, own_body=own_body, world=world, atlas=texture_atlas(0), light=light, sensor=sensor)
