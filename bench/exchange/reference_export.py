@@ -24,12 +24,11 @@ from bench.harness.reference_files import (
     CategoryEntry,
     Form,
     ImageEntry,
-    Label,
-    ObjectEntry,
     PixelsEntry,
     RecordingFile,
     ReferenceFolder,
     ReferenceHead,
+    label_image,
     png_file,
     recording_file,
 )
@@ -61,12 +60,7 @@ class RecordingWriter:
 
     def add(self, frame: ReferenceFrame, *, file_name: str) -> None:
         """Write the reference of an image."""
-        height, width = frame.valid.shape
-        objects = tuple(ObjectEntry.of(number, item) for number, item in enumerate(frame.objects, start=1))
-        image = ImageEntry(
-            id=len(self._images) + 1, file_name=file_name, camera=frame.camera, timestamp_ns=frame.timestamp_ns,
-            width=width, height=height, ego_speed_mps=frame.ego_speed_mps, annotated=frame.annotated, objects=objects,
-        )  # fmt: skip
+        image = ImageEntry.of(frame, number=len(self._images) + 1, file_name=file_name)
         self._images.append(image)
         labels = label_image(frame)
         if self._form == "png":
@@ -74,7 +68,7 @@ class RecordingWriter:
                 file = png_file(self._folder, self._recording, what, frame.camera, frame.timestamp_ns)
                 write_bytes(file, cv2.imencode(".png", values)[1].tobytes())
             return
-        for item in objects:
+        for item in image.objects:
             if item.region_px:
                 self._annotate(image, item.object_class, frame.labels == item.instance_id, item.instance_id)
         for area, label in AREAS.items():
@@ -115,14 +109,6 @@ class RecordingWriter:
                 iscrowd=0 if instance_id else 1,
             )
         )
-
-
-def label_image(frame: ReferenceFrame) -> NDArray[np.uint8]:
-    """The `Label` of each pixel, (H, W) uint8."""
-    parts = [~frame.valid, frame.labels > 0, frame.unknown, frame.ignored]
-    return np.select(parts, [Label.OUTSIDE, Label.CORE, Label.UNKNOWN, Label.IGNORED], Label.BACKGROUND).astype(
-        np.uint8
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
