@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -111,21 +110,6 @@ class RecordingWriter:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExportSpec:
-    """Settings that are the same for all recordings of an export.
-
-    Attributes:
-        folder: to write into.
-        protocol: of the reference.
-        form: of the pixels.
-    """
-
-    folder: Path
-    protocol: Protocol
-    form: Form
-
-
 def export_references(
     card: DatasetCard,
     *,
@@ -160,7 +144,7 @@ def export_references(
     images: dict[str, int] = {}
     problems: dict[str, tuple[str, ...]] = {}
     with new_folder(out) as folder, executor:
-        task = partial(export_recording, ExportSpec(folder=folder, protocol=protocol, form=form))
+        task = partial(export_recording, folder=folder, protocol=protocol, form=form)
         with closing(executor.compute(task, handles)) as results:
             for handle, outcome in results:
                 if isinstance(outcome, FailedTask):
@@ -180,13 +164,14 @@ def export_references(
     return ReferenceFolder.open(out), tuple(line for handle in handles for line in problems[handle.name])
 
 
-def export_recording(spec: ExportSpec, handle: RecordingHandle) -> tuple[int, tuple[str, ...]]:
+def export_recording(
+    handle: RecordingHandle, *, folder: Path, protocol: Protocol, form: Form
+) -> tuple[int, tuple[str, ...]]:
     """Write the reference of a recording; the number of its images, and a line for each without a reference."""
     recording, problems = handle.open(), []
-    classes = spec.protocol.reference.classes
-    writer = RecordingWriter(spec.folder, recording.name, form=spec.form, classes=classes)
+    writer = RecordingWriter(folder, recording.name, form=form, classes=protocol.reference.classes)
     for name in sorted(recording.cameras):
-        builder = ReferenceBuilder(recording, name, spec.protocol.reference_settings())
+        builder = ReferenceBuilder(recording, name, protocol.reference_settings())
         images = recording.images[name]
         for image in images[first_scored(images) :]:
             file_name = _file_name(image, recording)
