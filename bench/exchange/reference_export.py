@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -24,12 +23,11 @@ from bench.harness.reference_files import (
     CategoryEntry,
     Form,
     ImageEntry,
-    Label,
-    ObjectEntry,
     PixelsEntry,
     RecordingFile,
     ReferenceFolder,
     ReferenceHead,
+    label_image,
     png_file,
     recording_file,
 )
@@ -61,12 +59,7 @@ class RecordingWriter:
 
     def add(self, frame: ReferenceFrame, *, file_name: str) -> None:
         """Write the reference of an image."""
-        height, width = frame.valid.shape
-        objects = tuple(ObjectEntry.of(number, item) for number, item in enumerate(frame.objects, start=1))
-        image = ImageEntry(
-            id=len(self._images) + 1, file_name=file_name, camera=frame.camera, timestamp_ns=frame.timestamp_ns,
-            width=width, height=height, ego_speed_mps=frame.ego_speed_mps, annotated=frame.annotated, objects=objects,
-        )  # fmt: skip
+        image = ImageEntry.of(frame, number=len(self._images) + 1, file_name=file_name)
         self._images.append(image)
         labels = label_image(frame)
         if self._form == "png":
@@ -74,7 +67,7 @@ class RecordingWriter:
                 file = png_file(self._folder, self._recording, what, frame.camera, frame.timestamp_ns)
                 write_bytes(file, cv2.imencode(".png", values)[1].tobytes())
             return
-        for item in objects:
+        for item in image.objects:
             if item.region_px:
                 self._annotate(image, item.object_class, frame.labels == item.instance_id, item.instance_id)
         for area, label in AREAS.items():
@@ -117,29 +110,6 @@ class RecordingWriter:
         )
 
 
-def label_image(frame: ReferenceFrame) -> NDArray[np.uint8]:
-    """The `Label` of each pixel, (H, W) uint8."""
-    parts = [~frame.valid, frame.labels > 0, frame.unknown, frame.ignored]
-    return np.select(parts, [Label.OUTSIDE, Label.CORE, Label.UNKNOWN, Label.IGNORED], Label.BACKGROUND).astype(
-        np.uint8
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExportSpec:
-    """Settings that are the same for all recordings of an export.
-
-    Attributes:
-        folder: to write into.
-        protocol: of the reference.
-        form: of the pixels.
-    """
-
-    folder: Path
-    protocol: Protocol
-    form: Form
-
-
 def export_references(
     card: DatasetCard,
     *,
@@ -174,7 +144,7 @@ def export_references(
     images: dict[str, int] = {}
     problems: dict[str, tuple[str, ...]] = {}
     with new_folder(out) as folder, executor:
-        task = partial(export_recording, ExportSpec(folder=folder, protocol=protocol, form=form))
+        task = partial(export_recording, folder=folder, protocol=protocol, form=form)
         with closing(executor.compute(task, handles)) as results:
             for handle, outcome in results:
                 if isinstance(outcome, FailedTask):
@@ -194,13 +164,14 @@ def export_references(
     return ReferenceFolder.open(out), tuple(line for handle in handles for line in problems[handle.name])
 
 
-def export_recording(spec: ExportSpec, handle: RecordingHandle) -> tuple[int, tuple[str, ...]]:
+def export_recording(
+    handle: RecordingHandle, *, folder: Path, protocol: Protocol, form: Form
+) -> tuple[int, tuple[str, ...]]:
     """Write the reference of a recording; the number of its images, and a line for each without a reference."""
     recording, problems = handle.open(), []
-    classes = spec.protocol.reference.classes
-    writer = RecordingWriter(spec.folder, recording.name, form=spec.form, classes=classes)
+    writer = RecordingWriter(folder, recording.name, form=form, classes=protocol.reference.classes)
     for name in sorted(recording.cameras):
-        builder = ReferenceBuilder(recording, name, spec.protocol.reference_settings())
+        builder = ReferenceBuilder(recording, name, protocol.reference_settings())
         images = recording.images[name]
         for image in images[first_scored(images) :]:
             file_name = _file_name(image, recording)

@@ -42,7 +42,8 @@ from bench.evaluation.sums import KEY, TERMS
 from bench.execution import TaskExecutor
 from bench.harness.digests.content import FileDigests
 from bench.harness.manifest import MANIFEST, Aspect, CodeOfRun, differences, read_manifest
-from bench.harness.masks import MASKS, read_mask
+from bench.harness.masks import MASKS
+from bench.harness.replay import NO_MASK, StoredMasks
 from bench.harness.run import RunRequest, run_benchmark
 from bench.harness.run_folder import add_own_files
 from bench.harness.stages import Progress
@@ -51,7 +52,6 @@ from bench.harness.stored import (
     SUMMARY,
     SUMS,
     RunSummary,
-    StoredRows,
     open_tables,
     read_image_maps,
     read_protocol,
@@ -59,7 +59,6 @@ from bench.harness.stored import (
     read_threshold_free,
     sums_digest,
 )
-from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
 from bench.plain_text import listed
 from bench.recordings import DatasetCard
 from bench.recordings.checked_json import read_checked, write_checked
@@ -67,7 +66,6 @@ from bench.recordings.checked_json import read_checked, write_checked
 VERIFIED = "verified.json"
 BY_METHOD = {*HISTOGRAMS, "fp_by_cause", "problem"}  # columns of images that cannot be counted without it
 CHECKED = {Aspect.DATASET, Aspect.SPLIT, Aspect.PROTOCOL, Aspect.DATA, Aspect.REFERENCE}
-NO_MASK = "the run holds no mask"
 RELATIVE = 1e-9  # of what is no count: sums and metrics may be added in another order
 
 
@@ -85,31 +83,6 @@ class Verified(BaseModel):
     summary: str
     utc: str
     code: CodeOfRun
-
-
-class StoredMasks(Method):
-    """Answers with the masks of a run.
-
-    Args:
-        masks: file of the run.
-        history: images that the run's method needs before one.
-    """
-
-    name = "stored-masks"
-    reads_images = False
-
-    def __init__(self, masks: str, history: int) -> None:
-        self.masks, self.history = masks, history
-        self.files = (masks,)
-
-    def segment(self, frame: MethodInput) -> Segmentation:
-        """The mask of the current image."""
-        place = frame.recording, frame.camera_name, frame.timestamps_ns[-1]
-        its_own = [(name, "=", value) for name, value in zip(IMAGE, place, strict=True)]
-        if not len(pq.read_table(self.masks, columns=["timestamp_ns"], filters=its_own)):
-            tuple(frame.images)  # one that cannot be read fails here, as it did in the run
-            raise UnansweredImage(NO_MASK)
-        return read_mask(Path(self.masks), recording=place[0], camera=place[1], timestamp_ns=place[2])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,7 +132,10 @@ def verify_run(
             *_of_maps(run, recount),
         )
     sums = sum_run(*open_tables(run), protocol=protocol)
-    found += (*_of_sums(read_sums(run / SUMS), sums), *_of_summary(summary, summary_of(sums, protocol=protocol), run))
+    found += (
+        *_of_rows(SUMS, read_sums(run / SUMS), sums, key=KEY, columns=TERMS),
+        *_of_summary(run, summary, summary_of(sums, protocol=protocol)),
+    )
     if not found:
         _mark(run)
     return Verification(images=again.provenance.images, differences=found)
@@ -217,40 +193,43 @@ def _of_tables(run: Path, recount: Path) -> Iterator[str]:
     keys: tuple[tuple[list[str], pa.Schema], ...] = (OBJECT, OBJECTS_SCHEMA), (IMAGE, FRAMES_SCHEMA)
     for stored, counted, (key, schema) in zip(open_tables(run), open_tables(recount), keys, strict=True):
         columns = [name for name in schema.names if name not in (*key, *BY_METHOD)]
-        yield from _of_rows(stored, counted, key=key, columns=columns)
+        for recording in sorted(stored.recordings().keys() | counted.recordings().keys()):
+            sides = [rows.read([recording], [*key, *columns]) for rows in (stored, counted)]
+            yield from _of_rows(stored.file.name, *sides, key=key, columns=columns)
     rows = counted.read(sorted(counted.recordings()), [*IMAGE, "problem"])
     left_out = rows[rows["problem"] == NO_MASK]
     if len(left_out):
-        yield _line(stored, left_out, IMAGE, "no mask, though the data allow to score the image")
+        yield _line(stored.file.name, left_out, IMAGE, "no mask, though the data allow to score the image")
 
 
-def _of_rows(stored: StoredRows, counted: StoredRows, *, key: list[str], columns: Sequence[str]) -> Iterator[str]:
-    """One line for each recording and column in which rows differ, with the first of them."""
-    for recording in sorted(stored.recordings().keys() | counted.recordings().keys()):
-        sides = [rows.read([recording], [*key, *columns]) for rows in (stored, counted)]
-        if sides[0].duplicated(key).any():
-            yield f"{stored.file.name}: recording {recording!r}: rows that stand twice"
-            continue
-        rows = merge_rows(*sides, on=key, how="outer")
-        alone = rows["side"] != "both"
-        if alone.any():
-            yield _line(stored, rows[alone], key, "a row that only one of the two has")
-        rows = rows[~alone]
-        for name in columns:
-            was, now = (rows[f"{name}{side}"] for side in SIDES)
-            same = was.eq(now) | (was.isna() & now.isna())
-            if was.dtype == now.dtype == np.float64:  # another processor may tip the last bit of a speed or place
-                same |= np.isclose(was, now, rtol=RELATIVE, atol=RELATIVE)
-            other = ~same.to_numpy(dtype=bool)
-            if other.any():
-                values = was[other].iloc[0], now[other].iloc[0]
-                yield _line(stored, rows[other], key, "{} {}, recounted {}".format(name, *values))
+def _of_rows(
+    file: str, stored: pd.DataFrame, counted: pd.DataFrame, *, key: Sequence[str], columns: Sequence[str]
+) -> Iterator[str]:
+    """One line for each column in which rows differ, with the first of them."""
+    twice = stored[stored.duplicated([*key])]
+    if len(twice):
+        yield _line(file, twice, key, "a row that stands twice")
+        return
+    rows = merge_rows(stored, counted, on=[*key], how="outer")
+    alone = rows["side"] != "both"
+    if alone.any():
+        yield _line(file, rows[alone], key, "a row that only one of the two has")
+    rows = rows[~alone]
+    for name in columns:
+        was, now = (rows[f"{name}{side}"] for side in SIDES)
+        same = was.eq(now) | (was.isna() & now.isna())
+        if was.dtype == now.dtype == np.float64:  # another processor may tip the last bit of a speed or place
+            same |= np.isclose(was, now, rtol=RELATIVE, atol=RELATIVE)
+        other = ~same.to_numpy(dtype=bool)
+        if other.any():
+            values = was[other].iloc[0], now[other].iloc[0]
+            yield _line(file, rows[other], key, "{} {}, recounted {}".format(name, *values))
 
 
-def _line(stored: StoredRows, rows: pd.DataFrame, key: list[str], what: str) -> str:
+def _line(file: str, rows: pd.DataFrame, key: Sequence[str], what: str) -> str:
     where = ", ".join(str(rows[name].iloc[0]) for name in key)
     more = f", and {len(rows) - 1} more" if len(rows) > 1 else ""
-    return f"{stored.file.name}: {where}: {what}{more}"
+    return f"{file}: {where}: {what}{more}"
 
 
 def _of_maps(run: Path, recount: Path) -> Iterator[str]:
@@ -262,31 +241,14 @@ def _of_maps(run: Path, recount: Path) -> Iterator[str]:
             yield f"image_maps.npz: {name}: another map"
 
 
-def _of_sums(stored: pd.DataFrame, counted: pd.DataFrame) -> Iterator[str]:
-    rows = merge_rows(stored[[*KEY, *TERMS]], counted[[*KEY, *TERMS]], on=KEY, how="outer")
-    near = [np.isclose(rows[f"{term}_before"], rows[f"{term}_after"], rtol=RELATIVE, atol=0) for term in TERMS]
-    other = rows[~np.logical_and.reduce(near)]
-    if len(other):
-        first = other.iloc[0]
-        what = "{} / {}, recounted {} / {}".format(*(first[f"{term}{side}"] for side in SIDES for term in TERMS))
-        yield f"{SUMS}: {', '.join(map(str, first[KEY]))}: {what} ({len(other)} rows)"
-
-
-def _of_summary(stored: RunSummary, counted: Summary, run: Path) -> Iterator[str]:
-    parts = {name: getattr(stored, name) for name in type(counted).model_fields if name != "protocol"}
-    for name, part in parts.items():
-        other = [*_unequal(name, _plain(part), _plain(getattr(counted, name)))]
-        if other:
-            yield f"{SUMMARY}: {listed(other, 2)}"
-    curve = read_threshold_free(run)
-    if [*_unequal("threshold_free", _plain(stored.threshold_free), _plain(curve))]:
-        yield f"{SUMMARY}: threshold_free, of other frames"
-
-
-def _plain(part: object) -> object:
-    if isinstance(part, BaseModel):
-        return part.model_dump(mode="json")
-    return {name: _plain(one) for name, one in part.items()} if isinstance(part, Mapping) else part
+def _of_summary(run: Path, stored: RunSummary, counted: Summary) -> Iterator[str]:
+    curve, metrics = read_threshold_free(run), {*type(counted).model_fields} - {"protocol"}
+    was = stored.model_dump(mode="json", include={*metrics, "threshold_free"})
+    now = counted.model_dump(mode="json", include=metrics)
+    now["threshold_free"] = None if curve is None else curve.model_dump(mode="json")
+    other = [line for name in was for line in _unequal(name, was[name], now[name])]
+    if other:
+        yield f"{SUMMARY}: {listed(other, 2)}"
 
 
 def _unequal(place: str, was: object, now: object) -> Iterator[str]:

@@ -102,13 +102,8 @@ def _digest(path: Path) -> str:
 
 def _uncommitted(files: Iterable[Path]) -> Iterator[str]:
     members_of: defaultdict[Path | None, list[Path]] = defaultdict(list)
-    tops: dict[Path, Path | None] = {}
     for path in files:
-        above = next((folder for folder in path.parents if folder in tops), None)
-        if above is None or (tops[above] is None and above != path.parent):
-            told = _git(path.parent, "rev-parse", "--show-toplevel")
-            above, tops[path.parent] = path.parent, None if told is None else Path(told.strip()).resolve()
-        members_of[tops[above]].append(path)
+        members_of[next((folder for folder in path.parents if (folder / ".git").exists()), None)].append(path)
     for checkout, members in members_of.items():
         if checkout is None:
             yield from (f"{path}: in no checkout, and of no installed distribution" for path in members)

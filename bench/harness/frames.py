@@ -16,7 +16,7 @@ from bench.evaluation import Protocol
 from bench.geometry import RigidTransform
 from bench.harness.cache import StepCache
 from bench.harness.oracles import exact_mask, is_oracle
-from bench.harness.reference_files import ExportedReferences, RecordingReference
+from bench.harness.reference_files import RecordingReference
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Scorable, Segmentation, UnansweredImage, ask_method
 from bench.methods.contract import not_derived, own_copy
@@ -88,9 +88,7 @@ class FramePipeline:
         self._further = tuple(
             ReferenceBuilder(recording, camera, other.reference_settings(), beside=self.references) for other in further
         )
-        self._exported = None
-        if exported is not None:
-            self._exported = ExportedReferences(exported, self.camera)
+        self._exported = exported
         self._method = own_copy(method)
         self._clock = clock or StageClock()
         self._steps = steps
@@ -155,7 +153,7 @@ class FramePipeline:
     def _reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
         with self._clock.stage("reference"):
             if self._exported is not None and builder is self.references:
-                return self._exported.build(image)
+                return self._exported.build(image, self.camera)
             return builder.build(image) if self._steps is None else self._steps.reference(builder, image)
 
     def _answer(self, given: MethodInput) -> Segmentation:

@@ -65,8 +65,8 @@ def mask_row(segmentation: Segmentation, *, recording: str, camera: str, timesta
     }
 
 
-def read_mask(file: Path, *, recording: str, camera: str, timestamp_ns: int) -> Segmentation:
-    """Read the segmentation that was scored on an image.
+def read_mask(file: Path, *, recording: str, camera: str, timestamp_ns: int) -> Segmentation | None:
+    """Read the segmentation that was scored on an image; None where none was.
 
     Args:
         file: masks of a run.
@@ -75,14 +75,16 @@ def read_mask(file: Path, *, recording: str, camera: str, timestamp_ns: int) -> 
         timestamp_ns: exposure.
 
     Raises:
-        DataError: the image was not scored, or the file is missing or damaged.
+        DataError: the file is missing or damaged.
     """
     key = ("recording", recording), ("camera", camera), ("timestamp_ns", timestamp_ns)
     try:
         found = pq.read_table(file, schema=MASKS_SCHEMA, filters=[(name, "=", value) for name, value in key])
     except (OSError, pa.ArrowException) as error:
         raise DataError(file, expected="the masks of a run", got=" ".join(str(error).split())) from error
-    if len(found) != 1:
+    if not len(found):
+        return None
+    if len(found) > 1:
         got = f"{len(found)} of {recording!r}, {camera!r} at {timestamp_ns} ns"
         raise DataError(file, expected="one mask of each image that was scored", got=got)
     try:

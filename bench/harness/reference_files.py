@@ -16,10 +16,8 @@ A recording's JSON is read once, images one at a time: memory is that of one ima
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -33,13 +31,13 @@ from pydantic import Field
 from bench.atomic import path_inside, read_regular
 from bench.errors import BenchError, DataError
 from bench.evaluation.summary import ProtocolOfRun
+from bench.harness.digests.content import FileDigests, digest_of
 from bench.methods.predictions.files import RunLengths, decode_run_lengths
 from bench.recordings.checked_json import read_checked
 from bench.recordings.images import decode_image
 from bench.recordings.validation import FileModel, SidePx, TimeNs, read_json
 from bench.records.recording import ImageRef, MountedCamera
 from bench.records.reference import Category, Direction, IgnoreReason, ReferenceFrame, ReferenceObject, Status
-from bench.reference.exposure import visible_region
 
 HEAD = "reference.json"
 SCHEMA_VERSION = 1
@@ -136,6 +134,48 @@ class ImageEntry(FileModel):
     annotated: bool = True
     objects: tuple[ObjectEntry, ...] = ()
     problem: str = ""
+
+    @classmethod
+    def of(cls, frame: ReferenceFrame, *, number: int = 1, file_name: str = "") -> ImageEntry:
+        """The entry of an image with a reference."""
+        height, width = frame.valid.shape
+        return cls(
+            id=number, file_name=file_name, camera=frame.camera, timestamp_ns=frame.timestamp_ns,
+            width=width, height=height, ego_speed_mps=frame.ego_speed_mps, annotated=frame.annotated,
+            objects=tuple(ObjectEntry.of(place, item) for place, item in enumerate(frame.objects, start=1)),
+        )  # fmt: skip
+
+    def frame(self, recording: str, instances: NDArray[np.integer], labels: NDArray[np.uint8]) -> ReferenceFrame:
+        """The reference again, without the polygons of its objects.
+
+        Args:
+            recording: name.
+            instances: (H, W), the number of the object that a pixel is of; 0 for none.
+            labels: (H, W), of `label_image`.
+        """
+        unknown = labels == Label.UNKNOWN
+        return ReferenceFrame(
+            recording=recording,
+            camera=self.camera,
+            timestamp_ns=self.timestamp_ns,
+            ego_speed_mps=self.ego_speed_mps,
+            objects=tuple(item.record() for item in self.objects),
+            labels=instances.astype(np.int32, copy=False),
+            ignored=unknown | (labels == Label.IGNORED),
+            unknown=unknown,
+            valid=labels != Label.OUTSIDE,
+            annotated=self.annotated,
+        )
+
+
+def label_image(frame: ReferenceFrame) -> NDArray[np.uint8]:
+    """The `Label` of each pixel, (H, W) uint8."""
+    labels = np.full(frame.valid.shape, Label.BACKGROUND, dtype=np.uint8)
+    labels[frame.ignored] = Label.IGNORED
+    labels[frame.unknown] = Label.UNKNOWN
+    labels[frame.labels > 0] = Label.CORE
+    labels[~frame.valid] = Label.OUTSIDE
+    return labels
 
 
 class CategoryEntry(FileModel):
@@ -290,21 +330,30 @@ class RecordingReference:
             return "segmentation.size", f"{image.height} x {image.width} (height, width)", got
         return None
 
-    def find(self, camera: str, timestamp_ns: int) -> ImageEntry | None:
-        """The entry of an image; None where there is none."""
-        return self._by_image.get((camera, timestamp_ns))
-
     def image(self, camera: str, timestamp_ns: int) -> ImageEntry:
         """The entry of an image.
 
         Raises:
             DataError: there is none.
         """
-        found = self.find(camera, timestamp_ns)
+        found = self._by_image.get((camera, timestamp_ns))
         if found is None:
             expected = f"an image of {camera!r} at {timestamp_ns} ns"
             raise DataError(self.file, field="images", expected=expected, got=f"{len(self.images)} others")
         return found
+
+    def build(self, image: ImageRef, camera: MountedCamera) -> ReferenceFrame:
+        """The reference of an image, in place of `bench.reference.ReferenceBuilder`.
+
+        Raises:
+            BenchError: it has none, for the reason that the export gives.
+            DataError: it is not in the export, is of another size than the camera, or is damaged.
+        """
+        entry, model = self.image(image.camera, image.timestamp_ns), camera.model
+        if (entry.width, entry.height) != (model.width, model.height):
+            expected, got = f"{model.width} x {model.height} px", f"{entry.width} x {entry.height}"
+            raise DataError(self.file, field=f"images, id {entry.id}", expected=expected, got=got)
+        return self.frame(entry)
 
     def frame(self, image: ImageEntry) -> ReferenceFrame:
         """The reference of an image.
@@ -328,31 +377,15 @@ class RecordingReference:
             raise DataError(place, expected=f"labels 0 to {max(Label)}", got=str(int(labels.max())))
         if ((labels == Label.CORE) != (instances > 0)).any():
             raise DataError(place, expected="label 1 where an instance is, and nowhere else", got="another place")
-        unknown = labels == Label.UNKNOWN
-        return ReferenceFrame(
-            recording=self._name,
-            camera=image.camera,
-            timestamp_ns=image.timestamp_ns,
-            ego_speed_mps=image.ego_speed_mps,
-            objects=tuple(item.record() for item in image.objects),
-            labels=instances.astype(np.int32),
-            ignored=unknown | (labels == Label.IGNORED),
-            unknown=unknown,
-            valid=labels != Label.OUTSIDE,
-            annotated=image.annotated,
-        )
+        return image.frame(self._name, instances, labels)
 
     def digest(self, images: Sequence[ImageRef]) -> str:
         """SHA-256 of what was read of images, and of their files of pixels."""
-        digest = hashlib.sha256()
-        for entry in filter(None, (self.find(image.camera, image.timestamp_ns) for image in images)):
-            digest.update(entry.model_dump_json().encode())
-            for _, pixels in self._pixels.get(entry.id, []):
-                digest.update(f"{pixels.model_dump_json()}{self._categories.get(pixels.category_id)}".encode())
-            for file in self._files(entry):
-                with suppress(OSError):  # an image without its file is told where it is scored
-                    digest.update(str(file.name).encode() + hashlib.sha256(read_regular(file)).digest())
-        return digest.hexdigest()
+        entries = [found for image in images if (found := self._by_image.get((image.camera, image.timestamp_ns)))]
+        runs = [pixels for entry in entries for _, pixels in self._pixels.get(entry.id, [])]
+        named = [self._categories.get(pixels.category_id) for pixels in runs]
+        read = FileDigests()  # an image without its file is told where it is scored
+        return digest_of(entries, runs, named, [read.of(file) for entry in entries for file in self._files(entry)])
 
     def _files(self, image: ImageEntry) -> list[Path]:
         """The files that hold an image's pixels, beside that of the recording."""
@@ -385,29 +418,3 @@ def _read_png(file: Path, image: ImageEntry, *, bits: Literal[8, 16]) -> NDArray
     if values.dtype != f"uint{bits}" or values.shape != (image.height, image.width):
         raise DataError(file, expected=expected, got=f"{values.dtype} {values.shape}")
     return values
-
-
-class ExportedReferences:
-    """Gives the references of a camera as `bench.reference.ReferenceBuilder` does, from an export.
-
-    Args:
-        recording: as it was exported.
-        camera: of the recording.
-    """
-
-    def __init__(self, recording: RecordingReference, camera: MountedCamera) -> None:
-        self._recording, self._camera = recording, camera
-        self.valid = visible_region(camera)
-
-    def build(self, image: ImageRef) -> ReferenceFrame:
-        """The reference of an image.
-
-        Raises:
-            BenchError: it has none, for the reason that the export gives.
-            DataError: it is not in the export, is of another size than the camera, or is damaged.
-        """
-        entry, model = self._recording.image(image.camera, image.timestamp_ns), self._camera.model
-        if (entry.width, entry.height) != (model.width, model.height):
-            expected, got = f"{model.width} x {model.height} px", f"{entry.width} x {entry.height}"
-            raise DataError(self._recording.file, field=f"images, id {entry.id}", expected=expected, got=got)
-        return self._recording.frame(entry)

@@ -6,19 +6,48 @@ changed since, are refused: a picture shows what was scored, or nothing.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 from bench.errors import DataError
 from bench.evaluation import Protocol
 from bench.evaluation.counts import count_frame
-from bench.harness.frames import FramePipeline, InputOnly, ProcessedFrame, UnscorableFrame
+from bench.harness.frames import FramePipeline, ProcessedFrame, UnscorableFrame
 from bench.harness.masks import MASKS, read_mask
 from bench.harness.stored import RunSummary, open_tables
+from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
 from bench.recordings import DatasetCard, load_card, open_dataset
-from bench.records.segmentation import segmentation_fault
 
 COUNTS = ("valid_px", "reference_px", "ignored_px", "tp_px", "fp_px")
 _KEY = ("camera", "timestamp_ns")
+NO_MASK = "the run holds no mask"
+
+
+class StoredMasks(Method):
+    """Answers with the masks of a run, in place of the method that made them.
+
+    Args:
+        masks: file of the run.
+        history: images that the run's method needs before one.
+    """
+
+    name = "stored-masks"
+    reads_images = False
+
+    def __init__(self, masks: str, history: int) -> None:
+        self.masks, self.history = masks, history
+        self.files = (masks,)
+
+    def segment(self, frame: MethodInput) -> Segmentation:
+        """The mask of the current image."""
+        found = read_mask(
+            Path(self.masks),
+            recording=frame.recording, camera=frame.camera_name, timestamp_ns=frame.timestamps_ns[-1],
+        )  # fmt: skip
+        if found is None:
+            tuple(frame.images)  # one that cannot be read fails here, as it did in the run
+            raise UnansweredImage(NO_MASK)
+        return found
 
 
 class StoredFrames:
@@ -36,16 +65,16 @@ class StoredFrames:
 
     def __init__(self, run: Path, summary: RunSummary, protocol: Protocol, *, card: DatasetCard | None = None) -> None:
         self._protocol = protocol
-        self._input = InputOnly(history=summary.manifest.method.history)
-        self._masks = run / MASKS
-        if not self._masks.is_file():
+        masks = run / MASKS
+        if not masks.is_file():
             hint = "run again: pictures are drawn from stored masks, and the method of a stored run is never called"
-            raise DataError(self._masks, expected="the masks that were scored", got="no such file", hint=hint)
+            raise DataError(masks, expected="the masks that were scored", got="no such file", hint=hint)
+        self._method = StoredMasks(str(masks), summary.manifest.method.history)
         self._card = card or load_card(summary.manifest.dataset.card)
         self._handles = {handle.name: handle for handle in open_dataset(self._card, summary.manifest.dataset.split)}
         self._frames = open_tables(run)[1]
         self._pipelines: dict[tuple[str, str], FramePipeline] = {}
-        self._stored: tuple[str, dict[tuple[str, int], tuple[int, ...]]] = ("", {})
+        self._counts = lru_cache(maxsize=1)(self._read_counts)
 
     def pipeline(self, recording: str, camera: str) -> FramePipeline:
         """The pipeline of the images of a camera.
@@ -64,15 +93,15 @@ class StoredFrames:
                 got = ", ".join(opened.cameras)
                 raise DataError(opened.root, expected=f"the camera {camera!r} of the run", got=got)
             self._pipelines.clear()  # a recording at a time, or memory would grow with their number
-            self._pipelines[key] = FramePipeline(opened, camera, method=self._input, protocol=self._protocol)
+            self._pipelines[key] = FramePipeline(opened, camera, method=self._method, protocol=self._protocol)
         return self._pipelines[key]
 
     def process(self, recording: str, camera: str, timestamp_ns: int) -> ProcessedFrame:
         """An image with its stored mask and its reference.
 
         Raises:
-            DataError: the image, its mask or its reference cannot be read.
-            UnscorableFrame: its counts differ from the stored ones.
+            BenchError: the image, its mask or its reference cannot be used.
+            UnscorableFrame: it has no mask, or its counts differ from the stored ones.
         """
         pipeline = self.pipeline(recording, camera)
         times_ns = [image.timestamp_ns for image in pipeline.images]
@@ -80,31 +109,22 @@ class StoredFrames:
             raise DataError(
                 pipeline.recording.root, expected=f"an image of {camera!r} at {timestamp_ns} ns", got="none"
             )
-        index = times_ns.index(timestamp_ns)
-        given, reference = pipeline.method_input(index), pipeline.reference(index)
-        answer = read_mask(self._masks, recording=recording, camera=camera, timestamp_ns=timestamp_ns)
-        height, width = reference.valid.shape
-        if (fault := segmentation_fault(answer, width=width, height=height)) is not None:
-            raise DataError(self._masks, expected="the segmentation that was scored", got=fault)
-        counted, _ = count_frame(reference, answer.mask_at(width, height), component_size_px=0)
-        now, then = (
-            tuple(getattr(counted, name) for name in COUNTS),
-            self._counts(recording).get((camera, timestamp_ns)),
-        )
+        frame = pipeline.process(times_ns.index(timestamp_ns))
+        height, width = frame.reference.valid.shape
+        counted, _ = count_frame(frame.reference, frame.segmentation.mask_at(width, height), component_size_px=0)
+        now = tuple(getattr(counted, name) for name in COUNTS)
+        then = self._counts(recording).get((camera, timestamp_ns))
         if now != then:
             stored = "no counts" if then is None else _difference(then, now)
             raise UnscorableFrame(
                 f"recording {recording!r}, camera {camera!r}, image at {timestamp_ns} ns: the run stored {stored}; "
                 f"code or data changed since, so that a picture would not show what was scored"
             )
-        return ProcessedFrame(image=pipeline.images[index], given=given, segmentation=answer, reference=reference)
+        return frame
 
-    def _counts(self, recording: str) -> dict[tuple[str, int], tuple[int, ...]]:
-        if self._stored[0] != recording:
-            rows = self._frames.read([recording], [*_KEY, *COUNTS]).to_dict("records")
-            counts = {(row["camera"], row["timestamp_ns"]): tuple(row[name] for name in COUNTS) for row in rows}
-            self._stored = recording, counts
-        return self._stored[1]
+    def _read_counts(self, recording: str) -> dict[tuple[str, int], tuple[int, ...]]:
+        rows = self._frames.read([recording], [*_KEY, *COUNTS]).to_dict("records")
+        return {(row["camera"], row["timestamp_ns"]): tuple(row[name] for name in COUNTS) for row in rows}
 
 
 def _difference(then: tuple[int, ...], now: tuple[int, ...]) -> str:

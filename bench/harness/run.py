@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -128,13 +128,14 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> dict[
     """
     handles = request.recordings()  # before anything is written
     summaries = {}
-    with ExitStack() as held:
-        method_code = _method_code(request)
-        manifests = _begin(request, held, method_code, shared=False)
+    with _begun(request, shared=False) as (spec, manifests):
         with ExitStack() as replaced:
             folders = {run: replaced.enter_context(new_results(run)) for run in request.runs}
-            scored = _score(request, handles, Part(), manifests, method_code)
-            origin = {"unrepeatable": unrepeatable_code(method_code), "method_commit": method_commit(method_code)}
+            scored = _score(request, spec, handles, Part())
+            origin = {
+                "unrepeatable": unrepeatable_code(spec.method_code),
+                "method_commit": method_commit(spec.method_code),
+            }
             for run, results in folders.items():
                 summaries[run] = _write_results(results, request, run, scored, manifests[run], origin)
                 if finish is not None:
@@ -157,9 +158,8 @@ def score_part(request: RunRequest, part: Part) -> ScoredPart:
         DataError, UsageError: as `run_benchmark`, but for a part of which nothing could be used.
     """
     handles = request.recordings()
-    with ExitStack() as held:
-        method_code = _method_code(request)
-        return _score(request, handles, part, _begin(request, held, method_code, shared=True), method_code)
+    with _begun(request, shared=True) as (spec, _):
+        return _score(request, spec, handles, part)
 
 
 @dataclass(kw_only=True)
@@ -218,8 +218,9 @@ class ScoredPart:
         )
 
 
-def _method_code(request: RunRequest) -> MethodCode:
-    """The code of the method of a run that begins.
+@contextmanager
+def _begun(request: RunRequest, *, shared: bool) -> Iterator[tuple[RunSpec, dict[Path, Manifest]]]:
+    """Hold the folders of runs, and note of what run each is: what their tasks have in common, and the manifests.
 
     Raises:
         UsageError: the method cannot be copied for each unit, or other processes cannot import it.
@@ -232,28 +233,7 @@ def _method_code(request: RunRequest) -> MethodCode:
             f"{method_code.unidentified}, which this process defined or changed; put it into a file, or score with one "
             f"worker"
         )
-    return method_code
-
-
-def _begin(request: RunRequest, held: ExitStack, method_code: MethodCode, *, shared: bool) -> dict[Path, Manifest]:
-    """Hold the folders of runs and note of what run each is; the manifests by folder."""
     manifests = {run: request.manifest(rules, method_code) for run, rules in request.runs.items()}
-    for run, manifest in manifests.items():
-        held.enter_context(held_run_folder(run, shared=shared))
-        begin_run(run, manifest, overwrite=request.overwrite)
-    return manifests
-
-
-def _score(
-    request: RunRequest,
-    handles: Sequence[RecordingHandle],
-    part: Part,
-    manifests: Mapping[Path, Manifest],
-    method_code: MethodCode,
-) -> ScoredPart:
-    """Open recordings, score the units of a part and store them."""
-    if request.cache is not None:
-        request.cache.prepare()
     spec = RunSpec(
         method=request.method,
         method_code=method_code,
@@ -262,6 +242,17 @@ def _score(
         cache=request.cache,
         exported=request.exported,
     )
+    with ExitStack() as held:
+        for run, manifest in manifests.items():
+            held.enter_context(held_run_folder(run, shared=shared))
+            begin_run(run, manifest, overwrite=request.overwrite)
+        yield spec, manifests
+
+
+def _score(request: RunRequest, spec: RunSpec, handles: Sequence[RecordingHandle], part: Part) -> ScoredPart:
+    """Open recordings, score the units of a part and store them."""
+    if request.cache is not None:
+        request.cache.prepare()
     scored = ScoredPart(workers=request.executor.workers)
 
     def tell() -> None:

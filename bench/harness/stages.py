@@ -33,11 +33,6 @@ class StageClock:
             if self._within:
                 self._within[-1] += whole
 
-    def add(self, other: StageClock) -> None:
-        """Take in another clock's seconds."""
-        for name, seconds in other.seconds.items():
-            self.seconds[name] += seconds
-
 
 Progress = Callable[[float, int], None]
 

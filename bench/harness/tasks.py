@@ -276,29 +276,22 @@ def _changed(decided_by: Mapping[str, str], stored: Collection[Mapping[str, str]
 class OpenedRecording:
     """A recording that this process has open, with its exported reference where one is scored by."""
 
-    spec_id: str
-    handle_name: str
     recording: Recording
     inputs: RecordingInputs
     exported: RecordingReference | None
 
 
-_held: list[OpenedRecording] = []  # the last one; tasks of a recording mostly follow each other
+_held: dict[tuple[str, str], OpenedRecording] = {}  # the last one; tasks of a recording mostly follow each other
 
 
 def _open(spec: RunSpec, handle: RecordingHandle) -> OpenedRecording:
-    if not (_held and (_held[0].spec_id, _held[0].handle_name) == (spec.run_id, handle.name)):
-        _held[:] = []
+    key = spec.run_id, handle.name
+    if key not in _held:
+        _held.clear()
         recording = handle.open()
-        opened = OpenedRecording(
-            spec_id=spec.run_id,
-            handle_name=handle.name,
-            recording=recording,
-            inputs=RecordingInputs(recording),
-            exported=None if spec.exported is None else spec.exported.recording(recording.name),
-        )
-        _held.append(opened)
-    return _held[0]
+        exported = None if spec.exported is None else spec.exported.recording(recording.name)
+        _held[key] = OpenedRecording(recording=recording, inputs=RecordingInputs(recording), exported=exported)
+    return _held[key]
 
 
 def _refuse_change(

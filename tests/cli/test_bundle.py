@@ -1,14 +1,14 @@
 """A run in one file: packed, sent, unpacked, verified and listed; foreign ones are looked at first."""
 
-import json
 import shutil
+from copy import copy
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import pytest
 
 from bench.errors import DataError
-from bench.exchange.bundle import FILES, LIST, unpack_bundle, write_bundle
+from bench.exchange.bundle import FILES, is_bundle, unpack_bundle, write_bundle
 from bench.harness import read_run
 from tests.support.commands import call, error_line
 
@@ -86,44 +86,46 @@ def repacked(bundle: Path, out: Path, change, *, compression: int = ZIP_STORED) 
     return out
 
 
-def of_list(change):
-    """The list changed."""
-
-    def changed(files) -> None:
-        content = json.loads(files[LIST])
-        change(content["files"])
-        files[LIST] = json.dumps(content).encode()
-
-    return changed
-
-
 def renamed(old: str, new: str):
     def changed(files) -> None:
         files[new] = files.pop(old)
-        of_list(lambda listed: listed.update({new: listed.pop(old)}))(files)
 
     return changed
 
 
-def other_content(files) -> None:
-    files["objects.parquet"] = files["objects.parquet"][:-1] + b"x"
+def without(name: str):
+    def changed(files) -> None:
+        del files[name]
+
+    return changed
 
 
+def other_content(name: str):
+    def changed(files) -> None:
+        files[name] = files[name][:-1] + b"x"
+
+    return changed
+
+
+def of_another_manifest(files) -> None:
+    files["manifest.json"] = files["summary.json"]
+
+
+ONE_OF = "expected each of these at most once: .*objects.parquet"
 CHANGES = {
-    "a file more": (lambda files: files.update(mine=b"x"), "expected the files and sizes of the archive.*'mine'"),
-    "a file less": (lambda files: files.pop("sums.csv") and None, "expected the files and sizes .*'sums.csv'"),
-    "another size": (of_list(lambda files: files["sums.csv"].update(size=1)), "expected the files and sizes"),
-    "another content": (other_content, "objects.parquet: expected content with the digest"),
-    "no list": (lambda files: files.pop(LIST) and None, "expected a list of the run's files, got none"),
-    "a list that is none": (lambda files: files.update({LIST: b"[]"}), "sent.run.zip"),
-    "a place outside": (renamed("sums.csv", "../sums.csv"), "expected one of"),
-    "an absolute place": (renamed("sums.csv", "/tmp/sums.csv"), "expected one of"),
-    "a mark": (renamed("sums.csv", "verified.json"), "expected one of"),
-    "a program": (renamed("sums.csv", "method.py"), "expected one of"),
-    "a list as large as a bomb": (lambda files: files.update({LIST: b" " * (1 << 17)}), "got none"),
-    "no summary": (lambda files: files.pop("summary.json") and of_list(lambda f: f.pop("summary.json"))(files),
-                   "summary.json: expected the summary of a run"),
-}  # fmt: skip
+    "a file more": (lambda files: files.update(mine=b"x"), f"mine: {ONE_OF}"),
+    "a file less": (without("sums.csv"), "sums.csv: expected a file of the run, got no such file"),
+    "no summary": (without("summary.json"), "summary.json: expected the summary of a run"),
+    "no manifest": (without("manifest.json"), "manifest.json: expected a file of the run, got no such file"),
+    "no protocol": (without("protocol.json"), "protocol.json: expected the protocol of a run, got no such file"),
+    "other tables": (other_content("objects.parquet"), "objects.parquet: expected the file that summary.json is of"),
+    "another summary": (other_content("summary.json"), "summary.json: expected the summary of a run"),
+    "another manifest": (of_another_manifest, "manifest.json"),
+    "a place outside": (renamed("sums.csv", "../sums.csv"), ONE_OF),
+    "an absolute place": (renamed("sums.csv", "/tmp/sums.csv"), ONE_OF),
+    "a mark": (renamed("sums.csv", "verified.json"), ONE_OF),
+    "a program": (renamed("sums.csv", "method.py"), ONE_OF),
+}
 
 
 @pytest.mark.parametrize("name", CHANGES)
@@ -133,6 +135,30 @@ def test_a_bundle_that_was_changed_is_refused_and_nothing_stays(bundle, tmp_path
     with pytest.raises(DataError, match=message):
         unpack_bundle(file, tmp_path / "out")
     assert [*tmp_path.iterdir()] == [file]
+
+
+def test_a_file_that_stands_twice_and_files_larger_than_the_bundle_are_refused(bundle, tmp_path):
+    """Entries of an archive may share their bytes, so that a small one unpacks to many times its size."""
+    twice = shutil.copy(bundle, tmp_path / "twice.run.zip")
+    with ZipFile(twice, "a") as archive, pytest.warns(UserWarning, match="Duplicate name"):
+        archive.writestr(ZipInfo("sums.csv"), b"x")
+    with pytest.raises(DataError, match="one that stands twice"):
+        unpack_bundle(twice, tmp_path / "out")
+    shared = tmp_path / "shared.run.zip"
+    with ZipFile(shared, "w") as archive:
+        archive.writestr(ZipInfo("objects.parquet"), bytes(100_000))
+        (entry,) = archive.filelist
+        archive.filelist += [copy_of(entry, name) for name in sorted(FILES - {entry.filename})]
+    with pytest.raises(DataError, match=r"expected files of at most \d+ bytes, its own size, got 800000 bytes"):
+        unpack_bundle(shared, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def copy_of(entry: ZipInfo, name: str) -> ZipInfo:
+    """An entry of another name for the same bytes."""
+    other = copy(entry)
+    other.filename = name
+    return other
 
 
 def test_a_compressed_or_cut_bundle_and_what_is_none_are_refused(bundle, tmp_path):
@@ -148,6 +174,7 @@ def test_a_compressed_or_cut_bundle_and_what_is_none_are_refused(bundle, tmp_pat
         (tmp_path, "expected the bundle of a run"),
         (tmp_path / "missing", "expected the bundle of a run"),
     ):
+        assert is_bundle(file) == (file == packed)
         with pytest.raises(DataError, match=message):
             unpack_bundle(file, tmp_path / "out")
     assert not (tmp_path / "out").exists()

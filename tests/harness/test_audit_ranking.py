@@ -80,22 +80,22 @@ def scores(iou: np.ndarray, predictions, *, cases: np.ndarray | float = 1.0) -> 
     return pd.DataFrame(terms, index=every).reset_index().assign(slice="crossing", metric="iou")
 
 
-def test_a_reference_with_the_scores_of_the_truth_agrees_with_it():
-    found = row(by_lidar=[0.1, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9]).agreement[PAPER]
-    assert found.tau.value == pytest.approx(1)
-    assert found.difference["iou"].value == found.difference_real["iou"].value == 0
-
-
-def test_a_reversed_order_gives_minus_one():
-    found = row(by_lidar=[0.9, 0.5, 0.1], by_masks=[0.1, 0.5, 0.9]).agreement[SURFACE]
-    assert found.tau.value == pytest.approx(-1)
-    assert found.difference["iou"].value == pytest.approx((0.8 + 0 + 0.8) / 3)
-
-
-def test_the_same_order_may_have_other_scores():
-    found = row(by_lidar=[0.0, 0.4, 0.6], by_masks=[0.1, 0.5, 0.9]).agreement[PAPER]
-    assert found.tau.value == pytest.approx(1)
-    assert found.difference["iou"].value == pytest.approx((0.1 + 0.1 + 0.3) / 3)
+@pytest.mark.parametrize(
+    ("by_lidar", "tau", "difference"),
+    [
+        ([0.1, 0.5, 0.9], 1, 0.0),
+        ([0.9, 0.5, 0.1], -1, (0.8 + 0 + 0.8) / 3),
+        ([0.0, 0.4, 0.6], 1, (0.1 + 0.1 + 0.3) / 3),
+    ],
+    ids=["the scores of the truth", "the reversed order", "other scores in the same order"],
+)
+def test_a_reference_agrees_with_the_truth_in_order_and_scores(by_lidar, tau, difference):
+    found = row(by_lidar=by_lidar, by_masks=[0.1, 0.5, 0.9])
+    for reference in (PAPER, SURFACE):
+        agreement = found.agreement[reference]
+        assert agreement.tau.value == pytest.approx(tau)
+        assert agreement.difference["iou"].value == pytest.approx(difference)
+        assert agreement.difference_real["iou"].value == pytest.approx(difference)
 
 
 def test_ties_count_as_kendall_says():

@@ -3,30 +3,18 @@
 import pytest
 
 from bench.errors import UnknownNameError, UsageError
-from bench.evaluation import load_protocol
-from bench.harness.cache import CacheFolder
-from bench.methods import build_method
 from bench.recordings import InputErrors, load_card
 from bench.recordings.input_errors import named_input_errors
-from tests.support.runs import run_one
+from tests.support import runs
 
 PAIRS = 12  # three drives of five images
 
 
 @pytest.fixture
 def score(tiny_card, tmp_path):
-    kept = CacheFolder(folder=tmp_path / "cache")
-
     def scored(out, method="spherical", **errors):
-        return run_one(
-            card=load_card(str(tiny_card)),
-            method=build_method(method),
-            protocol=load_protocol("paper-v1"),
-            out=tmp_path / out,
-            cache=kept,
-            input_errors=named_input_errors(errors),
-            overwrite=True,
-        )
+        options = {"cache": tmp_path / "cache", "input_errors": named_input_errors(errors), "overwrite": True}
+        return runs.score(tiny_card, tmp_path / out, method=method, **options)
 
     return scored
 

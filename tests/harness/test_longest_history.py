@@ -1,6 +1,5 @@
 """Methods that can use more images than they need: as many as there are, and scored on the same images."""
 
-import shutil
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -8,13 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.evaluation import load_protocol
 from bench.harness import FramePipeline, plan_units, read_tables
-from bench.methods import Method, Segmentation, build_method
+from bench.harness.stored import IMAGE_MAPS
+from bench.methods import Method, Segmentation
 from bench.recordings import load_card, open_dataset, read_image
-from tests.support.runs import run_one
-
-PROTOCOL = load_protocol("paper-v1")
+from tests.support.runs import PAPER, score
 
 
 class Greedy(Method):
@@ -32,15 +29,10 @@ class Greedy(Method):
         return Segmentation(cell_size_px=1, mask=np.zeros(frame.valid.shape, bool))
 
 
-@pytest.fixture
-def own_card(tiny_card: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(tiny_card.parent, tmp_path / "datasets") / tiny_card.name
-
-
 def images_seen(card, indices):
     recording = next(h for h in open_dataset(load_card(str(card))) if h.name == "crossing").open()
     method = Greedy()
-    pipeline = FramePipeline(recording, "front", method=method, protocol=PROTOCOL)
+    pipeline = FramePipeline(recording, "front", method=method, protocol=PAPER)
     for index in indices:
         pipeline.process(index)
     return method.seen
@@ -79,14 +71,15 @@ def test_a_gap_shortens_what_is_seen(own_card):
     assert images_seen(own_card, [1, 3]) == [2, 2]
 
 
-@pytest.mark.parametrize("name", ["background-subtraction", "spherical-sparse"])
-def test_chunks_give_the_same_masks(tiny_card, tmp_path, monkeypatch, name):
-    def rows(out):
-        run_one(card=load_card(str(tiny_card)), method=build_method(name), protocol=PROTOCOL, out=tmp_path / out)
+@pytest.mark.parametrize("name", ["spherical", "background-subtraction", "spherical-sparse"])
+def test_chunks_give_the_same_tables_and_maps(tiny_card, tmp_path, monkeypatch, name):
+    def found(out):
+        score(tiny_card, tmp_path / out, method=name)
         key = lambda row: (row["recording"], row["timestamp_ns"], row.get("track_id") or "")  # noqa: E731
-        return [sorted(table.to_pylist(), key=key) for table in read_tables(tmp_path / out)]
+        rows = [sorted(table.to_pylist(), key=key) for table in read_tables(tmp_path / out)]
+        return *rows, (tmp_path / out / IMAGE_MAPS).read_bytes()
 
-    whole = rows("whole")
+    whole = found("whole")
     monkeypatch.setattr("bench.harness.tasks.plan_units", partial(plan_units, chunk_images=1))
-    assert rows("chunks") == whole
-    assert len(whole[1]) == 12
+    assert found("chunks") == whole
+    assert len(list((tmp_path / "chunks" / "units").glob("*.unit"))) == len(whole[1]) == 12

@@ -2,19 +2,14 @@
 
 import pytest
 
-from bench.evaluation import load_protocol
 from bench.harness import read_run, read_tables
-from bench.harness.cache import CacheFolder
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS
-from bench.methods import build_method
-from bench.recordings import load_card
 from tests.harness.misbehaving import FAULTS, Misbehaving
-from tests.support.runs import run_one
+from tests.support.runs import score
 from tests.support.troubled_runs import call
 
 pytestmark = pytest.mark.slow
 
-PAPER = load_protocol("paper-v1")
 FAULTY = {
     "returns_none": "expected a bench.methods.Segmentation from segment(), got NoneType",
     "returns_array": "expected a bench.methods.Segmentation from segment(), got ndarray",
@@ -34,11 +29,6 @@ FAULTY = {
     "leave_cache": "name of a cached step: expected up to 64 lower-case letters",
     "bench_error": "threshold",
 }
-
-
-def score(card, out, *, method, cache=None):
-    kept = None if cache is None else CacheFolder(folder=cache)
-    return run_one(card=load_card(str(card)), method=method, protocol=PAPER, out=out, cache=kept)
 
 
 def test_every_fault_is_tried():
@@ -87,8 +77,8 @@ def test_a_method_cannot_change_what_it_is_scored_against(tiny_card, tmp_path):
     assert forced.categories == calm.categories
     assert forced.false_positives == calm.false_positives
     later, clean = tmp_path / "later", tmp_path / "clean"
-    assert score(tiny_card, later, method=build_method("spherical"), cache=cache).provenance.work.steps_found
-    score(tiny_card, clean, method=build_method("spherical"))
+    assert score(tiny_card, later, cache=cache).provenance.work.steps_found
+    score(tiny_card, clean)
     for (one, other), columns in zip(
         zip(read_tables(later), read_tables(clean), strict=True), (REFERENCE_OF_OBJECTS, REFERENCE_OF_FRAMES),
         strict=True,

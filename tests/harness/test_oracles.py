@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.cli import main
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
@@ -17,16 +16,8 @@ from bench.harness.wrong_masks import merged, with_ghost
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card, open_dataset, read_truth
 from tests.evaluation.frames import picture
-from tests.support.runs import run_one
-
-
-def call(monkeypatch, *words) -> int:
-    monkeypatch.setattr("sys.argv", ["fisheye-bench", *map(str, words)])
-    try:
-        main()
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
+from tests.support.commands import call
+from tests.support.runs import PAPER, score
 
 
 @pytest.mark.parametrize("protocol", ["paper-v1", "extended-v1", "surface-v1"])
@@ -56,13 +47,7 @@ def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protoc
 
 def test_regions_with_unknown_bands_are_the_same_in_one_process_and_in_two(tiny_card, tmp_path):
     for name, executor in (("one", SerialExecutor()), ("two", ProcessExecutor(workers=2))):
-        run_one(
-            card=load_card(str(tiny_card)),
-            method=build_scorable("reference"),
-            protocol=load_protocol("surface-v1"),
-            out=tmp_path / name,
-            executor=executor,
-        )
+        score(tiny_card, tmp_path / name, method="reference", protocol=load_protocol("surface-v1"), executor=executor)
     for file in ("objects.parquet", "frames.parquet"):
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
     assert read_run(tmp_path / "one").all_moving.metric("unknown_share").value > 0
@@ -70,12 +55,7 @@ def test_regions_with_unknown_bands_are_the_same_in_one_process_and_in_two(tiny_
 
 def test_it_compares_with_methods_on_the_same_images(tiny_card, tmp_path):
     digests = {
-        run_one(
-            card=load_card(str(tiny_card)),
-            method=build_scorable(name),
-            protocol=load_protocol("paper-v1"),
-            out=tmp_path / name,
-        ).manifest.reference
+        score(tiny_card, tmp_path / name, method=name).manifest.reference
         for name in ("reference", "nothing", "background-subtraction", "spherical-sparse")
     }
     assert len(digests) == 1
@@ -96,7 +76,7 @@ def truth_frame(tiny_card, index=2, **settings):
     handle = next(h for h in open_dataset(load_card(str(tiny_card))) if h.name == "crossing")
     recording = handle.open()
     method = build_scorable("truth", settings)
-    pipeline = FramePipeline(recording, "front", method=method, protocol=load_protocol("paper-v1"))
+    pipeline = FramePipeline(recording, "front", method=method, protocol=PAPER)
     frame = pipeline.process(index)
     return frame, read_truth(frame.image, recording.cameras["front"]), moving_instances(recording, frame.reference)
 
@@ -166,16 +146,12 @@ def test_neighbours_are_one_with_their_common_hull():
 
 
 def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_path):
-    def scored():
-        request = {"card": load_card(str(own_card)), "method": build_scorable("truth"), "out": tmp_path / "run"}
-        return run_one(protocol=load_protocol("paper-v1"), **request)
-
-    summary = scored()
+    summary = score(own_card, tmp_path / "run", method="truth")
     assert summary.manifest.method.settings["sees_the_truth"] is True
     assert summary.all_moving.metric("detection_rate").value > 0.9
     file = sorted(own_card.parent.glob("data/tiny/crossing/truth/front/*.png"))[2]
     cv2.imwrite(str(file), np.zeros_like(cv2.imread(str(file), cv2.IMREAD_UNCHANGED)))
-    again = scored()
+    again = score(own_card, tmp_path / "run", method="truth")
     assert again.provenance.work.units_computed == 1
     assert again.all_moving.metric("tpr_all").value < summary.all_moving.metric("tpr_all").value
 
@@ -210,7 +186,7 @@ def test_nobody_else_is_answered_for(tiny_card):
         """Has all that an oracle has, and is none."""
 
     handle = open_dataset(load_card(str(tiny_card)))[0]
-    pipeline = FramePipeline(handle.open(), "front", method=Answers(), protocol=load_protocol("paper-v1"))
+    pipeline = FramePipeline(handle.open(), "front", method=Answers(), protocol=PAPER)
     with pytest.raises(UsageError, match=r"derived from bench\.methods\.Method, got Answers"):
         pipeline.process(2)
 

@@ -4,13 +4,13 @@ import os
 import py_compile
 import subprocess
 import sys
-from importlib import import_module, invalidate_caches
+from importlib import import_module, invalidate_caches, reload
 from types import ModuleType
 
 import pytest
 from remembering import Remembering
 
-from bench.errors import UsageError
+from bench.errors import DataError, UsageError
 from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import read_run
 from bench.harness.digests import MethodCode
@@ -164,6 +164,16 @@ def test_stale_bytecode_is_refused(tiny_card, tmp_path):
     assert ended.returncode == 2
     assert "brightness.py: expected bytecode of this source, got that of another one" in ended.stderr
     assert not (tmp_path / "run").exists()
+
+
+def test_a_source_that_was_edited_after_it_was_imported_is_refused(tiny_card, tmp_path, module):
+    """A notebook that goes on with the older state; imported again, the module is what its source says."""
+    own = tmp_path / "own" / "brightness.py"
+    own.write_text(CELL.replace("LEVEL)", "LEVEL + 50)"))
+    with pytest.raises(DataError, match=r"brightness\.py: expected bytecode of this source.*import it again"):
+        score(tiny_card, tmp_path / "run", method=module.Bright())
+    assert not (tmp_path / "run").exists()
+    MethodCode.of(reload(module).Bright())
 
 
 DYNAMIC = """

@@ -1,25 +1,15 @@
 """Image maps in the files of a run."""
 
-from functools import partial
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import ImageMap, load_protocol
-from bench.harness import plan_units, read_image_maps, read_tables
+from bench.evaluation import ImageMap
+from bench.harness import read_image_maps, read_tables
 from bench.harness.unit_files import image_maps_bytes, load_image_maps
-from bench.methods import build_method
-from bench.recordings import load_card
-from tests.support.runs import run_one
+from tests.support.runs import score
 
 GRIDS = ("reference_px", "missed_px", "false_px")
-
-
-def run(card: Path, out: Path, method="spherical", **options):
-    protocol = load_protocol("paper-v1")
-    return run_one(card=load_card(str(card)), method=build_method(method), protocol=protocol, out=out, **options)
 
 
 def image_map(camera="front", *, width=20, height=9, seed=0) -> ImageMap:
@@ -37,7 +27,7 @@ def assert_equal(one: ImageMap, other: ImageMap) -> None:
 
 
 def test_a_runs_maps_sum_to_its_frames(tiny_card, tmp_path):
-    run(tiny_card, tmp_path / "run")
+    score(tiny_card, tmp_path / "run")
     (found,) = read_image_maps(tmp_path / "run").values()
     _, frames = read_tables(tmp_path / "run")
     assert (found.width, found.height, found.frames) == (320, 240, 12)
@@ -46,18 +36,9 @@ def test_a_runs_maps_sum_to_its_frames(tiny_card, tmp_path):
         assert getattr(found, name).sum() == sum(frames[column].to_pylist()) > 0
 
 
-def test_chunks_and_repeats_give_the_same_bytes(tiny_card, tmp_path, monkeypatch):
-    run(tiny_card, tmp_path / "whole")
-    monkeypatch.setattr("bench.harness.tasks.plan_units", partial(plan_units, chunk_images=2))
-    run(tiny_card, tmp_path / "chunks")
-    assert len(list((tmp_path / "chunks" / "units").glob("*.unit"))) == 6
-    whole, chunks = ((tmp_path / name / "image_maps.npz").read_bytes() for name in ("whole", "chunks"))
-    assert whole == chunks
-
-
 def test_maps_of_an_older_run_do_not_stay_behind(tiny_card, tmp_path):
-    run(tiny_card, tmp_path / "run", method="everything")
-    run(tiny_card, tmp_path / "run", method="nothing", split="moving", overwrite=True)
+    score(tiny_card, tmp_path / "run", method="everything")
+    score(tiny_card, tmp_path / "run", method="nothing", split="moving", overwrite=True)
     (found,) = read_image_maps(tmp_path / "run").values()
     assert found.frames == 8
     assert found.false_px.sum() == 0

@@ -4,11 +4,10 @@ import json
 from pathlib import Path
 
 from bench.evaluation import Protocol, load_protocol
-from bench.harness import RunRequest, RunSummary, run_benchmark
+from bench.harness import RunRequest, RunSummary, build_scorable, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.harness.masks import MASKS
 from bench.harness.stored import IMAGE_MAPS, SUMS
-from bench.methods import build_method
 from bench.recordings import load_card
 
 PAPER = load_protocol("paper-v1")
@@ -22,20 +21,12 @@ def run_one(*, protocol: Protocol, out: Path, finish=None, **options) -> RunSumm
 
 
 def score(
-    card: Path,
-    out: Path,
-    *,
-    cache: Path | None = None,
-    method="spherical",
-    settings=None,
-    protocol=PAPER,
-    overwrite=False,
-):
-    chosen = build_method(method, settings or {})
+    card: Path, out: Path, *, method="spherical", settings=None, cache: Path | None = None, protocol=PAPER, **options
+) -> RunSummary:
+    """The run of a method, by name or built."""
+    chosen = build_scorable(method, settings or {}) if isinstance(method, str) else method
     kept = None if cache is None else CacheFolder(folder=cache)
-    return run_one(
-        card=load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept, overwrite=overwrite
-    )
+    return run_one(card=load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept, **options)
 
 
 def bytes_of(run: Path) -> dict[str, bytes]:

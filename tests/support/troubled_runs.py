@@ -8,17 +8,12 @@ from pathlib import Path
 import pytest
 from troubled import FOLDER, Troubled
 
-from bench.harness.cache import CacheFolder
-from bench.recordings import load_card
+from tests.support import runs
 from tests.support.commands import called_here
-from tests.support.runs import PAPER, run_one
 
 
-def score(card: Path, out: Path, *, method=None, cache=None, **options):
-    kept = None if cache is None else CacheFolder(folder=cache)
-    return run_one(
-        card=load_card(str(card)), method=method or Troubled(), protocol=PAPER, out=out, cache=kept, **options
-    )
+def score(card: Path, out: Path, **options):
+    return runs.score(card, out, **{"method": Troubled()} | options)
 
 
 def command(card: Path, out: Path, *options: object) -> list[str]:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
 from bench.harness.cache.folder import Arrays, CacheFolder
-from bench.harness.cache.reference_arrays import reference_arrays, reference_from_arrays
 from bench.harness.digests import MethodCode, RecordingInputs, code_digest, digest_of
 from bench.harness.digests.content import METHOD_PACKAGES, REFERENCE_CODE
+from bench.harness.reference_files import ImageEntry, Label, label_image
 from bench.methods import MethodInput
 from bench.methods.contract import CachedStep, StepOf
 from bench.recordings import ImageRef, Recording
@@ -89,13 +95,35 @@ class StepCache:
         found = self.folder.get("reference", digest)
         if found is None:
             built = builder.build(image)
-            self.folder.put("reference", digest, reference_arrays(built))
+            self.folder.put("reference", digest, _reference_arrays(built))
             return built
-        return reference_from_arrays(
-            found,
-            recording=self.recording.name,
-            camera=image.camera,
-            timestamp_ns=image.timestamp_ns,
-            valid=builder.valid,
-            annotated=self.recording.annotated.covers(image.timestamp_ns),
-        )
+        return _reference(found, self.recording.name)
+
+
+def _reference_arrays(frame: ReferenceFrame) -> Arrays:
+    """A reference as arrays: its entry of an export, the polygons, the labels, and the object of each core pixel."""
+    outlines = [None if item.polygon is None else item.polygon.wkb_hex for item in frame.objects]
+    labels = label_image(frame)
+    return {
+        "entry": _packed(ImageEntry.of(frame).model_dump_json().encode()),
+        "outlines": _packed(json.dumps(outlines).encode()),
+        "labels": _packed(labels.tobytes()),
+        "core": frame.labels[labels == Label.CORE],
+    }
+
+
+def _reference(arrays: Arrays, recording: str) -> ReferenceFrame:
+    """The reference again, equal in every value."""
+    entry, outlines, pixels = (zlib.decompress(arrays[name].tobytes()) for name in ("entry", "outlines", "labels"))
+    image = ImageEntry.model_validate_json(entry)
+    labels = np.frombuffer(pixels, dtype=np.uint8).reshape(image.height, image.width)
+    instances = np.zeros(labels.shape, dtype=np.int32)
+    instances[labels == Label.CORE] = arrays["core"]
+    frame = image.frame(recording, instances, labels)
+    polygons = [None if outline is None else shapely.from_wkb(outline) for outline in json.loads(outlines)]
+    drawn = [replace(item, polygon=polygon) for item, polygon in zip(frame.objects, polygons, strict=True)]
+    return replace(frame, objects=tuple(drawn))
+
+
+def _packed(content: bytes) -> NDArray[np.generic]:
+    return np.frombuffer(zlib.compress(content, 1), dtype=np.uint8)

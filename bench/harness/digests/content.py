@@ -153,7 +153,7 @@ def _digest(path: Path) -> str:
 
 _READING = ("records", "recordings", "adapters")
 REFERENCE_PACKAGES = ("errors.py", "geometry", "cameras", "lidar", "egomotion", *_READING, "reference")
-REFERENCE_CODE = (*REFERENCE_PACKAGES, "harness/cache/reference_arrays.py")  # and how a cached one is stored
+REFERENCE_CODE = (*REFERENCE_PACKAGES, "harness/cache/steps.py", "harness/reference_files.py")  # and how it is cached
 _TOLD = ("records", "recordings/input_errors.py")  # what a method is given, and the errors injected into it
 METHOD_PACKAGES = ("errors.py", "geometry", "flow", "cameras", "egomotion", *_TOLD, "methods")
 SCORING_PACKAGES = (*sorted({*REFERENCE_PACKAGES, *METHOD_PACKAGES}), "evaluation")

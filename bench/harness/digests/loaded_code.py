@@ -42,7 +42,10 @@ def imported_names(module: str, path: Path, sha256: str) -> frozenset[str]:
 
 
 def refuse_stale_bytecode(module: ModuleType, path: Path, sha256: str) -> None:
-    """Refuse a module whose bytecode Python takes for that of its source, by time and size, though it is of another.
+    """Refuse a module whose bytecode is not that of its source.
+
+    Python takes it for that of its source by time and size alone; or the source was edited after it was imported.
+    Where Python writes no bytecode, what it does not take may lie there from an older source.
 
     Args:
         module: as it is loaded.
@@ -58,8 +61,9 @@ def refuse_stale_bytecode(module: ModuleType, path: Path, sha256: str) -> None:
     content, state = Path(cached).read_bytes(), path.stat()
     flags, seconds, size = (int.from_bytes(content[place : place + 4], "little") for place in (4, 8, 12))
     by_time = not flags and (seconds, size) == (int(state.st_mtime) & 0xFFFFFFFF, state.st_size & 0xFFFFFFFF)
-    if content[:4] == MAGIC_NUMBER and by_time and marshal.loads(content[16:]) != _compiled(path, sha256):
-        hint = "remove that file, and start again"
+    taken = by_time or not sys.dont_write_bytecode
+    if content[:4] == MAGIC_NUMBER and taken and marshal.loads(content[16:]) != _compiled(path, sha256):
+        hint = "import it again in a new process; if that does not help, remove that file"
         raise DataError(path, expected="bytecode of this source", got=f"that of another one, in {cached}", hint=hint)
 
 
