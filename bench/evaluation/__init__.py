@@ -52,23 +52,16 @@ from bench.evaluation.comparison import (
     object_changes,
     paired_change,
 )
-from bench.evaluation.counts import FrameCounts, ObjectCounts, count_frame
+from bench.evaluation.counts import count_frame
 from bench.evaluation.definitions import Definition, find_metric, headlines
-from bench.evaluation.maps import (
-    CoverageCurve,
-    ImageMap,
-    RangeMap,
-    RangeMaps,
-    add_image_maps,
-    coverage_curves,
-    range_maps,
-)
+from bench.evaluation.image_map import ImageMap, add_image_maps
+from bench.evaluation.maps import CoverageCurve, RangeMap, RangeMaps, coverage_curves, range_maps
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows, RowSource
 from bench.evaluation.scorer import SequenceScorer
 from bench.evaluation.summary import FalsePositiveMetrics, Metric, ObjectMetrics, Summary, summarise, summary_of
 from bench.evaluation.sums import add_sums, read_sums, sum_rows, sum_run, write_sums
-from bench.evaluation.thresholds import ThresholdFreeMetrics, ThresholdSweep, threshold_free_metrics, threshold_sweep
+from bench.evaluation.thresholds import ThresholdFreeMetrics, threshold_free_metrics, threshold_sweep
 
 __all__ = [
     "FRAMES_SCHEMA",
@@ -76,10 +69,8 @@ __all__ = [
     "CoverageCurve",
     "Definition",
     "FalsePositiveMetrics",
-    "FrameCounts",
     "ImageMap",
     "Metric",
-    "ObjectCounts",
     "ObjectMetrics",
     "PairedChange",
     "Protocol",
@@ -90,7 +81,6 @@ __all__ = [
     "SequenceScorer",
     "Summary",
     "ThresholdFreeMetrics",
-    "ThresholdSweep",
     "add_image_maps",
     "add_sums",
     "changes_in_parts",

@@ -23,20 +23,23 @@ import pandas as pd
 from bench.atomic import open_regular, write_text
 from bench.errors import BenchError, DataError
 from bench.evaluation.definitions import CAUSE, COUNTS, MARKED, Definition, find_metric, image_metrics, object_metrics
+from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import EVALUATED, IMAGE, NOT_ANNOTATED, OBJECT, Rows, read_parts
+from bench.evaluation.rows import (
+    EVALUATED,
+    FRAMES_SCHEMA,
+    IMAGE,
+    NOT_ANNOTATED,
+    OBJECT,
+    OBJECTS_SCHEMA,
+    Rows,
+    read_parts,
+)
 
 ALL_MOVING, FRAMES, CATEGORY = "all_moving", "frames", "category"
 CLASS_AND_SPEED = "class_and_speed"
 KEY, TERMS = ["breakdown", "slice", "recording", "metric"], ["numerator", "denominator"]
-OBJECT_COLUMNS = (
-    *OBJECT, "object_class", "status", "reason", "category", "range_m", "speed_mps", "ego_speed_mps",
-    "points", "tp", "fn", "fp", "chance_tp", "unknown_px", "ceiling_tp", "ceiling_fp",
-)  # fmt: skip
-FRAME_COLUMNS = (
-    *IMAGE, "ego_speed_mps", "status", "problem", "width", "height", "valid_px", "detected_px", "tp_px",
-    "fn_px", "fp_px", "fp_components", "fp_large_components", "fp_by_cause",
-)  # fmt: skip
+COLUMNS_OF_FRAMES = [name for name in FRAMES_SCHEMA.names if name not in {REFERENCE_COLUMN, OUTSIDE_COLUMN}]
 Breakdown = tuple[Sequence[str], Callable[[pd.DataFrame], "pd.Series[str]"]]
 
 
@@ -118,8 +121,8 @@ def sum_run(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: in
         protocol: that the run was made with.
         rows_at_once: most rows in memory, unless one recording has more.
     """
-    of_objects = read_parts(objects, OBJECT_COLUMNS, rows_at_once=rows_at_once)
-    of_frames = read_parts(frames, FRAME_COLUMNS, rows_at_once=rows_at_once)
+    of_objects = read_parts(objects, OBJECTS_SCHEMA.names, rows_at_once=rows_at_once)
+    of_frames = read_parts(frames, COLUMNS_OF_FRAMES, rows_at_once=rows_at_once)
     parts = [sum_objects(rows, protocol=protocol) for rows in of_objects]
     return add_sums([*parts, *(sum_frames(rows, protocol=protocol) for rows in of_frames)])
 
@@ -128,8 +131,8 @@ def sum_rows(objects: pd.DataFrame, frames: pd.DataFrame, *, protocol: Protocol)
     """Reduce whole recordings to sums: a part of a run, to be added to the others by `add_sums`.
 
     Args:
-        objects: all annotated object-frames, `OBJECT_COLUMNS`.
-        frames: all images, `FRAME_COLUMNS`.
+        objects: all annotated object-frames, of `OBJECTS_SCHEMA`.
+        frames: all images, `COLUMNS_OF_FRAMES`.
         protocol: that the run was made with.
 
     Returns:
