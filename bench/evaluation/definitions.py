@@ -38,7 +38,7 @@ class Definition:
         name: in sums, gate, comparison and tolerances; no other metric has it.
         label: for headings.
         numerator: of each row, (N,) float64.
-        denominator: of each row, (N,) float64.
+        denominator: of each row, (N,) float64; an object-frame is one case or none, an image may be many, as pixels.
         meaning: one sentence.
         higher_is_better: None for what is no merit or fault of a method; it is not compared.
         bounds: a ratio in [0, 1], or a mean without an upper end.

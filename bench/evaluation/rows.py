@@ -17,7 +17,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from bench.evaluation.counts import FrameCounts
+from bench.evaluation.counts import FrameCounts, ObjectCounts
 from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
 
 Row = dict[str, Any]
@@ -28,7 +28,7 @@ EVALUATED, NOT_ANNOTATED = "evaluated", "not_annotated"
 ROWS_AT_ONCE = 100_000  # in memory, unless one recording has more
 _IMAGE_KEY = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_ns", pa.int64())]
 
-# One row per annotated object per image, whatever its status. `tp`, `fn`, `fp`, `region_px` and `unknown_px` (pixels
+# One row per annotated object per image, whatever its status. The counts, `region_px` and `unknown_px` (pixels
 # beside the region that may be the object's) are 0 unless evaluated.
 # `ceiling_tp` and `ceiling_fp` are what the exact masks would have got; null unless evaluated and without exact masks.
 # `chance_tp` is null unless evaluated and where the recording is too short for another mask. Unknown speeds and places
@@ -50,9 +50,7 @@ OBJECTS_SCHEMA = pa.schema(
         ("points", pa.int64()),
         ("polygon_px", pa.int64()),
         ("region_px", pa.int64()),
-        ("tp", pa.int64()),
-        ("fn", pa.int64()),
-        ("fp", pa.int64()),
+        *[(field.name, pa.int64()) for field in fields(ObjectCounts)],
         ("chance_tp", pa.int64()),
         ("unknown_px", pa.int64()),
         ("ceiling_tp", pa.int64()),
