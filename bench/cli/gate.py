@@ -47,17 +47,10 @@ def gate(
 ) -> None:
     """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no verdict."""
     from bench.api.runs import run_folder
-    from bench.gate import (
-        MissingBaselineError,
-        find_baseline,
-        judge,
-        load_tolerances,
-        read_baseline,
-        read_run_sums,
-        refuse,
-    )
+    from bench.gate.baseline import MissingBaselineError, find_baseline, read_baseline, read_run_sums
     from bench.gate.changes import how_to_compare
-    from bench.gate.tolerances import DEFAULT
+    from bench.gate.judge import judge, refuse
+    from bench.gate.tolerances import DEFAULT, load_tolerances
     from bench.gate.verdict import Outcome
 
     folder = run_folder(run)
@@ -99,22 +92,13 @@ def gate(
 
 def update_baseline(run: Path, *, baseline: Path | None, allow_dirty: bool, whole: bool) -> None:
     """Store a run as the baseline, and print what differs from the one that it replaces."""
-    from bench.gate import (
-        MissingBaselineError,
-        incomparable_reason,
-        judge,
-        judgeable,
-        load_tolerances,
-        own_baseline,
-        read_baseline,
-        read_run_sums,
-        write_baseline,
-    )
-    from bench.gate.tolerances import DEFAULT
+    from bench.gate.baseline import MissingBaselineError, own_baseline, read_baseline, read_run_sums, write_baseline
+    from bench.gate.judge import incomparable_reason, judge, judgeable
+    from bench.gate.tolerances import load_tolerances
 
     scored = read_run_sums(run)
     folder = baseline or own_baseline(scored.manifest)
-    rules, difference, replaced = load_tolerances(DEFAULT), None, ""
+    rules, difference, replaced = load_tolerances(), None, ""
     try:
         before = read_baseline(folder)
         if differing := incomparable_reason(before.manifest, scored.manifest):
