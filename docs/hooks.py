@@ -29,6 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 from bench.api.schemas import SCHEMAS, json_schema  # noqa: E402 - of this checkout, wherever mkdocs is started
 from bench.cli.app import app  # noqa: E402
+from bench.cli.examples import EXAMPLES  # noqa: E402
 
 LINK = re.compile(r"(\]\()([^)#\s]+)([^)\s]*\))")
 FENCE = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
@@ -59,6 +60,8 @@ def _section(name: str, command: Any) -> Iterator[str]:
     options = [one for one in command.params if one.param_type_name == "option" and "--help" not in one.opts]
     usage = " ".join([f"fisheye-bench {name}", *("[OPTIONS]" for _ in options[:1]), *map(_metavar, arguments)])
     yield from (f"## {name}", "", f"```\n{usage}\n```", "", command.help.replace("<", "&lt;"), "")
+    if name in EXAMPLES:
+        yield from ("```", *(f"fisheye-bench {example}" for example in EXAMPLES[name]), "```", "")
     rows = [(f"`{_metavar(one)}`", one) for one in arguments] + [(_flags(one), one) for one in options]
     if rows:
         yield from ("| | | default |", "|---|---|---|")

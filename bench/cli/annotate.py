@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from bench.cli.annotations import annotations_folder
 from bench.cli.console import print_failures, say, show
 from bench.cli.options import FAILURES, Dataset, Workers, group
 from bench.cli.progress import progress_bar, resumable
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
 
 app = group("Make annotations of a drive that has none: propose, evaluate, review, export.")
 
-DEFAULT_FOLDER = Path("annotations")
-
 Reviews = Annotated[
     Path | None,
     typer.Option(help="Folder of reviews; default: the card's annotations, or annotations/<data set>."),
@@ -29,22 +28,27 @@ PointsOf = Literal["deskewed", "recorded"]
 Chosen = Annotated[str | None, typer.Option("--recording", help="Recordings with commas in between; default: all.")]
 
 
-def reviews_folder(card: DatasetCard, reviews: Path | None) -> Path:
-    """Return the folder of a data set's reviews."""
-    return reviews or card.annotations or DEFAULT_FOLDER / card.name
+def open_drives(
+    dataset: str, recording: str | None, reviews: Path | None
+) -> tuple[DatasetCard, tuple[RecordingHandle, ...], Path]:
+    """Open a data set, of which recordings are rendered first where they are not there.
 
+    Args:
+        dataset: card, or its name.
+        recording: names with commas in between; None for all.
+        reviews: their folder; None for the usual one.
 
-def rendered_recordings(card: DatasetCard, chosen: str | None) -> tuple[RecordingHandle, ...]:
-    """Recordings of a data set, rendered first where they are not; all, or those that are asked for.
+    Returns:
+        The card, the recordings, the folder of their reviews.
 
     Raises:
         UnknownNameError: no such recording.
     """
-    from bench.cli.request import render_if_synthetic
+    from bench.cli.request import rendered_card
     from bench.recordings import open_dataset
 
-    render_if_synthetic(card, chosen)
-    return open_dataset(card, chosen)
+    card = rendered_card(dataset, recording)
+    return card, open_dataset(card, recording), reviews or annotations_folder(card)
 
 
 @app.command("propose")
@@ -55,11 +59,9 @@ def propose(dataset: Dataset, recording: Chosen = None, workers: Workers = None,
     """
     from bench.annotation.drives import propose_drives
     from bench.cli.request import worker_processes
-    from bench.recordings import load_card
     from bench.reporting.document import Table
 
-    card = load_card(dataset)
-    handles, folder = rendered_recordings(card, recording), reviews_folder(card, reviews)
+    card, handles, folder = open_drives(dataset, recording, reviews)
     with resumable(folder), progress_bar(f"proposing objects of {card.name}", "recordings") as progress:
         drives = propose_drives(card.name, handles, folder, executor=worker_processes(workers), progress=progress)
     found = [drive for drive in drives if not drive.failure]
@@ -83,11 +85,9 @@ def evaluate(
     from bench.annotation import proposal_scores
     from bench.annotation.drives import evaluate_drives
     from bench.cli.request import worker_processes
-    from bench.recordings import load_card
     from bench.reporting.proposal_scores import scores_table, write_proposal_scores
 
-    card = load_card(dataset)
-    handles, folder = rendered_recordings(card, recording), reviews_folder(card, reviews)
+    card, handles, folder = open_drives(dataset, recording, reviews)
     with progress_bar(f"evaluating proposals of {card.name}", "recordings") as progress:
         frames, minutes = evaluate_drives(handles, folder, executor=worker_processes(workers), progress=progress)
     scores = proposal_scores(frames, minutes=minutes)
@@ -116,11 +116,9 @@ def review(
     from bench.annotation.server import ReviewServer
     from bench.annotation.session import Session
     from bench.labels import open_unannotated
-    from bench.recordings import load_card
 
-    card = load_card(dataset)
-    names = [handle.name for handle in rendered_recordings(card, recording)]
-    folder = reviews_folder(card, reviews)
+    card, handles, folder = open_drives(dataset, recording, reviews)
+    names = [handle.name for handle in handles]
 
     def open_session(name: str) -> Session:
         return Session(open_unannotated(card, name), dataset=card.name, folder=folder, reviewer=reviewer)
@@ -163,16 +161,15 @@ def export(
     from bench.annotation.export import refuse_unfinished, to_tracks, write_reviewed
     from bench.annotation.store import read_review, review_file
     from bench.labels import LabelOptions, export_labels, label_format, open_unannotated
-    from bench.recordings import load_card
 
     if labelling and labels:
         raise UsageError("--labelling: expected projects or annotations, got --labels as well; run the command twice")
     for name in labels or ():
         label_format(name)
-    card = load_card(dataset)
-    folder, unreviewed = reviews_folder(card, reviews), unreviewed or labelling is not None
+    card, handles, folder = open_drives(dataset, recording, reviews)
+    unreviewed = unreviewed or labelling is not None
     found = []
-    for handle in rendered_recordings(card, recording):
+    for handle in handles:
         file = review_file(folder, handle.name)
         stored, opened = read_review(file), open_unannotated(card, handle.name)
         if not unreviewed:
@@ -206,13 +203,7 @@ def _write_projects(
             def report(share: float, before: int = number) -> None:
                 progress(before + share, len(recordings))
 
-            lost = write_project(
-                recording,
-                out / recording.name,
-                tool=tool,
-                points=points,
-                progress=report,
-            )
+            lost = write_project(recording, out / recording.name, tool=tool, points=points, progress=report)
             say(str(out / recording.name))
             for line in lost:
                 say(f"  lost: {line}", style="yellow")

@@ -15,10 +15,9 @@ from bench.errors import UsageError
 
 if TYPE_CHECKING:
     from bench.labels import LabelSet
-    from bench.recordings import Recording
+    from bench.recordings import DatasetCard, Recording
 
 LEFT_OUT = "none"
-DEFAULT_FOLDER = Path("annotations")
 
 app = group("Bring annotations of other tools into annotations/, and back.")
 
@@ -63,7 +62,7 @@ def import_(
     options = LabelOptions(classes=parse_classes(class_), first_frame=first_frame)
     label_format(format_)  # an unknown name is told before anything is opened
     card = load_card(dataset)
-    file = (out or card.annotations or DEFAULT_FOLDER / card.name) / f"{recording}.json"
+    file = (out or annotations_folder(card)) / f"{recording}.json"
     opened = open_unannotated(card, recording)
     label_set = import_labels(format_, source, opened, options, file=file)
     _print_label_set(label_set, opened, label_set.lost)
@@ -113,6 +112,11 @@ def calibration(
         return
     write_text(out, text)
     say(str(out))
+
+
+def annotations_folder(card: DatasetCard) -> Path:
+    """Folder of a data set's annotations: its card's, else one below the working folder."""
+    return card.annotations or Path("annotations") / card.name
 
 
 def parse_classes(pairs: Sequence[str] | None) -> dict[str, str | None]:

@@ -19,6 +19,7 @@ import typer
 
 import bench
 from bench.cli.console import QUIET, VERBOSE, Verbosity, say, take_verbosity, verbosity
+from bench.cli.examples import epilog
 from bench.cli.options import Commands
 from bench.errors import DISK_FULL, BenchError, UsageError
 
@@ -45,9 +46,12 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 for name in COMMANDS:
-    app.command()(getattr(import_module(f"bench.cli.{name}"), name))
+    app.command(epilog=epilog(name.replace("_", "-")))(getattr(import_module(f"bench.cli.{name}"), name))
 for name in GROUPS:
-    app.add_typer(import_module(f"bench.cli.{name}").app, name=name)
+    group = import_module(f"bench.cli.{name}").app
+    for command in group.registered_commands:
+        command.epilog = epilog(f"{name} {command.name}")
+    app.add_typer(group, name=name)
 
 
 @app.command(hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from bench.audit import AuditSummary
     from bench.audit.beams import BeamsSummary
     from bench.audit.ranking import RankingSummary
-    from bench.recordings import DatasetCard
     from bench.reporting.document import Table
 
 Found = TypeVar("Found")
@@ -61,10 +60,12 @@ def audit(
     With --methods: whether the lidar references rank methods as the exact masks do. With --beams: how many beams a
     trustworthy reference needs. An audit that was interrupted begins again.
     """
+    from bench.atomic import output_folder
     from bench.audit import audit_sources, read_misses, read_polygons, run_audit
     from bench.audit.beams import parse_beams, run_beams
     from bench.audit.predictions import parse_predictions
     from bench.audit.ranking import run_ranking
+    from bench.cli.request import render_if_synthetic, worker_processes
     from bench.evaluation import load_protocol
     from bench.methods import FlowMethod, build_method
     from bench.methods.settings import parse_settings
@@ -76,7 +77,14 @@ def audit(
 
     card = load_card(dataset)
     folder = out or AUDITS / card.name
-    compute = partial(_compute, card, folder, split=split, recordings=recordings, workers=workers)
+
+    def compute(work: Callable[..., Found], title: str) -> Found:
+        with output_folder(folder):
+            render_if_synthetic(card, split)
+            with interruptible(LEFT), progress_bar(title, "recordings") as report:
+                executor = worker_processes(workers)
+                return work(card, out=folder, split=split, recordings=recordings, executor=executor, progress=report)
+
     fixed = [option for option, text in (("--beams", beams), ("--methods", methods)) if text is not None]
     if fixed and (set_ or method != "spherical" or protocol != "paper-v1"):
         raise UsageError(
@@ -86,15 +94,15 @@ def audit(
     ranked = () if methods is None else parse_predictions(methods)
     if beams is not None:
         work = partial(run_beams, beams=parse_beams(beams), predictions=ranked)
-        thinned = compute(work, title=f"thinning the lidar of {card.name}")
+        thinned = compute(work, f"thinning the lidar of {card.name}")
         _print(thinned, beams_tables(thinned), write_beams_files(folder), all_in="beams.json")
         return
     if ranked:
-        ranking = compute(partial(run_ranking, predictions=ranked), title=f"ranking {len(ranked)} on {card.name}")
+        ranking = compute(partial(run_ranking, predictions=ranked), f"ranking {len(ranked)} on {card.name}")
         _print(ranking, ranking_tables(ranking), write_ranking_files(folder), all_in="ranking.json")
         return
     built, rules = build_method(method, parse_settings(set_)), load_protocol(protocol)
-    found = compute(partial(run_audit, method=built, protocol=rules), title=f"auditing {card.name}")
+    found = compute(partial(run_audit, method=built, protocol=rules), f"auditing {card.name}")
     files = list(write_audit_files(folder))
     if pictures:
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
@@ -103,27 +111,6 @@ def audit(
         if isinstance(built, FlowMethod):
             files += write_cause_pictures(folder, read_misses(folder), sources=sources, method=built, protocol=rules)
     _print(found, audit_tables(found), files, all_in="audit.json", left_out=found.left_out)
-
-
-def _compute(
-    card: DatasetCard,
-    folder: Path,
-    compute: Callable[..., Found],
-    *,
-    title: str,
-    split: str | None,
-    recordings: int | None,
-    workers: int | None,
-) -> Found:
-    """Audit recordings, which are rendered where they are not there, into a folder."""
-    from bench.atomic import output_folder
-    from bench.cli.request import render_if_synthetic, worker_processes
-
-    with output_folder(folder):
-        render_if_synthetic(card, split)
-        with interruptible(LEFT), progress_bar(title, "recordings") as report:
-            executor = worker_processes(workers)
-            return compute(card, out=folder, split=split, recordings=recordings, executor=executor, progress=report)
 
 
 def _print(

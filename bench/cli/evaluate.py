@@ -11,11 +11,10 @@ import typer
 
 from bench.cli import options
 from bench.cli.console import note, show
-from bench.cli.progress import progress_bar, resumable
+from bench.cli.progress import progress_bar
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
-    from bench.harness import RunSummary
     from bench.methods.predictions import PredictionIndex
 
 
@@ -58,8 +57,7 @@ def evaluate(
     from bench.api.references import open_reference
     from bench.api.runs import run_request
     from bench.cli.request import Computing, render_if_synthetic
-    from bench.cli.runs import RunReport
-    from bench.harness import run_benchmark
+    from bench.cli.runs import score
     from bench.harness.predicted import check_predictions, refusal, refused, write_report
     from bench.harness.stored import PREDICTIONS
     from bench.methods import known_methods
@@ -86,7 +84,7 @@ def evaluate(
     request = run_request(
         card, method, protocols=[protocol], split=split, out=out, overwrite=overwrite, named_by=chosen
     )
-    ((folder, rules),) = request.runs.items()
+    (rules,) = request.runs.values()
     if reference is not None:
         request = replace(request, exported=open_reference(reference, rules=rules))
     if card.remote_root is None and not card.root.is_dir():
@@ -98,20 +96,14 @@ def evaluate(
         listed = Path(mkdtemp(prefix="fisheye-bench-")) / PREDICTIONS  # a new folder: no file of the user's is replaced
         write_report(listed, card, method, found)
         raise refused(method, found, listed_in=listed)
-    finished = RunReport(card=card, protocol=rules, pictures=pictures)
-
-    def finish(results: Path, summary: RunSummary) -> None:
-        write_report(results / PREDICTIONS, card, method, found)
-        finished.write(results, summary)
-
-    with resumable(folder):
-        with progress_bar(f"scoring {called} on {card.name}", "images") as report:
-            executor = computing.executor(
-                card, method, reads=[predictions, *([] if reference is None else [reference])]
-            )
-            asked = replace(request, executor=executor, cache=computing.cache_folder, progress=report)
-            (summary,) = run_benchmark(asked, finish=finish).values()
-        finished.print(summary, folder)
+    reads = [predictions, *([] if reference is None else [reference])]
+    request = replace(request, executor=computing.executor(card, method, reads=reads), cache=computing.cache_folder)
+    (summary,) = score(
+        request,
+        title=f"scoring {called} on {card.name}",
+        pictures=pictures,
+        finish=lambda results, _: write_report(results / PREDICTIONS, card, method, found),
+    ).values()
     if summary.failures:
         raise typer.Exit(options.FAILURES)
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bench.gate import RunSums, Verdict
     from bench.harness.manifest import Manifest
 
-PASSED, FAILED, NO_VERDICT = 0, 1, 3
+FAILED, NO_VERDICT = 1, 3  # exit statuses
 
 
 def gate(
@@ -47,62 +47,37 @@ def gate(
 ) -> None:
     """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no verdict."""
     from bench.api.runs import run_folder
+    from bench.gate.baseline import MissingBaselineError, find_baseline, read_baseline, read_run_sums
+    from bench.gate.changes import how_to_compare
+    from bench.gate.judge import judge, refuse
+    from bench.gate.tolerances import DEFAULT, load_tolerances
+    from bench.gate.verdict import Outcome
 
     folder = run_folder(run)
     if update:
         _refuse_with_update(tolerances=tolerances, junit=junit, json=json, github=github)
         update_baseline(folder, baseline=baseline, allow_dirty=allow_dirty, whole=whole)
         return
-    status = judge_run(
-        folder, baseline=baseline, tolerances=tolerances, junit=junit, json=json, github=github, whole=whole
-    )
-    raise typer.Exit(status)
-
-
-def judge_run(
-    run: Path,
-    *,
-    baseline: Path | None,
-    tolerances: str | None,
-    junit: Path | None,
-    json: Path | None,
-    github: bool,
-    whole: bool = False,
-) -> int:
-    """Judge a run, print and write the verdict, or that there is none; return the exit status."""
-    from bench.gate import (
-        MissingBaselineError,
-        find_baseline,
-        judge,
-        load_tolerances,
-        read_baseline,
-        read_run_sums,
-        refuse,
-    )
-    from bench.gate.changes import how_to_compare
-    from bench.gate.tolerances import DEFAULT
-    from bench.gate.verdict import Outcome
-
     rules = load_tolerances(tolerances or DEFAULT)
     hand_over = partial(_hand_over, junit=junit, json=json, github=github)
     scored: RunSums | None = None
     try:
-        scored = read_run_sums(run)
-        folder = baseline or find_baseline(scored.manifest)
-        before = read_baseline(folder)
+        scored = read_run_sums(folder)
+        place = baseline or find_baseline(scored.manifest)
+        before = read_baseline(place)
         verdict = judge(before, scored, tolerances=rules)
     except BenchError as error:
         hand_over(refuse(scored.manifest if scored else None, tolerances=rules, reason=str(error)))
         if not isinstance(error, MissingBaselineError):
             raise
         say(f"error: {error}", to_errors=True)
-        return NO_VERDICT
+        raise typer.Exit(NO_VERDICT) from error
     say(verdict.headline, style="green" if verdict.passed else "bold red")
     if baseline is None:
-        note(f"baseline {folder}")
+        note(f"baseline {place}")
     _print_brief(verdict)
     if not verdict.passed or verdict.rows_with(Outcome.SUSPECT):
-        first, *commands = how_to_compare(before.manifest, scored.manifest, folder=run)
+        first, *commands = how_to_compare(before.manifest, scored.manifest, folder=folder)
         say(first)
         for command in commands:
             say(f"  {command}")
@@ -110,43 +85,34 @@ def judge_run(
     hand_over(verdict)
     if verdict.why_none:
         say(f"error: {verdict.why_none}", to_errors=True)
-        return NO_VERDICT
-    return PASSED if verdict.passed else FAILED
+        raise typer.Exit(NO_VERDICT)
+    if not verdict.passed:
+        raise typer.Exit(FAILED)
 
 
 def update_baseline(run: Path, *, baseline: Path | None, allow_dirty: bool, whole: bool) -> None:
     """Store a run as the baseline, and print what differs from the one that it replaces."""
-    from bench.gate import (
-        MissingBaselineError,
-        incomparable_reason,
-        judge,
-        judgeable,
-        load_tolerances,
-        own_baseline,
-        read_baseline,
-        read_run_sums,
-        write_baseline,
-    )
-    from bench.gate.tolerances import DEFAULT
+    from bench.gate.baseline import MissingBaselineError, own_baseline, read_baseline, read_run_sums, write_baseline
+    from bench.gate.judge import incomparable_reason, judge, judgeable
+    from bench.gate.tolerances import load_tolerances
 
     scored = read_run_sums(run)
     folder = baseline or own_baseline(scored.manifest)
-    rules, replaced, style = load_tolerances(DEFAULT), "", ""
-    difference: Verdict | None = None
+    rules, difference, replaced = load_tolerances(), None, ""
     try:
         before = read_baseline(folder)
         if differing := incomparable_reason(before.manifest, scored.manifest):
-            replaced, style = f"REPLACES WHAT DOES NOT COMPARE: {differing[0]}", "bold red"
+            replaced = f"REPLACES WHAT DOES NOT COMPARE: {differing[0]}"
         else:
             difference = judge(before, scored, tolerances=rules)
     except MissingBaselineError:
         replaced = "the first baseline of this name"
     except BenchError as error:
-        replaced, style = f"REPLACES WHAT CANNOT BE READ: {error}", "bold red"
+        replaced = f"REPLACES WHAT CANNOT BE READ: {error}"
     write_baseline(scored, folder, allow_dirty=allow_dirty)
-    if replaced:
-        say(replaced, style=style)
-    if difference is not None:
+    if difference is None:
+        say(replaced, style="bold red" if replaced.startswith("REPLACES") else "")
+    else:
         _print_brief(difference)
         _print_rest(difference, whole=whole)
     say(f"{folder}: {_origin(scored.manifest)}")

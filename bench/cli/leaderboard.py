@@ -85,11 +85,9 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
         How many methods, images, units and recordings could not be used; each method's reason is printed.
     """
     from bench.api.leaderboard import competitor_request, competitors, score_competitor
-    from bench.cli.request import render_if_synthetic
-    from bench.recordings import load_card
+    from bench.cli.request import rendered_card
 
-    card = load_card(dataset)
-    render_if_synthetic(card)
+    card = rendered_card(dataset)
     failures, left = 0, "what is scored stays, and the same command goes on from there"
     protocols = [name.strip() for name in protocol.split(",")]
     for competitor in competitors(card, methods):

@@ -19,16 +19,16 @@ def perf(
     images: Annotated[int, typer.Option(help="Images to time.")] = 200,
 ) -> None:
     """Time every stage, and the whole against its Farnebäck call alone in the same run."""
-    from bench.cli.request import render_if_synthetic
+    from bench.cli.request import rendered_card
     from bench.evaluation import load_protocol
     from bench.harness.perf import measure
     from bench.methods import build_method
     from bench.methods.settings import parse_settings
-    from bench.recordings import load_card, open_dataset
+    from bench.recordings import open_dataset
     from bench.reporting.document import Column, Table
 
-    card, built, rules = load_card(dataset), build_method(method, parse_settings(set_)), load_protocol(protocol)
-    render_if_synthetic(card)
+    built, rules = build_method(method, parse_settings(set_)), load_protocol(protocol)
+    card = rendered_card(dataset)
     with progress_bar("timing", "images") as report:
         found = measure(
             (handle.open() for handle in open_dataset(card)),

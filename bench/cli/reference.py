@@ -27,11 +27,9 @@ def export(
     """Write for each image the pixels of objects, unknown bands and ignored areas, and what the objects are."""
     from bench.api.references import export_reference
     from bench.cli.progress import progress_bar
-    from bench.cli.request import render_if_synthetic, worker_processes
-    from bench.recordings import load_card
+    from bench.cli.request import rendered_card, worker_processes
 
-    card = load_card(dataset)
-    render_if_synthetic(card, split)
+    card = rendered_card(dataset, split)
     with progress_bar(f"exporting the reference of {card.name}", "recordings") as report:
         problems = export_reference(
             card,

@@ -18,7 +18,7 @@ from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
 from bench.methods import Scorable
 from bench.methods.settings import parse_settings
-from bench.recordings import DatasetCard
+from bench.recordings import DatasetCard, load_card
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,6 +118,13 @@ def rendering(scenario: Path, out: Path) -> Iterator[Callable[[float, int], None
     left = f"the recordings that are done are in {out}, and the same command goes on from there"
     with interruptible(left), progress_bar(f"rendering {scenario.stem}", "recordings") as report:
         yield report
+
+
+def rendered_card(dataset: str, split: str | None = None) -> DatasetCard:
+    """The card of a data set, of which what a scenario asks for in a split is rendered where it is not there yet."""
+    card = load_card(dataset)
+    render_if_synthetic(card, split)
+    return card
 
 
 def render_if_synthetic(card: DatasetCard, split: str | None = None) -> None:

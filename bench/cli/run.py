@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli import options
-from bench.cli.console import note, print_failures, say, show
+from bench.cli.console import note, print_failures, say
 from bench.cli.progress import progress_bar, resumable
 from bench.errors import DataError, UsageError
 
@@ -56,7 +56,9 @@ def run(
     """
     from bench.cli.report import report
     from bench.cli.request import Computing, render_if_synthetic, scoring_request
+    from bench.cli.runs import score
     from bench.harness import Part
+    from bench.reporting.leaderboard.texts import best_line
     from bench.reporting.trackers import require_tracker
 
     if log is not None:
@@ -77,13 +79,19 @@ def run(
     render_if_synthetic(request.card, request.split)
     validation = _validated(request) if require_valid else None
     request = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler).equip(request)
-    if part is None:
-        failures = _run(request, dataset=dataset, pictures=pictures, validation=validation)
+    if part is not None:
+        failed = _run_part(request, part)
+    else:
+        title = f"scoring {request.method.name} on {request.card.name}"
+        summaries = score(request, title=title, pictures=pictures, validation=validation)
+        failed = any(summary.failures for summary in summaries.values())
+        if request.card.scenario is None and validation is None:
+            note(f"a run does not validate its data; check them with: fisheye-bench validate {dataset}")
+        if best := best_line(LEADERBOARD, dataset=request.card.name):
+            say(best)
         for folder in request.runs if log is not None else ():
             report(str(folder), pictures=pictures, log=log)
-    else:
-        failures = _run_part(request, part)
-    if failures:
+    if failed:
         raise typer.Exit(options.FAILURES)
 
 
@@ -101,47 +109,19 @@ def _validated(request: RunRequest) -> ValidationReport:
     Raises:
         DataError: it is more than warnings.
     """
-    from bench.reporting.findings import findings_report
-    from bench.validation import Severity, validate_dataset
+    from bench.cli.validate import show_findings
+    from bench.validation import Depth, Severity
 
     card = request.card
-    with progress_bar(f"validating {card.name}", "recordings") as progress:
-        report = validate_dataset(card.name, request.recordings(), progress=progress)
-    show(findings_report(report))
+    report = show_findings(card, request.recordings(), Depth.SAMPLED)
     if errors := report.count(Severity.ERROR):
         hint = "correct them, leave these recordings out in the card, or run without --require-valid"
         raise DataError(card.file, expected="data that validate finds no errors in", got=f"{errors} errors", hint=hint)
     return report
 
 
-def _run(request: RunRequest, *, dataset: str, pictures: bool, validation: ValidationReport | None) -> int:
-    """Score, write the reports, print the tables and the paths; return the number of failures."""
-    from bench.cli.runs import RunReport
-    from bench.harness import run_benchmark
-    from bench.reporting.leaderboard.texts import best_line
-
-    card, out = request.card, next(iter(request.runs))
-    reports = {
-        rules.name: RunReport(card=card, protocol=rules, pictures=pictures, validation=validation)
-        for rules in request.runs.values()
-    }
-    with resumable(out):
-        with progress_bar(f"scoring {request.method.name} on {card.name}", "images") as progress:
-            summaries = run_benchmark(
-                replace(request, progress=progress),
-                finish=lambda results, summary: reports[summary.protocol.name].write(results, summary),
-            )
-        for run, summary in summaries.items():
-            reports[summary.protocol.name].print(summary, run)
-        if card.scenario is None and validation is None:
-            note(f"a run does not validate its data; check them with: fisheye-bench validate {dataset}")
-        if best := best_line(LEADERBOARD, dataset=card.name):
-            say(best)
-    return max(len(summary.failures) for summary in summaries.values())
-
-
-def _run_part(request: RunRequest, part: Part) -> int:
-    """Score a part of the units and say what comes next; return the number of failures."""
+def _run_part(request: RunRequest, part: Part) -> bool:
+    """Score a part of the units and say what comes next; return whether something failed."""
     from bench.cli.runs import print_cost
     from bench.harness import score_part
 
@@ -154,4 +134,4 @@ def _run_part(request: RunRequest, part: Part) -> int:
     failures = scored.failures(out)
     print_cost(scored.provenance(out, images=0))
     print_failures(failures, all_in="the summary.json of the finished run")
-    return len(failures)
+    return bool(failures)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.atomic import write_text
 from bench.cli.console import note, note_files, print_failures, say, show
-from bench.cli.progress import progress_bar
+from bench.cli.progress import progress_bar, resumable
 from bench.evaluation import Protocol
-from bench.harness import Provenance, RunSummary
+from bench.harness import Provenance, RunRequest, RunSummary, run_benchmark
+from bench.harness.run import Finish
 from bench.recordings import DatasetCard
 from bench.reporting.findings import VALIDATION
 from bench.reporting.frame_pictures import write_example_pictures
@@ -67,6 +68,41 @@ class RunReport:
         note_files(folder / file for file in self._files)
         for remark in self._remarks:
             say(f"no picture: {remark}", style="yellow")
+
+
+def score(
+    request: RunRequest,
+    *,
+    title: str,
+    pictures: bool,
+    validation: ValidationReport | None = None,
+    finish: Finish | None = None,
+) -> dict[Path, RunSummary]:
+    """Score runs, write the report of each and print it.
+
+    Args:
+        request: the runs.
+        title: what goes on.
+        pictures: also draw an example frame of every category.
+        validation: of the data; None where they were not validated.
+        finish: as of `run_benchmark`, before the report.
+    """
+    reports = {
+        rules.name: RunReport(card=request.card, protocol=rules, pictures=pictures, validation=validation)
+        for rules in request.runs.values()
+    }
+
+    def write(results: Path, summary: RunSummary) -> None:
+        if finish is not None:
+            finish(results, summary)
+        reports[summary.protocol.name].write(results, summary)
+
+    with resumable(next(iter(request.runs))):
+        with progress_bar(title, "images") as progress:
+            summaries = run_benchmark(replace(request, progress=progress), finish=write)
+        for folder, summary in summaries.items():
+            reports[summary.protocol.name].print(summary, folder)
+    return summaries
 
 
 def print_cost(made: Provenance) -> None:

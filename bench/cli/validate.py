@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,9 @@ from bench.cli.progress import progress_bar
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
+    from bench.recordings import DatasetCard, RecordingHandle
     from bench.recordings.catalogue import Adapter
+    from bench.validation import Depth, ValidationReport
 
 
 def validate(
@@ -45,21 +48,27 @@ def validate_recordings(dataset: str, *, split: str | None, deep: bool, errors_o
     from bench.atomic import write_text
     from bench.cli.request import render_if_synthetic
     from bench.recordings import load_card, open_dataset
-    from bench.reporting.findings import findings_report
-    from bench.validation import Depth, Severity, validate_dataset
+    from bench.validation import Depth, Severity
 
     card = load_card(dataset)
     if card.scenario is not None and card.remote_root is None and not card.root.is_dir():
         render_if_synthetic(card, split)  # what is there is validated as it is
-    handles = open_dataset(card, split)
-    with progress_bar(f"validating {card.name}", "recordings") as progress:
-        report = validate_dataset(card.name, handles, depth=Depth.DEEP if deep else Depth.SAMPLED, progress=progress)
+    report = show_findings(card, open_dataset(card, split), Depth.DEEP if deep else Depth.SAMPLED)
     if json is not None:
         write_text(json, report.as_json())
-    show(findings_report(report))
-    if json is not None:
         say(str(json))
     return not (report.count(Severity.ERROR) if errors_only else report.findings)
+
+
+def show_findings(card: DatasetCard, handles: Sequence[RecordingHandle], depth: Depth) -> ValidationReport:
+    """Validate recordings of a data set and print what is wrong with them."""
+    from bench.reporting.findings import findings_report
+    from bench.validation import validate_dataset
+
+    with progress_bar(f"validating {card.name}", "recordings") as progress:
+        report = validate_dataset(card.name, handles, depth=depth, progress=progress)
+    show(findings_report(report))
+    return report
 
 
 def validate_adapter(name: str, root: Path, *, settings: list[str] | None) -> bool:

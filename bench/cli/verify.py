@@ -23,14 +23,12 @@ def verify(
     Exits with 0 where nothing does, and marks the run for the leaderboard; with 1 where something differs.
     """
     from bench.api.runs import load_run, run_folder
-    from bench.cli.request import render_if_synthetic, worker_processes
+    from bench.cli.request import rendered_card, worker_processes
     from bench.exchange.verify import verify_run
-    from bench.recordings import load_card
 
     folder = run_folder(run)
     dataset = load_run(folder).summary.manifest.dataset
-    card = load_card(data or dataset.card)
-    render_if_synthetic(card, dataset.split)
+    card = rendered_card(data or dataset.card, dataset.split)
     with progress_bar(f"counting {folder.name} again", "images") as report:
         found = verify_run(folder, card, executor=worker_processes(workers), progress=report)
     for line in found.differences:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -60,37 +61,32 @@ def view(
 ) -> None:
     """Draw frames: reference and lidar clusters, with --method what it finds; a video, or a log for the viewer."""
     from bench.api.datasets import Dataset
-    from bench.cli.request import render_if_synthetic
+    from bench.cli.request import rendered_card
     from bench.evaluation import load_protocol
     from bench.harness import FramePipeline, build_scorable
     from bench.harness.frames import InputOnly
     from bench.methods.settings import parse_settings
-    from bench.recordings import load_card, open_dataset
+    from bench.recordings import open_dataset
     from bench.reporting.calibration_view import write_calibration
     from bench.reporting.film import refuse_other_files, write_film
     from bench.reporting.formats import made_by
 
     if method is None and set_:
         raise UsageError("--set: expected --method, whose setting it is, got none")
-    card = load_card(dataset)
     built = InputOnly(history=0) if method is None else build_scorable(method, parse_settings(set_))
     rules = load_protocol(protocol)
     if calibration and video is not None:
         raise UsageError("--video: expected none with --calibration, which draws pictures and logs (--out, --rrd)")
     refuse_other_files(video=video, rrd=rrd)
-    render_if_synthetic(card)
+    choose = partial(chosen_frames, frame=frame, frames=frames, time_ns=time_ns)
+    card = rendered_card(dataset)
     data = Dataset(card=card, handles=open_dataset(card))
     opened = data[recording or data.names[0]]
     if camera is not None and camera not in opened.cameras:
         raise UnknownNameError("camera", camera, opened.cameras)
     if calibration:
         cameras = sorted(opened.cameras) if camera is None else [camera]
-        chosen = {
-            name: chosen_frames(
-                opened.images[name], history=1, frame=frame, frames=frames, time_ns=time_ns, all_without=False
-            )
-            for name in cameras
-        }
+        chosen = {name: choose(opened.images[name], history=1, all_without=False) for name in cameras}
         with progress_bar(f"drawing {opened.name}", "images") as progress:
             note_files(write_calibration(opened, chosen, out=out or PICTURES, rrd=rrd, progress=progress))
         return
@@ -98,14 +94,7 @@ def view(
     pipeline = FramePipeline(opened, name, method=built, protocol=rules)
     made = rules.name if method is None else made_by(built.name, rules.name)
     films = video is not None or rrd is not None
-    indices = chosen_frames(
-        pipeline.images,
-        history=built.history,
-        frame=frame,
-        frames=frames,
-        time_ns=time_ns,
-        all_without=films,
-    )
+    indices = choose(pipeline.images, history=built.history, all_without=films)
     files: list[Path] = []
     if films:
         with progress_bar(f"drawing {opened.name}", "images") as progress:
@@ -120,12 +109,12 @@ def view(
                 progress=progress,
             )
     if out is not None or not films:
-        files += _pictures(pipeline, indices, out, made, with_method=method is not None)
+        files += _pictures(pipeline, indices, out, made_by=made, with_method=method is not None)
     note_files(files)
 
 
 def _pictures(
-    pipeline: FramePipeline, indices: range, out: Path | None, made: str, *, with_method: bool
+    pipeline: FramePipeline, indices: range, out: Path | None, *, made_by: str, with_method: bool
 ) -> Iterator[Path]:
     """Pictures of every frame, in a folder named by its image: its index for `--frame`, and the name of its file.
 
@@ -145,10 +134,10 @@ def _pictures(
             if with_method:
                 processed = pipeline.process(index)
                 reference = processed.reference
-                yield from write_frame_pictures(processed, pipeline, place, made_by=made)
+                yield from write_frame_pictures(processed, pipeline, place, made_by=made_by)
             else:
                 reference = pipeline.reference(index)
-                yield from write_reference_pictures(pipeline, index, place, made_by=made)
+                yield from write_reference_pictures(pipeline, index, place, made_by=made_by)
         except UnscorableFrame as reason:
             if len(indices) == 1:
                 raise UsageError(f"this frame has no score: {reason}") from reason

@@ -33,12 +33,13 @@ recording is left out of both at a time, so that what makes it hard cancels out.
 sums are added: the same values to within rounding, whatever the order of the rows and the size of the parts.
 
 The modules, in the order of the data: `protocol` (the rules, a versioned file with a digest), `counts` (region masks,
-counts and chance level of one image), `likelihood` (histograms of one image), `maps` (by place, in the image, by
-coverage), `rows` (the two tables, and reading them in parts), `scorer` (a sequence of images to its tables),
-`definitions` (every metric once), `sums` (one long table by slice, recording and metric), `intervals`, `summary` (all
-metrics of a run), `thresholds` (metrics over all thresholds), `comparison` (two tables of sums), `published` (the
-paper's numbers). The harness calls `SequenceScorer` and `summarise`; reporting and the gate read `Summary`, the table
-of sums, the rows and the maps.
+counts and chance level of one image), `likelihood` (histograms of one image), `image_map` (where in the image), `rows`
+(the two tables, and reading them in parts), `scorer` (a sequence of images to its tables). These decide a unit; a
+change of the others, which reduce, computes no image again: `definitions` (every metric once), `sums` (one long table
+by slice, recording and metric), `intervals`, `summary` (all metrics of a run), `maps` (by place around the vehicle, by
+coverage), `thresholds` (metrics over all thresholds), `comparison` (two tables of sums), `published` (the paper's
+numbers). The harness calls `SequenceScorer`, `sum_run` and `summary_of`; reporting and the gate read `Summary`, the
+table of sums, the rows and the maps.
 
 Sources: Mariotti and Eising 2020, section IV; Chan et al. 2021 (SegmentMeIfYouCan) for the sharing of components;
 those of the intervals in their module; Holm 1979.
@@ -49,26 +50,18 @@ from bench.evaluation.comparison import (
     changes_in_parts,
     compare_sums,
     holm,
-    object_changes,
     paired_change,
 )
-from bench.evaluation.counts import FrameCounts, ObjectCounts, count_frame
+from bench.evaluation.counts import count_frame
 from bench.evaluation.definitions import Definition, find_metric, headlines
-from bench.evaluation.maps import (
-    CoverageCurve,
-    ImageMap,
-    RangeMap,
-    RangeMaps,
-    add_image_maps,
-    coverage_curves,
-    range_maps,
-)
+from bench.evaluation.image_map import ImageMap, add_image_maps
+from bench.evaluation.maps import CoverageCurve
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows, RowSource
 from bench.evaluation.scorer import SequenceScorer
 from bench.evaluation.summary import FalsePositiveMetrics, Metric, ObjectMetrics, Summary, summarise, summary_of
-from bench.evaluation.sums import add_sums, read_sums, sum_rows, sum_run, write_sums
-from bench.evaluation.thresholds import ThresholdFreeMetrics, ThresholdSweep, threshold_free_metrics, threshold_sweep
+from bench.evaluation.sums import read_sums, sum_run, write_sums
+from bench.evaluation.thresholds import ThresholdFreeMetrics, threshold_free_metrics, threshold_sweep
 
 __all__ = [
     "FRAMES_SCHEMA",
@@ -76,37 +69,27 @@ __all__ = [
     "CoverageCurve",
     "Definition",
     "FalsePositiveMetrics",
-    "FrameCounts",
     "ImageMap",
     "Metric",
-    "ObjectCounts",
     "ObjectMetrics",
     "PairedChange",
     "Protocol",
-    "RangeMap",
-    "RangeMaps",
     "RowSource",
     "Rows",
     "SequenceScorer",
     "Summary",
     "ThresholdFreeMetrics",
-    "ThresholdSweep",
     "add_image_maps",
-    "add_sums",
     "changes_in_parts",
     "compare_sums",
     "count_frame",
-    "coverage_curves",
     "find_metric",
     "headlines",
     "holm",
     "known_protocols",
     "load_protocol",
-    "object_changes",
     "paired_change",
-    "range_maps",
     "read_sums",
-    "sum_rows",
     "sum_run",
     "summarise",
     "summary_of",

@@ -6,7 +6,7 @@ verdict and the command `compare` both rest on `compare_sums`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, TypeAlias
 
@@ -58,11 +58,6 @@ class PairedChange:
     cases_before: int
     cases_after: int
     recordings: int
-
-    @classmethod
-    def of(cls, row: Mapping[Any, Any]) -> PairedChange:
-        """A row of `compare_sums`."""
-        return cls(**{name: row[name] for name in cls.__slots__})
 
 
 def compare_sums(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:

@@ -13,7 +13,7 @@ Source:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from typing import Any
 
@@ -29,17 +29,17 @@ HALF = 0.5  # of an object, the level of the headline
 Terms = Callable[[pd.DataFrame], "pd.Series[Any]"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Definition:
     """A metric.
 
     Attributes:
+        over: the rows, `OBJECT_FRAMES` or `IMAGE_FRAMES`.
         name: in sums, gate, comparison and tolerances; no other metric has it.
         label: for headings.
-        meaning: one sentence.
-        over: the rows, `OBJECT_FRAMES` or `IMAGE_FRAMES`.
         numerator: of each row, (N,) float64.
-        denominator: of each row, (N,) float64.
+        denominator: of each row, (N,) float64; an object-frame is one case or none, an image may be many, as pixels.
+        meaning: one sentence.
         higher_is_better: None for what is no merit or fault of a method; it is not compared.
         bounds: a ratio in [0, 1], or a mean without an upper end.
         headline: among the few that say whether a run is better.
@@ -49,12 +49,13 @@ class Definition:
         short_name: in its part of `summary.json`, where it is called otherwise.
     """
 
+    over: str
     name: str
     label: str
-    meaning: str
-    over: str
     numerator: Terms
     denominator: Terms
+    meaning: str
+    _: KW_ONLY
     higher_is_better: bool | None = True
     bounds: Bounds = RATIO
     headline: bool = False
@@ -89,6 +90,11 @@ def coverage(rows: pd.DataFrame) -> pd.Series[float]:
     return rows["tp"] / (rows["tp"] + rows["fn"])
 
 
+def chance_coverage(rows: pd.DataFrame) -> pd.Series[float]:
+    """The same in the method's mask of another time; NaN where there is none."""
+    return rows["chance_tp"] / (rows["tp"] + rows["fn"])
+
+
 def intersection_over_union(rows: pd.DataFrame) -> pd.Series[float]:
     """TP / (TP + FP + FN) of each object; NaN for 0/0."""
     return rows["tp"] / (rows["tp"] + rows["fp"] + rows["fn"])
@@ -109,16 +115,7 @@ def one(rows: pd.DataFrame) -> pd.Series[float]:
     return pd.Series(1.0, rows.index)
 
 
-def _metric(
-    over: str, name: str, label: str, numerator: Terms, denominator: Terms, meaning: str, **more: object
-) -> Definition:
-    return Definition(
-        name=name, label=label, meaning=meaning, over=over, numerator=numerator, denominator=denominator,
-        **more,  # type: ignore[arg-type]
-    )  # fmt: skip
-
-
-_objects, _images = partial(_metric, OBJECT_FRAMES), partial(_metric, IMAGE_FRAMES)
+_objects, _images = partial(Definition, OBJECT_FRAMES), partial(Definition, IMAGE_FRAMES)
 
 OF_OBJECTS = (
     _objects("detection_rate", "Detection rate", detected, one,
@@ -197,7 +194,7 @@ def _of_level(level: float) -> tuple[Definition, Definition]:
         _objects(f"{DETECTION}{percent}", f"Detection at {percent} %", lambda r: coverage(r) >= level, one,
                  f"Share of object-frames with a coverage of at least {percent} %.", headline=level == HALF),
         _objects(f"{CHANCE}{percent}", f"Chance at {percent} %",
-                 lambda r: r["chance_tp"] / (r["tp"] + r["fn"]) >= level, lambda r: r["chance_tp"].notna(),
+                 lambda r: chance_coverage(r) >= level, lambda r: r["chance_tp"].notna(),
                  f"Detection at {percent} % against the method's mask of another time.", higher_is_better=None),
     )  # fmt: skip
 

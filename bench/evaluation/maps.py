@@ -1,22 +1,19 @@
-"""Maps of found objects: around the vehicle (the paper's second result), in the image, and by how much is covered."""
+"""Maps of found objects: around the vehicle (the paper's second result), and by how much is covered."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.evaluation.counts import Regions, count_by_cell
-from bench.evaluation.definitions import coverage, detected
+from bench.evaluation.definitions import chance_coverage, coverage, detected
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import EVALUATED, Rows, read_parts
 from bench.records.reference import Direction
-
-COLUMNS = ("object_class", "direction", "x_m", "y_m", "tp", "fn")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,7 +73,7 @@ def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> Rang
     cell_m = protocol.range_map.cell_m
     key = ["object_class", "direction", "x", "y"]  # cells half-open, [a, b), counted from the vehicle's origin
     parts = []
-    for rows in _evaluated(objects, COLUMNS):
+    for rows in _evaluated(objects, ("object_class", "direction", "x_m", "y_m", "tp", "fn")):
         found = detected(rows) & (coverage(rows) >= level)
         x, y = (np.floor(rows[name] / cell_m) for name in ("x_m", "y_m"))
         placed = rows.assign(x=x, y=y, object_frames=1, detected=found)[[*key, "object_frames", "detected"]]
@@ -121,7 +118,6 @@ def _evaluated(objects: Rows, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
 STEPS = 1000  # finer than any picture
 THRESHOLDS: NDArray[np.float64] = np.arange(STEPS + 1) / STEPS
 THRESHOLDS.setflags(write=False)
-CURVE_COLUMNS = ("category", "tp", "fn", "chance_tp")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,108 +150,19 @@ def coverage_curves(objects: Rows, *, protocol: Protocol) -> dict[str, tuple[Cov
         By category: the curve of its evaluated object-frames, and that against the masks of other frames, over the
         object-frames that have one.
     """
-    curves = {str(name): (_nothing(), _nothing()) for name in protocol.reference.categories}
-    for rows in _evaluated(objects, CURVE_COLUMNS):
-        for name, (found, by_chance) in curves.items():
-            of_kind = rows[rows["category"] == name]
-            chance = of_kind[of_kind["chance_tp"].notna()]
-            curves[name] = (
-                _add(found, coverage(of_kind)),
-                _add(by_chance, chance["chance_tp"] / (chance["tp"] + chance["fn"])),
-            )
-    return curves
+    columns = ("category", "tp", "fn", "chance_tp")
+    parts = [
+        rows[["category"]].assign(own=coverage(rows), chance=chance_coverage(rows))
+        for rows in _evaluated(objects, columns)
+    ]
+    covered = pd.concat(parts)
+    kinds = {str(name): covered[covered["category"] == name] for name in protocol.reference.categories}
+    return {name: (_curve(rows["own"]), _curve(rows["chance"])) for name, rows in kinds.items()}
 
 
-def _nothing() -> CoverageCurve:
-    return CoverageCurve(at_least=np.zeros(STEPS + 1, dtype=np.int64), object_frames=0)
-
-
-def _add(curve: CoverageCurve, covered: pd.Series[float]) -> CoverageCurve:
-    reached = np.searchsorted(THRESHOLDS, covered, side="right")  # thresholds that are not above it
-    from_above = np.cumsum(np.bincount(reached, minlength=STEPS + 2)[::-1])[::-1]
-    at_least = from_above[1:].astype(np.int64)
-    at_least[0] = np.count_nonzero(covered > 0)
-    return CoverageCurve(
-        at_least=curve.at_least + at_least,
-        object_frames=curve.object_frames + len(covered),
-    )
-
-
-CELL_PX = 8
-
-Grid = NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ImageMap:
-    """Sums over the scored images of one camera and size, on square cells that tile the image from its first pixel.
-
-    Attributes:
-        camera: name.
-        width: of the images, px.
-        height: of the images, px.
-        cell_px: side of a cell, px.
-        frames: images summed.
-        reference_px: (rows, columns) int64, pixels of all G.
-        missed_px: (rows, columns) int64, pixels of all G minus D.
-        false_px: (rows, columns) int64, pixels of D minus (all G u I).
-    """
-
-    camera: str
-    width: int
-    height: int
-    cell_px: int
-    frames: int
-    reference_px: Grid
-    missed_px: Grid
-    false_px: Grid
-
-    @classmethod
-    def of(cls, regions: Regions, *, camera: str) -> ImageMap:
-        """Count one image."""
-        height, width = regions.moving.shape
-        return cls(
-            camera=camera,
-            width=width,
-            height=height,
-            cell_px=CELL_PX,
-            frames=1,
-            reference_px=count_by_cell(regions.moving, CELL_PX),
-            missed_px=count_by_cell(regions.moving & ~regions.true, CELL_PX),
-            false_px=count_by_cell(regions.false, CELL_PX),
-        )
-
-    def __add__(self, other: ImageMap) -> ImageMap:
-        """The sums over the images of both, which are of the same camera, size and cell."""
-        return replace(
-            self,
-            frames=self.frames + other.frames,
-            reference_px=self.reference_px + other.reference_px,
-            missed_px=self.missed_px + other.missed_px,
-            false_px=self.false_px + other.false_px,
-        )
-
-    @property
-    def missed_rate(self) -> NDArray[np.float64]:
-        """(rows, columns) float64, share of the reference's pixels that were missed; NaN where there never were any."""
-        seen = self.reference_px > 0
-        return np.where(seen, self.missed_px / np.where(seen, self.reference_px, 1), np.nan)
-
-    @property
-    def false_rate(self) -> NDArray[np.float64]:
-        """(rows, columns) float64, mean share of the cell that was false; NaN without images."""
-        area_px = count_by_cell(np.ones((self.height, self.width), dtype=bool), self.cell_px)
-        return self.false_px / (area_px * self.frames) if self.frames else np.full(area_px.shape, np.nan)
-
-
-def add_image_maps(maps: Iterable[ImageMap]) -> tuple[ImageMap, ...]:
-    """Add those of the same camera, size and cell; the order in which they come does not matter.
-
-    Returns:
-        One per camera, size and cell, in that order.
-    """
-    sums: dict[tuple[str, int, int, int], ImageMap] = {}
-    for item in maps:
-        key = (item.camera, item.width, item.height, item.cell_px)
-        sums[key] = sums[key] + item if key in sums else item
-    return tuple(sums[key] for key in sorted(sums))
+def _curve(covered: pd.Series[float]) -> CoverageCurve:
+    """The curve of the coverage of object-frames; NaN, where no mask of another time is, counts as no object-frame."""
+    ascending = np.sort(covered.dropna().to_numpy())
+    at_least = len(ascending) - np.searchsorted(ascending, THRESHOLDS)
+    at_least[0] = np.count_nonzero(ascending > 0)
+    return CoverageCurve(at_least=at_least, object_frames=len(ascending))

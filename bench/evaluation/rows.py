@@ -9,20 +9,16 @@ compare on the images that all of them scored: `CommonImages`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import Any, Literal, Protocol, TypeAlias
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
 from bench.evaluation.counts import FrameCounts, ObjectCounts
 from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
-from bench.records.reference import ReferenceFrame, Status
 
 Row = dict[str, Any]
 
@@ -32,7 +28,7 @@ EVALUATED, NOT_ANNOTATED = "evaluated", "not_annotated"
 ROWS_AT_ONCE = 100_000  # in memory, unless one recording has more
 _IMAGE_KEY = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_ns", pa.int64())]
 
-# One row per annotated object per image, whatever its status. `tp`, `fn`, `fp`, `region_px` and `unknown_px` (pixels
+# One row per annotated object per image, whatever its status. The counts, `region_px` and `unknown_px` (pixels
 # beside the region that may be the object's) are 0 unless evaluated.
 # `ceiling_tp` and `ceiling_fp` are what the exact masks would have got; null unless evaluated and without exact masks.
 # `chance_tp` is null unless evaluated and where the recording is too short for another mask. Unknown speeds and places
@@ -54,9 +50,7 @@ OBJECTS_SCHEMA = pa.schema(
         ("points", pa.int64()),
         ("polygon_px", pa.int64()),
         ("region_px", pa.int64()),
-        ("tp", pa.int64()),
-        ("fn", pa.int64()),
-        ("fp", pa.int64()),
+        *[(field.name, pa.int64()) for field in fields(ObjectCounts)],
         ("chance_tp", pa.int64()),
         ("unknown_px", pa.int64()),
         ("ceiling_tp", pa.int64()),
@@ -64,7 +58,7 @@ OBJECTS_SCHEMA = pa.schema(
     ]
 )
 
-_FRAME_COUNTS = tuple(field.name for field in fields(FrameCounts) if field.name != "fp_by_cause")
+FRAME_COUNTS = tuple(field.name for field in fields(FrameCounts) if field.name != "fp_by_cause")
 
 # One row per image. All counts are 0 where there is no mask; an image that is not annotated has those of its mask and
 # of V only. `fp_by_cause` is empty for a method that names no causes. The histograms over
@@ -75,7 +69,7 @@ FRAMES_SCHEMA = pa.schema(
         ("ego_speed_mps", pa.float64()),
         ("status", pa.string()),
         ("problem", pa.string()),
-        *[(name, pa.int64()) for name in _FRAME_COUNTS],
+        *[(name, pa.int64()) for name in FRAME_COUNTS],
         ("undefined_px", pa.int64()),
         ("fp_by_cause", pa.map_(pa.string(), pa.int64())),
         (REFERENCE_COLUMN, pa.list_(pa.int64())),
@@ -227,58 +221,6 @@ def sort_rows(rows: pd.DataFrame, key: Sequence[str]) -> pd.DataFrame:
     return rows.sort_values(list(key), ignore_index=True)
 
 
-_OF_OBJECT = (
-    "track_id", "object_class", "status", "reason", "category", "direction", "range_m", "speed_mps", "points",
-    "polygon_px", "unknown_px",
-)  # fmt: skip
-
-
-def object_rows(
-    reference: ReferenceFrame, counts: Sequence[ObjectCounts], *, ceiling: Sequence[ObjectCounts] | None = None
-) -> list[Row]:
-    """Rows of `OBJECTS_SCHEMA`, in the order of `reference.objects`; `chance_tp` is still missing.
-
-    Args:
-        reference: of the image.
-        counts: one per object.
-        ceiling: the same of the exact masks; None where nobody knows them.
-    """
-    image = _image_columns(reference)
-    rows = []
-    for number, (item, own) in enumerate(zip(reference.objects, counts, strict=True)):
-        row = image | {name: getattr(item, name) for name in _OF_OBJECT} | asdict(own)
-        row |= {"x_m": item.centroid_m[0], "y_m": item.centroid_m[1], "region_px": own.tp + own.fn}
-        if ceiling is not None and item.status is Status.EVALUATED:
-            row |= {"ceiling_tp": ceiling[number].tp, "ceiling_fp": ceiling[number].fp}
-        rows.append(row)
-    return rows
-
-
-def frame_row(
-    reference: ReferenceFrame, counts: FrameCounts, *, undefined_px: int, histograms: dict[str, NDArray[np.int64]]
-) -> Row:
-    """The row of `FRAMES_SCHEMA` of an image that was scored, or has a mask but no annotations to score it by.
-
-    Args:
-        reference: of the image.
-        counts: of the image.
-        undefined_px: pixels of V where the method could not say.
-        histograms: of the likelihood, by column; none for a method without one.
-    """
-    status = EVALUATED if reference.annotated else NOT_ANNOTATED
-    row = _image_columns(reference) | {"status": status, "undefined_px": undefined_px}
-    return row | asdict(counts) | {"fp_by_cause": sorted(counts.fp_by_cause.items())} | histograms
-
-
-def unscored_frame_row(
-    *, recording: str, camera: str, timestamp_ns: int, status: Literal["failed", "skipped"], problem: str
-) -> Row:
-    """The row of `FRAMES_SCHEMA` of an image that could not be scored, with the reason in words."""
-    row: Row = {"recording": recording, "camera": camera, "timestamp_ns": timestamp_ns, "ego_speed_mps": math.nan}
-    row |= {"status": status, "problem": problem, "undefined_px": 0, "fp_by_cause": []}
-    return row | dict.fromkeys(_FRAME_COUNTS, 0)
-
-
 def objects_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
     """`objects.parquet`; what a row does not have is null."""
     return pa.Table.from_pylist(list(rows), schema=OBJECTS_SCHEMA)
@@ -287,7 +229,3 @@ def objects_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
 def frames_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
     """`frames.parquet`; what a row does not have is null."""
     return pa.Table.from_pylist(list(rows), schema=FRAMES_SCHEMA)
-
-
-def _image_columns(reference: ReferenceFrame) -> Row:
-    return {name: getattr(reference, name) for name in (*IMAGE, "ego_speed_mps")}

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from typing import Literal
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation.counts import ChanceScorer, count_frame, find_regions, sum_by_kind
+from bench.evaluation.counts import ChanceScorer, ObjectCounts, count_frame, find_regions, sum_by_kind
+from bench.evaluation.image_map import ImageMap
 from bench.evaluation.likelihood import count_likelihood
-from bench.evaluation.maps import ImageMap
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import Row, frame_row, frames_table, object_rows, objects_table, unscored_frame_row
-from bench.records.reference import ReferenceFrame
+from bench.evaluation.rows import (
+    EVALUATED,
+    FRAME_COUNTS,
+    IMAGE,
+    NOT_ANNOTATED,
+    Row,
+    frames_table,
+    objects_table,
+)
+from bench.records.reference import ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
 
 
@@ -61,24 +72,26 @@ class SequenceScorer:
             regions=regions,
         )
         self._chance.add(reference, detected)
-        histograms: dict[str, NDArray[np.int64]] = {}
-        if segmentation.likelihood is not None and reference.annotated:
-            histograms = count_likelihood(
+        row = _image_columns(reference) | asdict(frame)
+        row |= {"status": EVALUATED if reference.annotated else NOT_ANNOTATED}
+        row |= {"fp_by_cause": sorted(frame.fp_by_cause.items())}
+        row |= {"undefined_px": _undefined_px(reference.valid, segmentation)}
+        self._frames.append(row)
+        if not reference.annotated:
+            return
+        if segmentation.likelihood is not None:
+            row |= count_likelihood(
                 segmentation.likelihood,
                 regions,
                 cell_size_px=segmentation.cell_size_px,
                 is_score=segmentation.likelihood_is_score,
             )
-        undefined_px = _undefined_px(reference.valid, segmentation)
-        self._frames.append(frame_row(reference, frame, undefined_px=undefined_px, histograms=histograms))
-        if not reference.annotated:
-            return
         own = ImageMap.of(regions, camera=reference.camera)
         self._map = own if self._map is None else self._map + own
         ceiling = None
         if exact is not None:
             ceiling = count_frame(reference, exact, component_size_px=self._component_size_px)[1]
-        self._objects.extend(object_rows(reference, objects, ceiling=ceiling))
+        self._objects.extend(_object_rows(reference, objects, ceiling))
 
     def leave_out(
         self,
@@ -90,11 +103,9 @@ class SequenceScorer:
         problem: str,
     ) -> None:
         """Record that a frame could not be scored, and why."""
-        self._frames.append(
-            unscored_frame_row(
-                recording=recording, camera=camera, timestamp_ns=timestamp_ns, status=status, problem=problem
-            )
-        )
+        image = {"recording": recording, "camera": camera, "timestamp_ns": timestamp_ns, "ego_speed_mps": math.nan}
+        outcome = {"status": status, "problem": problem, "undefined_px": 0, "fp_by_cause": []}
+        self._frames.append(image | outcome | dict.fromkeys(FRAME_COUNTS, 0))
 
     def finish(self) -> tuple[pa.Table, pa.Table]:
         """End the sequence: the objects table and the frames table."""
@@ -106,6 +117,29 @@ class SequenceScorer:
     def image_map(self) -> ImageMap | None:
         """Return the map of where the frames so far were right and wrong in the image; None without a scored frame."""
         return self._map
+
+
+_OF_OBJECT = (
+    "track_id", "object_class", "status", "reason", "category", "direction", "range_m", "speed_mps", "points",
+    "polygon_px", "unknown_px",
+)  # fmt: skip
+
+
+def _object_rows(
+    reference: ReferenceFrame, counts: Sequence[ObjectCounts], ceiling: Sequence[ObjectCounts] | None
+) -> Iterator[Row]:
+    """Rows of `OBJECTS_SCHEMA`, in the order of `reference.objects`; `chance_tp` is still missing."""
+    image = _image_columns(reference)
+    for number, (item, own) in enumerate(zip(reference.objects, counts, strict=True)):
+        row = image | {name: getattr(item, name) for name in _OF_OBJECT} | asdict(own)
+        row |= {"x_m": item.centroid_m[0], "y_m": item.centroid_m[1], "region_px": own.tp + own.fn}
+        if ceiling is not None and item.status is Status.EVALUATED:
+            row |= {"ceiling_tp": ceiling[number].tp, "ceiling_fp": ceiling[number].fp}
+        yield row
+
+
+def _image_columns(reference: ReferenceFrame) -> Row:
+    return {name: getattr(reference, name) for name in (*IMAGE, "ego_speed_mps")}
 
 
 def _undefined_px(valid: NDArray[np.bool_], segmentation: Segmentation) -> int:

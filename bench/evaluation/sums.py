@@ -23,20 +23,23 @@ import pandas as pd
 from bench.atomic import open_regular, write_text
 from bench.errors import BenchError, DataError
 from bench.evaluation.definitions import CAUSE, COUNTS, MARKED, Definition, find_metric, image_metrics, object_metrics
+from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import EVALUATED, IMAGE, NOT_ANNOTATED, OBJECT, Rows, read_parts
+from bench.evaluation.rows import (
+    EVALUATED,
+    FRAMES_SCHEMA,
+    IMAGE,
+    NOT_ANNOTATED,
+    OBJECT,
+    OBJECTS_SCHEMA,
+    Rows,
+    read_parts,
+)
 
 ALL_MOVING, FRAMES, CATEGORY = "all_moving", "frames", "category"
 CLASS_AND_SPEED = "class_and_speed"
 KEY, TERMS = ["breakdown", "slice", "recording", "metric"], ["numerator", "denominator"]
-OBJECT_COLUMNS = (
-    *OBJECT, "object_class", "status", "reason", "category", "range_m", "speed_mps", "ego_speed_mps",
-    "points", "tp", "fn", "fp", "chance_tp", "unknown_px", "ceiling_tp", "ceiling_fp",
-)  # fmt: skip
-FRAME_COLUMNS = (
-    *IMAGE, "ego_speed_mps", "status", "problem", "width", "height", "valid_px", "detected_px", "tp_px",
-    "fn_px", "fp_px", "fp_components", "fp_large_components", "fp_by_cause",
-)  # fmt: skip
+COLUMNS_OF_FRAMES = [name for name in FRAMES_SCHEMA.names if name not in {REFERENCE_COLUMN, OUTSIDE_COLUMN}]
 Breakdown = tuple[Sequence[str], Callable[[pd.DataFrame], "pd.Series[str]"]]
 
 
@@ -110,32 +113,21 @@ def cameras_of(sums: pd.DataFrame) -> list[str]:
 
 
 def sum_run(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: int | None = None) -> pd.DataFrame:
-    """Reduce the tables of a run to sums, a few recordings in memory at a time; see `sum_rows`.
+    """Reduce the tables of a run to sums, a few recordings in memory at a time.
 
     Args:
         objects: of `OBJECTS_SCHEMA`, in memory or stored.
         frames: of `FRAMES_SCHEMA`, in memory or stored.
         protocol: that the run was made with.
         rows_at_once: most rows in memory, unless one recording has more.
-    """
-    of_objects = read_parts(objects, OBJECT_COLUMNS, rows_at_once=rows_at_once)
-    of_frames = read_parts(frames, FRAME_COLUMNS, rows_at_once=rows_at_once)
-    parts = [sum_objects(rows, protocol=protocol) for rows in of_objects]
-    return add_sums([*parts, *(sum_frames(rows, protocol=protocol) for rows in of_frames)])
-
-
-def sum_rows(objects: pd.DataFrame, frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
-    """Reduce whole recordings to sums: a part of a run, to be added to the others by `add_sums`.
-
-    Args:
-        objects: all annotated object-frames, `OBJECT_COLUMNS`.
-        frames: all images, `FRAME_COLUMNS`.
-        protocol: that the run was made with.
 
     Returns:
         The table of sums, columns `KEY` and `TERMS`.
     """
-    return add_sums([sum_objects(objects, protocol=protocol), sum_frames(frames, protocol=protocol)])
+    of_objects = read_parts(objects, OBJECTS_SCHEMA.names, rows_at_once=rows_at_once)
+    of_frames = read_parts(frames, COLUMNS_OF_FRAMES, rows_at_once=rows_at_once)
+    parts = [sum_objects(rows, protocol=protocol) for rows in of_objects]
+    return add_sums([*parts, *(sum_frames(rows, protocol=protocol) for rows in of_frames)])
 
 
 def add_sums(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
@@ -155,7 +147,7 @@ def add_sums(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 
 def sum_objects(objects: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
-    """Reduce annotated object-frames of whole recordings; see `sum_rows`."""
+    """Reduce annotated object-frames of whole recordings, all columns, to sums that `add_sums` adds to others."""
     assert not objects.duplicated(OBJECT).any(), f"{OBJECT} names each row once"
     rows = objects[objects["status"] == EVALUATED]
     known = rows["category"].isin([*map(str, protocol.reference.categories)])
@@ -172,7 +164,7 @@ def sum_objects(objects: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
 
 
 def sum_frames(frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
-    """Reduce images of whole recordings; see `sum_rows`."""
+    """Reduce images of whole recordings, `COLUMNS_OF_FRAMES`, to sums that `add_sums` adds to others."""
     assert not frames.duplicated(IMAGE).any(), f"{IMAGE} names each row once"
     rows = frames[frames["status"] == EVALUATED]
     breakdowns = {name: of(rows) for name, (_, of) in frame_breakdowns(protocol).items()}
@@ -203,7 +195,8 @@ def sum_metrics(
     """
     terms = {(m.name, term): getattr(m, term)(rows).astype(np.float64) for m in metrics for term in TERMS}
     wide = pd.DataFrame(terms, index=rows.index)
-    assert np.isfinite(wide.to_numpy()).all(), "every evaluated row has a number for each metric"
+    without = [name for name, term in terms if not np.isfinite(wide[name, term]).all()]
+    assert not without, f"every evaluated row has a number for each metric, not so for {without}"
     within = [rows[name].astype("category") for name in by]
     return pd.concat(
         [

@@ -21,12 +21,11 @@ from bench.gate.baseline import (
     MissingBaselineError,
     RunSums,
     find_baseline,
-    own_baseline,
     read_baseline,
     read_run_sums,
     write_baseline,
 )
-from bench.gate.judge import incomparable_reason, judge, judgeable, refuse
+from bench.gate.judge import judge
 from bench.gate.tolerances import Tolerances, known_tolerances, load_tolerances
 from bench.gate.verdict import Check, Outcome, Row, Verdict
 
@@ -39,14 +38,10 @@ __all__ = [
     "Tolerances",
     "Verdict",
     "find_baseline",
-    "incomparable_reason",
     "judge",
-    "judgeable",
     "known_tolerances",
     "load_tolerances",
-    "own_baseline",
     "read_baseline",
     "read_run_sums",
-    "refuse",
     "write_baseline",
 ]

@@ -12,7 +12,7 @@ import pandas as pd
 from bench.errors import UsageError
 from bench.evaluation import Definition, PairedChange, find_metric, holm, paired_change
 from bench.evaluation.comparison import SIDES, SIGNIFICANCE, SLICE, Key, Pairs, group_pairs, pair_sums
-from bench.evaluation.definitions import SEGMENTATION
+from bench.evaluation.definitions import IMAGE_FRAMES
 from bench.evaluation.rows import EVALUATED
 from bench.evaluation.sums import ALL_MOVING, FRAMES, TERMS, name_slice
 from bench.gate.baseline import RunSums
@@ -161,7 +161,6 @@ def _difference(unit: str, slice_name: str, was: int, now: int) -> str:
     return f"{abs(now - was)} {unit} {'fewer' if now < was else 'more'} in {slice_name} ({now}, were {was})"
 
 
-OVER_PIXELS = frozenset(metric.name for metric in SEGMENTATION)  # their cases are pixels, so their images are counted
 WORST = 3  # recordings that are named
 ROUNDING = 1e-12  # a change by exactly what is tolerated is tolerated
 
@@ -282,9 +281,9 @@ def _why_not_judged(
     if not change.cases_before and change.cases_after:
         return "not in the baseline"
     cases = min(change.cases_before, change.cases_after)
-    if metric in OVER_PIXELS:
-        images = pairs.get((breakdown, name, COVERAGE))
-        cases = 0 if images is None else int(min(images[BEFORE].sum(), images[AFTER].sum()))
+    if find_metric(metric).over == IMAGE_FRAMES:  # cases of some are pixels
+        images = pairs.get((breakdown, name, COVERAGE), pairs[key])
+        cases = int(min(images[BEFORE].sum(), images[AFTER].sum()))
     if cases < tolerances.min_cases:
         return f"{cases} {'case' if cases == 1 else 'cases'}, {tolerances.min_cases} are needed"
     if change.recordings < tolerances.min_recordings:

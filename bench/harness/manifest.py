@@ -14,7 +14,7 @@ import bench
 from bench.evaluation.summary import ProtocolOfRun
 from bench.harness.code_state import package_commit
 from bench.harness.digests import code_digest
-from bench.harness.digests.content import UNIT_CODE
+from bench.harness.digests.content import METRIC_CODE
 from bench.harness.method_of_run import MethodOfRun, flat_settings
 from bench.harness.provenance import combined_digest, library_versions
 from bench.plain_text import listed
@@ -77,7 +77,7 @@ class CodeOfRun(_Part):
             commit=package_commit(),
             python=platform.python_version(),
             libraries=dict(library_versions()),
-            digest=code_digest(UNIT_CODE),
+            digest=code_digest(METRIC_CODE),
         )
 
     @property

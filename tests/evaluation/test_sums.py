@@ -16,20 +16,16 @@ from hypothesis import strategies as st
 from bench.errors import DataError
 from bench.evaluation import (
     Rows,
-    add_sums,
-    coverage_curves,
     load_protocol,
-    range_maps,
     read_sums,
-    sum_rows,
     sum_run,
     summarise,
     threshold_sweep,
     write_sums,
 )
-from bench.evaluation.maps import THRESHOLDS
+from bench.evaluation.maps import THRESHOLDS, coverage_curves, range_maps
 from bench.evaluation.rows import ChosenRows, TableRows, group_recordings, to_frame
-from bench.evaluation.sums import KEY
+from bench.evaluation.sums import KEY, add_sums, sum_frames, sum_objects
 from bench.harness import StoredRows, open_tables
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import PAPER, joined, random_run, scored, shuffled
@@ -41,6 +37,10 @@ few = settings(max_examples=8, deadline=None)
 
 def reduced(tables: Tables, rows_at_once: int | None = None) -> pd.DataFrame:
     return sum_run(*tables, protocol=PAPER, rows_at_once=rows_at_once)
+
+
+def sums_of(objects: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFrame:
+    return add_sums([sum_objects(objects, protocol=PAPER), sum_frames(frames, protocol=PAPER)])
 
 
 def in_order(sums: pd.DataFrame) -> pd.DataFrame:
@@ -119,11 +119,8 @@ def test_neither_the_order_of_the_rows_nor_the_size_of_the_parts_matters(seed: i
 def test_sums_of_parts_are_the_sums_of_the_whole(seed: int, part_of: list[int]) -> None:
     objects, frames = map(to_frame, random_run(seed))
     number = {f"drive-{k}": part for k, part in enumerate(part_of)}
-    parts = [
-        sum_rows(*(rows[rows["recording"].map(number) == part] for rows in (objects, frames)), protocol=PAPER)
-        for part in range(3)
-    ]
-    assert_same(add_sums(parts), sum_rows(objects, frames, protocol=PAPER))
+    parts = [sums_of(*(rows[rows["recording"].map(number) == part] for rows in (objects, frames))) for part in range(3)]
+    assert_same(add_sums(parts), sums_of(objects, frames))
     assert_same(add_sums([add_sums(parts[:2]), parts[2]]), add_sums(parts))
 
 

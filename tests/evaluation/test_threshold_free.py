@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bench.evaluation import SequenceScorer, ThresholdFreeMetrics, threshold_free_metrics, threshold_sweep
-from bench.evaluation.likelihood import BINS, SCORE_EDGES, find_bins
+from bench.evaluation.likelihood import BINS, SCORE_EDGES
 from bench.records.reference import ReferenceFrame
 from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import picture, reference_frame
-from tests.evaluation.runs import PAPER, scored, shuffled
+from tests.evaluation.runs import PAPER, shuffled
 
 HALF = 0.5
 Values = NDArray[np.float64]
@@ -58,13 +58,6 @@ def test_score_edges_lie_evenly_over_the_odds_around_one_half() -> None:
     assert HALF in inner
     assert np.allclose(np.diff(np.log10(inner / (1 - inner))), 0.05)
     assert np.allclose(inner, 1 - inner[::-1])
-
-
-@given(st.lists(st.floats(0, 1, width=32), min_size=1, max_size=20))
-def test_a_score_lies_in_its_bin(values: list[float]) -> None:
-    bins = find_bins(np.array(values, dtype=np.float32), SCORE_EDGES)
-    for value, k in zip(values, bins.tolist(), strict=True):
-        assert SCORE_EDGES[k] < value <= SCORE_EDGES[k + 1] or (k == 0 and value == 0)
 
 
 def test_figures_to_check_by_hand() -> None:
@@ -141,8 +134,3 @@ def test_without_objects_or_without_negatives_there_is_no_figure() -> None:
     for found in (nothing, everything):
         again = ThresholdFreeMetrics.model_validate_json(found.model_dump_json())
         assert again.model_dump_json() == found.model_dump_json()
-
-
-def test_a_method_without_likelihood_has_none() -> None:
-    _, frames = scored([(reference_frame(picture("1.")), np.array([[True, False]]))])
-    assert threshold_free_metrics(frames) is None

@@ -12,7 +12,6 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from bench.cli.gate import judge_run
 from bench.errors import DataError
 from bench.evaluation import load_protocol, read_sums, sum_run, write_sums
 from bench.evaluation.definitions import COUNTS
@@ -22,6 +21,7 @@ from bench.harness.stored import SUMS, file_digests, write_summary
 from bench.methods import build_method
 from tests.gate.conftest import run
 from tests.gate.regressions import CalibrationShifted, YawSignFlipped
+from tests.support.commands import called_here
 
 pytestmark = pytest.mark.slow
 
@@ -36,7 +36,7 @@ def baseline(good_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(folder: Path, baseline: Path) -> int:
-    return judge_run(folder, baseline=baseline, tolerances="rendered-v1", junit=None, json=None, github=False)
+    return called_here("gate", folder, "--baseline", baseline, "--tolerances", "rendered-v1").returncode
 
 
 def verdict(good: Path, other: Path) -> Verdict:

@@ -156,9 +156,13 @@ REFERENCE_PACKAGES = ("errors.py", "geometry", "cameras", "lidar", "egomotion", 
 REFERENCE_CODE = (*REFERENCE_PACKAGES, "harness/cache/steps.py", "harness/reference_files.py")  # and how it is cached
 _TOLD = ("records", "recordings/input_errors.py")  # what a method is given, and the errors injected into it
 METHOD_PACKAGES = ("errors.py", "geometry", "flow", "cameras", "egomotion", *_TOLD, "methods")
-SCORING_PACKAGES = (*sorted({*REFERENCE_PACKAGES, *METHOD_PACKAGES}), "evaluation")
+_GIVEN = tuple(sorted({*REFERENCE_PACKAGES, *METHOD_PACKAGES}))
+SCORING_PACKAGES = (*_GIVEN, "evaluation")
+COUNTING = ("counts", "image_map", "likelihood", "protocol", "rows", "scorer")  # other modules of `evaluation` reduce
 UNIT_FILES = ("frames", "unit", "oracles", "reference_files", "unit_files")
-UNIT_CODE = (*SCORING_PACKAGES, *(f"harness/{name}.py" for name in UNIT_FILES))
+_COUNTED_BY = (*(f"evaluation/{name}.py" for name in COUNTING), *(f"harness/{name}.py" for name in UNIT_FILES))
+UNIT_CODE = (*_GIVEN, *_COUNTED_BY)
+METRIC_CODE = (*UNIT_CODE, "evaluation")  # units, and their reduction to metrics
 
 
 @cache

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.evaluation import threshold_sweep
-from bench.evaluation.maps import THRESHOLDS, CoverageCurve, ImageMap, coverage_curves
+from bench.evaluation import ImageMap, threshold_sweep
+from bench.evaluation.maps import THRESHOLDS, CoverageCurve, coverage_curves
 from bench.harness import read_image_maps
 from bench.reference import Category
 from bench.reporting.canvas import (
