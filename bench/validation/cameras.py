@@ -15,7 +15,8 @@ import numpy as np
 from bench.recordings import MountedCamera, Recording
 from bench.validation.camera_fit import CAUSES, SLICES, CameraFit, Fit
 from bench.validation.camera_readings import Reading, readings
-from bench.validation.findings import DEGREE, Finding, Severity, Undecided, calibration_file
+from bench.validation.drive import calibration_file
+from bench.validation.findings import DEGREE, Finding, Severity, Undecided
 from bench.validation.static_flow import SeenFlow, reduced, seen_flows
 
 

@@ -24,8 +24,9 @@ from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
 from bench.validation.cameras import check_cameras
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
+from bench.validation.drive import annotation_file, calibration_file
 from bench.validation.ego_motion import check_ego_limits
-from bench.validation.findings import Finding, Severity, Undecided, annotation_file, calibration_file, unusable
+from bench.validation.findings import Finding, Severity, Undecided, unusable
 from bench.validation.images import check_images
 from bench.validation.motion import check_motion
 from bench.validation.static_world import check_static_world

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.recordings import Recording
-from bench.validation.clocks import distance_to
-from bench.validation.findings import DEGREE, Finding, Severity, Undecided, calibration_file, sweep_times
+from bench.validation.drive import annotated_times, calibration_file, distance_to, sweep_times
+from bench.validation.findings import DEGREE, Finding, Severity, Undecided
 from bench.validation.lidar_motion import PARAMETERS, STATED, Comparison, Fit, Mounting, Odometry, level_steps
 from bench.validation.mounting import mounting_name, returns_in_boxes, road_plane, some_sweeps
 from bench.validation.scan_matching import scan_steps
@@ -270,7 +270,7 @@ class _Verdict:
     def _late_clock(self, late_s: float) -> tuple[str, str]:
         """File and hint: annotated times say whether sweeps were moved."""
         sweeps_ns = sweep_times(self._recording)
-        annotated_ns = np.unique([s.timestamp_ns for track in self._recording.tracks for s in track.states])
+        annotated_ns = annotated_times(self._recording)
         odometry = str(self._recording.trajectory.source)
         shift = f"{abs(1e3 * late_s):.0f} ms"
         sweeps = f"sweeps are {shift} {'late: subtract it from' if late_s > 0 else 'early: add it to'} their times"
