@@ -87,46 +87,25 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
     (check_cameras, frozenset({"trajectory"}), calibration_file),
 )
 
-EGO_MOTION_CHECKS = frozenset(
-    {"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit", "ego-motion-scale"}
-)
-BY_EGO_MOTION = frozenset(
-    {
-        "object-jump",
-        "object-speed",
-        "heading",
-        "velocity",
-        "empty-box",
-        "tight-box",
-        "box-time",
-        "box-short",
-        "box-reading",
-        "box-place",
-    }
-)
-BY_TIMES = frozenset(
-    {"image-times", "ego-motion-missing", "sensor-overlap", "point-times", "annotation-time", "annotation-outside"}
-)
-BY_LENGTHS = BY_EGO_MOTION | frozenset(
-    {
-        "camera-mounting",
-        "lidar-mounting",
-        "sensor-outside",
-        "sweep-range",
-        "road-height",
-        "box-size",
-        "box-grows",
-        "box-height",
-        "object-in-ego",
-        "same-object",
-        "crowded-boxes",
-    }
-)
+BY_EGO_MOTION = frozenset({
+    "object-jump", "object-speed", "heading", "velocity", "empty-box", "tight-box", "box-time", "box-short",
+    "box-reading", "box-place",
+})  # fmt: skip
+BY_TIMES = frozenset({
+    "image-times", "ego-motion-missing", "sensor-overlap", "point-times", "annotation-time", "annotation-outside",
+})  # fmt: skip
+BY_LENGTHS = BY_EGO_MOTION | {
+    "camera-mounting", "lidar-mounting", "sensor-outside", "sweep-range", "road-height", "box-size", "box-grows",
+    "box-height", "object-in-ego", "same-object", "crowded-boxes",
+}  # fmt: skip
+EGO_MOTION = frozenset({
+    "ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit", "ego-motion-scale",
+})  # fmt: skip
 CAUSES = (  # what causes it, by which findings that is known, and findings that may follow from it
     ("the unit of times", frozenset({"time-unit"}), BY_TIMES),
     ("the unit of lengths", frozenset({"length-unit"}), BY_LENGTHS),
     ("the lidar's mounting", frozenset({"lidar-pose"}), BY_EGO_MOTION),
-    ("the ego-motion", EGO_MOTION_CHECKS, BY_EGO_MOTION),
+    ("the ego-motion", EGO_MOTION, BY_EGO_MOTION),
 )
 
 
