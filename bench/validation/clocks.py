@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.recordings import Recording, frame_gaps
+from bench.recordings import ImageRef, Recording, SweepRef
 from bench.validation.drive import annotated_times, calibration_file, distance_to, sensor_times, sweep_times, times_of
 from bench.validation.findings import Finding, Severity, occurrences
 
@@ -25,6 +25,7 @@ LEAST_IMAGES = 10
 MATCHED_NS = 1_000_000
 LEAST_SWEEP_STEPS = 4
 MOST_WITHOUT_SWEEP = 0.25  # of the annotated times; with more of them, annotations follow the images
+UNPAIRED = "pairs across a gap are not evaluated"
 OLDER_POINTS = "images there are scored by the points of another sweep, up to 100 ms away; files missing?"
 NEAR_SWEEP_NS = 100_000_000
 
@@ -33,8 +34,12 @@ def check_clocks(recording: Recording) -> Iterator[Finding]:
     """Rates, gaps, jitter, and clocks that run apart."""
     for camera in recording.cameras:
         yield from _rate(recording, camera)
-        yield from _gaps(recording, camera)
-    yield from _sweep_gaps(recording)
+        yield from _gaps(
+            recording.images[camera], recording.frame_interval_ns, "image", f"images of {camera}", UNPAIRED
+        )
+    if len(recording.sweeps) > LEAST_SWEEP_STEPS:
+        interval_ns = float(np.median(np.diff(sweep_times(recording))))
+        yield from _gaps(recording.sweeps, interval_ns, "sweep", "lidar sweeps", OLDER_POINTS)
     for what, times_ns in sensor_times(recording).items():
         yield from _jitter(times_ns, what)
     yield from _drift(recording)
@@ -133,43 +138,24 @@ def _rate(recording: Recording, camera: str) -> Iterator[Finding]:
     )
 
 
-def _gaps(recording: Recording, camera: str) -> Iterator[Finding]:
-    gaps = frame_gaps(recording, camera)
-    images = recording.images[camera]
-    if not gaps or len(gaps) > (len(images) - 1) / 2:  # then it is the stated interval that is wrong
-        return
-    first = gaps[0]
-    yield Finding(
-        check="image-gaps",
-        severity=Severity.WARNING,
-        file=str(images[first.index].path),
-        field=f"images of {camera}",
-        expected=f"images about {recording.frame_interval_ns / 1e6:.1f} ms apart",
-        got=f"{len(gaps)} gaps, the longest {max(g.current_ns - g.previous_ns for g in gaps) / 1e6:.1f} ms",
-        hint="pairs across a gap are not evaluated",
-        times=len(gaps),
-        timestamp_ns=first.current_ns,
-    )
-
-
-def _sweep_gaps(recording: Recording) -> Iterator[Finding]:
-    times_ns = sweep_times(recording)
+def _gaps(
+    seen: Sequence[ImageRef | SweepRef], interval_ns: float, name: str, field: str, hint: str
+) -> Iterator[Finding]:
+    times_ns = np.array([one.timestamp_ns for one in seen], dtype=np.int64)
     steps_ns = np.diff(times_ns)
-    if len(steps_ns) < LEAST_SWEEP_STEPS:
+    gaps = steps_ns > NEAR_INTERVALS * interval_ns
+    if not 0 < gaps.sum() <= len(steps_ns) / 2:  # with more it is the stated interval that is wrong
         return
-    middle_ns = float(np.median(steps_ns))
-    gaps = steps_ns > NEAR_INTERVALS * middle_ns
-    if gaps.any():
-        yield Finding(
-            check="sweep-gaps",
-            severity=Severity.WARNING,
-            file=str(recording.sweeps[int(np.argmax(gaps)) + 1].path),
-            field="lidar sweeps",
-            expected=f"sweeps about {middle_ns / 1e6:.1f} ms apart",
-            got=f"{int(gaps.sum())} gaps, the longest {steps_ns.max() / 1e6:.1f} ms",
-            hint=OLDER_POINTS,
-            **occurrences(gaps, times_ns[1:]),
-        )
+    yield Finding(
+        check=f"{name}-gaps",
+        severity=Severity.WARNING,
+        file=str(seen[int(np.argmax(gaps)) + 1].path),
+        field=field,
+        expected=f"{name}s about {interval_ns / 1e6:.1f} ms apart",
+        got=f"{int(gaps.sum())} gaps, the longest {steps_ns[gaps].max() / 1e6:.1f} ms",
+        hint=hint,
+        **occurrences(gaps, times_ns[1:]),
+    )
 
 
 def _jitter(times_ns: NDArray[np.int64], what: str) -> Iterator[Finding]:
