@@ -11,46 +11,35 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
 
-from bench.audit.predictions import CameraPredictions, Prediction
+from bench.audit.predictions import Prediction
 from bench.audit.ranking import Estimate, agreement, metric_values, read_terms
 from bench.audit.ranking_sums import EXACT, FITS, OBJECT_METRICS, SURFACE, RankingRows, RankingSums, predicted_images
-from bench.audit.recording import added_seconds
 from bench.audit.results import ALL
-from bench.audit.sources import AuditSource, audit_each, audit_sources, instance_ids, refuse_without_masks, same_objects
+from bench.audit.sources import OpenedSource, Part, StoredAudit, audit_each, same_objects
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
 from bench.evaluation.summary import Ratio
 from bench.evaluation.sums import ALL_MOVING
 from bench.execution import SerialExecutor, TaskExecutor
-from bench.harness import provenance as origin
-from bench.harness.manifest import CodeOfRun
 from bench.harness.oracles import ExactMasks, is_oracle
-from bench.harness.provenance import Provenance, recording_digest
-from bench.harness.stages import Progress, StageClock
+from bench.harness.stages import Progress
 from bench.lidar import LidarSweep
 from bench.recordings import DatasetCard, Recording
 from bench.recordings.checked_json import read_checked, write_checked
 from bench.records.recording import PointIndices
-from bench.reference import ReferenceBuilder, ReferenceFrame, Status
+from bench.reference import ReferenceFrame, Status
 
 BEAMS = "beams.json"
-SCHEMA_VERSION = 1
 REFERENCES = (SURFACE, EXACT)
 TRUTH = Prediction(name="truth", method=ExactMasks())  # its score is the ceiling
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class BeamsRow(_Part):
+class BeamsRow(Part):
     """The reference by so many beams, over the object-frames of a class that it evaluates.
 
     Attributes:
@@ -87,38 +76,18 @@ class BeamsRow(_Part):
         return self.lost / whole if whole else float("nan")
 
 
-class BeamsSummary(_Part):
+class BeamsSummary(StoredAudit):
     """`beams.json`.
 
     Attributes:
-        schema_version: of this file.
-        dataset: name of the data set.
-        card: its file, as it was named.
-        split: of it; None for all.
         asked: numbers of beams, as asked for.
-        recordings: that were used.
-        images: that were used.
         predictions: names of what was ranked, the exact masks first; these alone where no methods were.
         rows: of all object-frames, then by class; each from the sensor's own beams down.
-        failures: one line per recording or image that could not be used.
-        data: digest of the recordings' data.
-        code: of this package, and its libraries.
-        provenance: how it came about.
     """
 
-    schema_version: int
-    dataset: str
-    card: str
-    split: str | None
     asked: tuple[int, ...]
-    recordings: int
-    images: int
     predictions: tuple[str, ...]
     rows: tuple[BeamsRow, ...]
-    failures: tuple[str, ...]
-    data: str
-    code: CodeOfRun
-    provenance: Provenance
 
 
 def parse_beams(text: str) -> tuple[int, ...]:
@@ -186,46 +155,35 @@ def _read_rings(
     return replace(sweep, **{name: values[kept] for name, values in fields.items() if values is not None})
 
 
-def thin_recording(source: AuditSource, *, beams: Sequence[int], predictions: Sequence[Prediction]) -> RankingSums:
+def thin_recording(opened: OpenedSource, *, beams: Sequence[int], predictions: Sequence[Prediction]) -> RankingSums:
     """Score the predictions by the references of fewer and fewer beams, the sensor's own first.
 
     Returns:
         Sums with a column `beams`: scores by `surface-v1` and by exact masks; fits by class, with `lost` beside `FITS`.
 
     Raises:
-        DataError: the recording cannot be opened, has no rendered masks, no rings, or fewer of them than asked for.
+        DataError: the recording has no rings, or fewer of them than asked for.
     """
-    clock, protocol, problems = StageClock(), load_protocol(SURFACE), list[str]()
-    with clock.stage("open"):
-        recording = source.recorded.open()
-        refuse_without_masks(recording)
-        own = count_beams(recording)
-        thinned = {count: with_beams(recording, count, of=own) for count in sorted({own, *beams}, reverse=True)}
-        digest = recording_digest(recording)
+    protocol, own = load_protocol(SURFACE), count_beams(opened.recording)
+    counts = sorted({own, *beams}, reverse=True)
     names, large_px = [prediction.name for prediction in predictions], protocol.scoring.false_positive_component_px
-    rows = {count: RankingRows(names, REFERENCES, component_size_px=large_px) for count in thinned}
-    lost: dict[int, list[str]] = {count: [] for count in thinned}
-    instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
-    _, *fewer = thinned.values()
-    for name in sorted(recording.cameras):
-        camera = CameraPredictions(recording, name, predictions=predictions, protocol=protocol, clock=clock)
-        others = [ReferenceBuilder(one, name, protocol.reference_settings()) for one in fewer]
-        for image in predicted_images(camera, others, clock=clock, problems=problems):
-            with clock.stage("counts"):
-                whole = image.references[0]
-                pairs = [same_objects([whole, one], image.ids, instance_of)[1:] for one in image.references]
-                evaluated = _classes(pairs[0][0])
-                for count, pair in zip(thinned, pairs, strict=True):
-                    rows[count].add(pair, image.masks)
-                    kept = _classes(pair[0])
-                    lost[count] += [of_class for track, of_class in evaluated.items() if track not in kept]
+    rows = {count: RankingRows(names, REFERENCES, component_size_px=large_px) for count in counts}
+    lost: dict[int, list[str]] = {count: [] for count in counts}
+    others = [
+        (with_beams(opened.recording, count, of=own), protocol.reference_settings()) for count in counts if count != own
+    ]
+    for image in predicted_images(opened, predictions, protocol, others=others):
+        with opened.clock.stage("counts"):
+            whole = image.references[0]
+            pairs = [same_objects([whole, one], image.ids, opened.instance_of)[1:] for one in image.references]
+            evaluated = _classes(pairs[0][0])
+            for count, pair in zip(counts, pairs, strict=True):
+                rows[count].add(pair, image.masks)
+                kept = _classes(pair[0])
+                lost[count] += [of_class for track, of_class in evaluated.items() if track not in kept]
     return RankingSums(
         scores=pd.concat([found.scores().assign(beams=count) for count, found in rows.items()]),
         fits=pd.concat([_fits(found, lost[count]).assign(beams=count) for count, found in rows.items()]),
-        images=rows[own].images,
-        digest=digest,
-        problems=tuple(problems),
-        seconds=dict(clock.seconds),
     )
 
 
@@ -306,35 +264,20 @@ def run_beams(
         UsageError: two predictions of one name.
         DataError: no recording could be used, above all where none has rendered masks or the lidar has fewer beams.
     """
-    start_s = perf_counter()
     ranked = (TRUTH, *(one for one in predictions if not (is_oracle(one.method) and one.method == TRUTH.method)))
     names = [prediction.name for prediction in ranked]
     if len(set(names)) < len(names):
         raise UsageError(f"--methods: expected different methods to rank, got {', '.join(names)}")
-    found, failures = audit_each(
-        audit_sources(card, split=split, recordings=recordings),
+    found, stored = audit_each(
         partial(thin_recording, beams=tuple(beams), predictions=ranked),
         card=card,
+        split=split,
+        recordings=recordings,
         executor=executor,
         progress=progress,
     )
-    images = sum(of.images for of in found)
     summary = BeamsSummary(
-        schema_version=SCHEMA_VERSION,
-        dataset=card.name,
-        card=str(card.file),
-        split=split,
-        asked=tuple(beams),
-        recordings=len(found),
-        images=images,
-        predictions=tuple(names),
-        rows=tuple(beams_rows(found, ranked)),
-        failures=(*failures, *(problem for of in found for problem in of.problems)),
-        data=origin.combined_digest([of.digest for of in found]),
-        code=CodeOfRun.here(),
-        provenance=origin.provenance_since(
-            start_s, stage_seconds=added_seconds(of.seconds for of in found), images=images
-        ),
+        **dict(stored), asked=tuple(beams), predictions=tuple(names), rows=tuple(beams_rows(found, ranked))
     )
     write_checked(out / BEAMS, summary)
     return summary

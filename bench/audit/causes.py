@@ -322,14 +322,8 @@ def explain_image(
     pipeline = FramePipeline(recording, camera, method=method, protocol=protocol)
     index = [image.timestamp_ns for image in pipeline.images].index(timestamp_ns)
     valid = pipeline.references.valid
-    cell_size_px = method.flow_cell_px(valid.shape[1])
-    simulated = SimulatedTruth(
-        source.scenario,
-        source.spec,
-        camera=exact_recording.cameras[camera],
-        valid=valid,
-        cell_size_px=cell_size_px,
-    )
+    simulated = SimulatedTruth(source, exact_recording.cameras[camera], valid=valid, method=method)
+    cell_size_px = simulated.cells.cell_size_px
     given = pipeline.method_input(index)
     exact = simulated.look(given, read_truth(pipeline.images[index], pipeline.camera))
     instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})

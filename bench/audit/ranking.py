@@ -20,12 +20,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import combinations
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
 from scipy.stats import kendalltau
 
 from bench.audit.predictions import OBJECTS, OUTLINES, Prediction
@@ -43,8 +41,7 @@ from bench.audit.ranking_sums import (
     SURFACE,
     rank_recording,
 )
-from bench.audit.recording import added_seconds
-from bench.audit.sources import audit_each, audit_sources
+from bench.audit.sources import Part, StoredAudit, audit_each
 from bench.errors import UsageError
 from bench.evaluation import Definition, load_protocol
 from bench.evaluation.definitions import UNKNOWN
@@ -52,17 +49,13 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import Ratio
 from bench.evaluation.sums import TERMS, bin_names
 from bench.execution import SerialExecutor, TaskExecutor
-from bench.harness import provenance as origin
-from bench.harness.manifest import CodeOfRun
 from bench.harness.oracles import ExactMasks, is_oracle
-from bench.harness.provenance import Provenance
 from bench.harness.stages import Progress
 from bench.recordings import DatasetCard
 from bench.recordings.checked_json import read_checked, write_checked
 
 RANKING = "ranking.json"
 ALL = "all"
-SCHEMA_VERSION = 3
 DRAWS, SEED = 1000, 2020
 ROUNDING = 12  # decimals; scores that differ by less are the same
 LEAST_TAU = 0.95
@@ -70,18 +63,14 @@ LARGEST_DIFFERENCE, LARGEST_REAL_DIFFERENCE = 0.03, 0.01  # of IoU, mean over ca
 KINDS = (OUTLINES, OBJECTS)
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Estimate(_Part):
+class Estimate(Part):
     """A value; its 95 % interval is None where fewer than six recordings hold cases."""
 
     value: Ratio
     ci95: tuple[float, float] | None
 
 
-class KindAgreement(_Part):
+class KindAgreement(Part):
     """Agreement over the masks with one kind of error.
 
     Attributes:
@@ -95,7 +84,7 @@ class KindAgreement(_Part):
     signed_difference: Ratio
 
 
-class Agreement(_Part):
+class Agreement(Part):
     """Agreement of a lidar reference with the exact masks in one row.
 
     Attributes:
@@ -114,7 +103,7 @@ class Agreement(_Part):
     tau_between: Ratio
 
 
-class Check(_Part):
+class Check(Part):
     """Check that a mask that is wrong by construction has at most the IoU of the exact one.
 
     Attributes:
@@ -135,7 +124,7 @@ class Check(_Part):
         return not self.iou > self.exact_iou
 
 
-class SurfaceFit(_Part):
+class SurfaceFit(Part):
     """Correctness of the regions of `surface-v1`, over the object-frames of a slice.
 
     Attributes:
@@ -157,7 +146,7 @@ class SurfaceFit(_Part):
     unknown_share: Ratio
 
 
-class RankedRow(_Part):
+class RankedRow(Part):
     """One row of the paper's table.
 
     Attributes:
@@ -180,44 +169,24 @@ class RankedRow(_Part):
     checks: tuple[Check, ...]
 
 
-class RankingSummary(_Part):
+class RankingSummary(StoredAudit):
     """`ranking.json`.
 
     Attributes:
-        schema_version: of this file.
-        dataset: name of the data set.
-        card: its file, as it was named.
-        split: of it; None for all.
-        recordings: that were scored.
-        images: that were scored.
         predictions: names, in the order asked for.
         real: those that are methods, not made of the exact masks.
         errors: kind of error, of `KINDS`, by name of the wrong mask.
         ceiling: name of the exact masks as they are; None where they are not among the predictions.
         rows: by kind of motion, then all, then false positives.
         fits: of `surface-v1`: over all, by class, by class and range, by ego speed.
-        failures: one line per recording or image that could not be used.
-        data: digest of the recordings' data.
-        code: of this package, and its libraries.
-        provenance: how the ranking came about.
     """
 
-    schema_version: int
-    dataset: str
-    card: str
-    split: str | None
-    recordings: int
-    images: int
     predictions: tuple[str, ...]
     real: tuple[str, ...]
     errors: dict[str, str]
     ceiling: str | None
     rows: tuple[RankedRow, ...]
     fits: tuple[SurfaceFit, ...]
-    failures: tuple[str, ...]
-    data: str
-    code: CodeOfRun
-    provenance: Provenance
 
     def mean_difference(self, reference: str, *, real: bool) -> float:
         """Mean absolute difference of IoU over the kinds of motion that have object-frames; NaN without any."""
@@ -515,38 +484,24 @@ def run_ranking(
     names = [prediction.name for prediction in predictions]
     if len(names) < 2 or len(set(names)) < len(names):
         raise UsageError(f"--methods: expected at least two different methods to rank, got {', '.join(names)}")
-    start_s = perf_counter()
-    ranked, failures = audit_each(
-        audit_sources(card, split=split, recordings=recordings),
+    ranked, stored = audit_each(
         partial(rank_recording, predictions=tuple(predictions)),
         card=card,
+        split=split,
+        recordings=recordings,
         executor=executor,
         progress=progress,
     )
     scores = pd.concat([found.scores for found in ranked], ignore_index=True)
     exact = _number(predictions, ExactMasks())
-    images = sum(found.images for found in ranked)
     summary = RankingSummary(
-        schema_version=SCHEMA_VERSION,
-        dataset=card.name,
-        card=str(card.file),
-        split=split,
-        recordings=len(ranked),
-        images=images,
+        **dict(stored),
         predictions=tuple(names),
         real=tuple(prediction.name for prediction in predictions if prediction.real),
         errors={prediction.name: prediction.error for prediction in predictions if prediction.error is not None},
         ceiling=None if exact is None else names[exact],
         rows=tuple(rank_row(name, scores, predictions) for name in ROWS),
         fits=surface_fits(pd.concat([found.fits for found in ranked], ignore_index=True)),
-        failures=(*failures, *(problem for found in ranked for problem in found.problems)),
-        data=origin.combined_digest([found.digest for found in ranked]),
-        code=CodeOfRun.here(),
-        provenance=origin.provenance_since(
-            start_s,
-            stage_seconds=added_seconds(found.seconds for found in ranked),
-            images=images,
-        ),
     )
     write_checked(out / RANKING, summary)
     return summary

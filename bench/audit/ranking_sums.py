@@ -11,17 +11,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.audit.predictions import CameraPredictions, Prediction
-from bench.audit.sources import AuditSource, instance_ids, refuse_without_masks, same_objects
+from bench.audit.sources import OpenedSource, same_objects
 from bench.errors import BenchError
-from bench.evaluation import count_frame, find_metric, load_protocol
+from bench.evaluation import Protocol, count_frame, find_metric, load_protocol
 from bench.evaluation.counts import Mask
 from bench.evaluation.definitions import UNKNOWN
 from bench.evaluation.rows import Row
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, name_bins, sum_metrics
 from bench.harness.frames import UnscorableFrame
-from bench.harness.provenance import recording_digest
-from bench.harness.stages import StageClock
-from bench.recordings import read_truth
+from bench.recordings import Recording, read_truth
 from bench.reference import Category, ReferenceBuilder, ReferenceFrame, ReferenceObject, ReferenceSettings, Status
 
 FALSE_POSITIVES = "false_positives"
@@ -63,18 +61,10 @@ class RankingSums:
         scores: sums as `bench.evaluation.sums.sum_metrics` gives them, by reference, prediction and recording: kinds of
             motion, classes, all moving objects, and images.
         fits: `FITS` by `FIT_SLICES`.
-        images: that were scored.
-        digest: of the recording.
-        problems: one line per image that could not be used.
-        seconds: time of each stage.
     """
 
     scores: pd.DataFrame
     fits: pd.DataFrame
-    images: int
-    digest: str
-    problems: tuple[str, ...]
-    seconds: dict[str, float]
 
 
 class RankingRows:
@@ -94,7 +84,6 @@ class RankingRows:
         self._objects: list[Row] = []
         self._frames: list[Row] = []
         self._fits: list[Row] = []
-        self.images = 0
 
     def add(self, references: Sequence[ReferenceFrame], masks: Sequence[Mask]) -> None:
         """Score the masks of an image.
@@ -119,7 +108,6 @@ class RankingRows:
             for number, item in enumerate(surface.objects, start=1)
             if item.status is Status.EVALUATED
         ]
-        self.images += 1
 
     def scores(self) -> pd.DataFrame:
         """Return `RankingSums.scores`."""
@@ -157,38 +145,20 @@ def _fit(item: ReferenceObject, core: Mask, mask: Mask, surface: ReferenceFrame)
     }
 
 
-def rank_recording(source: AuditSource, *, predictions: Sequence[Prediction]) -> RankingSums:
+def rank_recording(opened: OpenedSource, *, predictions: Sequence[Prediction]) -> RankingSums:
     """Score all predictions on a recording against all references.
 
     An image that a single prediction or reference cannot use is left out for all, so that all are scored over the same
     object-frames.
-
-    Raises:
-        DataError: the recording cannot be opened, or has no rendered masks.
     """
-    clock = StageClock()
-    with clock.stage("open"):
-        recording = source.recorded.open()
-        refuse_without_masks(recording)
-        digest = recording_digest(recording)
-    protocol, problems = load_protocol(PAPER), list[str]()
+    protocol = load_protocol(PAPER)
     names = [prediction.name for prediction in predictions]
     rows = RankingRows(names, component_size_px=protocol.scoring.false_positive_component_px)
-    instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
-    for name in sorted(recording.cameras):
-        camera = CameraPredictions(recording, name, predictions=predictions, protocol=protocol, clock=clock)
-        others = [ReferenceBuilder(recording, name, settings) for settings in [*lidar_references().values()][1:]]
-        for image in predicted_images(camera, others, clock=clock, problems=problems):
-            with clock.stage("counts"):
-                rows.add(same_objects(image.references, image.ids, instance_of), image.masks)
-    return RankingSums(
-        scores=rows.scores(),
-        fits=rows.fits(),
-        images=rows.images,
-        digest=digest,
-        problems=tuple(problems),
-        seconds=dict(clock.seconds),
-    )
+    others = [(opened.recording, settings) for settings in [*lidar_references().values()][1:]]
+    for image in predicted_images(opened, predictions, protocol, others=others):
+        with opened.clock.stage("counts"):
+            rows.add(same_objects(image.references, image.ids, opened.instance_of), image.masks)
+    return RankingSums(scores=rows.scores(), fits=rows.fits())
 
 
 class PredictedImage(NamedTuple):
@@ -206,26 +176,36 @@ class PredictedImage(NamedTuple):
 
 
 def predicted_images(
-    predicted: CameraPredictions, others: Sequence[ReferenceBuilder], *, clock: StageClock, problems: list[str]
+    opened: OpenedSource,
+    predictions: Sequence[Prediction],
+    protocol: Protocol,
+    *,
+    others: Sequence[tuple[Recording, ReferenceSettings]],
 ) -> Iterator[PredictedImage]:
-    """The images of a camera.
+    """The images of all cameras.
 
     Args:
-        predicted: the predictions, and the first reference.
-        others: the other references.
-        clock: adds up the time of each stage.
-        problems: gains a line for each image that cannot be used.
+        opened: the recording.
+        predictions: that are asked.
+        protocol: of the first reference.
+        others: of the other references: of which recording, and how.
     """
-    for index in range(predicted.history, len(predicted.images)):
-        image = predicted.images[index]
-        try:
-            with clock.stage("reference"):
-                references = [builder.build(image) for builder in (predicted.references, *others)]
-                ids = read_truth(image, predicted.camera)
-            masks = predicted.masks(index, references[0], ids)
-        except UnscorableFrame:
-            continue
-        except BenchError as error:
-            problems.append(str(error))
-            continue
-        yield PredictedImage(references=references, ids=ids, masks=masks)
+    for name in sorted(opened.recording.cameras):
+        predicted = CameraPredictions(
+            opened.recording, name, predictions=predictions, protocol=protocol, clock=opened.clock
+        )
+        builders = [predicted.references, *(ReferenceBuilder(one, name, settings) for one, settings in others)]
+        for index in range(predicted.history, len(predicted.images)):
+            image = predicted.images[index]
+            try:
+                with opened.clock.stage("reference"):
+                    references = [builder.build(image) for builder in builders]
+                    ids = read_truth(image, predicted.camera)
+                masks = predicted.masks(index, references[0], ids)
+            except UnscorableFrame:
+                continue
+            except BenchError as error:
+                opened.problems.append(str(error))
+                continue
+            opened.images += 1
+            yield PredictedImage(references=references, ids=ids, masks=masks)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Literal
@@ -22,13 +21,11 @@ from bench.audit.causes import (
     run_three_times,
 )
 from bench.audit.polygons import POLYGONS_SCHEMA, PolygonAuditor
-from bench.audit.sources import AuditSource, SimulatedTruth, instance_ids, refuse_without_masks, same_objects
+from bench.audit.sources import OpenedSource, SimulatedTruth, same_objects
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, SequenceScorer
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.oracles import exact_mask, moving_instances
-from bench.harness.provenance import recording_digest
-from bench.harness.stages import StageClock
 from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
 from bench.recordings import Recording, read_truth
 from bench.reference import ReferenceFrame, Status
@@ -54,9 +51,6 @@ class RecordingAudit:
         misses: of `MISSES_SCHEMA`.
         false_alarms: of `FALSE_ALARMS_SCHEMA`.
         not_seen: evaluated object-frames of which the camera sees no pixel.
-        digests: of the recordings.
-        problems: one line per image that could not be used, and per recording without exact flow.
-        seconds: time of each stage.
     """
 
     polygons: pa.Table
@@ -64,34 +58,25 @@ class RecordingAudit:
     misses: pa.Table
     false_alarms: pa.Table
     not_seen: int
-    digests: list[str]
-    problems: list[str]
-    seconds: dict[str, float]
 
 
-def audit_recording(source: AuditSource, *, method: Method, protocol: Protocol) -> RecordingAudit:
+def audit_recording(opened: OpenedSource, *, method: Method, protocol: Protocol) -> RecordingAudit:
     """Audit every camera of a recording.
 
     Args:
-        source: the recording.
+        opened: the recording.
         method: to be scored and explained.
         protocol: the rules.
-
-    Raises:
-        DataError: the recording cannot be opened, or has no rendered masks.
     """
-    clock = StageClock()
-    with clock.stage("open"):
-        recording = source.recorded.open()
-        refuse_without_masks(recording)
-        exact, problems = _exact_recording(source, method)
-    found = [_nothing(recording_digest(recording), problems)]
-    for name in sorted(recording.cameras):
-        camera = _CameraAudit(recording, name, source, exact=exact, method=method, protocol=protocol, clock=clock)
-        for index in range(method.history, len(recording.images[name])):
+    with opened.clock.stage("open"):
+        exact = _exact_recording(opened, method)
+    found = [_NOTHING]
+    for name in sorted(opened.recording.cameras):
+        camera = _CameraAudit(opened, name, exact=exact, method=method, protocol=protocol)
+        for index in range(method.history, len(opened.recording.images[name])):
             camera.score(index)
         found.append(camera.finish())
-    return replace(joined(found), seconds=dict(clock.seconds))
+    return joined(found)
 
 
 def joined(parts: Sequence[RecordingAudit]) -> RecordingAudit:
@@ -104,85 +89,59 @@ def joined(parts: Sequence[RecordingAudit]) -> RecordingAudit:
         misses=pa.concat_tables(part.misses for part in parts),
         false_alarms=pa.concat_tables(part.false_alarms for part in parts),
         not_seen=sum(part.not_seen for part in parts),
-        digests=[digest for part in parts for digest in part.digests],
-        problems=[problem for part in parts for problem in part.problems],
-        seconds=added_seconds(part.seconds for part in parts),
     )
 
 
-def added_seconds(parts: Iterable[Mapping[str, float]]) -> dict[str, float]:
-    """Time of each stage, over all parts."""
-    total: dict[str, float] = defaultdict(float)
-    for part in parts:
-        for stage, seconds in part.items():
-            total[stage] += seconds
-    return dict(total)
+_NOTHING = RecordingAudit(
+    polygons=POLYGONS_SCHEMA.empty_table(),
+    scores={},
+    misses=MISSES_SCHEMA.empty_table(),
+    false_alarms=FALSE_ALARMS_SCHEMA.empty_table(),
+    not_seen=0,
+)
 
 
-def _nothing(digest: str, problems: list[str]) -> RecordingAudit:
-    return RecordingAudit(
-        polygons=POLYGONS_SCHEMA.empty_table(),
-        scores={},
-        misses=MISSES_SCHEMA.empty_table(),
-        false_alarms=FALSE_ALARMS_SCHEMA.empty_table(),
-        not_seen=0,
-        digests=[digest],
-        problems=problems,
-        seconds={},
-    )
-
-
-def _exact_recording(source: AuditSource, method: Method) -> tuple[Recording | None, list[str]]:
-    """The recording with its true calibration, and why there is none although there could be."""
+def _exact_recording(opened: OpenedSource, method: Method) -> Recording | None:
+    """The recording with its true calibration; None without, which is a problem where there could be one."""
+    source = opened.source
     if source.exact is None or not isinstance(method, FlowMethod):
-        return None, []
+        return None
     if source.spec is None:
-        return None, [f"recording {source.recorded.name!r}: not in the scenario, so without exact flow"]
+        opened.problems.append(f"recording {source.recorded.name!r}: not in the scenario, so without exact flow")
+        return None
     try:
-        return source.exact.open(), []
+        return source.exact.open()
     except DataError as error:
-        return None, [f"recording {source.recorded.name!r}, without exact flow: {error}"]
+        opened.problems.append(f"recording {source.recorded.name!r}, without exact flow: {error}")
+        return None
 
 
 class _CameraAudit:
     """The images of one camera, in time order; holds rows, never images."""
 
     def __init__(
-        self,
-        recording: Recording,
-        camera: str,
-        source: AuditSource,
-        *,
-        exact: Recording | None,
-        method: Method,
-        protocol: Protocol,
-        clock: StageClock,
+        self, opened: OpenedSource, camera: str, *, exact: Recording | None, method: Method, protocol: Protocol
     ) -> None:
-        self._name, self._camera, self._method, self._clock = recording.name, camera, method, clock
-        self._pipeline = FramePipeline(recording, camera, method=method, protocol=protocol, clock=clock)
+        recording, source = opened.recording, opened.source
+        self._opened, self._name, self._camera, self._method = opened, recording.name, camera, method
+        self._clock, self._instance_of = opened.clock, opened.instance_of
+        self._pipeline = FramePipeline(recording, camera, method=method, protocol=protocol, clock=opened.clock)
         self._polygons = PolygonAuditor(recording, camera, protocol.reference_settings())
-        self._instance_of = instance_ids({track.track_id: track.instance_id for track in recording.tracks})
         self._simulated: SimulatedTruth | None = None
         if exact is not None and isinstance(method, FlowMethod):
-            assert source.scenario is not None
-            assert source.spec is not None
             self._simulated = SimulatedTruth(
-                source.scenario,
-                source.spec,
-                camera=exact.cameras[camera],
-                valid=self._pipeline.references.valid,
-                cell_size_px=method.flow_cell_px(exact.cameras[camera].model.width),
+                source, exact.cameras[camera], valid=self._pipeline.references.valid, method=method
             )
         self._scorers = {scoring: SequenceScorer(protocol) for scoring in self._scorings()}
         self._polygon_rows: list[Row] = []
         self._miss_rows: list[Row] = []
         self._false_rows: list[Row] = []
-        self._problems: list[str] = []
         self._not_seen = 0
 
     def score(self, index: int) -> None:
         """Audit an image; one that cannot be used is reported, and the others are audited."""
         image = self._pipeline.images[index]
+        self._opened.images += 1
         try:
             given = self._pipeline.method_input(index)
             with self._clock.stage("decode"):
@@ -194,7 +153,7 @@ class _CameraAudit:
         except UnscorableFrame as reason:
             self._leave_out(image.timestamp_ns, "skipped", str(reason))
         except BenchError as error:
-            self._problems.append(str(error))
+            self._opened.problems.append(str(error))
             self._leave_out(image.timestamp_ns, "failed", str(error))
         else:
             self._polygon_rows += rows
@@ -207,7 +166,9 @@ class _CameraAudit:
             if self._simulated is not None:
                 self._simulated.check()
         except DataError as error:
-            self._problems.append(f"recording {self._name!r}, camera {self._camera!r}, without exact flow: {error}")
+            self._opened.problems.append(
+                f"recording {self._name!r}, camera {self._camera!r}, without exact flow: {error}"
+            )
             misses, false_rows, scorings = [], [], (Scoring.LIDAR, Scoring.MASKS)
         return RecordingAudit(
             polygons=pa.Table.from_pylist(self._polygon_rows, schema=POLYGONS_SCHEMA),
@@ -215,9 +176,6 @@ class _CameraAudit:
             misses=pa.Table.from_pylist(misses, schema=MISSES_SCHEMA),
             false_alarms=pa.Table.from_pylist(false_rows, schema=FALSE_ALARMS_SCHEMA),
             not_seen=self._not_seen,
-            digests=[],
-            problems=self._problems,
-            seconds={},
         )
 
     def _scorings(self) -> tuple[Scoring, ...]:

@@ -15,28 +15,21 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict
 
 from bench.atomic import replacing
 from bench.audit.recording import RecordingAudit
+from bench.audit.sources import Part, StoredAudit
 from bench.errors import DataError
 from bench.evaluation import FalsePositiveMetrics, ObjectMetrics
 from bench.evaluation.summary import ProtocolOfRun, Ratio
-from bench.harness.manifest import CodeOfRun
 from bench.harness.method_of_run import MethodOfRun
-from bench.harness.provenance import Provenance
 from bench.recordings.checked_json import read_checked, write_checked
 
 ALL = "all"
-SCHEMA_VERSION = 1
 AUDIT, POLYGONS, MISSES = "audit.json", "polygons.parquet", "misses.parquet"
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Quartiles(_Part):
+class Quartiles(Part):
     """The quarter, half and three quarters of the values lie below; NaN, null in JSON, without values."""
 
     low: Ratio
@@ -44,7 +37,7 @@ class Quartiles(_Part):
     high: Ratio
 
 
-class PolygonFigures(_Part):
+class PolygonFigures(Part):
     """Fit of the polygons of one slice; the measures are those of `RegionFit`.
 
     Attributes:
@@ -72,7 +65,7 @@ class PolygonFigures(_Part):
     solid: Quartiles
 
 
-class Aim(_Part):
+class Aim(Part):
     """Target that a kind of polygon has to meet for a class.
 
     Attributes:
@@ -96,7 +89,7 @@ class Aim(_Part):
     met: bool | None
 
 
-class Scores(_Part):
+class Scores(Part):
     """The evaluation's metrics of one `Scoring`; `speeds` by bin of the object's own speed."""
 
     categories: dict[str, ObjectMetrics]
@@ -105,7 +98,7 @@ class Scores(_Part):
     false_positives: FalsePositiveMetrics
 
 
-class MissFigures(_Part):
+class MissFigures(Part):
     """Cells of one kind of motion, on the exact masks.
 
     Attributes:
@@ -132,7 +125,7 @@ class MissFigures(_Part):
         return self.cells - self.hit
 
 
-class FalseAlarmFigures(_Part):
+class FalseAlarmFigures(Part):
     """Cells of the static world.
 
     Attributes:
@@ -150,15 +143,10 @@ class FalseAlarmFigures(_Part):
     flow_error_px: Quartiles
 
 
-class AuditSummary(_Part):
+class AuditSummary(StoredAudit):
     """`audit.json`.
 
     Attributes:
-        schema_version: of this file.
-        dataset: name of the data set.
-        card: its file, as it was named.
-        split: of it; None for all.
-        recordings: audited.
         method: whose detections are scored.
         protocol: that says which object-frames count.
         polygon_kinds: the protocol's own first.
@@ -169,17 +157,8 @@ class AuditSummary(_Part):
         misses: by kind of motion, then "all"; empty without exact flow.
         false_alarms: None without exact flow.
         left_out: why there is no exact flow; empty where there is.
-        failures: one line per recording or image that could not be used.
-        data: digest of the recordings' data.
-        code: of this package, and its libraries.
-        provenance: how the audit came about.
     """
 
-    schema_version: int
-    dataset: str
-    card: str
-    split: str | None
-    recordings: int
     method: MethodOfRun
     protocol: ProtocolOfRun
     polygon_kinds: tuple[str, ...]
@@ -190,10 +169,6 @@ class AuditSummary(_Part):
     misses: tuple[MissFigures, ...]
     false_alarms: FalseAlarmFigures | None
     left_out: str
-    failures: tuple[str, ...]
-    data: str
-    code: CodeOfRun
-    provenance: Provenance
 
 
 def write_audit(folder: Path, summary: AuditSummary, audit: RecordingAudit) -> None:

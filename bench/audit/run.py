@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from time import perf_counter
 
 from bench.audit.causes import EXPLAINED
-from bench.audit.recording import Scoring, audit_recording, joined
+from bench.audit.recording import audit_recording, joined
 from bench.audit.reduce import aims, false_alarm_figures, miss_figures, polygon_figures, scores
-from bench.audit.results import SCHEMA_VERSION, AuditSummary, write_audit
-from bench.audit.sources import NO_SCENARIO, AuditSource, audit_each, audit_sources
+from bench.audit.results import AuditSummary, write_audit
+from bench.audit.sources import NO_SCENARIO, audit_each
 from bench.evaluation import Protocol
 from bench.evaluation.summary import ProtocolOfRun
 from bench.execution import SerialExecutor, TaskExecutor
-from bench.harness import provenance as origin
 from bench.harness.digests import MethodCode
-from bench.harness.manifest import CodeOfRun
 from bench.harness.method_of_run import MethodOfRun
 from bench.harness.stages import Progress
 from bench.methods import FlowMethod, Method
@@ -53,12 +50,11 @@ def run_audit(
     Raises:
         DataError: nothing of the data set could be audited, above all where it has no rendered masks.
     """
-    start_s = perf_counter()
-    sources = audit_sources(card, split=split, recordings=recordings)
-    audits, failures = audit_each(
-        sources,
+    audits, stored = audit_each(
         partial(audit_recording, method=method, protocol=protocol),
         card=card,
+        split=split,
+        recordings=recordings,
         executor=executor,
         progress=progress,
     )
@@ -67,11 +63,7 @@ def run_audit(
     kinds = (own, *(kind for kind in REGION_KINDS if kind != own))
     explained = len(audit.false_alarms) > 0
     summary = AuditSummary(
-        schema_version=SCHEMA_VERSION,
-        dataset=card.name,
-        card=str(card.file),
-        split=split,
-        recordings=len(audits),
+        **dict(stored),
         method=MethodOfRun.of(method, MethodCode.of(method)),
         protocol=ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest),
         polygon_kinds=kinds,
@@ -81,24 +73,16 @@ def run_audit(
         scores={name: scores(*tables, protocol=protocol) for name, tables in audit.scores.items()},
         misses=miss_figures(audit.misses, protocol=protocol) if explained else (),
         false_alarms=false_alarm_figures(audit.false_alarms) if explained else None,
-        left_out="" if explained else _left_out(sources, method),
-        failures=(*failures, *audit.problems),
-        data=origin.combined_digest(audit.digests),
-        code=CodeOfRun.here(),
-        provenance=origin.provenance_since(
-            start_s,
-            stage_seconds=audit.seconds,
-            images=len(audit.scores[Scoring.LIDAR.value][1]),
-        ),
+        left_out="" if explained else _left_out(card, method),
     )
     write_audit(out, summary, audit)
     return summary
 
 
-def _left_out(sources: tuple[AuditSource, ...], method: Method) -> str:
+def _left_out(card: DatasetCard, method: Method) -> str:
     """Reason that nothing is explained by exact flow."""
     if not isinstance(method, FlowMethod):
         return f"the method {method.name!r} does not take flow from outside, {EXPLAINED}"
-    if sources[0].scenario is None:
+    if card.scenario is None:
         return NO_SCENARIO
     return "the scene of no recording could be simulated again; see the failures"

@@ -1,22 +1,30 @@
-"""Recordings to audit, with their exact masks and, where a scenario rendered them, exact flow."""
+"""Recordings to audit, with their exact masks and, where a scenario rendered them, exact flow; the same work for each.
+
+Every audit opens each recording once, does its own work on it, and stores what it found beside the same provenance.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
-from typing import TypeVar
+from time import perf_counter
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
 
 from bench.cameras import RayGrid, ray_grid
 from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, TaskExecutor
-from bench.harness.stages import Progress
-from bench.methods import MethodInput
+from bench.harness import provenance as origin
+from bench.harness.manifest import CodeOfRun
+from bench.harness.provenance import Provenance
+from bench.harness.stages import Progress, StageClock
+from bench.methods import FlowMethod, MethodInput
 from bench.recordings import DatasetCard, MountedCamera, Recording, RecordingHandle, open_dataset
 from bench.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Status
 from bench.synthesis import Scenario, read_scenario
@@ -80,53 +88,143 @@ def _spread(handles: tuple[RecordingHandle, ...], expected: int | None) -> tuple
     return tuple(handles[k * len(handles) // expected] for k in range(expected))
 
 
+@dataclass(slots=True, kw_only=True, eq=False)
+class OpenedSource:
+    """A recording that is audited.
+
+    Attributes:
+        source: where it is from.
+        recording: as the benchmark reads it.
+        instance_of: instance id by track, -1 (which no pixel has) for a track that truth images do not know.
+        images: that were used; counted by the work.
+        problems: one line per image that could not be used; added by the work.
+        clock: adds up the time of each stage.
+    """
+
+    source: AuditSource
+    recording: Recording
+    instance_of: Mapping[str, int]
+    images: int = 0
+    problems: list[str] = field(default_factory=list)
+    clock: StageClock
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Done(Generic[Found]):
+    """The result of the work on a recording, and what every audit says of it; see `OpenedSource`."""
+
+    found: Found
+    digest: str
+    images: int
+    problems: list[str]
+    clock: StageClock
+
+
+class Part(BaseModel):
+    """A part of what an audit stores."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class StoredAudit(Part):
+    """What every audit stores.
+
+    Attributes:
+        schema_version: of the file.
+        dataset: name of the data set.
+        card: its file, as it was named.
+        split: of it; None for all.
+        recordings: that were used.
+        images: that were used.
+        failures: one line per recording or image that could not be used.
+        data: digest of the recordings' data.
+        code: of this package, and its libraries.
+        provenance: how the audit came about.
+    """
+
+    schema_version: int = 1
+    dataset: str
+    card: str
+    split: str | None
+    recordings: int
+    images: int
+    failures: tuple[str, ...]
+    data: str
+    code: CodeOfRun
+    provenance: Provenance
+
+
 def audit_each(
-    sources: Sequence[AuditSource],
-    work: Callable[[AuditSource], Found],
+    work: Callable[[OpenedSource], Found],
     *,
     card: DatasetCard,
+    split: str | None,
+    recordings: int | None,
     executor: TaskExecutor,
     progress: Progress | None,
-) -> tuple[list[Found], list[str]]:
+) -> tuple[list[Found], StoredAudit]:
     """Do the same with every recording.
 
     Args:
-        sources: the recordings.
         work: a function of a module, or a partial of one; its `DataError` is the failure of the recording.
-        card: the data set.
+        card: the data set, rendered.
+        split: of it; None for all.
+        recordings: how many of them; None for all.
         executor: does the work; the result does not depend on it.
         progress: called with the recordings done and their number.
 
     Returns:
         found: of the recordings that could be used, in the order of the data set.
-        failures: one line for each of the others.
+        stored: what every audit stores.
 
     Raises:
         DataError: none could be used; the first one's own error, which says what to do, where there is one.
     """
-    outcomes: dict[str, Found | DataError | FailedTask] = {}
-    with executor, closing(executor.compute(partial(_or_mistake, work=work), sources)) as results:
+    start_s = perf_counter()
+    sources = audit_sources(card, split=split, recordings=recordings)
+    outcomes: dict[str, _Done[Found] | DataError | FailedTask] = {}
+    with executor, closing(executor.compute(partial(_done, work=work), sources)) as results:
         for source, outcome in results:
             outcomes[source.recorded.name] = outcome
             if progress is not None:
                 progress(len(outcomes), len(sources))
     ordered = {source.recorded.name: outcomes[source.recorded.name] for source in sources}
-    found = [outcome for outcome in ordered.values() if not isinstance(outcome, FailedTask | DataError)]
+    done = [outcome for outcome in ordered.values() if isinstance(outcome, _Done)]
     failures = [
         f"recording {name!r}: {outcome.reason if isinstance(outcome, FailedTask) else outcome}"
         for name, outcome in ordered.items()
         if isinstance(outcome, FailedTask | DataError)
     ]
-    if not found:
+    if not done:
         lost = DataError(card.file, expected="a recording that can be audited", got="; ".join(failures) or "none")
         raise next((outcome for outcome in ordered.values() if isinstance(outcome, DataError)), lost)
-    return found, failures
+    images, clock = sum(one.images for one in done), StageClock()
+    for one in done:
+        clock.add(one.clock)
+    return [one.found for one in done], StoredAudit(
+        dataset=card.name,
+        card=str(card.file),
+        split=split,
+        recordings=len(done),
+        images=images,
+        failures=(*failures, *(problem for one in done for problem in one.problems)),
+        data=origin.combined_digest([one.digest for one in done]),
+        code=CodeOfRun.here(),
+        provenance=origin.provenance_since(start_s, stage_seconds=clock.seconds, images=images),
+    )
 
 
-def _or_mistake(source: AuditSource, *, work: Callable[[AuditSource], Found]) -> Found | DataError:
+def _done(source: AuditSource, *, work: Callable[[OpenedSource], Found]) -> _Done[Found] | DataError:
     """Return the result of the work, or the user's mistake that prevents it; a bug is raised."""
+    clock = StageClock()
     try:
-        return work(source)
+        with clock.stage("open"):
+            recording = source.recorded.open()
+            refuse_without_masks(recording)
+            digest = origin.recording_digest(recording)
+        tracks = {track.track_id: track.instance_id for track in recording.tracks}
+        opened = OpenedSource(source=source, recording=recording, instance_of=instance_ids(tracks), clock=clock)
+        return _Done(found=work(opened), digest=digest, images=opened.images, problems=opened.problems, clock=clock)
     except DataError as error:
         return error
 
@@ -170,23 +268,20 @@ class SimulatedTruth:
     """The exact flow and motion of one camera's images.
 
     Args:
-        scenario: that the recording was rendered from.
-        spec: the recording.
+        source: of a recording that is in the scenario.
         camera: with its true calibration.
         valid: (H, W) bool, the region V.
-        cell_size_px: side of the cells on which the method takes flow, whose grid is `cells`.
+        method: on whose cells, of the grid `cells`, flow is taken.
     """
 
     def __init__(
-        self,
-        scenario: Scenario,
-        spec: RecordingSpec,
-        *,
-        camera: MountedCamera,
-        valid: NDArray[np.bool_],
-        cell_size_px: int,
+        self, source: AuditSource, camera: MountedCamera, *, valid: NDArray[np.bool_], method: FlowMethod
     ) -> None:
+        scenario, spec = source.scenario, source.spec
+        assert scenario is not None, "the recording can be simulated"
+        assert spec is not None, "the recording can be simulated"
         self._camera, self._name = camera, spec.name
+        cell_size_px = method.flow_cell_px(valid.shape[1])
         self.cells = ray_grid(camera.model, cell_size_px)
         self._shown = self.cells.at_centres(valid)
         self._caster = ExactFlowCaster(build_scene(scenario, spec), camera, valid=valid, cell_size_px=cell_size_px)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.plain_text import listed
 from bench.reporting.document import Block, Heading, Paragraph, Style
-from bench.validation import Depth, Finding, RecordingReport, Severity, ValidationReport, read_report
+from bench.validation import Count, Depth, Finding, RecordingReport, Severity, ValidationReport, read_report
 
 VALIDATION = "validation.json"  # of a run whose data were validated
 SHOWN = 5  # findings of one check in one recording; the file has all
@@ -20,12 +20,14 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
     for recording in report.recordings:
         yield from _findings(recording)
     errors, warnings = report.count(Severity.ERROR), report.count(Severity.WARNING)
-    images = [sum(recording.images[i] for recording in report.recordings) for i in (0, 1)]
-    sweeps = [sum(recording.sweeps[i] for recording in report.recordings) for i in (0, 1)]
-    whole = report.depth is Depth.DEEP or (images[0] == images[1] and sweeps[0] == sweeps[1])
+    images, sweeps = (
+        Count(read=sum(one.read for one in counts), all=sum(one.all for one in counts))
+        for counts in ([each.images for each in report.recordings], [each.sweeps for each in report.recordings])
+    )
+    whole = report.depth is Depth.DEEP or (images.read == images.all and sweeps.read == sweeps.all)
     yield Paragraph(
         f"{errors} errors and {warnings} warnings in {len(report.recordings)} recordings; "
-        f"read {images[0]} of {images[1]} images and {sweeps[0]} of {sweeps[1]} sweeps"
+        f"read {images.read} of {images.all} images and {sweeps.read} of {sweeps.all} sweeps"
         + ("" if whole else "; --deep reads all")
     )
 

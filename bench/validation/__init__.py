@@ -8,6 +8,7 @@ lidar sweeps, boxes against the points in them, stated velocities against positi
 
 from bench.validation.findings import Finding, Severity
 from bench.validation.report import (
+    Count,
     Depth,
     RecordingReport,
     ValidationReport,
@@ -17,6 +18,7 @@ from bench.validation.report import (
 )
 
 __all__ = [
+    "Count",
     "Depth",
     "Finding",
     "RecordingReport",

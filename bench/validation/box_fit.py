@@ -16,7 +16,8 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, PointIndices, Recording, Track
 from bench.validation.box_returns import Beams, Boxes, BoxPath, Near
-from bench.validation.findings import Finding, Severity, annotation_file, object_field
+from bench.validation.drive import annotation_file, object_field
+from bench.validation.findings import Finding, Severity
 from bench.validation.readings import Reading, readings
 
 NEAR_NS = 60_000_000  # of a state to a sweep

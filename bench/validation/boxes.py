@@ -14,17 +14,8 @@ from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice
 from bench.records.reference import Category
-from bench.validation.findings import (
-    BODIES,
-    Finding,
-    Severity,
-    Span,
-    annotation_file,
-    object_field,
-    occurrences,
-    unusable,
-)
-from bench.validation.motion import box_of
+from bench.validation.drive import annotation_file, boxes_of, object_field
+from bench.validation.findings import BODIES, Finding, Severity, Span, occurrences, unusable
 
 TILTED_RAD, ODD_TILT_RAD = float(np.radians(45)), float(np.radians(20))
 CHANGES = 1.6  # a rigid body does not grow by so much; people swing arms and legs
@@ -93,7 +84,7 @@ def _sizes(track: Track) -> Iterator[Finding]:
     if limits is None:
         yield Finding(check="class", field=field, expected=f"one of {', '.join(BODIES)}", got=repr(track.object_class))
         return
-    boxed = [(state, box) for state in track.states if (box := box_of(state.shape)) is not None]
+    boxed = boxes_of(track)
     if not boxed:
         return
     times_ns = np.array([state.timestamp_ns for state, _ in boxed], dtype=np.int64)
@@ -154,11 +145,11 @@ def _above_road(recording: Recording) -> Iterator[Finding]:
     road_m = recording.ground_m
     every: list[float] = []
     for track in recording.tracks:
-        gaps = []
-        for state in track.states:
-            box = box_of(state.shape)
-            if box is not None and np.hypot(*box.vehicle_from_object.translation_m[:2]) < NEAR_M:
-                gaps.append(float(box.vehicle_from_object.translation_m[2] - box.size_m[2] / 2) - road_m)
+        gaps = [
+            float(box.vehicle_from_object.translation_m[2] - box.size_m[2] / 2) - road_m
+            for _, box in boxes_of(track)
+            if np.hypot(*box.vehicle_from_object.translation_m[:2]) < NEAR_M
+        ]
         if gaps:
             every.append(float(np.median(gaps)))
     off_m = np.median(every) if every else 0.0
@@ -179,10 +170,8 @@ def _same_place(recording: Recording) -> Iterator[Finding]:
     """Two objects of one class whose footprints overlap: one object under two names."""
     at: dict[int, list[tuple[Track, shapely.Polygon]]] = defaultdict(list)
     for track in recording.tracks:
-        for state in track.states:
-            box = box_of(state.shape)
-            if box is not None:
-                at[state.timestamp_ns].append((track, _footprint(box)))
+        for state, box in boxes_of(track):
+            at[state.timestamp_ns].append((track, _footprint(box)))
     found: dict[tuple[str, str], list[int]] = defaultdict(list)
     left, given_up_ns = MOST_PAIRS, []
     for time_ns, present in sorted(at.items()):
@@ -260,11 +249,11 @@ def _overlapping(
 def _in_ego_vehicle(recording: Recording) -> Iterator[Finding]:
     ego = shapely.Polygon(recording.vehicle_outline_m).buffer(-INSIDE_EGO_M)
     for track in recording.tracks:
-        inside = []
-        for state in track.states:
-            box = box_of(state.shape)
-            if box is not None and ego.contains(shapely.Point(box.vehicle_from_object.translation_m[:2])):
-                inside.append(state.timestamp_ns)
+        inside = [
+            state.timestamp_ns
+            for state, box in boxes_of(track)
+            if ego.contains(shapely.Point(box.vehicle_from_object.translation_m[:2]))
+        ]
         if inside:
             yield Finding(
                 check="object-in-ego",

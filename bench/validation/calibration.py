@@ -8,13 +8,7 @@ import numpy as np
 import shapely
 
 from bench.recordings import MountedCamera, Recording
-from bench.validation.findings import (
-    CAMERA_HEIGHT_M,
-    LIDAR_HEIGHT_M,
-    SENSOR_OUTSIDE_M,
-    Finding,
-    Severity,
-)
+from bench.validation.findings import CAMERA_HEIGHT_M, LIDAR_HEIGHT_M, SENSOR_OUTSIDE_M, Finding, Severity
 
 UP = np.array([0.0, 0.0, 1.0])
 STEEPEST_DEG = 75.0  # a camera that looks down more steeply, or up by half of it, was mounted in other axes

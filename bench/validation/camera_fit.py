@@ -33,28 +33,43 @@ class Part:
         narrow: standard deviation where it is right: what a calibration at the end of the line leaves.
         wide: standard deviation where it is wrong.
         step: of the numeric derivative, about a pixel.
+        starts: values of each number at which a fit begins; none for what is never the cause.
+        smallest: that is told.
     """
 
     numbers: int
     narrow: float
     wide: float
     step: float
+    starts: tuple[float, ...] = ()
+    smallest: float = np.inf
 
 
+TURNS = tuple(sign * size * DEGREE for sign in (-1, 1) for size in (1.0, 2.0, 3.5, 5.0))
 PARTS = {
-    "rotation": Part(numbers=3, narrow=0.15 * DEGREE, wide=5.0 * DEGREE, step=0.005),  # rad, camera axes
-    "focal": Part(numbers=1, narrow=0.003, wide=0.2, step=0.005),  # logarithm of the scale
-    "centre": Part(numbers=2, narrow=0.5, wide=20.0, step=1.0),  # px, right and down
-    "position": Part(numbers=3, narrow=0.02, wide=0.3, step=0.02),  # m, vehicle axes
-    "clock": Part(numbers=1, narrow=0.001, wide=0.1, step=0.004),  # s, that the stated times are early
+    # rad, camera axes; the flow cannot tell less from springs of the body and slip of the tyres
+    "rotation": Part(numbers=3, narrow=0.15 * DEGREE, wide=5.0 * DEGREE, step=0.005, starts=TURNS,
+                     smallest=0.8 * DEGREE),
+    # logarithm of the scale
+    "focal": Part(numbers=1, narrow=0.003, wide=0.2, step=0.005, starts=(-0.2, -0.1, -0.05, 0.05, 0.1, 0.2),
+                  smallest=0.012),
+    # px, right and down
+    "centre": Part(numbers=2, narrow=0.5, wide=20.0, step=1.0, starts=(-20.0, -10.0, -5.0, 5.0, 10.0, 20.0),
+                   smallest=5.0),
+    # m, vehicle axes
+    "position": Part(numbers=3, narrow=0.02, wide=0.3, step=0.02, starts=(-0.5, -0.3, -0.15, 0.15, 0.3, 0.5),
+                     smallest=0.15),
+    # s, that the stated times are early
+    "clock": Part(numbers=1, narrow=0.001, wide=0.1, step=0.004, starts=(-0.1, -0.05, -0.02, 0.02, 0.05, 0.1),
+                  smallest=0.004),
     # What the ego-motion gets wrong, the same in the whole drive; never the cause here.
     "yaw bias": Part(numbers=1, narrow=0.2 * DEGREE, wide=0.0, step=0.01),  # rad/s
     "speed scale": Part(numbers=1, narrow=0.01, wide=0.0, step=0.01),
     "direction": Part(numbers=2, narrow=0.3 * DEGREE, wide=0.0, step=0.01),  # rad, left and up
-}
-CAUSES = ("rotation", "focal", "centre", "position", "clock")
-_STARTS = np.cumsum([0, *(part.numbers for part in PARTS.values())])
-SLICES = {name: slice(int(a), int(b)) for name, a, b in zip(PARTS, _STARTS[:-1], _STARTS[1:], strict=True)}
+}  # fmt: skip
+CAUSES = tuple(name for name, part in PARTS.items() if part.starts)
+_FIRST = np.cumsum([0, *(part.numbers for part in PARTS.values())])
+SLICES = {name: slice(int(a), int(b)) for name, a, b in zip(PARTS, _FIRST[:-1], _FIRST[1:], strict=True)}
 STEPS = np.concatenate([np.full(part.numbers, part.step) for part in PARTS.values()])
 # Of each pair: rotation about the vehicle's axes, rad/s; speed to the front, to the left and up, parts of the speed.
 # Braking from 30 km/h lets a nose dive by 1 degree in half a second; bumps are slower.
@@ -63,13 +78,6 @@ PAIR_STEPS = np.array([0.05, 0.05, 0.05, 0.01, 0.01, 0.01])
 POINTS = 250  # of each pair
 LEAST_POINTS, LEAST_PAIRS = 40, 6
 MOST_STEPS, LEAST_FALL = 25, 0.1  # of the fit, and of its cost in a step
-STARTS = {
-    "rotation": tuple(sign * size * DEGREE for sign in (-1, 1) for size in (1.0, 2.0, 3.5, 5.0)),
-    "focal": (-0.2, -0.1, -0.05, 0.05, 0.1, 0.2),
-    "centre": (-20.0, -10.0, -5.0, 5.0, 10.0, 20.0),
-    "position": (-0.5, -0.3, -0.15, 0.15, 0.3, 0.5),
-    "clock": (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1),
-}
 AGREES_PX, AGREES = 0.4, 0.15  # residual of flow as predicted, px or part of its length
 LEAST_SEEN = 0.3  # of the points: on fewer a fit says nothing
 SCALE_PX = (0.15, 1.0)  # of the residual, for Cauchy's weights
@@ -200,7 +208,7 @@ class CameraFit:
         """The fit beside, and others with one number of a cause changed: flow is not smooth over many pixels."""
         yield self._at(beside.values, beside.pair_errors, sigmas, beside)
         for cause in causes:
-            for index, value in product(range(PARTS[cause].numbers), STARTS[cause]):
+            for index, value in product(range(PARTS[cause].numbers), PARTS[cause].starts):
                 values = beside.values.copy()
                 values[SLICES[cause].start + index] += value
                 yield self._at(values, beside.pair_errors, sigmas, beside)
@@ -264,23 +272,18 @@ class CameraFit:
         return base, slopes, pair_slopes
 
     def _step(self, at: Fit, sigmas: Floats) -> tuple[Floats, Floats, Floats]:
-        """Solve the normal equations, the errors of each pair eliminated; changes, and deviations of the values."""
+        """Solve the normal equations: changes of values and of the errors of pairs, and deviations of the values."""
         residual, slopes, pair_slopes = self._slopes(at.values, at.pair_errors)
         weights = 1.0 / (1.0 + (np.linalg.norm(residual, axis=1) / at.scale_px) ** 2) / (at.scale_px**2 * TOGETHER)
-        normal, right = np.diag(sigmas**-2.0), -at.values / sigmas**2
-        kept = []
-        for i in range(len(self._flows)):
-            rows = slice(*np.searchsorted(self._pair, [i, i + 1]))
-            weight = np.repeat(weights[rows], 2)[:, None]
-            a, b = slopes[rows].reshape(-1, len(sigmas)), pair_slopes[rows].reshape(-1, len(PAIR_SIGMAS))
-            r = residual[rows].ravel()
-            across, own = (weight * a).T @ b, (weight * b).T @ b + np.diag(PAIR_SIGMAS**-2.0)
-            own_right = -(weight * b).T @ r - at.pair_errors[i] / PAIR_SIGMAS**2
-            solved = np.linalg.solve(own, np.column_stack([across.T, own_right]))
-            normal += (weight * a).T @ a - across @ solved[:, :-1]
-            right += -(weight * a).T @ r - across @ solved[:, -1]
-            kept.append(solved)
-        covariance = np.linalg.inv(normal)
-        change = covariance @ right
-        pair_change = np.array([solved[:, -1] - solved[:, :-1] @ change for solved in kept])
-        return change, pair_change, np.sqrt(np.diag(covariance))
+        # One column for each value, then six for each pair, which are 0 for the points of the others.
+        pairs, numbers = len(self._flows), len(sigmas)
+        of_pairs = np.zeros((len(residual), 2, pairs, len(PAIR_SIGMAS)))
+        of_pairs[np.arange(len(residual)), :, self._pair] = pair_slopes
+        design = np.concatenate([slopes, of_pairs.reshape(len(residual), 2, -1)], axis=2).reshape(2 * len(residual), -1)
+        weighted = np.repeat(weights, 2)[:, None] * design
+        precision = np.concatenate([sigmas, np.tile(PAIR_SIGMAS, pairs)]) ** -2.0
+        covariance = np.linalg.inv(weighted.T @ design + np.diag(precision))
+        stated = np.concatenate([at.values, at.pair_errors.ravel()])
+        change = -covariance @ (weighted.T @ residual.ravel() + precision * stated)
+        deviations = np.sqrt(np.diag(covariance))[:numbers]
+        return change[:numbers], change[numbers:].reshape(pairs, -1), deviations

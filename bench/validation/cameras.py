@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.recordings import MountedCamera, Recording
-from bench.validation.camera_fit import CAUSES, SLICES, CameraFit, Fit
+from bench.validation.camera_fit import CAUSES, PARTS, SLICES, CameraFit, Fit
 from bench.validation.camera_readings import Reading, readings
-from bench.validation.findings import DEGREE, Finding, Severity, Undecided, calibration_file
+from bench.validation.drive import calibration_file
+from bench.validation.findings import DEGREE, Finding, Severity, Undecided
 from bench.validation.static_flow import SeenFlow, reduced, seen_flows
 
 
@@ -31,11 +32,6 @@ class CameraLimits:
         gain: by how much a cause must raise the logarithm of the posterior.
         as_well: causes that raise it by so much less may be the one as well.
         deviations: standard deviations that it must differ from 0.
-        rotation_deg: at least; the flow cannot tell less from springs of the body and slip of the tyres.
-        focal: logarithm of the scale, at least.
-        centre_px: at least.
-        position_m: at least.
-        clock_s: at least.
         turn_spread_radps: standard deviation of the yaw rate over the drive, from which on it tells a clock; on a
             steady drive a wrong clock looks like a wrong position.
         speed_spread: the same of the speed, part of its mean.
@@ -48,24 +44,13 @@ class CameraLimits:
     gain: float = 15.0
     as_well: float = 10.0
     deviations: float = 4.0
-    rotation_deg: float = 0.8
-    focal: float = 0.012
-    centre_px: float = 5.0
-    position_m: float = 0.15
-    clock_s: float = 0.004
     turn_spread_radps: float = 1.5 * DEGREE
     speed_spread: float = 0.08
 
 
 LIMITS = CameraLimits()
-SMALLEST = {
-    "rotation": LIMITS.rotation_deg * DEGREE,
-    "focal": LIMITS.focal,
-    "centre": LIMITS.centre_px,
-    "position": LIMITS.position_m,
-    "clock": LIMITS.clock_s,
-}
 INTERVAL = 1.96
+EXPECTED = "flow of the static world as camera calibration, lidar and ego-motion predict it ({})"
 
 
 def check_cameras(recording: Recording) -> Iterator[Finding | Undecided]:
@@ -160,7 +145,7 @@ def _misread(recording: Recording, camera: MountedCamera, clean: Fit | None, rea
         check="camera-calibration",
         file=calibration_file(recording),
         field=field,
-        expected=f"flow of the static world as camera calibration, lidar and ego-motion predict it ({camera.name})",
+        expected=EXPECTED.format(camera.name),
         got=f"flow {before}; {best.residual_px:.1f} px with {reading.description}",
         hint=f"the camera's calibration fits with {reading.description}: correct it",
     )
@@ -170,16 +155,15 @@ def _is_large(cause: str, fit: Fit) -> bool:
     """The number of a cause that deviates most, in standard deviations, is large, and certainly not small."""
     sizes, sigmas = np.abs(fit.values[SLICES[cause]]), fit.sigmas[SLICES[cause]]
     i = int(np.argmax(sizes / sigmas))
-    least = max(SMALLEST[cause], LIMITS.deviations * sigmas[i])
-    return bool(sizes[i] > least and sizes[i] - INTERVAL * sigmas[i] > SMALLEST[cause] / 2)
+    smallest = PARTS[cause].smallest
+    least = max(smallest, LIMITS.deviations * sigmas[i])
+    return bool(sizes[i] > least and sizes[i] - INTERVAL * sigmas[i] > smallest / 2)
 
 
 def _deviation(recording: Recording, camera: MountedCamera, cause: str, clean: Fit, best: Fit) -> Finding:
     values, half = best.values[SLICES[cause]], INTERVAL * best.sigmas[SLICES[cause]]
     field = f"cameras.{camera.name}"
     mounting = f"{field}.vehicle_from_camera"
-    file = calibration_file(recording)
-    check = "camera-calibration"
     if cause == "clock":
         milliseconds, interval = -1e3 * values[0], 1e3 * half[0]
         late = "late" if milliseconds > 0 else "early"
@@ -221,11 +205,11 @@ def _deviation(recording: Recording, camera: MountedCamera, cause: str, clean: F
         got += " (95 % intervals +- {:.2f}, {:.2f}, {:.2f} m)".format(*half)
         field, hint = f"{mounting}.translation_m", "add that to the stated position of the camera"
     return Finding(
-        check=check,
+        check="camera-calibration",
         severity=Severity.WARNING,
-        file=file,
+        file=calibration_file(recording),
         field=field,
-        expected=f"flow of the static world as camera calibration, lidar and ego-motion predict it ({camera.name})",
+        expected=EXPECTED.format(camera.name),
         got=f"{got}; {_fall(clean, best)}",
         hint=hint,
     )

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.recordings import Recording, frame_gaps
-from bench.validation.findings import Finding, Severity, calibration_file, occurrences, sweep_times
+from bench.recordings import ImageRef, Recording, SweepRef
+from bench.validation.drive import annotated_times, calibration_file, distance_to, sensor_times, sweep_times, times_of
+from bench.validation.findings import Finding, Severity, occurrences
 
 OFF_RATE = 0.02  # of the stated time between images
 JITTER = 0.25  # of an interval
@@ -24,6 +25,7 @@ LEAST_IMAGES = 10
 MATCHED_NS = 1_000_000
 LEAST_SWEEP_STEPS = 4
 MOST_WITHOUT_SWEEP = 0.25  # of the annotated times; with more of them, annotations follow the images
+UNPAIRED = "pairs across a gap are not evaluated"
 OLDER_POINTS = "images there are scored by the points of another sweep, up to 100 ms away; files missing?"
 NEAR_SWEEP_NS = 100_000_000
 
@@ -32,20 +34,22 @@ def check_clocks(recording: Recording) -> Iterator[Finding]:
     """Rates, gaps, jitter, and clocks that run apart."""
     for camera in recording.cameras:
         yield from _rate(recording, camera)
-        yield from _gaps(recording, camera)
-        yield from _jitter(times_of(recording, camera), f"images of {camera}")
-    if recording.sweeps:
-        yield from _sweep_gaps(recording)
-        yield from _jitter(sweep_times(recording), "lidar sweeps")
+        yield from _gaps(
+            recording.images[camera], recording.frame_interval_ns, "image", f"images of {camera}", UNPAIRED
+        )
+    if len(recording.sweeps) > LEAST_SWEEP_STEPS:
+        interval_ns = float(np.median(np.diff(sweep_times(recording))))
+        yield from _gaps(recording.sweeps, interval_ns, "sweep", "lidar sweeps", OLDER_POINTS)
+    for what, times_ns in sensor_times(recording).items():
+        yield from _jitter(times_ns, what)
     yield from _drift(recording)
 
 
 def check_coverage(recording: Recording) -> Iterator[Finding]:
     """Images and sweeps without ego-motion, and images without a sweep."""
     sweeps_ns = sweep_times(recording)
-    for camera in recording.cameras:
-        times_ns = times_of(recording, camera)
-        yield from _without_motion(recording, times_ns, f"images of {camera}")
+    for what, times_ns in sensor_times(recording).items():
+        yield from _without_motion(recording, times_ns, what)
         if not len(sweeps_ns):
             continue
         without_sweep = distance_to(times_ns, sweeps_ns) > NEAR_SWEEP_NS
@@ -54,24 +58,20 @@ def check_coverage(recording: Recording) -> Iterator[Finding]:
             yield Finding(
                 check="sensor-overlap",
                 severity=Severity.ERROR if none else Severity.WARNING,
-                field=f"images of {camera}",
+                field=what,
                 expected="a lidar sweep within 100 ms of every image",
                 got=f"none for {int(without_sweep.sum())} of {len(times_ns)} images",
                 hint="check that both clocks have the same epoch" if none else "objects in them are not evaluated",
                 **occurrences(without_sweep, times_ns),
             )
-    yield from _without_motion(recording, sweeps_ns, "lidar sweeps")
 
 
 def check_annotation_times(recording: Recording) -> Iterator[Finding]:
     """Annotations outside of the recording, at times at which no sensor looked, or where a sweep is missing."""
-    annotated_ns = np.array(
-        sorted({s.timestamp_ns for track in recording.tracks for s in track.states}), dtype=np.int64
+    annotated_ns, sensors_ns = (
+        annotated_times(recording),
+        np.unique(np.concatenate([*sensor_times(recording).values()])),
     )
-    images_ns = np.unique(
-        np.concatenate([times_of(recording, c) for c in recording.cameras] or [np.empty(0, np.int64)])
-    )
-    sensors_ns = np.unique(np.concatenate([images_ns, sweep_times(recording)]))
     if not len(annotated_ns) or not len(sensors_ns):
         return
     slack_ns = NEAR_INTERVALS * recording.frame_interval_ns
@@ -112,18 +112,6 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
         )
 
 
-def times_of(recording: Recording, camera: str) -> NDArray[np.int64]:
-    """(N,) int64, times of a camera's images."""
-    return np.array([image.timestamp_ns for image in recording.images[camera]], dtype=np.int64)
-
-
-def distance_to(times_ns: NDArray[np.int64], known_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(N,) int64, from each time to the nearest of sorted times."""
-    after = np.clip(np.searchsorted(known_ns, times_ns), 0, len(known_ns) - 1)
-    before = np.maximum(after - 1, 0)
-    return np.asarray(np.minimum(np.abs(known_ns[after] - times_ns), np.abs(known_ns[before] - times_ns)))
-
-
 def _rate(recording: Recording, camera: str) -> Iterator[Finding]:
     steps_ns = np.diff(times_of(recording, camera))
     if not len(steps_ns):
@@ -150,43 +138,24 @@ def _rate(recording: Recording, camera: str) -> Iterator[Finding]:
     )
 
 
-def _gaps(recording: Recording, camera: str) -> Iterator[Finding]:
-    gaps = frame_gaps(recording, camera)
-    images = recording.images[camera]
-    if not gaps or len(gaps) > (len(images) - 1) / 2:  # then it is the stated interval that is wrong
-        return
-    first = gaps[0]
-    yield Finding(
-        check="image-gaps",
-        severity=Severity.WARNING,
-        file=str(images[first.index].path),
-        field=f"images of {camera}",
-        expected=f"images about {recording.frame_interval_ns / 1e6:.1f} ms apart",
-        got=f"{len(gaps)} gaps, the longest {max(g.current_ns - g.previous_ns for g in gaps) / 1e6:.1f} ms",
-        hint="pairs across a gap are not evaluated",
-        times=len(gaps),
-        timestamp_ns=first.current_ns,
-    )
-
-
-def _sweep_gaps(recording: Recording) -> Iterator[Finding]:
-    times_ns = sweep_times(recording)
+def _gaps(
+    seen: Sequence[ImageRef | SweepRef], interval_ns: float, name: str, field: str, hint: str
+) -> Iterator[Finding]:
+    times_ns = np.array([one.timestamp_ns for one in seen], dtype=np.int64)
     steps_ns = np.diff(times_ns)
-    if len(steps_ns) < LEAST_SWEEP_STEPS:
+    gaps = steps_ns > NEAR_INTERVALS * interval_ns
+    if not 0 < gaps.sum() <= len(steps_ns) / 2:  # with more it is the stated interval that is wrong
         return
-    middle_ns = float(np.median(steps_ns))
-    gaps = steps_ns > NEAR_INTERVALS * middle_ns
-    if gaps.any():
-        yield Finding(
-            check="sweep-gaps",
-            severity=Severity.WARNING,
-            file=str(recording.sweeps[int(np.argmax(gaps)) + 1].path),
-            field="lidar sweeps",
-            expected=f"sweeps about {middle_ns / 1e6:.1f} ms apart",
-            got=f"{int(gaps.sum())} gaps, the longest {steps_ns.max() / 1e6:.1f} ms",
-            hint=OLDER_POINTS,
-            **occurrences(gaps, times_ns[1:]),
-        )
+    yield Finding(
+        check=f"{name}-gaps",
+        severity=Severity.WARNING,
+        file=str(seen[int(np.argmax(gaps)) + 1].path),
+        field=field,
+        expected=f"{name}s about {interval_ns / 1e6:.1f} ms apart",
+        got=f"{int(gaps.sum())} gaps, the longest {steps_ns[gaps].max() / 1e6:.1f} ms",
+        hint=hint,
+        **occurrences(gaps, times_ns[1:]),
+    )
 
 
 def _jitter(times_ns: NDArray[np.int64], what: str) -> Iterator[Finding]:
@@ -227,8 +196,7 @@ def _without_motion(recording: Recording, times_ns: NDArray[np.int64], what: str
 
 def _drift(recording: Recording) -> Iterator[Finding]:
     """Sensors that are triggered together keep the ratio of their rates; a clock that runs apart does not."""
-    series = {f"images of {camera}": times_of(recording, camera) for camera in recording.cameras}
-    series["lidar sweeps"] = sweep_times(recording)
+    series = sensor_times(recording)
     fits = {name: fit for name, times_ns in series.items() if (fit := _interval(times_ns)) is not None}
     for (one, (one_ns, one_off)), (other, (other_ns, other_off)) in combinations(fits.items(), 2):
         ratio = other_ns / one_ns

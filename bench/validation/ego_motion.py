@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from bench.geometry import twist_between
 from bench.recordings import Recording
+from bench.validation.drive import boxes_near
 from bench.validation.findings import (
     EGO_SIDEWAYS_MPS2,
     EGO_TOP_SPEED_MPS,
@@ -17,7 +18,6 @@ from bench.validation.findings import (
     Finding,
     occurrences,
 )
-from bench.validation.motion import box_of
 
 SPEED_WINDOW_NS = 200_000_000  # single steps of measured poses jitter
 JUMP_MPS2 = 40.0  # a crash; also what a pose that jumps by half a metre between two 10 Hz poses gives
@@ -89,10 +89,7 @@ NEAR_NS = 300_000_000  # of a state to a sweep
 def on_objects(points_vehicle: NDArray[np.float64], time_ns: int, recording: Recording) -> NDArray[np.bool_]:
     """Points on annotated objects: those that drive along would suggest a stationary vehicle."""
     inside = np.zeros(len(points_vehicle), dtype=bool)
-    for track in recording.tracks:
-        state = track.state_near(time_ns, within_ns=NEAR_NS)
-        box = None if state is None else box_of(state.shape)
-        if box is not None:
-            local = box.vehicle_from_object.inverse().apply(points_vehicle)
-            inside |= (np.abs(local) < box.size_m / 2 + BOX_SLACK_M).all(axis=1)
+    for box in boxes_near(recording, time_ns, within_ns=NEAR_NS):
+        local = box.vehicle_from_object.inverse().apply(points_vehicle)
+        inside |= (np.abs(local) < box.size_m / 2 + BOX_SLACK_M).all(axis=1)
     return inside

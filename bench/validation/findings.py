@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.recordings import Recording, Track
 
 SECOND_NS = 1_000_000_000
 DEGREE = float(np.pi / 180)
@@ -92,28 +91,6 @@ class Occurrences(TypedDict):
 def occurrences(found: NDArray[np.bool_], times_ns: NDArray[np.int64]) -> Occurrences:
     """Number of elements that are True, at least one, and the time of the first."""
     return {"times": int(found.sum()), "timestamp_ns": int(times_ns[np.argmax(found)])}
-
-
-def calibration_file(recording: Recording) -> str:
-    """File of the calibration, or the recording's folder where it is not known."""
-    file = recording.root / "recording.json"
-    return str(file if file.is_file() else recording.root)
-
-
-def annotation_file(recording: Recording) -> str:
-    """File of the annotations, or the recording's folder where it is not known."""
-    file = recording.root / "annotations.json"
-    return str(file if file.is_file() else recording.root)
-
-
-def object_field(track: Track) -> str:
-    """Name of an object in findings."""
-    return f"object {track.track_id!r} ({track.object_class})"
-
-
-def sweep_times(recording: Recording) -> NDArray[np.int64]:
-    """(N,) int64, reference times of the sweeps."""
-    return np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
 
 
 Span = tuple[float, float]

@@ -16,11 +16,64 @@ from scipy.optimize import least_squares
 
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform, twist_between
-from bench.validation.findings import SECOND_NS
+from bench.validation.findings import DEGREE, SECOND_NS
 from bench.validation.scan_matching import Step
 
 Array = NDArray[np.float64]
-PARAMETERS = ("late_s", "speed", "turn", "bias_radps", "yaw_rad")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """What may be wrong between lidar, odometry and their clocks.
+
+    Attributes:
+        stated: its value where all is right.
+        usual: standard deviation of good drives: tyres, sensors, mountings.
+        tolerated: good drives are off by less; wheel ticks at walking pace make 3 % of the speed.
+        small: what is off by more is another sign, unit or axis.
+        known: standard deviation up to which a value counts as known; the report says of others that it cannot tell.
+        field: of a finding.
+        expected: of a finding.
+        unit: in which it is reported.
+        scale: of these units in one.
+        why: it is not known where it is not.
+    """
+
+    stated: float = 0.0
+    usual: float
+    tolerated: float
+    small: float
+    known: float
+    field: str
+    expected: str
+    unit: str
+    scale: float
+    why: str
+
+
+QUANTITIES = {
+    "late_s": Quantity(
+        usual=0.001, tolerated=0.004, small=0.3, known=0.005, unit="ms", scale=1e3,
+        field="clock of lidar sweeps against ego-motion", expected="sweeps and ego-motion on one clock",
+        why="the drive hardly brakes, speeds up or turns in and out"),
+    "speed": Quantity(
+        stated=1.0, usual=0.01, tolerated=0.03, small=0.2, known=0.01, unit="%", scale=1e2,
+        field="scale of the speed", expected="the speed at which neighbouring sweeps meet",
+        why="it stands, or sees nothing across its way"),
+    "turn": Quantity(
+        stated=1.0, usual=0.02, tolerated=0.06, small=0.5, known=0.03, unit="%", scale=1e2,
+        field="scale of the yaw rate", expected="the yaw rate with which neighbouring sweeps meet",
+        why="it hardly turns"),
+    "bias_radps": Quantity(
+        usual=0.0017, tolerated=0.007, small=0.09, known=0.005, unit="deg/s", scale=1 / DEGREE,
+        field="bias of the yaw rate", expected="no yaw rate when driving straight", why="too few sweeps match"),
+    "yaw_rad": Quantity(
+        usual=0.009, tolerated=0.021, small=0.5, known=0.009, unit="degrees", scale=1 / DEGREE,
+        field="lidar.vehicle_from_lidar, yaw", expected="a lidar that is mounted as its motion says",
+        why="it hardly moves"),
+}  # fmt: skip
+PARAMETERS = tuple(QUANTITIES)
+STATED, USUAL = (np.array([getattr(one, name) for one in QUANTITIES.values()]) for name in ("stated", "usual"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,9 +81,7 @@ class Fitting:
     """Tolerances of the fit.
 
     Attributes:
-        usual: standard deviations of a good drive: clocks 1 ms apart, speed 1 % and yaw rate 2 % off (tyres, sensors),
-            a bias of 0.1 degrees per second, a lidar turned by half a degree.
-        most_usual: of these standard deviations; beyond them a drive is not good.
+        most_usual: standard deviations of good drives; beyond them a drive is not good.
         least_information: of the path across the least certain direction, as in `Matching`; below it a step tells only
             how far the lidar turned.
         step_m: error of a step: noise, cells, and what constant motion over two sweeps leaves out.
@@ -38,7 +89,6 @@ class Fitting:
         longest_late_s: of clocks that are tried.
     """
 
-    usual: tuple[float, float, float, float, float] = (0.001, 0.01, 0.02, 0.0017, 0.009)
     most_usual: float = 4.0
     least_information: float = 0.025
     step_m: float = 0.0015
@@ -47,7 +97,6 @@ class Fitting:
 
 
 FITTING = Fitting()
-STATED = np.array([0.0, 1.0, 1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -167,7 +216,7 @@ class Fit:
     """A fitted hypothesis.
 
     Attributes:
-        values: (5,) float64, `PARAMETERS`: lateness of sweeps against odometry, factors of speed and yaw rate, what is
+        values: (5,) float64, `QUANTITIES`: lateness of sweeps against odometry, factors of speed and yaw rate, what is
             added to the yaw rate, turn of the lidar to the left.
         sigma: (5,) float64, standard deviations.
         cost: sum of squares of errors over their standard deviations, large ones counted less.
@@ -178,6 +227,11 @@ class Fit:
     sigma: Array
     cost: float
     apart_m: float
+
+    def of(self, name: str) -> tuple[float, float]:
+        """Value of one of `QUANTITIES`, and its standard deviation."""
+        i = PARAMETERS.index(name)
+        return float(self.values[i]), float(self.sigma[i])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -210,30 +264,29 @@ class Comparison:
     def fit(self, mounting: Mounting, *, free: Sequence[str] = (), starts: Sequence[Array] = (STATED,)) -> Fit:
         """Fit all parameters, those that are not free close to their usual values."""
         freed = np.isin(PARAMETERS, free)
-        usual = np.array(FITTING.usual)
         prior = np.where(freed, 1e-3, 1.0)  # weak, so that nothing is singular
         limit = np.where(freed, np.inf, FITTING.most_usual)
-        limit[0] = FITTING.longest_late_s / usual[0] if freed[0] else limit[0]
+        limit[0] = FITTING.longest_late_s / USUAL[0] if freed[0] else limit[0]
 
         def residuals(scaled: Array) -> Array:
-            errors = self.errors(mounting, STATED + scaled * usual)
+            errors = self.errors(mounting, STATED + scaled * USUAL)
             size = np.linalg.norm(errors, axis=1) / FITTING.soft_m
             less = np.sqrt(np.log1p(size**2)) / np.maximum(size, 1e-9)  # Cauchy
             return np.concatenate([(errors * less[:, None] / FITTING.step_m).ravel(), prior * scaled])
 
         found = [
-            least_squares(residuals, (start - STATED) / usual, bounds=(-limit, limit), x_scale="jac")
+            least_squares(residuals, (start - STATED) / USUAL, bounds=(-limit, limit), x_scale="jac")
             for start in starts
         ]
         best = min(found, key=lambda one: one.cost)
-        values = STATED + best.x * usual
+        values = STATED + best.x * USUAL
         errors = self.errors(mounting, values)
-        excess = max(1.0, 2.0 * best.cost / max(errors.size - len(usual), 1))
+        excess = max(1.0, 2.0 * best.cost / max(errors.size - len(USUAL), 1))
         jacobian = np.asarray(best.jac)
         covariance = np.linalg.inv(jacobian.T @ jacobian) * excess
         return Fit(
             values=values,
-            sigma=np.sqrt(np.diag(covariance)) * usual,
+            sigma=np.sqrt(np.diag(covariance)) * USUAL,
             cost=2.0 * best.cost,
             apart_m=float(np.sqrt((errors**2).sum() / max(len(errors), 1))),
         )

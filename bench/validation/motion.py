@@ -7,14 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from bench.egomotion import Trajectory
-from bench.geometry import RigidTransform
 from bench.plain_text import listed
-from bench.recordings import Cuboid, GroundPolygon, ObjectShape, Recording, Track
-from bench.validation.findings import BODIES, SECOND_NS, BodyLimits, Finding, Severity, object_field, occurrences
+from bench.recordings import Cuboid, Recording, Track
+from bench.validation.drive import boxes_of, object_field
+from bench.validation.findings import BODIES, SECOND_NS, BodyLimits, Finding, Severity, occurrences
 
 LONGEST_STEP_S = 1.0
 JUMP_M = 1.0
@@ -74,28 +73,9 @@ class TrackPath:
     rotations: NDArray[np.float64]
 
 
-def box_of(shape: ObjectShape) -> Cuboid | None:
-    """The box, or the upright one around an outline; None for point indices."""
-    if isinstance(shape, Cuboid):
-        return shape
-    if isinstance(shape, GroundPolygon):
-        corners = shapely.get_coordinates(shapely.MultiPoint(shape.outline_m).minimum_rotated_rectangle)
-        if len(corners) < 4:
-            return None
-        along, across = corners[1] - corners[0], corners[2] - corners[1]
-        if np.hypot(*along) < np.hypot(*across):
-            along, across = across, along
-        centre = np.append(corners[:4].mean(axis=0), (shape.bottom_m + shape.top_m) / 2)
-        return Cuboid(
-            vehicle_from_object=RigidTransform.from_yaw(float(np.arctan2(along[1], along[0])), centre),
-            size_m=np.array([np.hypot(*along), np.hypot(*across), shape.top_m - shape.bottom_m]),
-        )
-    return None
-
-
 def track_path(track: Track, trajectory: Trajectory) -> TrackPath:
     """Arrays of a track."""
-    boxed = [(state, box) for state in track.states if (box := box_of(state.shape)) is not None]
+    boxed = boxes_of(track)
     times_ns = np.array([state.timestamp_ns for state, _ in boxed], dtype=np.int64)
     rotations, positions_m, valid = trajectory.at(times_ns)
     kept = [pair for pair, good in zip(boxed, valid, strict=True) if good]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
-from bench.validation.motion import box_of
+from bench.validation.drive import boxes_near
 
 Array = NDArray[np.float64]
 
@@ -135,11 +135,7 @@ def returns_in_boxes(recording: Recording, sweeps: Iterable[LidarSweep], vehicle
     count = 0
     for sweep in sweeps:
         placed = sweep.points_lidar @ vehicle_from_points.T + recording.vehicle_from_lidar.translation_m
-        for track in recording.tracks:
-            state = track.state_near(sweep.timestamp_ns, within_ns=SEEING.box_ns)
-            box = None if state is None else box_of(state.shape)
-            if box is None:
-                continue
+        for box in boxes_near(recording, sweep.timestamp_ns, within_ns=SEEING.box_ns):
             local = box.vehicle_from_object.inverse().apply(placed) / (box.size_m / 2)
             count += int(((np.abs(local) < 1.0).all(axis=1) & (local[:, 2] > -SEEING.bottom)).sum())
     return count

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from itertools import count
 from operator import attrgetter
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import computed_field
 
 from bench.errors import DataError
 from bench.recordings import Recording, RecordingHandle
@@ -23,8 +24,9 @@ from bench.validation.boxes import check_boxes
 from bench.validation.calibration import check_calibration
 from bench.validation.cameras import check_cameras
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
+from bench.validation.drive import annotation_file, calibration_file
 from bench.validation.ego_motion import check_ego_limits
-from bench.validation.findings import Finding, Severity, Undecided, annotation_file, calibration_file, unusable
+from bench.validation.findings import Finding, Severity, Undecided, unusable
 from bench.validation.images import check_images
 from bench.validation.motion import check_motion
 from bench.validation.static_world import check_static_world
@@ -43,23 +45,29 @@ class Depth(StrEnum):
     DEEP = "deep"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordingReport:
+class Count(FileModel):
+    """How many were read, of how many there are."""
+
+    read: int = 0
+    all: int = 0
+
+
+class RecordingReport(FileModel):
     """One recording.
 
     Attributes:
         name: of the recording.
-        findings: errors first, in the order in which they were found; causes before their possible consequences.
-        images: how many images were read, and how many there are.
+        images: of all cameras.
+        sweeps: of the lidar.
         undecided: quantities that the recording cannot tell.
-        sweeps: how many sweeps were read, and how many there are.
+        findings: errors first, in the order in which they were found; causes before their possible consequences.
     """
 
     name: str
-    findings: tuple[Finding, ...]
+    images: Count = Count()
+    sweeps: Count = Count()
     undecided: tuple[Undecided, ...] = ()
-    images: tuple[int, int] = (0, 0)
-    sweeps: tuple[int, int] = (0, 0)
+    findings: tuple[Finding, ...]
 
 
 Check = Callable[[Recording], Iterator[Finding | Undecided]]
@@ -79,46 +87,25 @@ CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] 
     (check_cameras, frozenset({"trajectory"}), calibration_file),
 )
 
-EGO_MOTION_CHECKS = frozenset(
-    {"ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit", "ego-motion-scale"}
-)
-BY_EGO_MOTION = frozenset(
-    {
-        "object-jump",
-        "object-speed",
-        "heading",
-        "velocity",
-        "empty-box",
-        "tight-box",
-        "box-time",
-        "box-short",
-        "box-reading",
-        "box-place",
-    }
-)
-BY_TIMES = frozenset(
-    {"image-times", "ego-motion-missing", "sensor-overlap", "point-times", "annotation-time", "annotation-outside"}
-)
-BY_LENGTHS = BY_EGO_MOTION | frozenset(
-    {
-        "camera-mounting",
-        "lidar-mounting",
-        "sensor-outside",
-        "sweep-range",
-        "road-height",
-        "box-size",
-        "box-grows",
-        "box-height",
-        "object-in-ego",
-        "same-object",
-        "crowded-boxes",
-    }
-)
+BY_EGO_MOTION = frozenset({
+    "object-jump", "object-speed", "heading", "velocity", "empty-box", "tight-box", "box-time", "box-short",
+    "box-reading", "box-place",
+})  # fmt: skip
+BY_TIMES = frozenset({
+    "image-times", "ego-motion-missing", "sensor-overlap", "point-times", "annotation-time", "annotation-outside",
+})  # fmt: skip
+BY_LENGTHS = BY_EGO_MOTION | {
+    "camera-mounting", "lidar-mounting", "sensor-outside", "sweep-range", "road-height", "box-size", "box-grows",
+    "box-height", "object-in-ego", "same-object", "crowded-boxes",
+}  # fmt: skip
+EGO_MOTION = frozenset({
+    "ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit", "ego-motion-scale",
+})  # fmt: skip
 CAUSES = (  # what causes it, by which findings that is known, and findings that may follow from it
     ("the unit of times", frozenset({"time-unit"}), BY_TIMES),
     ("the unit of lengths", frozenset({"length-unit"}), BY_LENGTHS),
     ("the lidar's mounting", frozenset({"lidar-pose"}), BY_EGO_MOTION),
-    ("the ego-motion", EGO_MOTION_CHECKS, BY_EGO_MOTION),
+    ("the ego-motion", EGO_MOTION, BY_EGO_MOTION),
 )
 
 
@@ -135,7 +122,7 @@ def validate_recording(
     opened = _opened(handle)
     findings = [unusable(error) for error in opened.errors]
     undecided: list[Undecided] = []
-    images = sweeps = (0, 0)
+    images = sweeps = Count()
     if (recording := opened.recording) is not None:
         for check, needs, file in CHECKS:
             if not needs & opened.missing:
@@ -146,13 +133,13 @@ def validate_recording(
                         findings.append(replace(found, file=found.file or str(file(recording))))
         rows = {camera: _pairs(len(recording.images[camera]), depth) for camera in recording.cameras}
         sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
-        images = sum(map(len, rows.values())), sum(map(len, recording.images.values()))
-        sweeps = len(sweep_rows), len(recording.sweeps)
+        images = Count(read=sum(map(len, rows.values())), all=sum(map(len, recording.images.values())))
+        sweeps = Count(read=len(sweep_rows), all=len(recording.sweeps))
         box_fit = None if opened.missing else BoxFit(recording)
         steps = count(1)
 
         def step() -> None:
-            progress(next(steps) / (images[0] + sweeps[0]))
+            progress(next(steps) / (images.read + sweeps.read))
 
         for camera in recording.cameras:
             findings += check_images(recording, camera, rows[camera], step)
@@ -201,22 +188,30 @@ def _pairs(count: int, depth: Depth) -> list[int]:
     return sorted({int(i) for first in firsts for i in (first, first + 1)})
 
 
-SCHEMA_VERSION = 1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ValidationReport:
-    """A data set.
+class ValidationReport(FileModel, extra="ignore"):
+    """A data set, and its file; the counts in a file are not read back.
 
     Attributes:
+        schema_version: of the file.
         dataset: name.
         depth: how many images and sweeps were to be read.
         recordings: in the order of the data set.
     """
 
+    schema_version: Literal[1] = 1
     dataset: str
     depth: Depth
     recordings: tuple[RecordingReport, ...]
+
+    @computed_field
+    def errors(self) -> int:
+        """Number of errors."""
+        return self.count(Severity.ERROR)
+
+    @computed_field
+    def warnings(self) -> int:
+        """Number of warnings."""
+        return self.count(Severity.WARNING)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -228,51 +223,8 @@ class ValidationReport:
         return sum(finding.severity is severity for finding in self.findings)
 
     def as_json(self) -> str:
-        """JSON text, one object with a list of findings."""
-        stored = _StoredReport(
-            schema_version=SCHEMA_VERSION,
-            dataset=self.dataset,
-            depth=self.depth,
-            errors=self.count(Severity.ERROR),
-            warnings=self.count(Severity.WARNING),
-            recordings=tuple(
-                _StoredRecording(
-                    name=one.name,
-                    images=_StoredCount.of(one.images),
-                    sweeps=_StoredCount.of(one.sweeps),
-                    undecided=one.undecided,
-                )
-                for one in self.recordings
-            ),
-            findings=self.findings,
-        )
-        return json.dumps(stored.model_dump(by_alias=True), indent=1, ensure_ascii=False) + "\n"
-
-
-class _StoredCount(FileModel):
-    read: int
-    every: int = Field(alias="all")
-
-    @classmethod
-    def of(cls, counts: tuple[int, int]) -> _StoredCount:
-        return cls(read=counts[0], all=counts[1])
-
-
-class _StoredRecording(FileModel):
-    name: str
-    images: _StoredCount
-    sweeps: _StoredCount
-    undecided: tuple[Undecided, ...]
-
-
-class _StoredReport(FileModel):
-    schema_version: int
-    dataset: str
-    depth: Depth
-    errors: int
-    warnings: int
-    recordings: tuple[_StoredRecording, ...]
-    findings: tuple[Finding, ...]
+        """JSON text."""
+        return json.dumps(self.model_dump(), indent=1, ensure_ascii=False) + "\n"
 
 
 def read_report(file: Path) -> ValidationReport:
@@ -281,18 +233,7 @@ def read_report(file: Path) -> ValidationReport:
     Raises:
         DataError: missing or not a report.
     """
-    stored = read_json(_StoredReport, file)
-    recordings = [
-        RecordingReport(
-            name=one.name,
-            findings=tuple(finding for finding in stored.findings if finding.recording == one.name),
-            images=(one.images.read, one.images.every),
-            sweeps=(one.sweeps.read, one.sweeps.every),
-            undecided=one.undecided,
-        )
-        for one in stored.recordings
-    ]
-    return ValidationReport(dataset=stored.dataset, depth=stored.depth, recordings=tuple(recordings))
+    return read_json(ValidationReport, file)
 
 
 def validate_dataset(

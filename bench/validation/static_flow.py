@@ -19,9 +19,8 @@ from bench.errors import DataError
 from bench.flow import DisFlow
 from bench.recordings import MountedCamera, Recording, read_image
 from bench.reference.sweeps import pose_sweep
-from bench.validation.clocks import distance_to, times_of
+from bench.validation.drive import distance_to, sweep_times, times_of
 from bench.validation.ego_motion import on_objects
-from bench.validation.findings import sweep_times
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

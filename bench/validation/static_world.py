@@ -15,9 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.recordings import Recording
-from bench.validation.clocks import distance_to
-from bench.validation.findings import DEGREE, Finding, Severity, Undecided, calibration_file, sweep_times
-from bench.validation.lidar_motion import PARAMETERS, STATED, Comparison, Fit, Mounting, Odometry, level_steps
+from bench.validation.drive import annotated_times, calibration_file, distance_to, sweep_times
+from bench.validation.findings import DEGREE, Finding, Severity, Undecided
+from bench.validation.lidar_motion import (
+    PARAMETERS,
+    QUANTITIES,
+    STATED,
+    Comparison,
+    Fit,
+    Mounting,
+    Odometry,
+    Quantity,
+    level_steps,
+)
 from bench.validation.mounting import mounting_name, returns_in_boxes, road_plane, some_sweeps
 from bench.validation.scan_matching import scan_steps
 
@@ -29,11 +39,6 @@ class Verdicts:
     """When a fitted value is reported.
 
     Attributes:
-        tolerated: of `PARAMETERS`; good drives are off by less: clocks by 4 ms, speed by 3 % (wheel ticks at walking
-            pace), yaw rate by 6 %, its bias by 0.4 degrees per second, the lidar by 1.2 degrees.
-        small: what is off by more is another sign, unit or axis: clocks 0.3 s apart, 20 % of the speed, half of
-            the yaw rate, a bias of 5 degrees per second, a lidar turned by 29 degrees.
-        known: standard deviation up to which a value counts as known; the report says of others that it cannot tell.
         sigmas: standard deviations beyond what is tolerated.
         better: factor by which distances between sweeps have to fall where a sign, an axis or a unit is to change.
         better_m: by how much at least, m.
@@ -43,9 +48,6 @@ class Verdicts:
         witnesses: returns in annotated boxes that decide.
     """
 
-    tolerated: tuple[float, float, float, float, float] = (0.004, 0.03, 0.06, 0.007, 0.021)
-    small: tuple[float, float, float, float, float] = (0.3, 0.2, 0.5, 0.09, 0.5)
-    known: tuple[float, float, float, float, float] = (0.005, 0.01, 0.03, 0.005, 0.009)
     sigmas: float = 4.0
     better: float = 0.6
     better_m: float = 0.01
@@ -63,7 +65,7 @@ class Hypothesis:
     """One cause.
 
     Attributes:
-        free: parameters that are fitted, of `PARAMETERS`.
+        free: quantities that are fitted, of `QUANTITIES`; the cause comes first.
         mounting: of the lidar; the stated one where the cause is another.
         starts: values at which the fit begins.
         remounted: the mounting itself is the cause.
@@ -73,6 +75,11 @@ class Hypothesis:
     mounting: Mounting
     starts: tuple[Array, ...]
     remounted: bool = False
+
+    @property
+    def quantity(self) -> Quantity:
+        """The cause."""
+        return QUANTITIES[self.free[0]]
 
 
 def _at(**values: float) -> Array:
@@ -167,12 +174,12 @@ class _Verdict:
 
     def _beyond(self, one: Hypothesis, fit: Fit) -> float:
         """Standard deviations by which a value near the stated one is beyond what is tolerated."""
-        i = PARAMETERS.index(one.free[0])
-        off = abs(fit.values[i] - STATED[i])
-        vague = fit.sigma[i] > max(VERDICTS.known[i], off / 10)
-        if len(one.free) > 1 or one.mounting is not self._mounting or off > VERDICTS.small[i] or vague:
+        value, sigma = fit.of(one.free[0])
+        off = abs(value - one.quantity.stated)
+        vague = sigma > max(one.quantity.known, off / 10)
+        if len(one.free) > 1 or one.mounting is not self._mounting or off > one.quantity.small or vague:
             return 0.0
-        return float((off - VERDICTS.tolerated[i]) / fit.sigma[i])
+        return (off - one.quantity.tolerated) / sigma
 
     def _mirrored_unseen(self, tried: Sequence[tuple[Hypothesis, Fit]]) -> tuple[Hypothesis, Fit, str] | None:
         """Straight ahead, a mirror changes no motion; boxes see it."""
@@ -229,10 +236,10 @@ class _Verdict:
 
     def _value(self, one: Hypothesis, fit: Fit) -> tuple[str, str]:
         """Field, and the fitted value with its interval of 95 %."""
-        i = PARAMETERS.index(one.free[0])
-        field, unit, scale, zero = VALUES[one.free[0]]
-        value, half = scale * (fit.values[i] - zero), 1.96 * scale * fit.sigma[i]
-        return field, f"{value:+.3g} [{value - half:+.3g}, {value + half:+.3g}] {unit}"
+        value, sigma = fit.of(one.free[0])
+        about = one.quantity
+        value, half = about.scale * (value - about.stated), 1.96 * about.scale * sigma
+        return about.field, f"{value:+.3g} [{value - half:+.3g}, {value + half:+.3g}] {about.unit}"
 
     def _gross(self, one: Hypothesis, fit: Fit, witnesses: str) -> Finding:
         field, name = self._named(one, fit)
@@ -261,7 +268,7 @@ class _Verdict:
             severity=Severity.ERROR if cause == "late_s" else Severity.WARNING,
             file=file,
             field=field,
-            expected=EXPECTED[cause],
+            expected=one.quantity.expected,
             got=f"{value}, as lidar sweeps meet best",
             hint=hint,
             times=len(self._compared.steps.motion),
@@ -270,52 +277,26 @@ class _Verdict:
     def _late_clock(self, late_s: float) -> tuple[str, str]:
         """File and hint: annotated times say whether sweeps were moved."""
         sweeps_ns = sweep_times(self._recording)
-        annotated_ns = np.unique([s.timestamp_ns for track in self._recording.tracks for s in track.states])
+        annotated_ns = annotated_times(self._recording)
         odometry = str(self._recording.trajectory.source)
         shift = f"{abs(1e3 * late_s):.0f} ms"
         sweeps = f"sweeps are {shift} {'late: subtract it from' if late_s > 0 else 'early: add it to'} their times"
         ego = f"the ego-motion is {shift} {'early: add it to' if late_s > 0 else 'late: subtract it from'} its times"
         if len(annotated_ns):
-            on_time = np.median(distance_to(annotated_ns, sweeps_ns)) < VERDICTS.tolerated[0] * 1e9
+            on_time = np.median(distance_to(annotated_ns, sweeps_ns)) < QUANTITIES["late_s"].tolerated * 1e9
             moved = sweeps_ns - round(late_s * 1e9)
             if on_time:
                 return odometry, f"{ego}; annotations have the times of the sweeps"
-            if np.median(distance_to(annotated_ns, moved)) < 2 * VERDICTS.tolerated[0] * 1e9:
+            if np.median(distance_to(annotated_ns, moved)) < 2 * QUANTITIES["late_s"].tolerated * 1e9:
                 return str(self._recording.sweeps[0].path.parent), f"{sweeps}; annotations have those times"
         return odometry, f"the clock of one of them: {sweeps}, or {ego}"
 
     def _unknown(self, tried: Sequence[tuple[Hypothesis, Fit]]) -> Iterator[Undecided]:
         for one, fit in tried:
-            i = PARAMETERS.index(one.free[0])
-            if len(one.free) == 1 and one.mounting is self._mounting and fit.sigma[i] > VERDICTS.known[i]:
-                field, unit, scale, _ = VALUES[one.free[0]]
-                known = f": known to {1.96 * scale * fit.sigma[i]:.2g} {unit} only"
-                why = WHY[one.free[0]] + (known if fit.sigma[i] < VERDICTS.small[i] else "")
-                yield Undecided(about=field, why=why)
-
-
-# field, unit, units in one, zero
-VALUES = {
-    "late_s": ("clock of lidar sweeps against ego-motion", "ms", 1e3, 0.0),
-    "speed": ("scale of the speed", "%", 1e2, 1.0),
-    "turn": ("scale of the yaw rate", "%", 1e2, 1.0),
-    "bias_radps": ("bias of the yaw rate", "deg/s", 1 / DEGREE, 0.0),
-    "yaw_rad": ("lidar.vehicle_from_lidar, yaw", "degrees", 1 / DEGREE, 0.0),
-}
-EXPECTED = {
-    "late_s": "sweeps and ego-motion on one clock",
-    "speed": "the speed at which neighbouring sweeps meet",
-    "turn": "the yaw rate with which neighbouring sweeps meet",
-    "bias_radps": "no yaw rate when driving straight",
-    "yaw_rad": "a lidar that is mounted as its motion says",
-}
-WHY = {
-    "late_s": "the drive hardly brakes, speeds up or turns in and out",
-    "speed": "it stands, or sees nothing across its way",
-    "turn": "it hardly turns",
-    "bias_radps": "too few sweeps match",
-    "yaw_rad": "it hardly moves",
-}
+            about, (_, sigma) = one.quantity, fit.of(one.free[0])
+            if len(one.free) == 1 and one.mounting is self._mounting and sigma > about.known:
+                known = f": known to {1.96 * about.scale * sigma:.2g} {about.unit} only"
+                yield Undecided(about=about.field, why=about.why + (known if sigma < about.small else ""))
 
 
 def _penalised(pair: tuple[Hypothesis, Fit]) -> float:
@@ -336,10 +317,6 @@ def _factor_name(factor: float, names: dict[float, str]) -> str:
 def _remedy(one: Hypothesis, fit: Fit) -> str:
     """What to do where odometry of these factors is right."""
     known = (("speed", "the speed", SPEEDS), ("turn", "the yaw rate", TURNS))
-    usual = {
-        name: _usual(float(fit.values[PARAMETERS.index(free)]), names)
-        for free, name, names in known
-        if free in one.free
-    }
+    usual = {name: _usual(fit.of(free)[0], names) for free, name, names in known if free in one.free}
     scaled = [f"multiply {name} by {factor:.4g}" for name, factor in usual.items() if factor not in {0.0, 1.0}]
     return f"check unit and sign: {' and '.join(scaled)}" if scaled else "check unit and sign"

@@ -14,14 +14,8 @@ from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
 from bench.validation.box_fit import BoxFit
-from bench.validation.findings import (
-    LIDAR_REACH_M,
-    Finding,
-    Severity,
-    calibration_file,
-    sweep_times,
-    unusable,
-)
+from bench.validation.drive import calibration_file, sweep_times
+from bench.validation.findings import LIDAR_REACH_M, Finding, Severity, unusable
 
 RING_M = (2.5, 14.0)  # around the vehicle's origin
 CELL_M = 1.0

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from bench.annotation.proposals import Proposal, propose
 from bench.errors import DataError
 from bench.recordings import NOT_ANNOTATED, Recording
-from bench.validation.findings import SECOND_NS, Finding, Severity, annotation_file
-from bench.validation.motion import box_of
+from bench.validation.drive import annotation_file, box_of
+from bench.validation.findings import SECOND_NS, Finding, Severity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

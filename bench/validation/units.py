@@ -17,19 +17,8 @@ from bench.egomotion.time_units import FACTORS, other_unit
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import Recording
-from bench.validation.clocks import times_of
-from bench.validation.findings import (
-    BODIES,
-    CAMERA_HEIGHT_M,
-    LIDAR_HEIGHT_M,
-    SENSOR_OUTSIDE_M,
-    Finding,
-    Span,
-    annotation_file,
-    calibration_file,
-    sweep_times,
-)
-from bench.validation.motion import box_of
+from bench.validation.drive import annotated_times, annotation_file, boxes_of, calibration_file, sweep_times, times_of
+from bench.validation.findings import BODIES, CAMERA_HEIGHT_M, LIDAR_HEIGHT_M, SENSOR_OUTSIDE_M, Finding, Span
 
 UNITS = {0.01: "centimetres", 0.001: "millimetres"}
 FARTHEST_M = 100.0  # half of a sweep's points, or of the boxes, are nearer
@@ -48,8 +37,7 @@ def check_time_units(recording: Recording) -> Iterator[Finding]:
     if recording.sweeps:
         series.append((recording.sweeps[0].path.parent, "names of the sweeps", sweep_times(recording)))
     series.append((recording.trajectory.source, "times", recording.trajectory.timestamps_ns))
-    annotated_ns = {state.timestamp_ns for track in recording.tracks for state in track.states}
-    series.append((annotation_file(recording), "timestamp", np.array(sorted(annotated_ns), dtype=np.int64)))
+    series.append((annotation_file(recording), "timestamp", annotated_times(recording)))
     for file, field, times_ns in series:
         if (found := other_unit(times_ns)) is not None:
             unit, factor = found
@@ -133,7 +121,7 @@ def _boxes(recording: Recording) -> Iterator[Finding]:
     sizes_m: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
     away_m = []
     for track in recording.tracks:
-        for box in filter(None, (box_of(state.shape) for state in track.states)):
+        for _, box in boxes_of(track):
             sizes_m[track.object_class].append(box.size_m)
             away_m.append(float(np.hypot(*box.vehicle_from_object.translation_m[:2])))
     if not away_m:

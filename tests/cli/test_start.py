@@ -139,5 +139,6 @@ def test_a_file_whose_name_is_not_utf_8_is_told(folder):
     assert called_here("run", "x.yaml", "--out", "out", folder=folder).returncode == 2
     done = called_here("validate", "x.yaml", "--json", "told.json", folder=folder)
     assert (done.returncode, done.stderr) == (1, "")
-    files = [finding["file"] for finding in json.loads((folder / "told.json").read_text())["findings"]]
+    (recording,) = json.loads((folder / "told.json").read_text())["recordings"]
+    files = [finding["file"] for finding in recording["findings"]]
     assert f"data/drive/images/front/{os.fsdecode(NOT_TEXT)}.png" in files

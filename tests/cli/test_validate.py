@@ -48,26 +48,26 @@ def test_faults_exit_with_1_and_stand_in_text_and_json(monkeypatch, capsys, fold
     assert str(out) in shown
     content = json.loads(out.read_text())
     assert (content["dataset"], content["errors"], content["warnings"]) == ("street", 8, 0)
-    assert content["recordings"] == [
-        {
-            "name": "drive",
-            "images": {"read": 24, "all": 24},
-            "sweeps": {"read": 16, "all": 16},
-            "undecided": [
-                {
-                    "about": "clock of lidar sweeps against ego-motion",
-                    "why": "the drive hardly brakes, speeds up or turns in and out",
-                },
-                {
-                    "about": "calibration and clock of camera front",
-                    "why": "no flow is seen: too dark, too little texture, or the vehicle stands",
-                },
-            ],
-        }
-    ]
-    assert [finding["file"] for finding in content["findings"]] == [str(images[i]) for i in (3, 7, *range(15, 21))]
-    assert {finding["check"] for finding in content["findings"]} == {"image"}
-    assert content["findings"][0]["timestamp_ns"] == int(images[3].stem)
+    (recording,) = content["recordings"]
+    findings = recording.pop("findings")
+    assert recording == {
+        "name": "drive",
+        "images": {"read": 24, "all": 24},
+        "sweeps": {"read": 16, "all": 16},
+        "undecided": [
+            {
+                "about": "clock of lidar sweeps against ego-motion",
+                "why": "the drive hardly brakes, speeds up or turns in and out",
+            },
+            {
+                "about": "calibration and clock of camera front",
+                "why": "no flow is seen: too dark, too little texture, or the vehicle stands",
+            },
+        ],
+    }
+    assert [finding["file"] for finding in findings] == [str(images[i]) for i in (3, 7, *range(15, 21))]
+    assert {finding["check"] for finding in findings} == {"image"}
+    assert findings[0]["timestamp_ns"] == int(images[3].stem)
 
 
 def test_warnings_alone_exit_with_1_unless_only_errors_count(monkeypatch, capsys, folder):

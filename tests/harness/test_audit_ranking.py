@@ -218,7 +218,6 @@ def test_sums_of_an_image():
     )
     assert (first, whole) == (pytest.approx(1 / 9), pytest.approx(5 / 9))
     assert "overtaking" not in sums.index.get_level_values("slice")
-    assert rows.images == 1
     (fit,) = rows.fits()[FITS].to_numpy().tolist()
     assert fit == [1, 4, 0, 4, 0, 0.2]
 
