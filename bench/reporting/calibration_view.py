@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bench.atomic import write_bytes
 from bench.cameras import ray_grid
+from bench.harness.stages import Progress
 from bench.recordings import read_image
 from bench.records.recording import MountedCamera, Recording
 from bench.reporting import canvas
@@ -37,7 +38,7 @@ def write_calibration(
     *,
     out: Path,
     rrd: Path | None,
-    progress: Callable[[float, int], None],
+    progress: Progress,
 ) -> list[Path]:
     """Write `<recording>-<camera>/<index>-<image>/calibration.png` of images, and log them for the viewer.
 
