@@ -8,7 +8,8 @@ The functions `write_*` store files; equal input gives equal bytes.
 - `document` (blocks, reports and their writers), `formats` (how values and intervals are written everywhere), `canvas`
   (colours, figures), `overlay` (masks, polygons and the areas that a frame is scored by, over images), `stored_run` (a
   run as it is read);
-- `tables`, `table_files` (ours beside the paper's), `verdict` (of the gate), `prediction_table`, `citation` (BibTeX);
+- `tables`, `table_files` (ours beside the paper's), `verdict` (of the gate), `totals` (of a run), `findings` (what is
+  wrong with data or predictions), `citation` (BibTeX);
 - `range_maps`, `panels` (the paper's figures), `side_by_side` (of one or several methods on one image),
   `frame_pictures` (all pictures of one frame), `video`, `rerun_log`;
 - `sweep` (one setting through many values), `history` (a method over commits), `audit_tables`, `audit_ranking`,

@@ -271,7 +271,7 @@ def _change_cell(change: Mapping[Any, Any]) -> Cell:
 
 
 WIDTH_IN, PANEL_IN, RUN_IN = 5.2, 1.15, 0.45  # of the chart, of the height of a panel, of the width of a run
-LABEL_LETTERS, LEGEND_COLUMNS = 14, 3
+LABEL_LETTERS, LEGEND_COLUMNS, LETTERS_PER_IN = 14, 3, 17  # of an axis, of the legend, of the title
 _WIDEST_IN = 14.0
 _LINES = {Verdict.BETTER: (canvas.GREEN, "-", 1.8), Verdict.WORSE: (canvas.VERMILION, "-", 1.8)}
 _NOT_SHOWN = (canvas.GREY, ":", 1.0)
@@ -300,6 +300,7 @@ def draw(title: str, series: Series) -> Figure:
         [f"{point.name}\n{point.time:%Y-%m-%d}" for point in series],
         rotation=90 if len(series) > 6 else 0,
     )
+    title = textwrap.fill(title, round(LETTERS_PER_IN * width), break_on_hyphens=False)
     figure.suptitle(f"{title}\npercent, with 95 % intervals, by recording", x=0.01, ha="left", fontsize=8)
     looks = {
         name: {"color": colour, "linestyle": style, "linewidth": width}

@@ -19,6 +19,7 @@ from bench.reporting.document import (
     Items,
     Paragraph,
     Picture,
+    Report,
     Table,
     escape_latex,
     to_csv,
@@ -154,3 +155,16 @@ def test_csv_and_json_carry_numbers_without_loss():
     assert to_csv(pd.DataFrame(columns=["a", "b"])) == "a,b\n"
     content = {"a": [math.nan, (1 / 3, math.inf)], "b": {"ü": None}}
     assert json.loads(to_json(content)) == {"a": [None, [1 / 3, None]], "b": {"ü": None}}
+
+
+def test_a_report_writes_the_files_that_it_has_and_its_title_once(tmp_path):
+    blocks, numbers = [Paragraph("Said."), TABLE], [{"a": 1 / 3}]
+    few = Report(title="", blocks=blocks, numbers=numbers).write(tmp_path, "few")
+    assert [file.name for file in few] == ["few.md", "few.csv"]
+    assert few[0].read_text() == to_markdown(blocks)
+    every = Report(title="A & b", blocks=blocks, numbers=numbers, content={"a": 1}, latex="x", page=True)
+    page, markdown, table, content, latex = every.write(tmp_path / "new", "every")
+    assert page.read_text().count("<h1>A &amp; b</h1>") == page.read_text().count("<h1>") == 1
+    assert markdown.read_text() == f"# A & b\n\n{to_markdown(blocks)}"
+    assert (table.read_text(), latex.read_text()) == (to_csv(numbers), "x")
+    assert json.loads(content.read_text()) == {"a": 1}
