@@ -109,7 +109,7 @@ def evaluate(
 
 
 def _print_check(found: PredictionIndex) -> None:
-    from bench.reporting.prediction_table import prediction_line, prediction_table
+    from bench.reporting.findings import prediction_line, prediction_table
 
     table = prediction_table(found)
     if table is not None:

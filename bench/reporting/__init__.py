@@ -1,17 +1,19 @@
 """Tables and pictures of stored results; it prints nothing and scores nothing.
 
 Tables and range maps read only what a run has stored. The pictures of single frames take records that the harness
-fills. A report is a list of blocks (`document`), which has one writer for each form: terminal, Markdown, HTML, LaTeX;
-text from outside is escaped there. A figure is one of matplotlib on its own Agg canvas. The functions `write_*` store
-files; equal input gives equal bytes.
+fills. A report is told once, as a `Report` of `document`: blocks for people (terminal, Markdown, HTML, LaTeX; text from
+outside is escaped there), and numbers for programs (CSV, JSON). A figure is one of matplotlib on its own Agg canvas.
+The functions `write_*` store files; equal input gives equal bytes.
 
-- `document` (blocks and their writers), `formats` (how values and intervals are written everywhere), `canvas` (colours,
-  figures), `overlay` (masks and polygons over images), `stored_run` (a run as it is read);
-- `tables`, `table_files` (ours beside the paper's), `verdict` (of the gate), `prediction_table`, `citation` (BibTeX);
-- `range_maps`, `panels` (the paper's figures), `count_view` (areas that a frame is scored by), `side_by_side` (of one
-  or several methods on one image),
+- `document` (blocks, reports and their writers), `formats` (how values and intervals are written everywhere), `canvas`
+  (colours, figures), `overlay` (masks, polygons and the areas that a frame is scored by, over images), `stored_run` (a
+  run as it is read);
+- `tables`, `table_files` (ours beside the paper's), `verdict` (of the gate), `totals` (of a run), `findings` (what is
+  wrong with data or predictions), `citation` (BibTeX);
+- `range_maps`, `panels` (the paper's figures), `side_by_side` (of one or several methods on one image),
   `frame_pictures` (all pictures of one frame), `video`, `rerun_log`;
-- `sweep` (one setting through many values), `audit_tables`, `audit_ranking`, `audit_pictures`;
+- `sweep` (one setting through many values), `history` (a method over commits), `audit_tables`, `audit_ranking`,
+  `audit_beams`, `audit_pictures`;
 - `proposal_scores` (proposals against annotations); `trackers` (a run goes to MLflow or Weights & Biases);
 - `page` (the page of a run), `compare` (runs against each other), `leaderboard` (all runs of a folder).
 

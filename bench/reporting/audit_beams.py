@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
@@ -12,9 +13,9 @@ from matplotlib.ticker import NullLocator
 from bench.audit import ALL
 from bench.audit.beams import BEAMS, BeamsRow, BeamsSummary, read_beams
 from bench.evaluation.sums import ALL_MOVING
-from bench.reporting import canvas, document, formats
-from bench.reporting.audit_tables import decimal, sections
-from bench.reporting.document import Block, Code, Heading, Paragraph, Picture, Table
+from bench.reporting import canvas, formats
+from bench.reporting.audit_tables import command, sections, tau_text
+from bench.reporting.document import Code, Column, Heads, Paragraph, Picture, Report, Table
 
 CLASSES = {  # colour and marker
     ALL: (canvas.BLACK, "o"),
@@ -32,24 +33,32 @@ SHARES: dict[str, Callable[[BeamsRow], float]] = {
 TAU = "Kendall's tau"
 
 
-def row_label(row: BeamsRow) -> str:
+def row_label(object_class: str) -> str:
     """Return the name of a class in tables and pictures."""
-    return formats.LABELS[ALL_MOVING] if row.object_class == ALL else row.object_class.capitalize()
+    return formats.LABELS[ALL_MOVING] if object_class == ALL else object_class.capitalize()
+
+
+COLUMNS: dict[str, Heads] = {
+    "object_class": Column("Class", row_label),
+    "beams": "Beams",
+    "recordings": "Recordings",
+    "object_frames": "Frames",
+    "lost": "Lost",
+    "in_core": Column("In core", formats.hundredths),
+    "left_out": Column("Left out", formats.hundredths),
+    "core_outside": Column("Core outside", formats.hundredths),
+    "unknown_share": Column("Unknown", formats.hundredths),
+    "ceiling": Column("Ceiling", formats.hundredths),
+}
 
 
 def beams_table(found: BeamsSummary) -> Table:
     """One line per class and number of beams."""
     ranked = len(found.predictions) > 1
-    rows = [
-        (row_label(row), str(row.beams), str(row.recordings), str(row.object_frames), str(row.lost),
-         *map(formats.hundredths, (row.in_core, row.left_out, row.core_outside, row.unknown_share, row.ceiling)),
-         *([] if row.tau is None else [_tau(row)]))
-        for row in found.rows
-    ]  # fmt: skip
-    headings = ["In core", "Left out", "Core outside", "Unknown", "Ceiling", *(["Tau"] if ranked else [])]
+    rows = pd.DataFrame([dict(row) for row in found.rows])
     return Table(
         title="The reference surface-v1 by fewer beams, in percent",
-        columns=("Class", "Beams", "Recordings", "Frames", "Lost", *headings),
+        columns=COLUMNS | {"tau": Column("Tau", tau_text)} if ranked else COLUMNS,
         rows=rows,
         note="The first line of a class is the whole sensor. Frames: object-frames that it and these beams evaluate; "
         "lost: that it evaluates alone; the other columns do not count what is lost. In core, left out: share of the "
@@ -66,44 +75,32 @@ TAU_NOTE = (
 )
 
 
-def _tau(row: BeamsRow) -> str:
-    assert row.tau is not None, "methods were ranked"
-    return f"{decimal(row.tau.value)} {formats.interval(row.tau.ci95, unit=1.0, digits=2)}".rstrip()
-
-
 def beams_tables(found: BeamsSummary) -> tuple[Table, ...]:
     """The tables that are printed."""
     return (beams_table(found),)
 
 
-def report(found: BeamsSummary) -> Iterator[Block]:
-    """The table with its note, and the picture."""
-    yield Heading(f"How many beams does a reference of {found.dataset} need?", 1)
-    yield Paragraph(
-        f"Rings of the lidar are left out, evenly spaced, in {found.images} images of {found.recordings} recordings; "
-        "everything else is as recorded. Made by:"
-    )
-    yield Code(_command(found))
-    yield Picture("beams.png", "What the reference tells and loses, over the number of beams")
-    yield from sections(beams_tables(found))
-
-
-def _command(found: BeamsSummary) -> str:
-    split = "" if found.split is None else f" --split {found.split}"
+def report(found: BeamsSummary) -> Report:
+    """The table with its note, below the picture; a line of numbers per class and number of beams."""
     methods = f" --methods {','.join(found.predictions)}" if len(found.predictions) > 1 else ""
-    beams = ",".join(map(str, found.asked))
-    return f"fisheye-bench audit {found.card} --recordings {found.recordings}{split} --beams {beams}{methods}"
+    return Report(
+        title=f"How many beams does a reference of {found.dataset} need?",
+        blocks=[
+            Paragraph(
+                f"Rings of the lidar are left out, evenly spaced, in {found.images} images of {found.recordings} "
+                "recordings; everything else is as recorded. Made by:"
+            ),
+            Code(f"{command(found)} --beams {','.join(map(str, found.asked))}{methods}"),
+            Picture("beams.png", "What the reference tells and loses, over the number of beams"),
+            *sections(beams_tables(found)),
+        ],
+        numbers=map(_numbers, found.rows),
+    )
 
 
-def to_csv(found: BeamsSummary) -> str:
-    """One line per class and number of beams, at full precision; empty where there is no number."""
-    return document.to_csv(_csv_row(row) for row in found.rows)
-
-
-def _csv_row(row: BeamsRow) -> dict[str, object]:
-    tau, (low, high) = row.tau, (None, None) if row.tau is None or row.tau.ci95 is None else row.tau.ci95
-    numbers = row.model_dump(exclude={"tau"})
-    return numbers | {"tau": None if tau is None else tau.value, "tau_low": low, "tau_high": high}
+def _numbers(row: BeamsRow) -> dict[str, object]:
+    low, high = (row.tau and row.tau.ci95) or (None, None)
+    return dict(row) | {"tau": row.tau and row.tau.value, "tau_low": low, "tau_high": high}
 
 
 _COLUMNS, _PANEL_IN = 3, 2.2
@@ -136,7 +133,7 @@ def _draw_panel(axes: Axes, title: str, found: BeamsSummary) -> None:
         top = 100.0 if any(value > _LOW for value in values) else top
         if rows:
             axes.plot([row.beams for row in rows], values, color=colour, marker=marker, markersize=3.5, linewidth=1.0,
-                      label=row_label(rows[0]))  # fmt: skip
+                      label=row_label(name))  # fmt: skip
     beams = sorted({row.beams for row in found.rows})
     axes.set_xscale("log")
     axes.set_xticks(beams, [str(count) for count in beams])
@@ -159,5 +156,5 @@ def write_beams_files(folder: Path) -> tuple[Path, ...]:
         DataError: the stored audit is missing or damaged.
     """
     found = read_beams(folder)
-    texts = formats.write_texts(folder, {"beams.md": document.to_markdown(report(found)), "beams.csv": to_csv(found)})
-    return (folder / BEAMS, *texts, *canvas.write_picture(folder / "beams", draw_beams(found)))
+    files = report(found).write(folder, "beams")
+    return (folder / BEAMS, *files, *canvas.write_picture(folder / "beams", draw_beams(found)))

@@ -33,9 +33,7 @@ from bench.methods import Method
 from bench.recordings import Recording, RecordingHandle, read_image, read_truth
 from bench.reference import ReferenceBuilder
 from bench.reporting import canvas
-from bench.reporting.audit_tables import FALSE_ALARMS, MISSES, report, to_csv
-from bench.reporting.document import to_markdown
-from bench.reporting.formats import write_texts
+from bench.reporting.audit_tables import FALSE_ALARMS, MISSES, report
 from bench.reporting.overlay import draw_outline, overlay_areas
 
 COLOURS = (canvas.ORANGE, canvas.BLUE, canvas.GREEN, canvas.PURPLE)
@@ -92,7 +90,7 @@ def write_audit_files(folder: Path) -> tuple[Path, ...]:
         DataError: the stored audit is missing or damaged.
     """
     audit = read_audit(folder)
-    tables = write_texts(folder, {"audit.md": to_markdown(report(audit)), "audit.csv": to_csv(audit)})
+    tables = report(audit).write(folder, "audit")
     chart = draw_fit_by_distance(audit, read_polygons(folder))
     return (folder / AUDIT, *tables, *canvas.write_picture(folder / "fit", chart))
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -27,9 +27,9 @@ from bench.audit.ranking_sums import EXACT, FALSE_POSITIVES, REFERENCES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.sums import ALL_MOVING
 from bench.reference import Category
-from bench.reporting import canvas, document, formats
-from bench.reporting.audit_tables import decimal, sections
-from bench.reporting.document import Block, Code, Heading, Paragraph, Picture, Table
+from bench.reporting import canvas, formats
+from bench.reporting.audit_tables import command, decimal, sections, signed_points, tau_text
+from bench.reporting.document import Code, Column, Paragraph, Picture, Report, Table
 
 NAMES = dict(
     zip(
@@ -57,15 +57,15 @@ def overview_table(ranking: RankingSummary) -> Table:
     rows = []
     for reference in LIDAR:
         differences = [100 * ranking.mean_difference(reference, real=real) for real in (False, True)]
-        taus = [decimal(row.agreement[reference].tau.value) for row in ranking.rows]
-        checks = [check for row in ranking.rows for check in row.checks if check.reference == reference]
-        wins = f"{sum(not check.holds for check in checks)} of {len(checks)}"
-        aims = "; ".join(ranking.misses(reference)) or "none"
-        rows.append((NAMES[reference], *(f"{value:.1f}" for value in differences), *taus, wins, aims))
-    taus = [f"tau {row_label(row.name).lower()}" for row in ranking.rows]
+        taus = [row.agreement[reference].tau.value for row in ranking.rows]
+        checks = [check.holds for row in ranking.rows for check in row.checks if check.reference == reference]
+        wins = f"{checks.count(False)} of {len(checks)}"
+        rows.append([NAMES[reference], *differences, *taus, wins, "; ".join(ranking.misses(reference)) or "none"])
+    points = [Column(heading, "{:.1f}".format) for heading in ("IoU points, all", "real methods")]
+    of_rows = [Column(f"tau {row_label(row.name).lower()}", decimal) for row in ranking.rows]
     return Table(
         title="Agreement with the exact masks",
-        columns=("Reference", "IoU points, all", "real methods", *taus, "Wrong masks win", "Aims missed"),
+        columns=["Reference", *points, *of_rows, "Wrong masks win", "Aims missed"],
         rows=rows,
         note="Points: mean absolute difference of IoU from the score against exact masks, over the predictions and the "
         "kinds of motion. Tau: Kendall's tau-b of the two orders of the predictions, by IoU, of false positives by "
@@ -75,25 +75,31 @@ def overview_table(ranking: RankingSummary) -> Table:
     )
 
 
-def kind_table(ranking: RankingSummary) -> Table:
-    """Agreement by kind of error, one line per row and lidar reference; then means over the kinds of motion."""
-    rows = [
-        (
-            *(row_label(row.name), NAMES[reference]),
-            *_kind_cells([found.by_kind.get(kind) for kind in KINDS]),
-            decimal(found.tau_between),
-        )
+def _agreements(
+    ranking: RankingSummary, make: Callable[[RankedRow, Agreement], Iterable[object]]
+) -> list[list[object]]:
+    """A line of a table for each row and lidar reference, behind the names of both."""
+    return [
+        [row_label(row.name), NAMES[reference], *make(row, found)]
         for row in ranking.rows
         for reference, found in row.agreement.items()
     ]
-    rows += [
-        ("Mean of kinds", NAMES[name], *_kind_cells([ranking.mean_of_motion(name, kind) for kind in KINDS]), "")
-        for name in LIDAR
-    ]
-    headings = [heading for kind in KINDS for heading in (f"Tau {kind}", f"{kind.capitalize()}, points")]
+
+
+def kind_table(ranking: RankingSummary) -> Table:
+    """Agreement by kind of error, one line per row and lidar reference; then means over the kinds of motion."""
+
+    def cells(of_kinds: Iterable[KindAgreement | None]) -> list[float | None]:
+        return [value for one in of_kinds for value in ((one.tau, one.signed_difference) if one else (None, None))]
+
+    rows = _agreements(ranking, lambda _, found: [*cells(map(found.by_kind.get, KINDS)), found.tau_between])
+    for name in LIDAR:
+        rows.append(["Mean of kinds", NAMES[name], *cells(ranking.mean_of_motion(name, k) for k in KINDS), None])
+    numbers = [Column(heading, form) for kind in KINDS for heading, form in
+               ((f"Tau {kind}", decimal), (f"{kind.capitalize()}, points", signed_points))]  # fmt: skip
     return Table(
         title="Masks that are wrong in known ways, by kind of error",
-        columns=("Type", "Reference", *headings, "Tau between"),
+        columns=["Type", "Reference", *numbers, Column("Tau between", decimal)],
         rows=rows,
         note="Outlines: " + _names(ranking, OUTLINES) + ". Objects, or parts of them, lack or are added: "
         + _names(ranking, OBJECTS) + ". Tau: of these masks and the exact one; between: of the pairs of two masks with "
@@ -103,18 +109,6 @@ def kind_table(ranking: RankingSummary) -> Table:
     )  # fmt: skip
 
 
-def _kind_cells(found: Sequence[KindAgreement | None]) -> list[str]:
-    return [
-        cell
-        for one in found
-        for cell in (("", "") if one is None else (decimal(one.tau), _signed_points(one.signed_difference)))
-    ]
-
-
-def _signed_points(difference: float) -> str:
-    return "n/a" if math.isnan(difference) else f"{100 * difference:+.1f}"
-
-
 def _names(ranking: RankingSummary, kind: str) -> str:
     names = [name.removeprefix("truth:") for name in ranking.predictions if ranking.errors.get(name) == kind]
     return ", ".join(names) or "none"
@@ -122,19 +116,16 @@ def _names(ranking: RankingSummary, kind: str) -> str:
 
 def agreement_table(ranking: RankingSummary) -> Table:
     """Order and IoU, one line per row and lidar reference, with intervals."""
-    rows = [
-        (
-            *(row_label(row.name), NAMES[reference], _recordings(row), str(row.cases), _tau(found.tau)),
-            *(_points(part[metric]) for part in _both(found)),
-        )
-        for row in ranking.rows
-        for reference, found in row.agreement.items()
-        for metric in list(found.difference)[:1]
-    ]
+
+    def cells(row: RankedRow, found: Agreement) -> list[object]:
+        first = next(iter(found.difference))
+        return [_recordings(row), row.cases, found.tau, found.difference[first], found.difference_real[first]]
+
+    numbers = [Column("Tau", tau_text), Column("All", _points), Column("Real methods", _points)]
     return Table(
         title="Order, and differences of IoU in points",
-        columns=("Type", "Reference", "Recordings", "Frames", "Tau", "All", "Real methods"),
-        rows=rows,
+        columns=["Type", "Reference", "Recordings", "Frames", *numbers],
+        rows=_agreements(ranking, cells),
         note="Mean absolute differences from the scores against exact masks, over all predictions, and over the real "
         "methods, that is those that are not made of the exact masks; of false positives: of their area. In brackets "
         f"95 % intervals from draws of whole recordings; rows of fewer than {FEWEST_RECORDINGS} recordings have none.",
@@ -144,59 +135,44 @@ def agreement_table(ranking: RankingSummary) -> Table:
 
 def difference_table(ranking: RankingSummary) -> Table:
     """The other metrics, one line per row and lidar reference."""
-    rows = [
-        (
-            *(row_label(row.name), NAMES[reference]),
-            *(formats.hundredths(part[metric].value) for metric in OTHERS for part in _both(found)),
-        )
-        for row in ranking.rows
-        if row.name != FALSE_POSITIVES
-        for reference, found in row.agreement.items()
-    ]
-    metrics = [heading for name in OTHERS.values() for heading in (name, f"{name}, real methods")]
+    of_objects = ranking.model_copy(update={"rows": [row for row in ranking.rows if row.name != FALSE_POSITIVES]})
+    headings = [heading for name in OTHERS.values() for heading in (name, f"{name}, real methods")]
     return Table(
         title="Differences of the other metrics, in points",
-        columns=("Type", "Reference", *metrics),
-        rows=rows,
+        columns=["Type", "Reference", *_in_percent(headings)],
+        rows=_agreements(
+            of_objects,
+            lambda _, found: [part[m].value for m in OTHERS for part in (found.difference, found.difference_real)],
+        ),
         note="As above. TPR: over detected object-frames.",
         words=2,
     )
 
 
-def _both(found: Agreement) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
-    return found.difference, found.difference_real
-
-
 def ceiling_table(ranking: RankingSummary) -> Table:
     """Scores of the exact masks, and the unknown share of the objects; one line per row."""
-    rows = []
-    for row in ranking.rows:
-        if row.name == FALSE_POSITIVES:
-            continue
-        iou = row.scores["iou"]
-        cells = [formats.hundredths(iou[name][ranking.ceiling]) if ranking.ceiling else "" for name in LIDAR]
-        rows.append(
-            (row_label(row.name), _recordings(row), str(row.cases), *cells, formats.hundredths(row.unknown_share))
-        )
+    exact = ranking.ceiling
     return Table(
         title="Ceiling: IoU of the exact masks, in percent",
-        columns=("Type", "Recordings", "Frames", *(NAMES[name] for name in LIDAR), "Unknown share"),
-        rows=rows,
+        columns=["Type", "Recordings", "Frames", *_in_percent([NAMES[name] for name in LIDAR] + ["Unknown share"])],
+        rows=[
+            [row_label(row.name), _recordings(row), row.cases,
+             *(row.scores["iou"][name][exact] if exact else None for name in LIDAR), row.unknown_share]
+            for row in ranking.rows
+            if row.name != FALSE_POSITIVES
+        ],
         note="Unknown share: mean share of an object-frame's possible pixels in which surface-v1 counts nothing.",
-    )
+    )  # fmt: skip
 
 
 def fit_table(ranking: RankingSummary) -> Table:
     """Correctness of the regions of surface-v1, one line per slice."""
-    rows = [
-        (fit.object_class, fit.range_m, fit.ego_speed_mps, str(fit.object_frames),
-         *(formats.hundredths(share) for share in (fit.core_outside, fit.left_out, fit.unknown_share)))
-        for fit in ranking.fits
-    ]  # fmt: skip
+    shares = {"core_outside": "Core outside mask", "left_out": "Mask left out", "unknown_share": "Unknown share"}
+    of_slice = {"object_class": "Class", "range_m": "Range m", "ego_speed_mps": "Ego m/s", "object_frames": "Frames"}
     return Table(
         title="Core, band and exact mask of surface-v1, in percent",
-        columns=("Class", "Range m", "Ego m/s", "Frames", "Core outside mask", "Mask left out", "Unknown share"),
-        rows=rows,
+        columns={**of_slice, **dict(zip(shares, _in_percent(shares.values()), strict=True))},
+        rows=pd.DataFrame([fit.model_dump() for fit in ranking.fits]),
         note="Core outside mask: of the cores' pixels. Mask left out: of the exact masks, in neither core nor "
         "band. Unknown share: mean over the object-frames.",
         words=3,
@@ -214,8 +190,8 @@ def check_table(ranking: RankingSummary) -> Table:
     won = {key: cells for key, cells in rows.items() if any("WINS" in cell for cell in cells.values())}
     return Table(
         title="Wrong masks that beat the exact one",
-        columns=("Type", "Mask", *NAMES.values()),
-        rows=[(*key, *(cells[reference] for reference in NAMES)) for key, cells in won.items()],
+        columns=["Type", "Mask", *NAMES.values()],
+        rows=[[*key, *map(cells.get, NAMES)] for key, cells in won.items()],
         note=f"IoU of the mask : IoU of the exact mask, in percent. {len(rows) - len(won)} of {len(rows)} masks and "
         "rows are left out, in which the exact mask scores at least as much by every reference.",
         words=2,
@@ -224,29 +200,27 @@ def check_table(ranking: RankingSummary) -> Table:
 
 def score_table(row: RankedRow) -> Table:
     """Every prediction's score in one row, the best by the exact masks first."""
-    metric = "false_positive_share" if row.name == FALSE_POSITIVES else "iou"
-    scores = row.scores[metric]
-    order = sorted(scores[EXACT], key=lambda name: _last_if_nan(scores[EXACT][name]))
-    lines = [(name, *(formats.hundredths(scores[reference][name]) for reference in REFERENCES)) for name in order]
+    scores = pd.DataFrame(_scores(row)).sort_values(EXACT, ascending=False, kind="stable")
     what = "area of false positives" if row.name == FALSE_POSITIVES else "IoU"
     return Table(
         title=f"{row_label(row.name)}: {what}, in percent",
-        columns=("Prediction", *NAMES.values()),
-        rows=lines,
+        columns=["Prediction", *_in_percent(NAMES.values())],
+        rows=scores[[*REFERENCES]].reset_index(),
         note=f"{row.cases} frames of {row.recordings} recordings.",
     )
 
 
-def _last_if_nan(score: float) -> float:
-    return math.inf if math.isnan(score) else -score
+def _scores(row: RankedRow) -> dict[str, dict[str, float]]:
+    """By reference and prediction, of the metric by which a row is ranked."""
+    return row.scores["false_positive_share" if row.name == FALSE_POSITIVES else "iou"]
+
+
+def _in_percent(headings: Iterable[str]) -> list[Column]:
+    return [Column(heading, formats.hundredths) for heading in headings]
 
 
 def _recordings(row: RankedRow) -> str:
     return str(row.recordings) if row.recordings >= FEWEST_RECORDINGS else f"{row.recordings} (too few)"
-
-
-def _tau(found: Estimate) -> str:
-    return f"{decimal(found.value)} {formats.interval(found.ci95, unit=1.0, digits=2)}".rstrip()
 
 
 def _points(found: Estimate) -> str:
@@ -259,53 +233,49 @@ def ranking_tables(ranking: RankingSummary) -> tuple[Table, ...]:
     return (*tables, kind_table(ranking), check_table(ranking)) if ranking.errors else tuple(tables)
 
 
-def report(ranking: RankingSummary) -> Iterator[Block]:
-    """All tables with their notes."""
-    yield Heading(f"Does the lidar reference of {ranking.dataset} rank methods as the truth does?", 1)
-    yield Paragraph(
-        f"{len(ranking.predictions)} predictions, {len(ranking.real)} of them real methods, against four lidar "
-        f"references and the exact masks, over the same object-frames of {ranking.images} images of "
-        f"{ranking.recordings} recordings. Made by:"
-    )
-    yield Code(_command(ranking))
-    yield Picture("ranking.png", "Scores against lidar references over scores against exact masks")
-    scores = (score_table(row) for row in ranking.rows if row.cases)
-    yield from sections((*ranking_tables(ranking), difference_table(ranking), *scores))
-
-
-def _command(ranking: RankingSummary) -> str:
+def report(ranking: RankingSummary) -> Report:
+    """All tables with their notes, below the picture; a line per number, none where there is none."""
     methods = "all" if ranking.predictions == ALL_PREDICTIONS else ",".join(ranking.predictions)
-    split = "" if ranking.split is None else f" --split {ranking.split}"
-    return f"fisheye-bench audit {ranking.card} --recordings {ranking.recordings}{split} --methods {methods}"
+    scores = (score_table(row) for row in ranking.rows if row.cases)
+    return Report(
+        title=f"Does the lidar reference of {ranking.dataset} rank methods as the truth does?",
+        blocks=[
+            Paragraph(
+                f"{len(ranking.predictions)} predictions, {len(ranking.real)} of them real methods, against four lidar "
+                f"references and the exact masks, over the same object-frames of {ranking.images} images of "
+                f"{ranking.recordings} recordings. Made by:"
+            ),
+            Code(f"{command(ranking)} --methods {methods}"),
+            Picture("ranking.png", "Scores against lidar references over scores against exact masks"),
+            *sections((*ranking_tables(ranking), difference_table(ranking), *scores)),
+        ],
+        numbers=pd.DataFrame(_numbers(ranking), columns=COLUMNS, dtype=object),
+    )
 
 
-def to_csv(ranking: RankingSummary) -> str:
-    """One line per number, at full precision; empty where there is none."""
-    columns = ["table", "row", "reference", "prediction", "metric", "recordings", "cases", "value", "low", "high"]
-    return document.to_csv(_csv_rows(ranking), columns)
+COLUMNS = ["table", "row", "reference", "prediction", "metric", "recordings", "cases", "value", "low", "high"]
 
 
-def _csv_rows(ranking: RankingSummary) -> Iterator[dict[str, object]]:
+def _numbers(ranking: RankingSummary) -> Iterator[dict[str, object]]:
     for row in ranking.rows:
-        of_row: dict[str, object] = {"row": row.name, "recordings": row.recordings, "cases": row.cases}
+        of_row = {"row": row.name, "recordings": row.recordings, "cases": row.cases}
         yield of_row | {"table": "unknown_share", "value": row.unknown_share}
         for metric, by_reference in row.scores.items():
             for reference, scores in by_reference.items():
-                for name, score in scores.items():
-                    yield of_row | {"table": "scores", "reference": reference, "prediction": name, "metric": metric,
-                                    "value": score}  # fmt: skip
+                of_scores = of_row | {"table": "scores", "reference": reference, "metric": metric}
+                yield from (of_scores | {"prediction": name, "value": score} for name, score in scores.items())
         for reference, found in row.agreement.items():
-            numbers = {("tau", ""): found.tau}
-            numbers |= {("difference", metric): number for metric, number in found.difference.items()}
-            numbers |= {("difference_real", metric): number for metric, number in found.difference_real.items()}
+            numbers: list[tuple[str, str, float | Estimate]] = []
             for kind, of_kind in found.by_kind.items():
-                for table, ratio in (("tau", of_kind.tau), ("signed_difference", of_kind.signed_difference)):
-                    yield of_row | {"table": table, "reference": reference, "metric": kind, "value": ratio}
-            yield of_row | {"table": "tau", "reference": reference, "metric": "between", "value": found.tau_between}
-            for (table, metric), number in numbers.items():
-                low, high = number.ci95 or (None, None)
-                yield of_row | {"table": table, "reference": reference, "metric": metric, "value": number.value,
-                                "low": low, "high": high}  # fmt: skip
+                numbers += [("tau", kind, of_kind.tau), ("signed_difference", kind, of_kind.signed_difference)]
+            numbers += [("tau", "between", found.tau_between), ("tau", "", found.tau)]
+            numbers += [("difference", metric, number) for metric, number in found.difference.items()]
+            numbers += [("difference_real", metric, number) for metric, number in found.difference_real.items()]
+            for table, metric, number in numbers:
+                value, ci95 = (number.value, number.ci95) if isinstance(number, Estimate) else (number, None)
+                low, high = ci95 or (None, None)
+                yield of_row | {"table": table, "reference": reference, "metric": metric, "value": value, "low": low,
+                                "high": high}  # fmt: skip
 
 
 _PANEL_IN, _COLUMNS = 2.6, 4
@@ -334,9 +304,7 @@ def draw_ranking(ranking: RankingSummary) -> Figure:
 
 
 def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
-    areas = row.name == FALSE_POSITIVES
-    scores = row.scores["false_positive_share" if areas else "iou"]
-    limits = (-3.0, 103.0)
+    scores, limits = _scores(row), (-3.0, 103.0)
     axes.plot(limits, limits, color=canvas.GREY, linewidth=0.8, zorder=1)
     for reference in LIDAR:
         names: dict[str, list[str]] = {"full": [], "none": [], "left": []}
@@ -348,7 +316,7 @@ def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
                 x, y, MARKERS[reference], color=COLOURS[reference], markersize=3.6, markeredgewidth=0.9, zorder=3,
                 fillstyle=fill, markerfacecoloralt="white", label=NAMES[reference] if fill == "full" else "_",
             )  # fmt: skip
-    unit = "image area (%)" if areas else "IoU (%)"
+    unit = "image area (%)" if row.name == FALSE_POSITIVES else "IoU (%)"
     axes.set(aspect="equal", xlim=limits, ylim=limits, xlabel=f"{unit}, exact masks", ylabel=f"{unit}, lidar reference")
     axes.xaxis.labelpad = axes.yaxis.labelpad = 1.5
     axes.set_title(f"{row_label(row.name)}\n{row.recordings} recordings, {row.cases} frames", pad=3)
@@ -362,7 +330,5 @@ def write_ranking_files(folder: Path) -> tuple[Path, ...]:
         DataError: the stored ranking is missing or damaged.
     """
     ranking = read_ranking(folder)
-    texts = formats.write_texts(
-        folder, {"ranking.md": document.to_markdown(report(ranking)), "ranking.csv": to_csv(ranking)}
-    )
-    return (folder / RANKING, *texts, *canvas.write_picture(folder / "ranking", draw_ranking(ranking)))
+    files = report(ranking).write(folder, "ranking")
+    return (folder / RANKING, *files, *canvas.write_picture(folder / "ranking", draw_ranking(ranking)))

@@ -6,22 +6,23 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+import pandas as pd
+
 from bench.audit import (
     ALL,
-    Aim,
     AuditSummary,
     Compensation,
     FalseCause,
     MissCause,
-    MissFigures,
     PolygonFigures,
     Quartiles,
     Scoring,
 )
-from bench.evaluation import Metric, ObjectMetrics, find_metric
-from bench.reference import Category
-from bench.reporting import document, formats
-from bench.reporting.document import Block, Heading, Paragraph, Table
+from bench.audit.beams import BeamsSummary
+from bench.audit.ranking import Estimate, RankingSummary
+from bench.evaluation import Metric, find_metric
+from bench.reporting import formats
+from bench.reporting.document import Block, Cell, Column, Heading, Paragraph, Report, Table
 from bench.reporting.tables import COVERAGES
 
 COMPENSATIONS = {
@@ -36,52 +37,78 @@ def decimal(value: float) -> str:
     return "n/a" if math.isnan(value) else f"{value:.2f}"
 
 
+def signed_points(difference: float) -> str:
+    """A difference of ratios in points of percent, "+1.2"; "n/a" for NaN."""
+    return "n/a" if math.isnan(difference) else f"{100 * difference:+.1f}"
+
+
+def tau_text(found: Estimate) -> str:
+    """A value with two decimals and its 95 % interval."""
+    return f"{decimal(found.value)} {formats.interval(found.ci95, unit=1.0, digits=2)}".rstrip()
+
+
 def share(part: int, whole: int) -> str:
     """A share in percent, "n/a" of nothing."""
     return f"{100 * part / whole:.1f}" if whole else "n/a"
 
 
+def command(found: BeamsSummary | RankingSummary) -> str:
+    """The command that made an audit, but for what it was asked."""
+    split = "" if found.split is None else f" --split {found.split}"
+    return f"fisheye-bench audit {found.card} --recordings {found.recordings}{split}"
+
+
+def _kind_columns(audit: AuditSummary) -> list[Column]:
+    forms = {"IoU %": _spread, "area %": lambda error: f"{100 * error.median:+.0f}"}
+    kinds = [kind.replace("-", " ") for kind in audit.polygon_kinds]
+    return [Column(f"{kind} {what}", form) for kind in kinds for what, form in forms.items()]
+
+
+def _spread(iou: Quartiles) -> str:
+    return f"{100 * iou.median:.0f} ({100 * iou.low:.0f}-{100 * iou.high:.0f})"
+
+
+def _kind_cells(audit: AuditSummary, found: Iterable[PolygonFigures]) -> list[Quartiles | None]:
+    """IoU and error of the area of each kind, None for a kind that was not found."""
+    of_kind = {part.kind: (part.iou, part.area_error) for part in found}
+    return [cell for kind in audit.polygon_kinds for cell in of_kind.get(kind, (None, None))]
+
+
 def polygon_table(audit: AuditSummary) -> Table:
     """Every kind side by side, by class and range."""
-    fully = (p for p in audit.polygons if p.compensation == Compensation.FULL and p.speed_mps == ALL)
-    found = {(p.object_class, p.range_m, p.kind): p for p in fully}
-    slices = dict.fromkeys((name, range_m) for name, range_m, _ in found)
-    rows = []
-    for name, range_m in slices:
-        cells = [_polygon_cells(found.get((name, range_m, kind))) for kind in audit.polygon_kinds]
-        frames = max(p.object_frames for (n, r, _), p in found.items() if (n, r) == (name, range_m))
-        limit = next(p.solid.median for (n, r, _), p in found.items() if (n, r) == (name, range_m))
-        rows.append((name, range_m, str(frames), *(cell for part in cells for cell in part), f"{100 * limit:.0f}"))
-    headings = [f"{kind.replace('-', ' ')} {what}" for kind in audit.polygon_kinds for what in ("IoU %", "area %")]
+    slices: dict[tuple[str, str], list[PolygonFigures]] = {}
+    for part in audit.polygons:
+        if part.compensation == Compensation.FULL and part.speed_mps == ALL:
+            slices.setdefault((part.object_class, part.range_m), []).append(part)
     return Table(
         title="How well the reference polygons cover what the camera sees",
-        columns=("Class", "Range m", "Frames", *headings, "Filled IoU %"),
-        rows=rows,
+        columns=["Class", "Range m", "Frames", *_kind_columns(audit), Column("Filled IoU %", "{:.0f}".format)],
+        rows=[
+            [*key, max(part.object_frames for part in found), *_kind_cells(audit, found), 100 * found[0].solid.median]
+            for key, found in slices.items()
+        ],
         note="IoU of each polygon, within V and less the nearer polygons, with the exact mask of its object: median "
         "(quartiles). Area: how much too large (+) or too small (-), median. Filled: IoU of the exact mask with its "
         "own filled outline, median: a polygon without holes does hardly better, and one sees through a bicycle. The "
         "object-frames are those that the protocol evaluates.",
         words=2,
-    )
+    )  # fmt: skip
 
 
 def speed_table(audit: AuditSummary) -> Table:
     """Error of the reference, and of the scores by it, by the object's own speed."""
-    fully = (p for p in audit.polygons if p.compensation == Compensation.FULL and p.object_class == p.range_m == ALL)
-    found = {(p.speed_mps, p.kind): p for p in fully}
+    fully = [p for p in audit.polygons if p.compensation == Compensation.FULL and p.object_class == p.range_m == ALL]
     by_lidar, by_masks = audit.scores[Scoring.LIDAR].speeds, audit.scores[Scoring.MASKS].speeds
     rows = []
-    for name in by_lidar:
-        cells = [_polygon_cells(found.get((name, kind))) for kind in audit.polygon_kinds]
-        scored = [rows_of[name].iou.value for rows_of in (by_lidar, by_masks)]
-        error = "n/a" if math.isnan(scored[0] - scored[1]) else f"{100 * (scored[0] - scored[1]):+.1f}"
-        if by_lidar[name].object_frames:
-            numbers = *map(formats.hundredths, scored), error
-            rows.append((name, str(by_lidar[name].object_frames), *(cell for part in cells for cell in part), *numbers))
-    headings = [f"{kind.replace('-', ' ')} {what}" for kind in audit.polygon_kinds for what in ("IoU %", "area %")]
+    for name, of_speed in by_lidar.items():
+        if of_speed.object_frames:
+            scored = [of_speed.iou.value, by_masks[name].iou.value]
+            cells = _kind_cells(audit, (part for part in fully if part.speed_mps == name))
+            rows.append([name, of_speed.object_frames, *cells, *scored, scored[0] - scored[1]])
+    scores = [Column(heading, formats.hundredths) for heading in ("Score by lidar", "by masks")]
     return Table(
         title="The reference by the object's own speed",
-        columns=("Speed m/s", "Frames", *headings, "Score by lidar", "by masks", "Error"),
+        columns=["Speed m/s", "Frames", *_kind_columns(audit), *scores, Column("Error", signed_points)],
         rows=rows,
         note="As above, over all classes. Score: mean IoU of the method by the protocol's lidar polygons, and of the "
         "same detections by the exact masks; error: the one less the other, in points of percent. At 20 m/s an object "
@@ -92,13 +119,15 @@ def speed_table(audit: AuditSummary) -> Table:
 
 def aim_table(audit: AuditSummary) -> Table:
     """Classes that have an aim, and whether they reach it."""
+    verdicts = {None: "no cases", True: "met", False: "NOT MET"}
     return Table(
         title="The aim for polygons that follow the outline",
-        columns=("Kind", "Class", "Frames", "Median IoU", "Aim", "Verdict", "IoU, filled"),
-        rows=tuple(
-            (a.kind, f"{a.object_class} within {a.within_m:g} m", str(a.object_frames), decimal(a.median_iou),
-             f">= {a.expected:.2f}", _verdict(a), decimal(a.median_filled_iou)) for a in audit.aims
-        ),
+        columns=["Kind", "Class", "Frames", Column("Median IoU", decimal), Column("Aim", ">= {:.2f}".format), "Verdict",
+                 Column("IoU, filled", decimal)],
+        rows=[
+            [aim.kind, f"{aim.object_class} within {aim.within_m:g} m", aim.object_frames, aim.median_iou,
+             aim.expected, verdicts[aim.met], aim.median_filled_iou] for aim in audit.aims
+        ],
         note="With full motion compensation. The convex hull is the paper's bounding polygon and has no aim. Filled: "
         "with the masks' holes filled, as annotators draw them.",
         words=2,
@@ -112,32 +141,18 @@ def compensation_table(audit: AuditSummary) -> Table:
     rows = []
     for kind in audit.polygon_kinds:
         for compensation, label in COMPENSATIONS.items():
-            row = [kind, label]
-            for name in classes:
-                part = found.get((kind, compensation.value, name))
-                row += ["", ""] if part is None else [decimal(part.iou.median), decimal(part.boundary_px.median)]
-            rows.append(row)
+            parts = [found.get((kind, compensation, name)) for name in classes]
+            medians = [(part.iou.median, part.boundary_px.median) if part else (None, None) for part in parts]
+            rows.append([kind, label, *(cell for pair in medians for cell in pair)])
     headings = [f"{name} {what}" for name in classes for what in ("IoU", "edge px")]
     return Table(
         title="What motion compensation is worth",
-        columns=("Kind", "Compensation", *headings),
+        columns=["Kind", "Compensation", *(Column(heading, decimal) for heading in headings)],
         rows=rows,
         note="Medians over all ranges; edge: mean distance between the two outlines. Compensation: which motion "
         "between a lidar point and the exposure is undone; the last is what the benchmark does.",
         words=2,
     )
-
-
-def _polygon_cells(found: PolygonFigures | None) -> tuple[str, str]:
-    if found is None:
-        return "", ""
-    iou = found.iou
-    spread = f"{100 * iou.median:.0f} ({100 * iou.low:.0f}-{100 * iou.high:.0f})"
-    return spread, f"{100 * found.area_error.median:+.0f}"
-
-
-def _verdict(aim: Aim) -> str:
-    return "no cases" if aim.met is None else "met" if aim.met else "NOT MET"
 
 
 SCORINGS = {
@@ -154,21 +169,22 @@ def score_table(audit: AuditSummary) -> Table:
     """One line per kind of motion and scoring, then the false positives."""
     first = next(iter(audit.scores.values()))
     rates = {name: heading for name, heading in RATES.items() if name in first.all_moving.metric_names()}
-    rows = []
+    rows: list[list[object]] = []
     for category, found in first.categories.items():
-        if not found.object_frames:
-            continue
-        for scoring, scores in audit.scores.items():
-            cells = _cells(scores.categories[category], rates)
-            rows.append((formats.LABELS[Category(category)], SCORINGS[Scoring(scoring)], *cells))
+        for scoring, scores in audit.scores.items() if found.object_frames else ():
+            row = scores.categories[category]
+            head = [formats.LABELS[category], SCORINGS[Scoring(scoring)], row.recordings, row.object_frames]
+            rows.append([*head, *map(row.metric, (*rates, *COVERAGES))])
+    metrics = [Column(heading, _value if name in ("tpr", *rates) else _with_interval)
+               for name, heading in (rates | COVERAGES).items()]  # fmt: skip
+    blank = [None] * (len(rates) + len(COVERAGES) - 1)
     for scoring, scores in audit.scores.items():
         false = scores.false_positives
-        blank = [""] * (len(rates) + len(COVERAGES) - 1)
-        head = "False positives", SCORINGS[Scoring(scoring)], false.recordings, false.frames
-        rows.append((*head, _metric(false.coverage), *blank))
+        coverage = Cell(_with_interval(false.coverage))
+        rows.append(["False positives", SCORINGS[Scoring(scoring)], false.recordings, false.frames, coverage, *blank])
     return Table(
         title="What the reference, the ego-motion and the flow do to the score, in percent",
-        columns=("Type", "Scored", "Recordings", "Frames", *rates.values(), *COVERAGES.values()),
+        columns=["Type", "Scored", "Recordings", "Frames", *metrics],
         rows=rows,
         note="The same object-frames in all lines of a type; types without any are left out. Lidar polygons: the "
         "benchmark. Exact masks: the same detections. Exact motion: ego-motion, calibration and road are exact, the "
@@ -176,17 +192,15 @@ def score_table(audit: AuditSummary) -> Table:
         "centre. Perfect cells: every cell whose centre shows a moving object and no other, the limit of the grid. "
         f"False positives: area of the image. {formats.INTERVALS}",
         words=2,
-    )
+    )  # fmt: skip
 
 
-def _cells(row: ObjectMetrics, rates: dict[str, str]) -> list[object]:
-    cells: list[object] = [row.recordings, row.object_frames]
-    cells += [_metric(row.metric(name), with_interval=False) for name in rates]
-    return cells + [_metric(row.metric(name), with_interval=name != "tpr") for name in COVERAGES]
+def _value(metric: Metric) -> str:
+    return formats.hundredths(metric.value)
 
 
-def _metric(metric: Metric, *, with_interval: bool = True) -> str:
-    return f"{formats.hundredths(metric.value)} {formats.short_interval(metric) if with_interval else ''}".rstrip()
+def _with_interval(metric: Metric) -> str:
+    return f"{_value(metric)} {formats.short_interval(metric)}".rstrip()
 
 
 MISSES = {
@@ -210,10 +224,17 @@ FALSE_ALARMS = {
 
 def miss_table(audit: AuditSummary) -> Table:
     """One line per kind of motion, then all."""
-    rows = [_miss_cells(row) for row in audit.misses if row.cells]
+    rows = [
+        ["All moving" if row.category == ALL else formats.LABELS[row.category], row.object_frames, row.cells,
+         share(row.hit, row.cells), share(row.hit_by_error, row.cells),
+         *(share(row.causes[cause], row.missed) for cause in MISSES), row.flow_error_px.median]
+        for row in audit.misses
+        if row.cells
+    ]  # fmt: skip
+    head = ["Type", "Frames", "Cells", "Found %", "by error %"]
     return Table(
         title="Why cells of moving objects are missed, in percent of the missed ones",
-        columns=("Type", "Frames", "Cells", "Found %", "by error %", *MISSES.values(), "flow error px"),
+        columns=[*head, *MISSES.values(), Column("flow error px", decimal)],
         rows=rows,
         note="Cells of the exact masks. By error: share of all cells that are found although the exact flow fires "
         "nothing there. Blind: the exact flow with exact ego-motion fires nothing either, since the motion lies in the "
@@ -224,30 +245,20 @@ def miss_table(audit: AuditSummary) -> Table:
     )
 
 
-def _miss_cells(row: MissFigures) -> tuple[str, ...]:
-    shares = [share(row.causes[cause.value], row.missed) for cause in MISSES]
-    found = [share(row.hit, row.cells), share(row.hit_by_error, row.cells)]
-    label = "All moving" if row.category == ALL else formats.LABELS[Category(row.category)]
-    return (label, str(row.object_frames), str(row.cells), *found, *shares, decimal(row.flow_error_px.median))
-
-
 def false_alarm_table(audit: AuditSummary) -> Table:
     """One line."""
     row = audit.false_alarms
     assert row is not None, "asked for only where there is exact flow"
-    shares = [share(row.causes[cause.value], row.flagged) for cause in FALSE_ALARMS]
+    shares = [share(row.causes[cause], row.flagged) for cause in FALSE_ALARMS]
     return Table(
         title="Why cells of the static world are flagged, in percent of the flagged ones",
-        columns=("Images", "Cells", "Flagged %", *FALSE_ALARMS.values(), "flow error px"),
-        rows=(
-            (str(row.images), str(row.cells), share(row.flagged, row.cells), *shares,
-             decimal(row.flow_error_px.median)),
-        ),
+        columns=["Images", "Cells", "Flagged %", *FALSE_ALARMS.values(), Column("flow error px", decimal)],
+        rows=[[row.images, row.cells, share(row.flagged, row.cells), *shares, row.flow_error_px.median]],
         note="Method: the exact flow with exact ego-motion flags them as well; anti-parallel is the paper's own, "
         "static points between the road and the camera's height. Flow: only the estimated flow flags them. Ego-motion: "
         "only the recorded ego-motion and calibration do.",
         words=0,
-    )  # fmt: skip
+    )
 
 
 def audit_tables(audit: AuditSummary) -> tuple[Table, ...]:
@@ -258,17 +269,19 @@ def audit_tables(audit: AuditSummary) -> tuple[Table, ...]:
     return tuple(tables)
 
 
-def report(audit: AuditSummary) -> Iterator[Block]:
-    """All tables with their notes."""
-    made = audit.method
-    yield Heading(f"Audit of {audit.dataset}: lidar reference and {made.name}", 1)
-    yield Paragraph(
-        f"{audit.recordings} recordings, protocol {audit.protocol.name}, method {made.name}. {audit.not_seen} "
-        "evaluated object-frames of which the camera sees no pixel are in none of the metrics."
+def report(audit: AuditSummary) -> Report:
+    """All tables with their notes; a line of numbers per measure, none where there is no number."""
+    method = audit.method.name
+    about = (
+        f"{audit.recordings} recordings, protocol {audit.protocol.name}, method {method}. {audit.not_seen} evaluated "
+        "object-frames of which the camera sees no pixel are in none of the metrics."
     )
-    if audit.left_out:
-        yield Paragraph(f"Without exact flow: {audit.left_out}.")
-    yield from sections(audit_tables(audit))
+    left_out = [Paragraph(f"Without exact flow: {audit.left_out}.")] if audit.left_out else []
+    return Report(
+        title=f"Audit of {audit.dataset}: lidar reference and {method}",
+        blocks=[Paragraph(about), *left_out, *sections(audit_tables(audit))],
+        numbers=pd.DataFrame(_numbers(audit), columns=COLUMNS, dtype=object),
+    )
 
 
 def sections(tables: Iterable[Table]) -> Iterator[Block]:
@@ -278,39 +291,29 @@ def sections(tables: Iterable[Table]) -> Iterator[Block]:
         yield replace(table, title="")
 
 
-_COLUMNS = ["table", "kind", "compensation", "slice", "range_m", "speed_mps", "figure", "cases", "value"]
+COLUMNS = ["table", "kind", "compensation", "slice", "range_m", "speed_mps", "figure", "cases", "value"]
 
 
-def to_csv(audit: AuditSummary) -> str:
-    """One line per metric, at full precision; empty where there is no number."""
-    return document.to_csv(_csv_rows(audit), _COLUMNS)
-
-
-def _csv_rows(audit: AuditSummary) -> Iterator[dict[str, object]]:
+def _numbers(audit: AuditSummary) -> Iterator[dict[str, object]]:
     for p in audit.polygons:
-        where = {"kind": p.kind, "compensation": p.compensation, "slice": p.object_class}
+        where = {"table": "polygons", "kind": p.kind, "compensation": p.compensation, "slice": p.object_class}
         where |= {"range_m": p.range_m, "speed_mps": p.speed_mps}
         for name, part in p:
             for quartile, value in part if isinstance(part, Quartiles) else ():
-                yield {"table": "polygons", **where, "figure": f"{name}.{quartile}", "cases": p.object_frames,
-                       "value": value}  # fmt: skip
+                yield where | {"figure": f"{name}.{quartile}", "cases": p.object_frames, "value": value}
     for scoring, scores in audit.scores.items():
-        for category, row in scores.categories.items():
-            for name in row.metric_names():
-                figure = row.metric(name)
-                yield {"table": "scores", "kind": scoring, "slice": category, "figure": name, "cases": figure.cases,
-                       "value": figure.value}  # fmt: skip
-        coverage = scores.false_positives.coverage
-        yield {"table": "scores", "kind": scoring, "slice": "false_positives", "figure": "coverage",
-               "cases": coverage.cases, "value": coverage.value}  # fmt: skip
+        metrics = [(slice_, name, row.metric(name)) for slice_, row in scores.categories.items()
+                   for name in row.metric_names()]  # fmt: skip
+        for slice_, name, metric in [*metrics, ("false_positives", "coverage", scores.false_positives.coverage)]:
+            yield {"table": "scores", "kind": scoring, "slice": slice_, "figure": name, "cases": metric.cases,
+                   "value": metric.value}  # fmt: skip
     for miss in audit.misses:
         counts = {"cells": miss.cells, "hit": miss.hit, "hit_by_error": miss.hit_by_error, **miss.causes}
         for name, cells in counts.items():
             yield {"table": "misses", "slice": miss.category, "figure": name, "cases": miss.cells, "value": cells}
-    if audit.false_alarms is not None:
-        counts = {"cells": audit.false_alarms.cells, "flagged": audit.false_alarms.flagged, **audit.false_alarms.causes}
-        for name, cells in counts.items():
-            yield {"table": "false_alarms", "figure": name, "cases": audit.false_alarms.cells, "value": cells}
+    if (false := audit.false_alarms) is not None:
+        for name, cells in {"cells": false.cells, "flagged": false.flagged, **false.causes}.items():
+            yield {"table": "false_alarms", "figure": name, "cases": false.cells, "value": cells}
 
 
 _WIDEST = 8  # columns of a table that a terminal holds

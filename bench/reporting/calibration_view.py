@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bench.atomic import write_bytes
 from bench.cameras import ray_grid
+from bench.harness.stages import Progress
 from bench.recordings import read_image
 from bench.records.recording import MountedCamera, Recording
 from bench.reporting import canvas
@@ -37,7 +38,7 @@ def write_calibration(
     *,
     out: Path,
     rrd: Path | None,
-    progress: Callable[[float, int], None],
+    progress: Progress,
 ) -> list[Path]:
     """Write `<recording>-<camera>/<index>-<image>/calibration.png` of images, and log them for the viewer.
 
@@ -115,43 +116,38 @@ def draw_calibration(recording: Recording, camera_name: str, index: int, sweeps:
 
 
 def _draw_points(axes: Axes, title: str, seen: SeenSweep | None) -> None:
-    if seen is None or not len(seen.pixels):
-        axes.set_title(f"{title}: no points within 100 ms", pad=3)
-        return
-    far_first = np.argsort(-seen.range_m)
-    dots = seen.pixels[far_first]
-    norm = LogNorm(NEAREST_M, FARTHEST_M)
-    axes.scatter(
-        dots[:, 0], dots[:, 1], c=seen.range_m[far_first], norm=norm, cmap="viridis_r", s=0.35, linewidths=0,
-        rasterized=True,
-    )  # fmt: skip
-    axes.set_title(title, pad=3)
+    some = seen is not None and len(seen.pixels) > 0
+    axes.set_title(title if some else f"{title}: no points within 100 ms", pad=3)
+    if seen is not None:
+        far_first = np.argsort(-seen.range_m)
+        (u, v), norm = seen.pixels[far_first].T, LogNorm(NEAREST_M, FARTHEST_M)
+        axes.scatter(
+            u, v, c=seen.range_m[far_first], norm=norm, cmap="viridis_r", s=0.35, linewidths=0, rasterized=True
+        )
 
 
 def _draw_flow(axes: Axes, recording: Recording, camera: MountedCamera, index: int) -> None:
     """Arrows to where a static point is from where it was in the image before, as predicted and as seen."""
-    title = "(c) flow of what stands: predicted red, seen blue"
     flow = seen_flow(recording, reduced(camera), index) if index else None
-    if flow is None:
-        axes.set_title(f"{title}: too little motion or texture", pad=3)
-        return
-    current, predicted, seen = _arrows(recording, camera, flow)
-    if not len(current):
-        axes.set_title(f"{title}: none where there is flow", pad=3)
-        return
-    differs = np.linalg.norm(predicted - seen, axis=1)
-    times = max(1, round(ARROW_PX / max(float(np.median(np.linalg.norm(seen - current, axis=1))), 0.1)))
-    for ends, colour, width in ((predicted, _PREDICTED, 0.9), (seen, _SEEN, 0.5)):
-        axes.quiver(
-            *(current - times * (current - ends)).T, *times * (current - ends).T, color=colour, angles="xy",
-            scale_units="xy", scale=1.0,
-            width=width / 72 / _WIDTH_IN, headwidth=4, headlength=5, zorder=4,
+    arrows = None if flow is None else _arrows(recording, camera, flow)
+    if arrows is None:
+        told = ": too little motion or texture"
+    elif not len(arrows[0]):
+        told = ": none where there is flow"
+    else:
+        current, predicted, seen = arrows
+        told = f"; they differ by {np.median(np.linalg.norm(predicted - seen, axis=1)):.1f} px"
+        times = max(1, round(ARROW_PX / max(float(np.median(np.linalg.norm(seen - current, axis=1))), 0.1)))
+        for ends, colour, width in ((predicted, _PREDICTED, 0.9), (seen, _SEEN, 0.5)):
+            axes.quiver(
+                *(current - times * (current - ends)).T, *times * (current - ends).T, color=colour, angles="xy",
+                scale_units="xy", scale=1.0, width=width / 72 / _WIDTH_IN, headwidth=4, headlength=5, zorder=4,
+            )  # fmt: skip
+        axes.text(
+            0.01, 0.015, f"arrows {times} times as long as the flow; the median of the differences is said above",
+            transform=axes.transAxes, fontsize=5.5, color="white",
         )  # fmt: skip
-    axes.set_title(f"{title}; they differ by {np.median(differs):.1f} px", pad=3)
-    axes.text(
-        0.01, 0.015, f"arrows {times} times as long as the flow; the median of the differences is said above",
-        transform=axes.transAxes, fontsize=5.5, color="white",
-    )  # fmt: skip
+    axes.set_title(f"(c) flow of what stands: predicted red, seen blue{told}", pad=3)
 
 
 def _arrows(

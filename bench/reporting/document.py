@@ -1,7 +1,8 @@
 """A report as a list of blocks, and its writers: terminal, Markdown, HTML, LaTeX; and CSV and JSON of its numbers.
 
-A report is made once, of blocks. All text in a block is text and no markup, wherever it comes from: names, titles and
-messages from data files may hold anything. The writers escape it, here and nowhere else.
+A report is made once, of blocks, and `Report` writes all its files. All text in a block is text and no markup, wherever
+it comes from: names, titles and messages from data files may hold anything. The writers escape it, here and nowhere
+else.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import jinja2
@@ -23,11 +25,10 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from bench.atomic import write_text
 from bench.plain_text import escape_markdown, plain
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import pandas as pd
 
 Style = Literal["", "strong", "dim", "good", "warn", "bad"]
@@ -77,7 +78,10 @@ class Column:
     """A column of a table: its heading, and how its values are written; a `Cell` stays as it is, None is empty."""
 
     heading: str | Cell
-    form: Callable[[Any], str] = as_text
+    form: Callable[[Any], str | Cell] = as_text
+
+
+Heads = Column | Cell | str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -85,7 +89,7 @@ class Table:
     """A table.
 
     Attributes:
-        columns: headings, as `Column` where values need a format of their own.
+        columns: headings, as `Column` where values need a format of their own; by name, those of a frame to show.
         rows: as many values each, or a frame with as many columns.
         title: stands above it.
         note: how to read it, below it.
@@ -94,7 +98,7 @@ class Table:
         look: classes of HTML.
     """
 
-    columns: Sequence[Column | Cell | str]
+    columns: Sequence[Heads] | Mapping[str, Heads]
     rows: Sequence[Sequence[object]] | pd.DataFrame
     title: str = ""
     note: str = ""
@@ -104,12 +108,16 @@ class Table:
 
     def headings(self) -> list[Cell]:
         """Headings of the columns."""
-        return [_as_cell(c.heading if isinstance(c, Column) else c, as_text) for c in self.columns]
+        return [_as_cell(c.heading if isinstance(c, Column) else c, as_text) for c in self._columns()]
 
     def cells(self) -> list[list[Cell]]:
         """The rows, every value written in the format of its column."""
-        forms = [c.form if isinstance(c, Column) else as_text for c in self.columns]
-        rows = self.rows if isinstance(self.rows, Sequence) else self.rows.itertuples(index=False)
+        forms = [c.form if isinstance(c, Column) else as_text for c in self._columns()]
+        if isinstance(self.rows, Sequence):
+            rows: Iterable[Iterable[object]] = self.rows
+        else:
+            shown = self.rows[list(self.columns)] if isinstance(self.columns, Mapping) else self.rows
+            rows = shown.itertuples(index=False)
         return [[_as_cell(value, form) for value, form in zip(row, forms, strict=True)] for row in rows]
 
     def transposed(self) -> Table:
@@ -119,11 +127,13 @@ class Table:
             first, rows = (Cell(""),) * len(first), [first, *rows]
         return replace(self, columns=[Cell(""), *first[1:]], rows=rows, words=1)
 
+    def _columns(self) -> Sequence[Heads]:
+        return [*self.columns.values()] if isinstance(self.columns, Mapping) else self.columns
 
-def _as_cell(value: object, form: Callable[[Any], str]) -> Cell:
-    if isinstance(value, Cell):
-        return value
-    return Cell("" if value is None else form(value))
+
+def _as_cell(value: object, form: Callable[[Any], str | Cell]) -> Cell:
+    shown = value if isinstance(value, Cell) else "" if value is None else form(value)
+    return shown if isinstance(shown, Cell) else Cell(shown)
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,9 +316,18 @@ def to_html(blocks: Iterable[Block]) -> Markup:
 def to_page(title: str, blocks: Iterable[Block], *, folder: Path) -> str:
     """A whole page of HTML in one file, without scripts; pictures are read from `folder` and become part of it."""
     blocks = [_with_picture(block, folder) for block in blocks]
-    style = Markup(resources.files("bench.reporting.page").joinpath("page.css").read_text("utf-8"))  # ours
-    page: str = environment().get_template("document_page.html.j2").render(title=title, blocks=blocks, style=style)
-    return page
+    return render("document_page.html.j2", title=title, blocks=blocks, style=packaged("page/page.css"))
+
+
+def packaged(name: str) -> Markup:
+    """A style or script of this package, which is ours and so no text to escape."""
+    return Markup(resources.files("bench.reporting").joinpath(name).read_text("utf-8"))
+
+
+def render(template: str, **context: object) -> str:
+    """Fill a template of this package, which escapes what it is given."""
+    text: str = environment().get_template(template).render(context)
+    return text
 
 
 def data_uri(content: bytes, kind: str) -> str:
@@ -423,17 +442,12 @@ def latex_label(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9-]+", "-", name).strip("-")
 
 
-def to_csv(rows: Iterable[Mapping[str, object]], columns: Sequence[str] | None = None) -> str:
-    """One line per row, numbers at full precision; empty for NaN, None, and what a row does not have.
-
-    Args:
-        rows: by name of the column.
-        columns: their names; None for those of the rows.
-    """
+def to_csv(rows: Iterable[Mapping[str, object]] | pd.DataFrame) -> str:
+    """One line per row, numbers at full precision; empty for NaN, None, and what a row does not have."""
     import pandas as pd  # takes half a second, which a list on the terminal need not wait for
 
-    names = None if columns is None else list(columns)
-    return pd.DataFrame(list(rows), columns=names, dtype=object).to_csv(index=False, lineterminator="\n")
+    table = rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(list(rows), dtype=object)
+    return table.to_csv(index=False, lineterminator="\n")
 
 
 def to_json(content: Mapping[str, object], *, indent: int = 1) -> str:
@@ -447,3 +461,43 @@ def _finite(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _finite(part) for key, part in value.items()}
     return [_finite(part) for part in value] if isinstance(value, list | tuple) else value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Report:
+    """A report, told once: what people read of it and what programs do.
+
+    Attributes:
+        title: above the blocks; "" for none.
+        blocks: what people read.
+        numbers: lines of the CSV file.
+        content: of the JSON file; None for no such file.
+        latex: of the LaTeX file; "" for no such file.
+        page: also write the blocks as a page.
+    """
+
+    title: str
+    blocks: Sequence[Block]
+    numbers: Iterable[Mapping[str, object]] | pd.DataFrame
+    content: Mapping[str, object] | None = None
+    latex: str = ""
+    page: bool = False
+
+    def write(self, folder: Path, name: str) -> tuple[Path, ...]:
+        """Write `<name>.html`, `.md`, `.csv`, `.json` and `.tex`, each whole or not at all; paths of those that it has.
+
+        Raises:
+            OutputError: a file cannot be written.
+        """
+        heading = [Heading(self.title, 1)] if self.title else []
+        texts = {
+            "html": to_page(self.title, self.blocks, folder=folder) if self.page else "",
+            "md": to_markdown([*heading, *self.blocks]),
+            "csv": to_csv(self.numbers),
+            "json": "" if self.content is None else to_json(self.content),
+            "tex": self.latex,
+        }
+        files = {folder / f"{name}.{ending}": text for ending, text in texts.items() if text}
+        for file, text in files.items():
+            write_text(file, text)
+        return tuple(files)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
 from bench.harness import FramePipeline
 from bench.harness.frames import UnscorableFrame
+from bench.harness.stages import Progress
 from bench.recordings import read_image
 from bench.reporting.formats import image_name
 from bench.reporting.rerun_log import refuse_other_log, rerun_log, viewer
@@ -36,7 +36,7 @@ def write_film(
     lidar: bool,
     made_by: str,
     with_method: bool,
-    progress: Callable[[float, int], None],
+    progress: Progress,
 ) -> list[Path]:
     """Draw frames, those without a score as they are.
 

@@ -1,16 +1,18 @@
-"""Findings of a validation as text: a few lines each, those that read alike in one."""
+"""What is wrong with data or predictions, as text: the first few of each kind, those that read alike in one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from bench.methods.predictions import FaultKind, PredictionIndex
 from bench.plain_text import listed
-from bench.reporting.document import Block, Heading, Paragraph, Style
+from bench.reporting.document import Block, Heading, Paragraph, Style, Table
+from bench.reporting.formats import shortened
 from bench.validation import Count, Depth, Finding, RecordingReport, Severity, ValidationReport, read_report
 
 VALIDATION = "validation.json"  # of a run whose data were validated
-SHOWN = 5  # findings of one check in one recording; the file has all
+SHOWN = 5  # findings of one check in one recording, of which the file has all; faults of a kind
 SHOWN_PLACES = 3  # of findings that read alike
 STYLES: dict[Severity, Style] = {Severity.ERROR: "bad", Severity.WARNING: "warn"}
 
@@ -80,3 +82,28 @@ def _occurrence(findings: Sequence[Finding]) -> str:
     at = "" if time_ns is None else f"{'first ' if times else ''}at {time_ns}"
     both = ", ".join(filter(None, (times, at)))
     return f" ({both})" if both else ""
+
+
+LONGEST = 160  # letters of a reason
+
+
+def prediction_table(found: PredictionIndex) -> Table | None:
+    """The first few faults of each kind, with the number of all; None where there is none."""
+    rows = []
+    for kind in FaultKind:
+        faults = found.of_kind(kind)
+        label = f"{kind.value}: {len(faults)}"
+        rows += [(label, fault.place, shortened(fault.reason, LONGEST)) for fault in faults[:SHOWN]]
+        rows += [(label, "...", "")] if len(faults) > SHOWN else []
+    columns = ["fault: how many", "file or image", "why"]
+    return Table(title="Predictions that do not fit", columns=columns, rows=rows, words=3) if rows else None
+
+
+def prediction_line(found: PredictionIndex) -> str:
+    """For example "12 of 16 images have a mask; 2 files are of images that are not scored"."""
+    parts = [f"{len(found.usable)} of {found.expected} images have a usable {found.form}"]
+    if found.unscored:
+        parts.append(f"{found.unscored} predictions are of images that are not scored")
+    if found.elsewhere:
+        parts.append(f"{found.elsewhere} files are of recordings that are not scored")
+    return "; ".join(parts)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Container, Iterable, Mapping
-from pathlib import Path
+from collections.abc import Container, Iterable
 
-from bench.atomic import write_text
 from bench.evaluation import Metric, Summary, headlines
 from bench.evaluation.definitions import IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
@@ -25,13 +23,14 @@ LABELS: dict[str, str] = {
     ALL_MOVING: "All moving",
     FRAMES: "False positives",
 }
-# The constraint of the paper for a kind of motion: the cause that methods name, and what the paper calls it.
-CONSTRAINTS = {
+# The constraint of the paper for a kind of motion: the cause that methods name, if any, and what the paper calls it.
+CONSTRAINTS: dict[str, tuple[str, str]] = {
     Category.CROSSING: ("epipolar", "epipolar"),
     Category.OVERTAKING: ("positive_depth", "positive depth"),
     Category.PRECEDING: ("positive_height", "positive height"),
     Category.APPROACHING: ("anti_parallel", "anti-parallel"),
     Category.STATIC_EGO: ("static_camera", "degenerate"),
+    Category.MOVING: ("", "kind unknown"),
 }
 INTERVALS = (
     "Intervals: 95 %, by recording, since images of one recording are not independent (jackknife, Student's t on the "
@@ -42,17 +41,15 @@ CEILING = "what the exact masks score under the same protocol; under paper-v1 ot
 LONGEST_RECORDING = 40  # characters of a name above a picture
 
 
-def row_label(category: Category, causes: Container[str]) -> str:
+def row_label(name: str, causes: Container[str]) -> str:
     """For example "Crossing (epipolar)", as the paper's rows are called; "Crossing" for a method without constraints.
 
     Args:
-        category: kind of motion.
+        name: of a kind of motion, or of all.
         causes: that the method names.
     """
-    if category is Category.MOVING:
-        return f"{LABELS[category]} (kind unknown)"
-    cause, words = CONSTRAINTS[category]
-    return f"{LABELS[category]} ({words})" if cause in causes else LABELS[category]
+    cause, words = CONSTRAINTS.get(name, ("", ""))
+    return f"{LABELS[name]} ({words})" if words and (not cause or cause in causes) else LABELS[name]
 
 
 def percent(ratio: float, *, cases: int = 0, digits: int = 1) -> str:
@@ -138,13 +135,6 @@ def level_percent(name: str) -> float:
 def chance_of(name: str) -> str:
     """Name of the chance level of a detection rate."""
     return name.replace("detection_rate", "chance")
-
-
-def write_texts(folder: Path, texts: Mapping[str, str]) -> tuple[Path, ...]:
-    """Write texts by file name, each whole or not at all; their paths."""
-    for name, text in texts.items():
-        write_text(folder / name, text)
-    return tuple(folder / name for name in texts)
 
 
 def image_name(recording: str, camera: str, timestamp_ns: int) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -21,6 +21,7 @@ from bench.evaluation.rows import EVALUATED, IMAGE, read_parts
 from bench.harness import FramePipeline, ProcessedFrame, RunSummary, open_tables
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
+from bench.harness.stages import Progress
 from bench.recordings import DatasetCard, ImageRef, read_image
 from bench.records.reference import ObjectGeometry, Outline, ReferenceFrame
 from bench.reference import Category
@@ -224,7 +225,7 @@ def write_example_pictures(
     *,
     card: DatasetCard | None,
     protocol: Protocol,
-    progress: Callable[[float, int], None],
+    progress: Progress,
 ) -> tuple[list[Path], list[str]]:
     """Write, as it was scored, the frame of every category in which an object fills most pixels, into `pictures`.
 

@@ -13,8 +13,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cached_property
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +24,14 @@ from bench.errors import DataError
 from bench.evaluation import Metric, find_metric
 from bench.harness.code_state import commit_time
 from bench.harness.manifest import Aspect, differences
-from bench.reporting import canvas, document
-from bench.reporting.canvas import write_picture
+from bench.reporting import canvas
 from bench.reporting.compare.changes import HEADLINES, RunComparison, Verdict, changes_over_everything, compare_runs
+from bench.reporting.compare.runs import why_apart
 from bench.reporting.compare.writing import points, points_interval
-from bench.reporting.document import Block, Cell, Heading, Items, Paragraph, Picture, Style, Table
-from bench.reporting.formats import INTERVALS, annotations_field, metric_cell, metric_record, write_texts
-from bench.reporting.leaderboard.reading import Group, group_of, read_runs, readable, why_apart
+from bench.reporting.document import Block, Cell, Column, Heading, Items, Paragraph, Picture, Report, Style, Table
+from bench.reporting.document import to_latex as floats
+from bench.reporting.formats import INTERVALS, annotations_field, metric_cell, metric_record
+from bench.reporting.leaderboard.reading import Group, group_of, read_runs, readable
 from bench.reporting.stored_run import StoredRun
 
 NOTE = (
@@ -51,13 +51,19 @@ class Point:
 
     Attributes:
         run: as it is stored.
-        metrics: the headlines, by name, of the images that all of its stretch scored.
+        stretch: number of the neighbouring runs that compare, from 1.
+        break_before: why its stretch does not compare with the one before; "" in the first.
+        group: its stretch as the leaderboard has it, on the images that all of it scored.
+        metrics: the headlines, by name, of these images.
         commit: of the method's code, short, "+" behind it where files were changed; "" where it is unknown.
         time: of the commit; of the run where no repository has the commit.
         since: against the run before it; None of the first of a stretch.
     """
 
     run: StoredRun
+    stretch: int
+    break_before: str
+    group: Group
     metrics: Mapping[str, Metric]
     commit: str
     time: datetime
@@ -73,47 +79,12 @@ class Point:
         """True if the code is as its commit has it."""
         return bool(self.commit) and not self.commit.endswith("+")
 
-    def change(self, metric: str) -> Mapping[Any, Any] | None:
-        """The row of `metric_changes` of a headline since the run before; None where there is none."""
-        return None if self.since is None else changes_over_everything(self.since).loc[metric].to_dict()
+    def change(self, metric: str) -> Mapping[Any, Any]:
+        """The row of `metric_changes` of a headline since the run before; empty where there is none."""
+        return {} if self.since is None else changes_over_everything(self.since).loc[metric].to_dict()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stretch:
-    """Neighbouring runs that compare.
-
-    Attributes:
-        group: as the leaderboard has them, on the images that all scored.
-        points: at least one, in order.
-        break_before: why the first does not compare with the last of the stretch before; "" of the first stretch.
-    """
-
-    group: Group
-    points: tuple[Point, ...]
-    break_before: str
-
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """A method as it was asked for, on one data set, by one protocol.
-
-    Attributes:
-        title: method, settings, data set, split and protocol.
-        stretches: in order.
-    """
-
-    title: str
-    stretches: tuple[Stretch, ...]
-
-    @cached_property
-    def points(self) -> tuple[Point, ...]:
-        """All runs, in order."""
-        return tuple(point for stretch in self.stretches for point in stretch.points)
-
-    @property
-    def metrics(self) -> list[str]:
-        """Names of the headlines that all runs have."""
-        return [name for name in HEADLINES if all(name in point.metrics for point in self.points)]
+Series = Sequence[Point]  # of a method as it was asked for, on one data set, by one protocol, in order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -121,13 +92,13 @@ class History:
     """Series of several runs.
 
     Attributes:
-        series: by title.
-        alone: titles of what has one run only, and so no history.
+        series: by method, settings, data set, split and protocol, in words.
+        alone: what has one run only, and so no history, in such words.
         damaged: folder and fault of every run that cannot be read.
         packed: runs in one file, which are left out, with the folder to unpack each into.
     """
 
-    series: tuple[Series, ...]
+    series: Mapping[str, Series]
     alone: tuple[str, ...]
     damaged: tuple[tuple[str, str], ...]
     packed: tuple[tuple[Path, Path], ...]
@@ -155,16 +126,14 @@ def read_history(folders: Sequence[Path], *, checkout: Path) -> History:
     for run in found.values():
         several.setdefault(_title(run), []).append(run)
     faults = [*damaged.items()]
-    series = [
-        _series(title, readable(runs, faults), checkout=checkout) for title, runs in several.items() if len(runs) > 1
-    ]
-    series = [one for one in series if len(one.points) > 1]
+    runs = {title: readable(some, faults) if len(some) > 1 else some for title, some in sorted(several.items())}
+    series = {title: _series(some, checkout=checkout) for title, some in runs.items() if len(some) > 1}
     if not series:
         got = "one run of each" if found else "none that can be read"
         raise DataError(", ".join(map(str, folders)), expected="several runs of one method", got=got)
     return History(
-        series=tuple(sorted(series, key=lambda one: one.title)),
-        alone=tuple(sorted(several.keys() - {one.title for one in series})),
+        series=series,
+        alone=tuple(title for title in runs if title not in series),
         damaged=tuple(sorted(faults)),
         packed=tuple(packed.items()),
     )
@@ -179,18 +148,36 @@ def _title(run: StoredRun) -> str:
     return f"{named} on {data.name}, {data.split or 'all recordings'}, {manifest.protocol.name}"
 
 
-def _series(title: str, runs: Sequence[StoredRun], *, checkout: Path) -> Series:
+def _series(runs: Sequence[StoredRun], *, checkout: Path) -> Series:
     times = {run.folder: _time(run, checkout) for run in runs}
-    parts: list[list[StoredRun]] = []
+    stretches: list[list[StoredRun]] = []
     reasons: list[str] = []
     for run in sorted(runs, key=lambda run: (times[run.folder], _is_changed(run), _started(run))):
-        reason = _break(parts[-1], run) if parts else ""
-        if reason or not parts:
-            parts.append([])
+        reason = _break(stretches[-1], run) if stretches else ""
+        if reason or not stretches:
+            stretches.append([])
             reasons.append(reason)
-        parts[-1].append(run)
-    stretches = [_stretch(part, reason, times) for part, reason in zip(parts, reasons, strict=True)]
-    return Series(title=title, stretches=tuple(stretches))
+        stretches[-1].append(run)
+    points: list[Point] = []
+    for number, (stretch, reason) in enumerate(zip(stretches, reasons, strict=True), start=1):
+        group = group_of(stretch)
+        entries = {entry.folder: entry for entry in group.entries}
+        pairs = [None, *(compare_runs(pair)[0] for pair in pairwise(stretch))]
+        for run, since in zip(stretch, pairs, strict=True):
+            values, commit = entries[run.folder].metrics, run.summary.commit or ""
+            points.append(
+                Point(
+                    run=run,
+                    stretch=number,
+                    break_before=reason,
+                    group=group,
+                    metrics={name: values[name] for name in HEADLINES if name in values},
+                    commit=commit[:COMMIT_CHARS] + ("+" if commit.endswith("+") else ""),
+                    time=times[run.folder],
+                    since=since,
+                )
+            )
+    return points
 
 
 def _time(run: StoredRun, checkout: Path) -> datetime:
@@ -219,30 +206,19 @@ def _break(stretch: Sequence[StoredRun], run: StoredRun) -> str:
     return why_apart(stretch, run)
 
 
-def _stretch(runs: Sequence[StoredRun], break_before: str, times: Mapping[Path, datetime]) -> Stretch:
-    group = group_of(runs)
-    entries = {entry.folder: entry for entry in group.entries}
-    pairs = [None, *(compare_runs(runs[place : place + 2])[0] for place in range(len(runs) - 1))]
-    made = []
-    for run, since in zip(runs, pairs, strict=True):
-        values, commit = entries[run.folder].metrics, run.summary.commit or ""
-        made.append(
-            Point(
-                run=run,
-                metrics={name: values[name] for name in HEADLINES if name in values},
-                commit=commit[:COMMIT_CHARS] + ("+" if commit.endswith("+") else ""),
-                time=times[run.folder],
-                since=since,
-            )
-        )
-    return Stretch(group=group, points=tuple(made), break_before=break_before)
+def _shown(series: Series) -> dict[str, str]:
+    """Names and headings of the headlines that all runs have."""
+    return {name: label for name, label in HEADLINES.items() if all(name in point.metrics for point in series)}
+
+
+def _stretches(series: Series) -> Iterator[list[Point]]:
+    return (list(points) for _, points in groupby(series, key=lambda point: point.stretch))
 
 
 def history_tables(found: History) -> Iterator[Block]:
     """Values and changes of each series, for the terminal."""
-    for series in found.series:
-        yield Heading(series.title)
-        yield from _of_series(series)
+    for title, series in found.series.items():
+        yield from (Heading(title), *_blocks(series))
     yield Paragraph(NOTE, "dim")
     yield from _alone(found)
 
@@ -252,81 +228,50 @@ def _alone(found: History) -> Iterator[Block]:
         yield Paragraph(f"Of one run only, without a history: {'; '.join(found.alone)}.", "dim")
 
 
-def report(found: History, *, charts: Sequence[Picture]) -> Iterator[Block]:
-    """Each series with its chart, one after the other; then the runs that cannot be read.
-
-    Args:
-        found: the history.
-        charts: one for each series.
-    """
-    yield Heading("Results over time", 1)
-    yield Paragraph(NOTE)
-    for series, chart in zip(found.series, charts, strict=True):
-        yield Heading(series.title)
-        yield chart
-        yield from _of_series(series)
-    yield from _alone(found)
-    if found.damaged:
-        yield Heading("Runs that cannot be read")
-        yield Items([f"{run}: {fault}" for run, fault in found.damaged])
-
-
-def _of_series(series: Series) -> Iterator[Block]:
-    before: Point | None = None
-    for number, stretch in enumerate(series.stretches, start=1):
-        if before is not None:
-            yield Paragraph(_break_line(before, stretch), "strong")
-        yield _values(series, stretch, f"values-{number}")
-        if len(stretch.points) > 1:
-            yield _changes(series, stretch, f"changes-{number}")
-        before = stretch.points[-1]
+def _blocks(series: Series) -> Iterator[Block]:
+    """Two tables for each stretch; between stretches, why they do not compare."""
+    shown, breaks = _shown(series), ["", *_breaks(series)]
+    for stretch, line in zip(_stretches(series), breaks, strict=True):
+        if line:
+            yield Paragraph(line, "strong")
+        group, number = stretch[0].group, stretch[0].stretch
+        unreviewed = f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
+        yield Table(
+            name=f"values-{number}",
+            title=f"{group.images} images that all scored, reference {group.reference_digest[:12]}{unreviewed}",
+            columns=["Commit", "Run", "Date", *(Column(label, metric_cell) for label in shown.values())],
+            rows=[
+                [one.commit or "unknown", one.run.label, f"{one.time:%Y-%m-%d}", *map(one.metrics.get, shown)]
+                for one in stretch
+            ],
+            words=3,
+        )
+        if len(stretch) > 1:
+            yield Table(
+                name=f"changes-{number}",
+                title="Change since the run before, percentage points, as compare says",
+                columns=["Commits", *(Column(label, _change_cell) for label in shown.values())],
+                rows=[[f"{one.name} to {other.name}", *map(other.change, shown)] for one, other in pairwise(stretch)],
+            )
 
 
-def _break_line(before: Point, stretch: Stretch) -> str:
-    after = stretch.points[0]
-    return (
-        f"{after.name} does not compare with {before.name}, which is no change of the method: {stretch.break_before}."
-    )
+def _breaks(series: Series) -> list[str]:
+    """A line for every two neighbouring stretches."""
+    return [
+        f"{after.name} does not compare with {before.name}, which is no change of the method: {after.break_before}."
+        for before, after in pairwise(series)
+        if before.stretch != after.stretch
+    ]
 
 
-def _values(series: Series, stretch: Stretch, name: str) -> Table:
-    group = stretch.group
-    unreviewed = f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
-    return Table(
-        name=name,
-        title=f"{group.images} images that all scored, reference {group.reference_digest[:12]}{unreviewed}",
-        columns=["Commit", "Run", "Date", *(find_metric(metric).label for metric in series.metrics)],
-        rows=[
-            [point.commit or "unknown", point.run.label, f"{point.time:%Y-%m-%d}",
-             *(metric_cell(point.metrics[metric]) for metric in series.metrics)]
-            for point in stretch.points
-        ],
-        words=3,
-    )  # fmt: skip
-
-
-def _changes(series: Series, stretch: Stretch, name: str) -> Table:
-    pairs = pairwise(stretch.points)
-    return Table(
-        name=name,
-        title="Change since the run before, percentage points, as compare says",
-        columns=["Commits", *(find_metric(metric).label for metric in series.metrics)],
-        rows=[
-            [f"{before.name} to {after.name}", *(_change_cell(after.change(metric)) for metric in series.metrics)]
-            for before, after in pairs
-        ],
-    )
-
-
-def _change_cell(change: Mapping[Any, Any] | None) -> Cell:
-    assert change is not None, "within a stretch"
+def _change_cell(change: Mapping[Any, Any]) -> Cell:
     interval = "" if change["ci95"] is None else points_interval(change["ci95"])
     verdict = Verdict(change["verdict"])
     return Cell(points(change["difference"]), tuple(filter(None, (interval, verdict.value))), _STYLES.get(verdict, ""))
 
 
 WIDTH_IN, PANEL_IN, RUN_IN = 5.2, 1.15, 0.45  # of the chart, of the height of a panel, of the width of a run
-LABEL_LETTERS, LEGEND_COLUMNS = 14, 3
+LABEL_LETTERS, LEGEND_COLUMNS, LETTERS_PER_IN = 14, 3, 17  # of an axis, of the legend, of the title
 _WIDEST_IN = 14.0
 _LINES = {Verdict.BETTER: (canvas.GREEN, "-", 1.8), Verdict.WORSE: (canvas.VERMILION, "-", 1.8)}
 _NOT_SHOWN = (canvas.GREY, ":", 1.0)
@@ -340,29 +285,30 @@ _BREAK: dict[str, Any] = {"color": canvas.BLACK, "linewidth": 0.7, "linestyle": 
 
 
 @canvas.styled
-def draw(series: Series) -> Figure:
+def draw(title: str, series: Series) -> Figure:
     """Draw each headline over the runs, in percent with 95 % intervals; the line breaks where runs do not compare.
 
     A line between neighbours has the colour of what `compare` says of them.
     """
-    width = min(max(WIDTH_IN, 1.5 + RUN_IN * len(series.points)), _WIDEST_IN)
-    figure = canvas.new_figure(width, 1.1 + PANEL_IN * len(series.metrics), layout="constrained")
-    panels = figure.subplots(len(series.metrics), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, metric in zip(panels, series.metrics, strict=True):
+    width, shown = min(max(WIDTH_IN, 1.5 + RUN_IN * len(series)), _WIDEST_IN), _shown(series)
+    figure = canvas.new_figure(width, 1.1 + PANEL_IN * len(shown), layout="constrained")
+    panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, metric in zip(panels, shown, strict=True):
         _draw_metric(axes, series, metric)
     panels[-1].set_xticks(
-        range(len(series.points)),
-        [f"{point.name}\n{point.time:%Y-%m-%d}" for point in series.points],
-        rotation=90 if len(series.points) > 6 else 0,
+        range(len(series)),
+        [f"{point.name}\n{point.time:%Y-%m-%d}" for point in series],
+        rotation=90 if len(series) > 6 else 0,
     )
-    figure.suptitle(f"{series.title}\npercent, with 95 % intervals, by recording", x=0.01, ha="left", fontsize=8)
+    title = textwrap.fill(title, round(LETTERS_PER_IN * width), break_on_hyphens=False)
+    figure.suptitle(f"{title}\npercent, with 95 % intervals, by recording", x=0.01, ha="left", fontsize=8)
     looks = {
         name: {"color": colour, "linestyle": style, "linewidth": width}
         for name, (colour, style, width) in _LEGEND.items()
     }
-    if not all(point.committed for point in series.points):
+    if not all(point.committed for point in series):
         looks["not committed"] = _DOT | {"markerfacecolor": "white", "linestyle": ""}
-    if len(series.stretches) > 1:
+    if series[-1].stretch > 1:
         looks["these do not compare"] = _BREAK
     handles = [panels[0].plot([], [], label=name, **look)[0] for name, look in looks.items()]
     figure.legend(handles=handles, loc="outside lower left", ncols=LEGEND_COLUMNS, frameon=False)
@@ -370,103 +316,72 @@ def draw(series: Series) -> Figure:
 
 
 def _draw_metric(axes: Axes, series: Series, metric: str) -> None:
-    place, last = 0, math.nan
-    for stretch in series.stretches:
-        if place:
+    last = math.nan
+    for place, point in enumerate(series):
+        if place and point.stretch != series[place - 1].stretch:
             axes.axvline(place - 0.5, zorder=1, **_BREAK)
-        for point in stretch.points:
-            value, ci95 = 100 * point.metrics[metric].value, point.metrics[metric].ci95
-            if ci95 is not None:
-                ends = [100 * end for end in ci95]
-                axes.plot([place, place], ends, color=canvas.BLUE, linewidth=1.0, alpha=0.6, zorder=2)
-            change = point.change(metric)
-            if change is not None:
-                colour, style, width = _LINES.get(Verdict(change["verdict"]), _NOT_SHOWN)
-                ends = [last, value]
-                axes.plot([place - 1, place], ends, color=colour, linestyle=style, linewidth=width, zorder=2.5)
-            face = canvas.BLUE if point.committed else "white"
-            axes.plot([place], [value], markerfacecolor=face, zorder=3, **_DOT)
-            place, last = place + 1, value
+        value, ci95 = 100 * point.metrics[metric].value, point.metrics[metric].ci95
+        if ci95 is not None:
+            ends = [100 * end for end in ci95]
+            axes.plot([place, place], ends, color=canvas.BLUE, linewidth=1.0, alpha=0.6, zorder=2)
+        if change := point.change(metric):
+            colour, style, width = _LINES.get(Verdict(change["verdict"]), _NOT_SHOWN)
+            axes.plot([place - 1, place], [last, value], color=colour, linestyle=style, linewidth=width, zorder=2.5)
+        face = canvas.BLUE if point.committed else "white"
+        axes.plot([place], [value], markerfacecolor=face, zorder=3, **_DOT)
+        last = value
     axes.set_ylabel(textwrap.fill(find_metric(metric).label, LABEL_LETTERS))
     axes.margins(y=0.15)
-    axes.set_xlim(-0.5, len(series.points) - 0.5)
+    axes.set_xlim(-0.5, len(series) - 0.5)
     axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def to_csv(found: History) -> str:
-    """One line per run and headline, ratios at full precision; empty where there is no number."""
-    return document.to_csv(_records(found))
+def report(found: History) -> Report:
+    r"""Each series with its chart, one after the other; then the runs that cannot be read.
+
+    A line of numbers per run and headline, ratios in [0, 1]. The tables as floats have the `\label`s
+    "tab:history-<series>-values-<stretch>" and "-changes-<stretch>".
+    """
+    blocks: list[Block] = [Paragraph(NOTE)]
+    latex = []
+    for number, (title, series) in enumerate(found.series.items(), start=1):
+        text = f"Headline metrics over commits: {title}"
+        own = [*_blocks(series)]
+        blocks += [Heading(title), Picture(f"history-{number}.png", text, " ".join(_breaks(series))), *own]
+        tables = [block for block in own if isinstance(block, Table)]
+        latex.append(floats(tables, label=f"history-{number}", about=title))
+    blocks += _alone(found)
+    if found.damaged:
+        blocks += [Heading("Runs that cannot be read"), Items([f"{run}: {fault}" for run, fault in found.damaged])]
+    return Report(title="Results over time", blocks=blocks, numbers=_records(found), latex="\n".join(latex), page=True)
 
 
 def _records(found: History) -> Iterator[dict[str, object]]:
-    for series in found.series:
-        for number, stretch in enumerate(series.stretches, start=1):
-            group = stretch.group
-            for point in stretch.points:
-                for metric in series.metrics:
-                    yield {
-                        "series": series.title, "stretch": number, "break_before": stretch.break_before,
-                        "protocol_digest": group.protocol_digest, "reference_digest": group.reference_digest,
-                        "images_compared": group.images, "run": point.run.label, "commit": point.run.summary.commit,
-                        "time_utc": point.time.isoformat(timespec="seconds"), "metric": metric,
-                        **metric_record(point.metrics[metric]), **_change_record(point, metric),
-                    } | annotations_field(group.unreviewed)  # fmt: skip
-
-
-def _change_record(point: Point, metric: str) -> dict[str, object]:
-    change = point.change(metric)
-    low, high = (change and change["ci95"]) or (math.nan, math.nan)
-    known = change or {}
-    return {
-        "before_run": point.since and point.since.before.label,
-        **{name: known.get(name) for name in ("difference", "verdict", "p_holm")},
-        "difference_ci95_low": low,
-        "difference_ci95_high": high,
-    }
-
-
-def to_latex(found: History) -> str:
-    r"""The tables as floats; `\label` "tab:history-<series>-values-<stretch>" and "-changes-<stretch>"."""
-    return "\n".join(
-        document.to_latex(
-            [block for block in _of_series(series) if isinstance(block, Table)],
-            label=f"history-{number}",
-            about=series.title,
-        )
-        for number, series in enumerate(found.series, start=1)
-    )
+    for title, series in found.series.items():
+        for point in series:
+            group = point.group
+            of_run = {
+                "series": title, "stretch": point.stretch, "break_before": point.break_before,
+                "protocol_digest": group.protocol_digest, "reference_digest": group.reference_digest,
+                "images_compared": group.images, "run": point.run.label, "commit": point.run.summary.commit,
+                "time_utc": point.time.isoformat(timespec="seconds"),
+            }  # fmt: skip
+            for metric in _shown(series):
+                change = point.change(metric)
+                low, high = change.get("ci95") or (None, None)
+                yield of_run | {"metric": metric, **metric_record(point.metrics[metric])} | {
+                    "before_run": point.since and point.since.before.label,
+                    **{name: change.get(name) for name in ("difference", "verdict", "p_holm")},
+                    "difference_ci95_low": low, "difference_ci95_high": high,
+                } | annotations_field(group.unreviewed)  # fmt: skip
 
 
 def write_history(found: History, out: Path) -> tuple[Path, ...]:
-    """Write `history.html`, `.md`, `.csv`, `.tex` and a chart for each series; their paths.
-
-    Each file appears whole or not at all.
-    """
-    charts = [
-        Picture(f"history-{number}.png", f"Headline metrics over commits: {series.title}", _caption(series))
-        for number, series in enumerate(found.series, start=1)
-    ]
-    blocks = list(report(found, charts=charts))
+    """Write `history.html`, `.md`, `.csv`, `.tex` and a chart for each series; their paths."""
     drawn = [
-        file
-        for chart, series in zip(charts, found.series, strict=True)
-        for file in write_picture((out / chart.address).with_suffix(""), draw(series))
+        canvas.write_picture(out / f"history-{number}", draw(title, series))
+        for number, (title, series) in enumerate(found.series.items(), start=1)
     ]
-    texts = write_texts(
-        out,
-        {
-            "history.html": document.to_page("Results over time", blocks, folder=out),
-            "history.md": document.to_markdown(blocks),
-            "history.csv": to_csv(found),
-            "history.tex": to_latex(found),
-        },
-    )
-    return (*texts, *drawn)
-
-
-def _caption(series: Series) -> str:
-    """Why the line breaks, where it does."""
-    pairs = pairwise(series.stretches)
-    return " ".join(_break_line(before.points[-1], after) for before, after in pairs)
+    return (*report(found).write(out, "history"), *(file for pair in drawn for file in pair))

@@ -18,23 +18,26 @@ from bench.evaluation.counts import ObjectCounts, count_frame
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
+from bench.harness.stages import Progress
 from bench.records.reference import ReferenceFrame
 from bench.reporting import canvas
-from bench.reporting.count_view import (
+from bench.reporting.formats import frame_name, shortened
+from bench.reporting.overlay import (
     AREA_COLOURS,
     AREA_NAMES,
     PixelClass,
     areas_of,
     detected_pixels,
+    draw_outline,
     false_positive_text,
+    outlined,
+    overlay_areas,
     pixel_classes,
+    place_labels,
 )
-from bench.reporting.formats import frame_name, shortened
-from bench.reporting.overlay import draw_outline, outlined, overlay_areas, place_labels
 from bench.reporting.stored_run import StoredRun
 
 ImageKey = tuple[str, str, int]  # recording, camera, timestamp_ns
-Progress = Callable[[float, int], None]  # pictures done and their number
 Drawn = TypeVar("Drawn")
 COLUMNS = 2
 WIDTH_IN = 3.5  # of a picture: a column of a paper

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.evaluation import Protocol, Summary, read_sums, sum_run, summary_of
+from bench.evaluation import Protocol, Summary, headlines, read_sums, sum_run, summary_of
 from bench.evaluation.rows import ChosenRows, RowSource
+from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.harness import RunSummary, open_tables, read_protocol, read_run, run_name
 from bench.harness.stored import SUMS
 from bench.reference import Category
@@ -66,6 +67,26 @@ def read_stored_run(folder: Path, *, label: str | None = None, category: Categor
         frames=frames,
         sums=sums,
     )
+
+
+def recording_values(sums: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The headline metrics of each recording, over all its moving objects and its whole images.
+
+    Args:
+        sums: of a run.
+
+    Returns:
+        values: a row for each recording and a column for each metric, ratios; NaN without cases.
+        cases: the same of their numbers, 0 without.
+    """
+    names = [metric.name for metric in headlines()]
+    rows = sums[sums["breakdown"].isin([ALL_MOVING, FRAMES]) & sums["metric"].isin(names)]
+    terms = [
+        rows.pivot_table(term, index="recording", columns="metric", dropna=False, observed=True)
+        for term in ("numerator", "denominator")
+    ]
+    values, cases = terms[0] / terms[1], terms[1]
+    return values.reindex(columns=names), cases.reindex(columns=names).fillna(0)
 
 
 def pick(parts: Iterable[pd.DataFrame], choose: Callable[[pd.DataFrame], pd.DataFrame]) -> pd.DataFrame:

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 
 from bench.evaluation import find_metric
 from bench.harness import RunSummary
-from bench.reporting import canvas, document
-from bench.reporting.document import Block, Heading, Paragraph, Table, to_markdown
-from bench.reporting.formats import INTERVALS, headline_metrics, metric_cell, write_texts
+from bench.reporting import canvas
+from bench.reporting.document import Column, Paragraph, Report, Table
+from bench.reporting.formats import INTERVALS, headline_metrics, metric_cell
 
 TABLE = "sweep.csv"  # the runs in a folder with this file are values of a sweep, and no entries of a leaderboard
 STYLES = {  # colour and marker of each headline metric
@@ -26,36 +26,30 @@ LOG_FROM = 10.0  # ratio of the largest to the smallest value from which the axi
 METHOD_ONLY = "Injected errors reach the method only: the reference keeps the true calibration and ego-motion."
 
 
-def to_csv(setting: str, runs: Mapping[str, RunSummary]) -> str:
-    """One line a value; ratios in [0, 1] at full precision, empty where there is no number."""
-    rows = []
-    for value, summary in runs.items():
-        row = {setting: value, **_counts(summary)}
-        for name, metric in headline_metrics(summary).items():
-            low, high = metric.ci95 or (None, None)
-            row |= {name: metric.value, f"{name}.ci95_low": low, f"{name}.ci95_high": high}
-        rows.append(row)
-    return document.to_csv(rows)
-
-
 def table(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Table:
     """A row a value, over all moving objects."""
     headings = [find_metric(name).label for name in headline_metrics(next(iter(runs.values())))]
     return Table(
         title=title,
-        columns=[setting, "Images", "Object-frames", "Recordings", *headings],
+        columns=[setting, "Images", "Object-frames", "Recordings", *(Column(text, metric_cell) for text in headings)],
         rows=[
-            [value, *_counts(summary).values(), *map(metric_cell, headline_metrics(summary).values())]
-            for value, summary in runs.items()
+            [value, *_counts(summary).values(), *headline_metrics(summary).values()] for value, summary in runs.items()
         ],
         note=note,
     )
 
 
-def report(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> list[Block]:
-    """One table over all moving objects, and how to read it."""
+def report(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Report:
+    """One table over all moving objects, and how to read it; of numbers a line a value, ratios in [0, 1]."""
     about = f"IoU and TPR are averages over all object-frames that move. {INTERVALS} {note}".rstrip()
-    return [Heading(title, 1), Paragraph(about), table(setting, runs, title="")]
+    numbers = []
+    for value, summary in runs.items():
+        row: dict[str, object] = {setting: value, **_counts(summary)}
+        for name, metric in headline_metrics(summary).items():
+            low, high = metric.ci95 or (None, None)
+            row |= {name: metric.value, f"{name}.ci95_low": low, f"{name}.ci95_high": high}
+        numbers.append(row)
+    return Report(title=title, blocks=[Paragraph(about), table(setting, runs, title="")], numbers=numbers)
 
 
 @canvas.styled
@@ -112,10 +106,9 @@ def write_sweep(
         title: stands above table and chart.
         note: how to read them.
     """
-    texts = {TABLE: to_csv(setting, runs), "sweep.md": to_markdown(report(setting, runs, title=title, note=note))}
+    texts = report(setting, runs, title=title, note=note).write(folder, "sweep")
     figure = draw(setting, runs, title=title, note=note)
-    pictures = canvas.write_picture(folder / "sweep", figure, formats=("png", "svg", "pdf"))
-    return (*write_texts(folder, texts), *pictures)
+    return (*texts, *canvas.write_picture(folder / "sweep", figure, formats=("png", "svg", "pdf")))
 
 
 def _counts(summary: RunSummary) -> dict[str, int]:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from bench.evaluation import Metric, ThresholdFreeMetrics, definitions, find_metric, published
-from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, Summary
+from bench.evaluation.summary import Summary
 from bench.evaluation.sums import ALL_MOVING
 from bench.records.reference import Category
-from bench.reporting.document import Block, Cell, Paragraph, Table
+from bench.reporting.document import Block, Cell, Column, Paragraph, Table
 from bench.reporting.formats import (
     CEILING,
     INTERVALS,
-    LABELS,
     chance_of,
     detection_levels,
     hundredths,
@@ -30,6 +29,7 @@ from bench.reporting.formats import (
 FALSE_POSITIVES = "false_positives"
 FALSE_POSITIVE_METRICS = tuple(metric.field for metric in definitions.FALSE_POSITIVES)
 COMPARED = {"detection_rate": "Detection rate", "tpr": "TPR", "iou_detected": "IoU"}
+_OF_PAPER = {"detection_rate": "detection_rate", "tpr": "tpr", "iou_detected": "iou"}  # its name of each
 COVERAGES = {name: find_metric(name).label for name in ("iou", "tpr_all", "iou_detected", "tpr")}
 BESIDE_NOTE = (
     "TPR and IoU beside the paper's are averages over the detected object-frames. Differences in percentage points. "
@@ -100,10 +100,33 @@ def table_rows(summary: Summary) -> list[TableRow]:
     The paper's TPR and IoU stand beside ours over the detected object-frames: as averages over all of them they would
     contradict its detection rate (0.72 x 0.64 is less than 0.55).
     """
-    causes = summary.false_positive_causes
-    rows = [_category_row(Category(name), found, causes) for name, found in summary.categories.items()]
-    every = _object_row(ALL_MOVING, LABELS[ALL_MOVING], summary.all_moving)
-    return [*rows, every, _false_positive_row(summary.false_positives)]
+    rows = []
+    for name, found in (summary.categories | {ALL_MOVING: summary.all_moving}).items():
+        theirs = published.CATEGORIES.get(Category(name)) if name != ALL_MOVING else None
+        rows.append(
+            TableRow(
+                name=name,
+                label=row_label(name, summary.false_positive_causes),
+                frames=found.object_frames,
+                paper_frames=theirs.object_frames if theirs else None,
+                tracks=found.tracks,
+                recordings=found.recordings,
+                metrics={metric: found.metric(metric) for metric in found.metric_names()},
+                paper={metric: getattr(theirs, field) for metric, field in _OF_PAPER.items()} if theirs else {},
+            )
+        )
+    false = summary.false_positives
+    of_images = TableRow(
+        name=FALSE_POSITIVES,
+        label="False positives",
+        frames=false.frames,
+        paper_frames=published.IMAGE_FRAMES,
+        tracks=None,
+        recordings=false.recordings,
+        metrics={name: getattr(false, name) for name in FALSE_POSITIVE_METRICS},
+        paper={"coverage": published.FALSE_POSITIVE_COVERAGE},
+    )
+    return [*rows, of_images]
 
 
 def rows_with_cases(rows: Sequence[TableRow]) -> list[TableRow]:
@@ -116,39 +139,6 @@ def left_out_note(rows: Sequence[TableRow]) -> str:
     with_cases = rows_with_cases(rows)
     without = [row.name.replace("_", " ") for row in rows if row not in with_cases]
     return f"Left out, without cases: {', '.join(without)}." if without else ""
-
-
-def _category_row(category: Category, found: ObjectMetrics, causes: Container[str]) -> TableRow:
-    return _object_row(category.value, row_label(category, causes), found, published.CATEGORIES.get(category))
-
-
-def _object_row(
-    name: str, label: str, found: ObjectMetrics, theirs: published.PublishedMetrics | None = None
-) -> TableRow:
-    paper = (theirs.detection_rate, theirs.tpr, theirs.iou) if theirs else ()
-    return TableRow(
-        name=name,
-        label=label,
-        frames=found.object_frames,
-        paper_frames=theirs.object_frames if theirs else None,
-        tracks=found.tracks,
-        recordings=found.recordings,
-        metrics={name: found.metric(name) for name in found.metric_names()},
-        paper=dict(zip(COMPARED, paper, strict=False)),
-    )
-
-
-def _false_positive_row(found: FalsePositiveMetrics) -> TableRow:
-    return TableRow(
-        name=FALSE_POSITIVES,
-        label="False positives",
-        frames=found.frames,
-        paper_frames=published.IMAGE_FRAMES,
-        tracks=None,
-        recordings=found.recordings,
-        metrics={name: getattr(found, name) for name in FALSE_POSITIVE_METRICS},
-        paper={"coverage": published.FALSE_POSITIVE_COVERAGE},
-    )
 
 
 def threshold_free_line(found: ThresholdFreeMetrics) -> str:
@@ -226,15 +216,9 @@ def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str,
     bounded = any(row.metrics[name].ci95 for row in of_objects for name in shown)
     return Table(
         title=f"{title} with 95 % intervals" if bounded else title,
-        columns=["Type", "Recordings", "Cases", "Objects", *shown.values()],
+        columns=["Type", "Recordings", "Cases", "Objects", *(Column(text, metric_cell) for text in shown.values())],
         rows=[
-            [
-                _label(row.label),
-                row.recordings,
-                row.frames,
-                row.tracks,
-                *(metric_cell(row.metrics[name]) for name in shown),
-            ]
+            [_label(row.label), row.recordings, row.frames, row.tracks, *map(row.metrics.get, shown)]
             for row in of_objects
         ],
         note=" ".join([*notes, INTERVALS]),
@@ -244,13 +228,13 @@ def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str,
 
 
 def _false_positives(rows: Sequence[TableRow]) -> Table:
-    *shares, mean = FALSE_POSITIVE_METRICS
-    columns = ["Recordings", "Images", "False-positive coverage", "of the valid pixels"]
+    shares = "False-positive coverage", "of the valid pixels", "Frames with a large false positive"
+    columns = [*(Column(heading, metric_cell) for heading in shares), Column("Components per frame", mean_cell)]
     return Table(
         title="False positives",
-        columns=[*columns, "Frames with a large false positive", "Components per frame"],
+        columns=["Recordings", "Images", *columns],
         rows=[
-            [row.recordings, row.frames, *(metric_cell(row.metrics[n]) for n in shares), mean_cell(row.metrics[mean])]
+            [row.recordings, row.frames, *map(row.metrics.get, FALSE_POSITIVE_METRICS)]
             for row in rows
             if row.name == FALSE_POSITIVES
         ],

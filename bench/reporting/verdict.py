@@ -17,6 +17,7 @@ from itertools import accumulate
 from pathlib import Path
 
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
+from junitparser.junitparser import FinalResult
 
 from bench.atomic import write_bytes, write_text
 from bench.errors import UsageError
@@ -55,14 +56,11 @@ def to_annotations(verdict: Verdict) -> list[str]:
     object-frames once more. The last line is no command, since an eleventh would not be shown.
     """
     failed = verdict.rows_with(Outcome.FAILED)
-    slices: dict[str, list[Row]] = {}
-    for row in failed:
-        if not is_overlapping(row):
-            slices.setdefault(row.slice_name, []).append(row)
     told = [("gate: no verdict", verdict.why_none)] if verdict.why_none else []
     cause, *consequences = check_lines(verdict) or [""]
     told += [("gate: data", cause.removeprefix("failed: "))] if cause else []
     told += [("gate: data", "; ".join(consequences))] if consequences else []
+    slices = _by_slice(row for row in failed if not is_overlapping(row))
     told += [(f"gate: {name}", _slice_text(rows)) for name, rows in slices.items()]
     if breakdowns := [row for row in failed if is_overlapping(row)]:
         count = len({row.slice_name for row in breakdowns})
@@ -70,6 +68,13 @@ def to_annotations(verdict: Verdict) -> list[str]:
         told.append(("gate: breakdowns", text))
     lines = [_error(title, message) for title, message in told[:MOST]]
     return [*lines, f"and {len(told) - MOST} more"] if len(told) > MOST else lines
+
+
+def _by_slice(rows: Iterable[Row]) -> dict[str, list[Row]]:
+    slices: dict[str, list[Row]] = {}
+    for row in rows:
+        slices.setdefault(row.slice_name, []).append(row)
+    return slices
 
 
 def _slice_text(rows: Sequence[Row]) -> str:
@@ -103,28 +108,19 @@ def to_junit(verdict: Verdict) -> bytes:
     case. Where there is no verdict, that is an error, so that no reader takes it for a pass.
     """
     suite = TestSuite(_clean(f"fisheye-bench gate {verdict.dataset} {verdict.method}".rstrip()))
-    if verdict.why_none:
-        none = TestCase("verdict", classname="gate.data", time=0.0)
-        none.result = [Error(_clean(verdict.why_none), "no verdict")]
-        suite.add_testcase(none)
+    cases = [_case("verdict", "data", Error(_clean(verdict.why_none), "no verdict"))] if verdict.why_none else []
     for check in verdict.checks:
-        failed = (check.message, check.message) if check.outcome is Outcome.FAILED else None
-        suite.add_testcase(_case(check.name, "data", failed=failed, lines=[f"{check.outcome}: {check.message}"]))
-    slices: dict[str, list[Row]] = {}
-    for row in verdict.rows:
-        if row.outcome is not Outcome.NOT_JUDGED:
-            slices.setdefault(row.slice_name, []).append(row)
-    for name, rows in slices.items():
+        failed = _failure(check.message, check.message, "data") if check.outcome is Outcome.FAILED else None
+        cases.append(_case(check.name, "data", failed, [f"{check.outcome}: {check.message}"]))
+    judged = _by_slice(row for row in verdict.rows if row.outcome is not Outcome.NOT_JUDGED)
+    for name, rows in judged.items():
         worse = [row for row in verdict.rows_with(Outcome.FAILED) if row in rows]  # the worst first
         cause = "\n".join([*map(row_text, worse), *change_lines(verdict)])
-        failed = (_slice_text(worse), cause) if worse else None
-        suite.add_testcase(
-            _case(name, "metrics", failed=failed, lines=[f"{row.outcome}: {row_text(row)}" for row in rows])
-        )
+        failed = _failure(_slice_text(worse), cause, "regression") if worse else None
+        cases.append(_case(name, "metrics", failed, [f"{row.outcome}: {row_text(row)}" for row in rows]))
     if skipped := not_judged_line(verdict):
-        unjudged = TestCase("not judged", classname="gate.metrics", time=0.0)
-        unjudged.result = [Skipped(_clean(skipped), "not judged")]
-        suite.add_testcase(unjudged)
+        cases.append(_case("not judged", "metrics", Skipped(_clean(skipped), "not judged")))
+    suite.add_testcases(cases)
     document = JUnitXml()
     document.add_testsuite(suite)
     document.update_statistics()  # type: ignore[no-untyped-call]
@@ -133,16 +129,19 @@ def to_junit(verdict: Verdict) -> bytes:
     return text.getvalue()
 
 
-def _case(name: str, group: str, *, failed: tuple[str, str] | None, lines: Sequence[str]) -> TestCase:
-    """A case with all its lines, and if it failed with a message and a text."""
-    case = TestCase(_clean(name), classname=_clean(f"gate.{group}"), time=0.0)
-    if failed is not None:
-        message, text = map(_clean, failed)
-        failure = Failure(message, "data" if group == "data" else "regression")
-        failure.text = text
-        case.result = [failure]
-    case.system_out = _clean("\n".join(lines))
+def _case(name: str, group: str, result: FinalResult | None, lines: Sequence[str] = ()) -> TestCase:
+    """A case with its result, if it has one, and its lines."""
+    case = TestCase(_clean(name), classname=f"gate.{group}", time=0.0)
+    case.result = [] if result is None else [result]
+    if lines:
+        case.system_out = _clean("\n".join(lines))
     return case
+
+
+def _failure(message: str, text: str, kind: str) -> Failure:
+    failure = Failure(_clean(message), kind)
+    failure.text = _clean(text)
+    return failure
 
 
 def _clean(text: str) -> str:
@@ -286,23 +285,18 @@ def to_json(verdict: Verdict) -> str:
 
 
 def _json_row(row: Row) -> dict[str, object]:
-    change = row.change
+    change = asdict(row.change)
+    interval = change.pop("ci95")
     return {
         "slice": row.slice_name,
         "metric": row.metric,
         "outcome": row.outcome.value,
         "reason": row.reason,
-        "before": change.before,
-        "after": change.after,
-        "difference": change.difference,
-        "difference_ci95": change.ci95,
-        "p_value": change.p_value,
+        **change,
+        "difference_ci95": interval,
         "p_holm": row.p_holm,
         "worsening": row.worsening,
         "allowed": row.allowed,
-        "cases_before": change.cases_before,
-        "cases_after": change.cases_after,
-        "recordings": change.recordings,
         "worst_recording": row.worst_recording,
         "worst_recordings": [asdict(one) for one in row.worst_recordings],
     }

@@ -21,14 +21,18 @@ from bench.records.reference import ReferenceFrame
 from bench.reference.exposure import Readout
 from bench.reference.sweeps import SweepCache
 from bench.reporting.canvas import GREEN, category_colour
-from bench.reporting.count_view import AREA_COLOURS, AREA_NAMES, PixelClass, detected_pixels, overlay_counts
 from bench.reporting.overlay import (
+    AREA_COLOURS,
+    AREA_NAMES,
     Legend,
+    PixelClass,
     bgr_image,
     captioned,
+    detected_pixels,
     kind_legend,
     outlined,
     overlay_areas,
+    overlay_counts,
     overlay_polygons,
     unknown_bands,
 )

@@ -165,7 +165,7 @@ def test_methods_are_ranked_beside_the_exact_masks(tiny_card, tmp_path):
     found = thinned(tiny_card, tmp_path, "16", "truth,truth:grow_px=30,nothing", recordings=1)
     assert found.predictions == ("truth", "truth:grow_px=30", "nothing")
     assert [row.tau.value for row in rows_of(found)] == pytest.approx([1, 1])
-    assert [row[-1] for row in beams_table(found).rows[:2]] == ["1.00", "1.00"]
+    assert [row[-1].text for row in beams_table(found).cells()[:2]] == ["1.00", "1.00"]
     assert [axes.get_title() for axes in draw_beams(found).axes][-1] == "Kendall's tau"
     with pytest.raises(UsageError, match="expected different methods"):
         thinned(tiny_card, tmp_path, "16", "nothing,nothing")

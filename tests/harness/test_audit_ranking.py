@@ -54,6 +54,7 @@ from bench.reporting.audit_ranking import (
     overview_table,
     ranking_tables,
 )
+from bench.reporting.document import Table
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
@@ -61,6 +62,10 @@ from tests.support.runs import run_one
 
 WRONG = (ExactMasks(shape="hull"), ExactMasks(grow_px=4), ExactMasks(drop_share=0.5))
 ANY = [Prediction(name=name, method=build_method(name)) for name in ("everything", "nothing", "frame-difference")]
+
+
+def texts(table: Table) -> list[list[str]]:
+    return [[cell.text for cell in row] for row in table.cells()]
 
 
 def row(*, by_lidar: list[float], by_masks: list[float], recordings: int = 1, predictions=ANY) -> RankedRow:
@@ -178,17 +183,17 @@ def test_the_tables_show_differences_order_and_which_aims_are_missed(monkeypatch
         rows=(six,),
         fits=surface_fits(pd.DataFrame([near, far], columns=[*FIT_SLICES, *FITS])),
     )
-    (*_, surface), agreement_of_rows = overview_table(found).rows, agreement_table(found).rows
+    (*_, surface), agreement_of_rows = texts(overview_table(found)), texts(agreement_table(found))
     # Differences of 10, 0, 20 and 20 points; of six pairs five are in the same order, so tau is (5 - 1) / 6.
     aims = "tau 0.67 in crossing; mean difference 12.5 over all predictions; mean difference 5.0 over real methods"
-    assert surface == ("surface-v1", "12.5", "5.0", "0.67", "1 of 1", aims)
+    assert surface == ["surface-v1", "12.5", "5.0", "0.67", "1 of 1", aims]
     assert {cells[4].partition(" ")[0] for cells in agreement_of_rows} == {"0.67"}
-    assert kind_table(found).rows[0] == ("Crossing", "convex hull (paper-v1)", "-1.00", "+20.0", "", "", "n/a")
-    assert check_table(found).rows == [("Crossing", "fat", *["WINS 90.0 : 80.0"] * 4, "70.0 : 100.0")]
-    every, of_class, *_ = fit_table(found).rows
-    assert every == ("all", "all", "all", "2", "50.0", "10.0", "37.5")
-    assert of_class == ("pedestrian", *every[1:])
-    assert fit_table(found).rows[3] == ("pedestrian", "[2, 4)", "all", "1", "66.7", "50.0", "25.0")
+    assert texts(kind_table(found))[0] == ["Crossing", "convex hull (paper-v1)", "-1.00", "+20.0", "", "", "n/a"]
+    assert texts(check_table(found)) == [["Crossing", "fat", *["WINS 90.0 : 80.0"] * 4, "70.0 : 100.0"]]
+    every, of_class, _, near, *_ = texts(fit_table(found))
+    assert every == ["all", "all", "all", "2", "50.0", "10.0", "37.5"]
+    assert of_class == ["pedestrian", *every[1:]]
+    assert near == ["pedestrian", "[2, 4)", "all", "1", "66.7", "50.0", "25.0"]
 
 
 def test_the_lidar_references_are_those_of_the_protocols():
@@ -408,7 +413,7 @@ def test_the_command_prints_the_tables_and_leaves_the_files(monkeypatch, capsys,
     found, text = read_ranking(tmp_path), (tmp_path / "ranking.md").read_text()
     for table in ranking_tables(found):
         assert table.title in text
-        assert all(len(cells) == len(table.columns) for cells in table.rows)
+        assert all(len(cells) == len(table.headings()) for cells in table.cells())
     assert draw_ranking(found).findobj(Line2D)
     rows = list(csv.DictReader((tmp_path / "ranking.csv").read_text().splitlines()))
     assert {row["prediction"] for row in rows if row["table"] == "scores"} == set(METHODS.split(","))

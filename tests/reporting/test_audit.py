@@ -29,8 +29,8 @@ from bench.reporting.audit_pictures import (
     write_cause_pictures,
     write_examples,
 )
-from bench.reporting.audit_tables import audit_tables, for_terminal, report, speed_table, to_csv
-from bench.reporting.document import to_markdown
+from bench.reporting.audit_tables import audit_tables, for_terminal, report, speed_table
+from bench.reporting.document import Table, to_csv, to_markdown
 from tests.reporting.printed import printed
 
 METHOD = build_method("spherical", {"threshold": 0.01})  # so that something is missed
@@ -48,8 +48,12 @@ def audit(folder: Path) -> AuditSummary:
     return read_audit(folder)
 
 
+def texts(table: Table) -> list[list[str]]:
+    return [[cell.text for cell in row] for row in table.cells()]
+
+
 def test_markdown_holds_every_table_in_full(audit: AuditSummary):
-    text = to_markdown(report(audit))
+    text = to_markdown(report(audit).blocks)
     tables = audit_tables(audit)
     assert [line[3:] for line in text.splitlines() if line.startswith("## ")] == [t.title for t in tables]
     for table in tables:
@@ -60,15 +64,15 @@ def test_markdown_holds_every_table_in_full(audit: AuditSummary):
 def test_shares_of_a_line_are_100_percent(audit: AuditSummary):
     misses, false = audit_tables(audit)[-2:]
     first = misses.columns.index("by error %") + 1
-    rows = [row for row in misses.rows if row[first] != "n/a"]  # where something is missed
+    rows = [row for row in texts(misses) if row[first] != "n/a"]  # where something is missed
     assert rows
     for row in rows:
         assert sum(map(float, row[first : first + len(MissCause)])) == pytest.approx(100, abs=0.4)
-    assert sum(map(float, false.rows[0][3:-1])) == pytest.approx(100, abs=0.4)
+    assert sum(map(float, texts(false)[0][3:-1])) == pytest.approx(100, abs=0.4)
 
 
 def test_csv_holds_the_figures_at_full_precision(audit: AuditSummary):
-    rows = list(csv.DictReader(io.StringIO(to_csv(audit))))
+    rows = list(csv.DictReader(io.StringIO(to_csv(report(audit).numbers))))
     assert {row["table"] for row in rows} == {"polygons", "scores", "misses", "false_alarms"}
     expected = audit.polygons[0]
     found = next(
@@ -95,7 +99,7 @@ def test_errors_of_the_reference_and_of_scores_are_told_by_speed(folder: Path, a
     assert (told.object_frames, told.iou.median) == (len(walking), walking["iou"].median())
     table = speed_table(audit)
     by_masks = audit.scores["masks"].speeds
-    for speed, *_, lidar, masks, error in table.rows:
+    for speed, *_, lidar, masks, error in texts(table):
         assert (lidar, masks) == tuple(f"{100 * rows[speed].iou.value:.1f}" for rows in (scored, by_masks))
         assert float(error) == pytest.approx(float(lidar) - float(masks), abs=0.11)
 

@@ -10,7 +10,7 @@ from bench.errors import ShapeError
 from bench.records.reference import Status
 from bench.records.segmentation import Segmentation
 from bench.reporting.canvas import figure_bytes, rgb
-from bench.reporting.count_view import AREA_COLOURS, PixelClass, pixel_classes
+from bench.reporting.overlay import AREA_COLOURS, PixelClass, pixel_classes
 from bench.reporting.side_by_side import Side, draw_side_by_side
 from tests.reporting.factories import (
     banded_frame,

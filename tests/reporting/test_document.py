@@ -19,6 +19,7 @@ from bench.reporting.document import (
     Items,
     Paragraph,
     Picture,
+    Report,
     Table,
     escape_latex,
     to_csv,
@@ -131,6 +132,12 @@ def test_a_frame_is_a_table_and_few_rows_of_many_columns_stand_upright():
     frame = pd.DataFrame({"name": ["a", "b"], "share": [0.5, math.nan], "count": [1, 2]})
     table = Table(columns=["name", Column("share", "{:.1f}".format), "count"], rows=frame)
     assert [[cell.text for cell in row] for row in table.cells()] == [["a", "0.5", "1"], ["b", "nan", "2"]]
+    by_name = Table(
+        columns={"count": "Count", "share": Column("share", lambda share: Cell(f"{share}", ("x",)))}, rows=frame
+    )
+    first, _ = by_name.cells()
+    assert [(cell.text, cell.below) for cell in first] == [("1", ()), ("0.5", ("x",))]
+    assert [cell.text for cell in by_name.headings()] == ["Count", "share"]
     upright = Table(columns=list(frame), rows=frame).transposed()
     assert [cell.text for cell in upright.headings()] == ["", "a", "b"]
     assert [[cell.text for cell in row] for row in upright.cells()] == [["share", "0.5", "n/a"], ["count", "1", "2"]]
@@ -145,6 +152,19 @@ def test_csv_and_json_carry_numbers_without_loss():
         {"a": repr(1 / 3), "b": "2", "c": 'x,"\n', "d": ""},
         {"a": "", "b": "", "c": "", "d": ""},
     ]
-    assert to_csv([], ["a", "b"]) == "a,b\n"
+    assert to_csv(pd.DataFrame(columns=["a", "b"])) == "a,b\n"
     content = {"a": [math.nan, (1 / 3, math.inf)], "b": {"ü": None}}
     assert json.loads(to_json(content)) == {"a": [None, [1 / 3, None]], "b": {"ü": None}}
+
+
+def test_a_report_writes_the_files_that_it_has_and_its_title_once(tmp_path):
+    blocks, numbers = [Paragraph("Said."), TABLE], [{"a": 1 / 3}]
+    few = Report(title="", blocks=blocks, numbers=numbers).write(tmp_path, "few")
+    assert [file.name for file in few] == ["few.md", "few.csv"]
+    assert few[0].read_text() == to_markdown(blocks)
+    every = Report(title="A & b", blocks=blocks, numbers=numbers, content={"a": 1}, latex="x", page=True)
+    page, markdown, table, content, latex = every.write(tmp_path / "new", "every")
+    assert page.read_text().count("<h1>A &amp; b</h1>") == page.read_text().count("<h1>") == 1
+    assert markdown.read_text() == f"# A & b\n\n{to_markdown(blocks)}"
+    assert (table.read_text(), latex.read_text()) == (to_csv(numbers), "x")
+    assert json.loads(content.read_text()) == {"a": 1}

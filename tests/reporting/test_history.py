@@ -12,7 +12,7 @@ from bench.evaluation import find_metric, load_protocol
 from bench.reporting.canvas import BLACK, GREEN, GREY, VERMILION
 from bench.reporting.compare.changes import Verdict, changes_over_everything, compare_runs, verdict_line
 from bench.reporting.compare.runs import read_comparable
-from bench.reporting.history import draw, history_tables, read_history, to_csv, write_history
+from bench.reporting.history import draw, history_tables, read_history, write_history
 from tests.reporting.compare.runs import RECORDINGS, drawn, write_run
 from tests.reporting.printed import printed
 
@@ -42,20 +42,20 @@ def folder(tmp_path_factory) -> Path:
 
 
 def test_runs_stand_in_order_and_a_changed_reference_ends_a_stretch(folder):
-    (series,) = read_history([folder], checkout=ROOT).series
-    assert [[point.name for point in stretch.points] for stretch in series.stretches] == [
-        ["aaaa0000", "bbbb0000", "cccc0000+"], ["dddd0000"],
+    ((title, series),) = read_history([folder], checkout=ROOT).series.items()
+    assert title == "nothing on demo, all recordings, paper-v1"
+    assert [(point.name, point.stretch) for point in series] == [
+        ("aaaa0000", 1), ("bbbb0000", 1), ("cccc0000+", 1), ("dddd0000", 2),
     ]  # fmt: skip
-    assert [point.committed for point in series.points] == [True, True, False, True]
-    first, second = series.stretches
-    assert first.break_before == ""
-    assert second.break_before == f"the reference changed on the {RECORDINGS * 4} images that all scored"
-    assert [point.since is None for point in series.points] == [True, False, False, True]
+    assert [point.committed for point in series] == [True, True, False, True]
+    reason = f"the reference changed on the {RECORDINGS * 4} images that all scored"
+    assert [point.break_before for point in series] == ["", "", "", reason]
+    assert [point.since is None for point in series] == [True, False, False, True]
 
 
 def test_a_change_is_what_compare_says_of_the_pair_not_what_intervals_seem_to_say(folder):
-    (series,) = read_history([folder], checkout=ROOT).series
-    first, second, third, _ = series.points
+    ((_, series),) = read_history([folder], checkout=ROOT).series.items()
+    first, second, third, _ = series
     for before, after, metric, verdict in (
         (first, second, "iou", Verdict.BETTER),
         (first, second, "false_positive_coverage", Verdict.THE_SAME),
@@ -74,8 +74,8 @@ def test_a_change_is_what_compare_says_of_the_pair_not_what_intervals_seem_to_sa
 
 
 def test_the_line_is_coloured_by_the_verdict_and_broken_where_runs_do_not_compare(folder):
-    (series,) = read_history([folder], checkout=ROOT).series
-    figure = draw(series)
+    ((title, series),) = read_history([folder], checkout=ROOT).series.items()
+    figure = draw(title, series)
     assert [" ".join(axes.get_ylabel().split()) for axes in figure.axes] == [
         find_metric(name).label for name in ("iou", "tpr_all", "detection_rate_50", "false_positive_coverage")
     ]
@@ -110,7 +110,7 @@ def test_files_and_terminal_say_the_same(folder, tmp_path):
         assert sentence in " ".join(text.split())
     assert "no difference shown" not in files[1].read_text().partition("| aaaa0000 to bbbb0000")[2].splitlines()[0]
     assert r"\label{tab:history-1-changes-1}" in files[3].read_text()
-    rows = {(row["commit"], row["metric"]): row for row in csv.DictReader(io.StringIO(to_csv(found)))}
+    rows = {(row["commit"], row["metric"]): row for row in csv.DictReader(io.StringIO(files[2].read_text()))}
     assert len(rows) == 4 * 4
     row = rows["bbbb00000000", "iou"]
     assert (row["verdict"], row["before_run"], row["stretch"], row["images_compared"]) == (
@@ -136,19 +136,19 @@ def test_changed_data_and_another_state_of_the_protocol_break_the_line_too(tmp_p
     rules = load_protocol("paper-v1").model_dump_json(exclude_unset=True).replace('"version":1', '"version":2')
     (tmp_path / "rules.yaml").write_text(rules)
     add("four", recordings={"drive-0": "2", "drive-9": "1"}, commit=None, protocol=tmp_path / "rules.yaml")
-    (series,) = read_history([tmp_path], checkout=ROOT).series
-    assert [[point.name for point in stretch.points] for stretch in series.stretches] == [
-        ["aaaaaaaa", "bbbbbbbb"], ["three"], ["four"],
+    (series,) = read_history([tmp_path], checkout=ROOT).series.values()
+    assert [(point.name, point.stretch) for point in series] == [
+        ("aaaaaaaa", 1), ("bbbbbbbb", 1), ("three", 2), ("four", 3),
     ]  # fmt: skip
-    assert "data recordings changed: 'drive-0' (1 of 2)" in series.stretches[1].break_before
-    assert series.stretches[2].break_before.startswith("protocol paper-v1 version 2 (")
+    assert "data recordings changed: 'drive-0' (1 of 2)" in series[2].break_before
+    assert series[3].break_before.startswith("protocol paper-v1 version 2 (")
 
 
 def test_each_method_as_it_was_asked_for_is_a_series_and_one_run_is_none(folder, tmp_path):
     for name, more in (("x", {"method": "empty"}), ("y", {"split": "part"}), ("z", {"protocol": "extended-v1"})):
         write_run(tmp_path / name, drawn(50), **more)
     found = read_history([folder, tmp_path], checkout=ROOT)
-    assert [series.title for series in found.series] == ["nothing on demo, all recordings, paper-v1"]
+    assert [*found.series] == ["nothing on demo, all recordings, paper-v1"]
     assert found.alone == (
         "empty on demo, all recordings, paper-v1",
         "nothing on demo, all recordings, extended-v1",

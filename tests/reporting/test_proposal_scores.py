@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.reporting.proposal_scores import HEADINGS, write_proposal_scores
+from bench.reporting.proposal_scores import COLUMNS, write_proposal_scores
 from tests.support.browser import accessibility_faults, headless_chromium, opened
 
 
@@ -12,7 +12,7 @@ from tests.support.browser import accessibility_faults, headless_chromium, opene
 def files(tmp_path):
     """Scores of two ranges; nothing was annotated in the second group."""
     rows = [
-        dict(zip(HEADINGS, (label, group, *values), strict=True))
+        dict(zip(COLUMNS, (label, group, *values), strict=True))
         for label in ("< 8 m", "all")
         for group, values in (
             ("all", (40, 0.975, 0.9, 1, 2.0, 0.03, 0.2, 0.1, 0.4)),

@@ -13,7 +13,7 @@ from bench.reporting.table_files import write_report_files
 from tests.support.manifests import manifest, provenance
 from tests.support.result_rows import frame_row, object_row
 
-NAMES = ["table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"]
+NAMES = ["table.md", "table.csv", "table.json", "table.tex", "range_map.png", "range_map.svg"]
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from matplotlib.colors import to_hex
 
 from bench.evaluation import FalsePositiveMetrics, Metric, ObjectMetrics
 from bench.reporting.canvas import BLUE, GREEN, PURPLE, VERMILION
-from bench.reporting.document import to_markdown
-from bench.reporting.sweep import draw, report, table, to_csv, write_sweep
+from bench.reporting.document import to_csv, to_markdown
+from bench.reporting.sweep import draw, report, table, write_sweep
 from tests.reporting.printed import printed
 
 
@@ -46,7 +46,9 @@ def axes_of(runs):
 
 
 def test_csv_has_one_line_per_value_at_full_precision():
-    lines = list(csv.DictReader(io.StringIO(to_csv("threshold", RUNS | {"1": run(math.nan)}))))
+    lines = list(
+        csv.DictReader(io.StringIO(to_csv(report("threshold", RUNS | {"1": run(math.nan)}, title="").numbers)))
+    )
     assert [line["threshold"] for line in lines] == ["3e-4", "6e-4", "1e-2", "1"]
     assert [line["object_frames"] for line in lines] == ["40", "38", "40", "40"]
     assert float(lines[1]["tpr_all"]) == 0.8 - 0.01
@@ -57,7 +59,7 @@ def test_csv_has_one_line_per_value_at_full_precision():
 
 
 def test_markdown_has_the_headline_metrics_with_intervals():
-    text = to_markdown(report("threshold", RUNS | {"1": run(math.nan)}, title="threshold on demo", note="A note."))
+    text = to_markdown(report("threshold", RUNS | {"1": run(math.nan)}, title="", note="A note.").blocks)
     headings = "| threshold | Images | Object-frames | Recordings | IoU, all | TPR, all | Detection at 50 % |"
     assert headings in text
     assert "| 1e-2 | 12 | 40 | 7 | 30.0 % [20.0, 40.0] | 59.0 % [49.0, 69.0] | 55.0 % [45.0, 65.0] | 28.0 %" in text
@@ -76,8 +78,9 @@ def test_terminal_table_fits():
 
 def test_a_protocol_without_the_level_has_no_such_column():
     runs = {value: run(0.5, levels=("10",)) for value in ("1e-3", "2e-3")}
-    assert "Detection at 50 %" not in to_markdown(report("threshold", runs, title="t"))
-    assert "detection_rate_50" not in to_csv("threshold", runs)
+    told = report("threshold", runs, title="t")
+    assert "Detection at 50 %" not in to_markdown(told.blocks)
+    assert "detection_rate_50" not in to_csv(told.numbers)
     assert len(axes_of(runs).lines) == 3
 
 

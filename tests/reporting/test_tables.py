@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import pytest
 
+from bench.reporting.document import to_csv, to_json, to_markdown
 from bench.reporting.formats import percent, with_interval
-from bench.reporting.table_files import to_csv, to_json, to_latex, to_markdown
+from bench.reporting.table_files import report
 from bench.reporting.tables import (
     COMPARED,
     COVERAGES,
@@ -25,8 +26,20 @@ OF_PAPER = summary().model_copy(update={"false_positive_causes": dict.fromkeys(C
 ROWS = table_rows(OF_PAPER)
 
 
+def markdown(rows):
+    return to_markdown(report(rows).blocks)
+
+
 def latex(rows):
-    return to_latex(rows, label="demo-spherical", about="method spherical_2, data set demo, paper-v1")
+    return report(rows, label="demo-spherical", about="method spherical_2, data set demo, paper-v1").latex
+
+
+def table_csv(rows):
+    return to_csv(report(rows).numbers)
+
+
+def table_json(rows):
+    return to_json(report(rows).content)
 
 
 def on_terminal(rows):
@@ -88,8 +101,8 @@ def test_differences_are_percentage_points():
 
 
 def test_csv_and_json_carry_the_rows_without_loss():
-    lines = {(line["row"], line["metric"]): line for line in csv.DictReader(io.StringIO(to_csv(ROWS)))}
-    content = {(line["row"], line["metric"]): line for line in json.loads(to_json(ROWS))["rows"]}
+    lines = {(line["row"], line["metric"]): line for line in csv.DictReader(io.StringIO(table_csv(ROWS)))}
+    content = {(line["row"], line["metric"]): line for line in json.loads(table_json(ROWS))["rows"]}
     assert len(lines) == len(content) == sum(len(row.metrics) for row in ROWS)
     for row in ROWS:
         for name, metric in row.metrics.items():
@@ -103,7 +116,7 @@ def test_csv_and_json_carry_the_rows_without_loss():
             assert (stored["ci95_low"], stored["ci95_high"]) == (metric.ci95 or (None, None))
 
 
-@pytest.mark.parametrize("write", [to_markdown, lambda rows: one_line(latex(rows))])
+@pytest.mark.parametrize("write", [markdown, lambda rows: one_line(latex(rows))])
 def test_markdown_and_latex_show_the_same_values(write):
     text = write(ROWS)
     for row in (row for row in ROWS[:-1] if row.frames):
@@ -159,15 +172,15 @@ def test_a_row_that_the_paper_does_not_have_leaves_its_line_empty():
 
 def test_nothing_to_average_is_said_and_not_made_up():
     assert percent(math.nan) == "n/a (0 cases)"
-    assert "n/a (0 cases)" in to_markdown(ROWS)
+    assert "n/a (0 cases)" in markdown(ROWS)
     assert "Static" not in latex(ROWS), "without cases"
-    assert all("nan" not in write(ROWS).lower() for write in (to_markdown, latex))
-    lines = json.loads(to_json(ROWS))["rows"]
+    assert all("nan" not in write(ROWS).lower() for write in (markdown, latex))
+    lines = json.loads(table_json(ROWS))["rows"]
     (static,) = [line for line in lines if (line["row"], line["metric"]) == ("static_ego", "tpr")]
     assert [static[name] for name in ("value", "ci95_low", "cases", "paper", "difference_points")] == [
         None, None, 0, 0.78, None
     ]  # fmt: skip
-    assert "nan" not in to_csv(ROWS)
+    assert "nan" not in table_csv(ROWS)
 
 
 def test_a_value_without_an_interval_stands_alone():
@@ -195,7 +208,7 @@ def test_latex_prints_its_notes_and_names_intervals_where_there_are_some():
 def test_why_there_is_no_chance_level_is_said():
     none = object_figures(0.6).model_copy(update={"chance": figure(math.nan)})
     rows = table_rows(summary().model_copy(update={"categories": {"crossing": none}}))
-    for write in (to_markdown, latex, on_terminal):
+    for write in (markdown, latex, on_terminal):
         assert "chance_lag_s" in write(rows).replace("\\_", "_")
         assert "chance_lag_s" not in write(ROWS).replace("\\_", "_")
 
@@ -221,7 +234,7 @@ def test_every_float_of_latex_has_a_label_and_says_method_and_data_set():
 
 
 def test_markdown_tables_have_as_many_cells_in_every_line():
-    for table in re.findall(r"(?:^\|.*\n)+", to_markdown(ROWS), flags=re.MULTILINE):
+    for table in re.findall(r"(?:^\|.*\n)+", markdown(ROWS), flags=re.MULTILINE):
         assert len({line.count("|") for line in table.splitlines()}) == 1
 
 
@@ -230,10 +243,10 @@ def test_the_unknown_share_stands_beside_each_row_of_a_protocol_with_bands_and_o
     *rows, false_positives = banded
     assert {row.metrics["unknown_share"].value for row in rows} == {0.25}
     assert "unknown_share" not in false_positives.metrics
-    for write in (to_markdown, latex, to_csv, to_json, on_terminal):
+    for write in (markdown, latex, table_csv, table_json, on_terminal):
         assert "nknown" in write(banded)
         assert "nknown" not in write(ROWS)
-    (line,) = [line for line in to_markdown(banded).splitlines() if line.startswith("| Crossing") and "25.0 %" in line]
+    (line,) = [line for line in markdown(banded).splitlines() if line.startswith("| Crossing") and "25.0 %" in line]
     assert line.split("|")[-2].split() == ["25.0", "%", "[20.0,", "30.0]"]
     assert max(map(len, table_lines(banded))) <= 100
     assert "…" not in on_terminal(banded)

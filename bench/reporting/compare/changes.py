@@ -22,7 +22,7 @@ from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings, merge_rows
 from bench.evaluation.summary import NO_CASES, Ratios, take_ratios
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES
 from bench.harness.manifest import Aspect, differences
-from bench.reporting.compare.runs import name_methods, on_common_images
+from bench.reporting.compare.runs import name_methods, pair_on_common_images
 from bench.reporting.formats import LABELS, chance_of
 from bench.reporting.stored_run import StoredRun, pick
 
@@ -111,19 +111,6 @@ def metric_changes(before: StoredRun, after: StoredRun) -> pd.DataFrame:
 def _value(ratios: Ratios, key: tuple[str, str, str], metric: str, of: str = "value") -> Any:
     """Of another metric of the same slice."""
     return getattr(ratios.get((*key[:2], metric), NO_CASES), of)
-
-
-def recording_values(before: StoredRun, after: StoredRun) -> pd.DataFrame:
-    """The headline metrics of each recording, over all its moving objects and its whole images.
-
-    Returns:
-        A row for each recording and columns (metric, "before" or "after"), ratios; NaN without cases.
-    """
-    rows = pd.concat({"before": before.sums, "after": after.sums}, names=["side"]).reset_index("side")
-    rows = rows[rows["breakdown"].isin([ALL_MOVING, FRAMES]) & rows["metric"].isin(HEADLINES)]
-    values = rows.assign(value=rows["numerator"] / rows["denominator"].where(rows["denominator"] > 0))
-    table = values.pivot_table("value", index="recording", columns=["metric", "side"], dropna=False, observed=True)
-    return table.reindex(columns=pd.MultiIndex.from_product([HEADLINES, ["before", "after"]]))
 
 
 LISTED = 10  # of each kind, one per track
@@ -302,7 +289,7 @@ def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) ->
 
 
 def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
-    before, after, common = on_common_images(first, other)
+    before, after, common = pair_on_common_images(first, other)
     images = (before.summary.images.evaluated, after.summary.images.evaluated, common)
     categories = [str(category) for category in before.protocol.reference.categories]
     detections, objects = sum_changes(paired_objects(before, after), categories=categories)

@@ -9,9 +9,10 @@ from typing import Any
 
 from bench.atomic import write_bytes
 from bench.harness import FramePipeline, ProcessedFrame
+from bench.harness.stages import Progress
 from bench.reporting.canvas import figure_pixels, jpeg_bytes
 from bench.reporting.compare.changes import RunComparison
-from bench.reporting.side_by_side import ImageKey, Progress, Side, draw_images, draw_side_by_side
+from bench.reporting.side_by_side import ImageKey, Side, draw_images, draw_side_by_side
 
 Frame = Mapping[Any, Any]  # a row of the frames that changed
 PICTURED = 2  # of each kind

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import UsageError
-from bench.evaluation import sum_run
+from bench.evaluation import sum_run, summary_of
 from bench.evaluation.rows import (
     IMAGE,
     OBJECT,
@@ -76,12 +76,59 @@ def _labels(folders: Sequence[Path]) -> list[str]:
     return [f"{name} ({before + 1})" if before else name for name, before in zip(names, seen, strict=True)]
 
 
-def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, StoredRun, int]:
+# Of the images of each run of a table, so many must be common: one run that scored a few would else shrink it for all.
+LEAST_COMMON = 0.5
+
+
+def reference_of(run: StoredRun) -> str:
+    """Digest of the reference of a run, on all its images."""
+    return str(run.summary.manifest.reference)
+
+
+def common_images(runs: Sequence[StoredRun]) -> CommonImages:
+    """The images that all runs scored; those of the same reference scored the same."""
+    return CommonImages(list({reference_of(run): run.frames for run in runs}.values()))
+
+
+def on_common_images(runs: Sequence[StoredRun]) -> tuple[list[StoredRun], str]:
+    """Restrict runs to the images that all of them scored: their rows, summed again, and metrics; not their summary.
+
+    Args:
+        runs: that compare.
+
+    Returns:
+        runs: on these images.
+        reference: digest of the first's reference on these images.
+    """
+    if len({reference_of(run) for run in runs}) == 1:
+        return list(runs), reference_of(runs[0])
+    images, found = common_images(runs), []
+    for run in runs:
+        objects, frames = _rows_on(run, images)
+        sums = sum_run(objects, frames, protocol=run.protocol)
+        metrics = summary_of(sums, protocol=run.protocol)
+        found.append(replace(run, objects=objects, frames=frames, sums=sums, metrics=metrics))
+    return found, _digest(runs[0], images)
+
+
+def why_apart(runs: Sequence[StoredRun], other: StoredRun) -> str:
+    """Say why a run stands in no table with others: too few images in common, or another reference on them; or ""."""
+    if any(reference_of(run) == reference_of(other) for run in runs):
+        return ""
+    images = common_images([*runs, other])
+    common, scored = images.count(), max(run.summary.images.evaluated for run in (*runs, other))
+    if not common or common < LEAST_COMMON * scored:
+        return f"only {common} images are common, of {scored} that one of the runs scored"
+    same = _digest(runs[0], images) == _digest(other, images)
+    return "" if same else f"the reference changed on the {common} images that all scored"
+
+
+def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, StoredRun, int]:
     """Restrict two runs of the same data and protocol to the images that both scored.
 
     Returns:
-        before: with its rows on these images.
-        after: the same.
+        before: on these images.
+        after: on these images.
         common: how many images both scored.
 
     Raises:
@@ -90,27 +137,21 @@ def on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, St
     """
     for run in (before, after):
         refuse_unscored(run.summary, run.folder)
-    numbers = [run.summary.images.evaluated for run in (before, after)]
-    if before.summary.manifest.reference == after.summary.manifest.reference:
-        return before, after, numbers[0]
-    images = CommonImages([before.frames, after.frames])
-    common = images.count()
-    refused = f"{before.folder} and {after.folder} do not compare: "
-    if not common:
-        raise UsageError(f"{refused}no image was scored by both; the first has {numbers[0]}, the second {numbers[1]}")
-    if digest(before, images) != digest(after, images):
-        differences = "; ".join(_differences(before, after, images))
-        raise UsageError(f"{refused}their references differ on the {common} images that both scored: {differences}")
-    return restricted(before, images), restricted(after, images), common
+    common = before.summary.images.evaluated
+    if reference_of(before) != reference_of(after):
+        images = common_images([before, after])
+        refused, common = f"{before.folder} and {after.folder} do not compare: ", images.count()
+        if not common:
+            scored = [run.summary.images.evaluated for run in (before, after)]
+            raise UsageError(f"{refused}no image was scored by both; the first has {scored[0]}, the second {scored[1]}")
+        if _digest(before, images) != _digest(after, images):
+            differ = "; ".join(_differences(before, after, images))
+            raise UsageError(f"{refused}their references differ on the {common} images that both scored: {differ}")
+    (before, after), _ = on_common_images([before, after])
+    return before, after, common
 
 
-def restricted(run: StoredRun, images: CommonImages) -> StoredRun:
-    """A run with its rows on some images, summed again; its summary stays that of all."""
-    objects, frames = _rows_on(run, images)
-    return replace(run, objects=objects, frames=frames, sums=sum_run(objects, frames, protocol=run.protocol))
-
-
-def digest(run: StoredRun, images: CommonImages) -> str:
+def _digest(run: StoredRun, images: CommonImages) -> str:
     """Of the reference on some images of a run."""
     return reference_digest(*_rows_on(run, images))
 

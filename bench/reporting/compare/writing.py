@@ -15,22 +15,20 @@ import pandas as pd
 from bench.atomic import replacing
 from bench.evaluation import find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.reporting import document
+from bench.harness.stages import Progress
 from bench.reporting.compare.changes import (
     HEADLINES,
     LISTED,
     RunComparison,
     compare_runs,
     paired_objects,
-    recording_values,
     verdict_line,
 )
 from bench.reporting.compare.pictures import draw_changed_frames, frame_title
 from bench.reporting.compare.runs import read_comparable
-from bench.reporting.document import Block, Cell, Column, Heading, Paragraph, Picture, Table
-from bench.reporting.formats import CEILING, INTERVALS, LABELS, hundredths, metric_cell, write_texts
-from bench.reporting.side_by_side import Progress
-from bench.reporting.stored_run import StoredRun
+from bench.reporting.document import Block, Cell, Column, Heading, Heads, Paragraph, Picture, Report, Table, to_latex
+from bench.reporting.formats import CEILING, INTERVALS, LABELS, hundredths, metric_cell
+from bench.reporting.stored_run import StoredRun, recording_values
 
 NOTE = (
     "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs: the "
@@ -44,24 +42,6 @@ NOTE = (
     "object-frames in each run where detection differs; TPR and IoU over all are not. Chance: the same objects on the "
     f"mask of another frame. Ceiling: on the same images, {CEILING}."
 )
-
-
-def _title(comparisons: Sequence[RunComparison]) -> str:
-    """For example "rigid-scene, learned against spherical"."""
-    return f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}"
-
-
-def report(comparisons: Sequence[RunComparison], *, out: Path) -> Iterator[Block]:
-    """The first run with each of the others, without a title; `out` is the folder from which links to runs lead."""
-    first = comparisons[0].before.summary
-    data = first.manifest.dataset
-    yield Paragraph(
-        f"Data set {data.name}, {data.split or 'all recordings'}, protocol {first.protocol.name} "
-        f"({first.protocol.digest[:12]}), reference {str(first.manifest.reference)[:12]}."
-    )
-    for comparison in comparisons:
-        yield from _section(comparison, out)
-    yield Paragraph(NOTE)
 
 
 def points(ratio: float) -> str:
@@ -87,7 +67,7 @@ def _bound(ratio: float) -> str:
     return "" if math.isnan(ratio) else hundredths(ratio)
 
 
-_COLUMNS: dict[str, Column | Cell | str] = {
+_COLUMNS: dict[str, Heads] = {
     "metric": Column("Metric", lambda name: find_metric(name).label),
     "label": "Type",
     "verdict": "Verdict",
@@ -145,13 +125,14 @@ def headline_table(comparison: RunComparison) -> Table:
 
 def _recording_table(comparison: RunComparison) -> Table:
     """The metrics that are judged, by recording: all moving objects of each, and its whole images."""
+    sides = {"before": comparison.before, "after": comparison.after}
+    values = pd.concat({side: recording_values(run.sums)[0] for side, run in sides.items()}, axis=1).sort_index()
+    columns = [Column(f"{label}: {side}", _bound) for label in HEADLINES.values() for side in sides]
     return Table(
         title="By recording, percent, before and after",
-        columns=["Recording", *(Column(f"{label}: {side}", _bound) for label in HEADLINES.values()
-                                for side in ("before", "after"))],
-        rows=recording_values(comparison.before, comparison.after).reset_index(),
-        words=1,
-    )  # fmt: skip
+        columns=["Recording", *columns],
+        rows=values[[(side, name) for name in HEADLINES for side in sides]].reset_index(),
+    )
 
 
 def _further_table(changes: pd.DataFrame) -> Table:
@@ -165,10 +146,9 @@ def _change_table(
     changes: pd.DataFrame, metrics: Iterable[str], title: str, words: Sequence[str], numbers: Sequence[str]
 ) -> Table:
     """For each metric the rows that have it."""
-    shown = [*words, *numbers]
     held = changes[changes["frames"] > 0].reset_index()
     rows = pd.concat([held[held["metric"] == metric] for metric in metrics])
-    return Table(title=title, columns=[_COLUMNS[name] for name in shown], rows=rows[shown], words=len(words))
+    return Table(title=title, columns={n: _COLUMNS[n] for n in (*words, *numbers)}, rows=rows, words=len(words))
 
 
 def _detection_table(comparison: RunComparison) -> Table:
@@ -184,10 +164,11 @@ def _frame_table(kind: str, frames: pd.DataFrame) -> Table:
     if frames["track_id"].notna().all():
         what, which = "coverage", f"largest first, one per object, at most {LISTED}"
     names = [frame_title(frame).removeprefix(kind).lstrip(": ") for frame in frames.to_dict("records")]
+    before = Column(f"{what} before, percent", hundredths)
     return Table(
         title=f"{kind.capitalize()}: {which}",
-        columns=["Frame", Column(f"{what} before, percent", hundredths), Column("after", hundredths)],
-        rows=frames[["before", "after"]].assign(name=names)[["name", "before", "after"]],
+        columns={"name": "Frame", "before": before, "after": Column("after", hundredths)},
+        rows=frames.assign(name=names),
     )
 
 
@@ -197,12 +178,8 @@ _LATEX_NOTE = (
 )
 
 
-def to_latex(comparisons: Sequence[RunComparison]) -> str:
-    r"""A float for each pair of runs, both runs in the lines of each row; `\label` "tab:compare-<run>-<run>"."""
-    return "\n".join(map(_latex, comparisons))
-
-
 def _latex(comparison: RunComparison) -> str:
+    r"""A float for a pair of runs, both in the lines of each row; `\label` "tab:compare-<run>-<run>"."""
     runs, first = (comparison.before, comparison.after), comparison.before.summary
     judged = comparison.changes.query("frames > 0 and metric in @HEADLINES")
     rows: list[list[object]] = []
@@ -210,12 +187,11 @@ def _latex(comparison: RunComparison) -> str:
         of_metric = part.droplevel(["breakdown", "slice"])
         counted = of_metric["metric_before"].iloc[0]
         for run, side in zip(runs, ("before", "after"), strict=True):
-            cells = of_metric[f"metric_{side}"].map(metric_cell)
             counts = [of_metric["label"].iloc[0], run.label, counted.recordings, counted.cases]
-            rows.append([*counts, *map(cells.get, HEADLINES)])
+            rows.append([*counts, *map(of_metric[f"metric_{side}"].get, HEADLINES)])
     table = Table(
         title=" and ".join(run.label for run in runs),
-        columns=["Type", "Run", "Recordings", "Cases", *HEADLINES.values()],
+        columns=["Type", "Run", "Recordings", "Cases", *(Column(label, metric_cell) for label in HEADLINES.values())],
         rows=rows,
         words=2,
         note=_LATEX_NOTE,
@@ -223,17 +199,44 @@ def _latex(comparison: RunComparison) -> str:
     split = first.manifest.dataset.split
     data = f"data set {first.manifest.dataset.name}{f', split {split}' if split else ''}, {first.protocol.name}"
     about = f"{comparison.methods[0]} and {comparison.methods[1]}, {data}"
-    return document.to_latex([table], label="-".join(["compare", *(run.label for run in runs)]), about=about)
+    return to_latex([table], label="-".join(["compare", *(run.label for run in runs)]), about=about)
 
 
 SCHEMA_VERSION = 1
 _CHANGED = ("gained", "lost", "both")
 
 
-def to_csv(comparisons: Sequence[RunComparison]) -> str:
-    """One line per pair of runs, row and metric, ratios at full precision; empty where there is no number."""
+def report(comparisons: Sequence[RunComparison], *, out: Path) -> Report:
+    """The first run with each of the others; of numbers a line per pair of runs, row and metric, ratios in [0, 1].
+
+    Args:
+        comparisons: with the same first run.
+        out: folder from which links to runs lead.
+    """
+    first = comparisons[0].before.summary
+    data = first.manifest.dataset
+    about = (
+        f"Data set {data.name}, {data.split or 'all recordings'}, protocol {first.protocol.name} "
+        f"({first.protocol.digest[:12]}), reference {str(first.manifest.reference)[:12]}."
+    )
+    sections = (block for comparison in comparisons for block in _section(comparison, out))
     tables = {(c.before.label, c.after.label): _numbers(c).assign(**_images(c)) for c in comparisons}
-    return pd.concat(tables, names=["before_run", "after_run"]).droplevel(2).to_csv(lineterminator="\n")
+    return Report(
+        title=f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}",
+        blocks=[Paragraph(about), *sections, Paragraph(NOTE)],
+        numbers=pd.concat(tables, names=["before_run", "after_run"]).droplevel(2).reset_index(),
+        content={
+            "schema_version": SCHEMA_VERSION,
+            "note": NOTE,
+            "dataset": data.name,
+            "split": data.split,
+            "protocol": first.protocol.model_dump(),
+            "reference": first.manifest.reference,
+            "comparisons": [_json_comparison(comparison) for comparison in comparisons],
+        },
+        latex="\n".join(map(_latex, comparisons)),
+        page=True,
+    )
 
 
 def _images(comparison: RunComparison) -> dict[str, int]:
@@ -247,35 +250,6 @@ def _numbers(comparison: RunComparison) -> pd.DataFrame:
     counts = ["p_value", "cases_before", "cases_after", "recordings"]
     shown = ["row", "frames", "metric", "verdict", "before", "after", "difference", *counts]
     return table[[*shown, "ci95_low", "ci95_high", "p_holm", "chance_before", "chance_after", "ceiling"]]
-
-
-def write_object_changes(file: Path, comparisons: Sequence[RunComparison]) -> None:
-    """Write one line per object-frame that was gained, was lost, or changed its coverage, a part of them at a time."""
-    columns = ["before_run", "after_run", "recording", "camera", "timestamp_ns", "track_id", "object_class", "category",
-               "range_m", "region_px", "change", "coverage_before", "coverage_after", "iou_before",
-               "iou_after"]  # fmt: skip
-    with replacing(file) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
-        stream.write(",".join(columns) + "\n")
-        for comparison in comparisons:
-            for rows in paired_objects(comparison.before, comparison.after):
-                changed = rows[rows["change"].isin(_CHANGED) & (rows["coverage_before"] != rows["coverage_after"])]
-                changed = changed.assign(before_run=comparison.before.label, after_run=comparison.after.label)
-                changed[columns].to_csv(stream, header=False, index=False, lineterminator="\n")
-
-
-def to_json(comparisons: Sequence[RunComparison]) -> str:
-    """Everything but the object-frames, at full precision; null where there is no number."""
-    first = comparisons[0].before.summary
-    content = {
-        "schema_version": SCHEMA_VERSION,
-        "note": NOTE,
-        "dataset": first.manifest.dataset.name,
-        "split": first.manifest.dataset.split,
-        "protocol": first.protocol.model_dump(),
-        "reference": first.manifest.reference,
-        "comparisons": [_json_comparison(comparison) for comparison in comparisons],
-    }
-    return document.to_json(content)
 
 
 def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
@@ -303,6 +277,20 @@ def _json_run(run: StoredRun) -> dict[str, Any]:
     }
 
 
+def write_object_changes(file: Path, comparisons: Sequence[RunComparison]) -> None:
+    """Write one line per object-frame that was gained, was lost, or changed its coverage, a part of them at a time."""
+    columns = ["before_run", "after_run", "recording", "camera", "timestamp_ns", "track_id", "object_class", "category",
+               "range_m", "region_px", "change", "coverage_before", "coverage_after", "iou_before",
+               "iou_after"]  # fmt: skip
+    with replacing(file) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+        stream.write(",".join(columns) + "\n")
+        for comparison in comparisons:
+            for rows in paired_objects(comparison.before, comparison.after):
+                changed = rows[rows["change"].isin(_CHANGED) & (rows["coverage_before"] != rows["coverage_after"])]
+                changed = changed.assign(before_run=comparison.before.label, after_run=comparison.after.label)
+                changed[columns].to_csv(stream, header=False, index=False, lineterminator="\n")
+
+
 _TERMINAL_NOTE = (
     "Differences in percentage points, with 95 % intervals by recording, in pairs; p: corrected over the rows of a "
     f"metric; a verdict needs {FEWEST_RECORDINGS} recordings (recs). All metrics, chance and ceiling: compare.html."
@@ -315,7 +303,6 @@ def terminal_report(comparison: RunComparison) -> list[Block]:
 
 
 CHANGES = "object_changes.csv"
-NAMES = ("compare.html", "compare.md", "compare.csv", CHANGES, "compare.json", "compare.tex")
 _PICTURE_NAME = re.compile(r"\d\d-\d\d-[a-z-]+\.jpg")
 
 
@@ -349,18 +336,10 @@ def write_comparison(
         numbered = enumerate(comparisons, start=1)
         folder = out / "pictures"
         comparisons = [draw_changed_frames(c, folder, number=number, progress=progress) for number, c in numbered]
-    title, blocks = _title(comparisons), list(report(comparisons, out=out))
-    texts = {
-        "compare.html": document.to_page(title, blocks, folder=out),
-        "compare.md": document.to_markdown([Heading(title, 1), *blocks]),
-        "compare.csv": to_csv(comparisons),
-        "compare.json": to_json(comparisons),
-        "compare.tex": to_latex(comparisons),
-    }
     shown = [name for comparison in comparisons for name in comparison.pictures]
-    write_texts(out, texts)
+    files = report(comparisons, out=out).write(out, "compare")
     write_object_changes(out / CHANGES, comparisons)
     for old in sorted((out / "pictures").glob("*.jpg")):
         if old.name not in shown and _PICTURE_NAME.fullmatch(old.name):
             old.unlink()
-    return comparisons, (*(out / name for name in NAMES), *(out / "pictures" / name for name in shown))
+    return comparisons, (*files, out / CHANGES, *(out / "pictures" / name for name in shown))

@@ -4,32 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
-from importlib import resources
 from pathlib import Path
 from urllib.parse import quote
 
-from markupsafe import Markup
-
+from bench.atomic import write_text
 from bench.errors import BenchError
+from bench.harness.stages import Progress
 from bench.recordings import load_card
 from bench.reporting import document
 from bench.reporting.canvas import write_picture
-from bench.reporting.count_view import AREA_COLOURS, AREA_NAMES
-from bench.reporting.formats import write_texts
 from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.pictures import Example, draw_examples
 from bench.reporting.leaderboard.reading import RANKING_PROTOCOL, Group, Leaderboard
-from bench.reporting.leaderboard.texts import (
-    NOTES,
-    best_methods,
-    json_group,
-    report,
-    to_csv,
-    to_json,
-)
+from bench.reporting.leaderboard.texts import NOTES, best_methods, json_group, report
+from bench.reporting.overlay import AREA_COLOURS, AREA_NAMES
 from bench.reporting.page.charts import Chart, inline_svg
-from bench.reporting.side_by_side import Progress
 
 CHART = "quality-and-cost"
 DIGITS = 5  # of the page's numbers, which it shows with fewer; leaderboard.json has all
@@ -56,23 +45,18 @@ def write_leaderboard(
         files: the page first.
         problems: why pictures are missing, one line each.
     """
-    examples: dict[str, tuple[Example, ...]] = {}
+    examples: dict[str, list[Example]] = {}
     problems: list[str] = []
     for group in found.groups if pictures else ():
         if group.judged and group.dataset not in examples and _rendered(group):
             examples[group.dataset], missing = draw_examples(group, progress=progress)
             problems += missing
     charted = [group for group in found.groups if group.judged and any(entry.cost for entry in group.methods)]
-    figure = draw_quality_and_cost(charted) if charted else None
-    texts = {
-        "index.html": _page(found, out, charted=charted, examples=examples),
-        "leaderboard.md": document.to_markdown(report(found, charts=[CHART_OF_ALL] if charted else [])),
-        "leaderboard.csv": to_csv(found),
-        "leaderboard.json": to_json(found),
-    }
-    files = write_texts(out, texts)
-    if figure is not None:
-        files += write_picture(out / CHART, figure)
+    page = out / "index.html"
+    write_text(page, _page(found, out, charted=charted, examples=examples))
+    files = (page, *report(found, charts=[CHART_OF_ALL] if charted else []).write(out, "leaderboard"))
+    if charted:
+        files += write_picture(out / CHART, draw_quality_and_cost(charted))
     return files, tuple(problems)
 
 
@@ -84,7 +68,7 @@ def _rendered(group: Group) -> bool:
         return False
 
 
-def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: dict[str, tuple[Example, ...]]) -> str:
+def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: dict[str, list[Example]]) -> str:
     charts = [
         Chart(
             name=f"{CHART}-{number}",
@@ -94,26 +78,22 @@ def _page(found: Leaderboard, out: Path, *, charted: Sequence[Group], examples: 
         for number, group in enumerate(charted, start=1)
     ]
     groups = [json_group(group) | {"pages": _pages(group, out)} for group in found.groups]
-    data = {"groups": groups, "examples": {name: [asdict(one) for one in some] for name, some in examples.items()}}
+    data = {"groups": groups, "examples": examples}
     shown = json.loads(document.to_json(data), parse_float=lambda number: round(float(number), DIGITS))
-    text: str = (
-        document.environment()
-        .get_template("leaderboard/board.html.j2")
-        .render(
-            data=shown,
-            charts=[inline_svg(chart) for chart in charts],
-            best=list(best_methods(found)),
-            damaged=found.damaged,
-            linked=any(group["pages"] for group in groups),
-            judged=RANKING_PROTOCOL,
-            notes=NOTES,
-            areas=[(colour, AREA_NAMES[kind]) for kind, colour in AREA_COLOURS.items()],
-            pictures=any(examples.values()),
-            style=_packaged("bench.reporting.page", "page.css") + _packaged("bench.reporting.leaderboard", "board.css"),
-            script=_packaged("bench.reporting.leaderboard", "board.js"),
-        )
+    return document.render(
+        "leaderboard/board.html.j2",
+        data=shown,
+        charts=[inline_svg(chart) for chart in charts],
+        best=list(best_methods(found)),
+        damaged=found.damaged,
+        linked=any(group["pages"] for group in groups),
+        judged=RANKING_PROTOCOL,
+        notes=NOTES,
+        areas=[(colour, AREA_NAMES[kind]) for kind, colour in AREA_COLOURS.items()],
+        pictures=any(examples.values()),
+        style=document.packaged("page/page.css") + document.packaged("leaderboard/board.css"),
+        script=document.packaged("leaderboard/board.js"),
     )
-    return text
 
 
 def _pages(group: Group, out: Path) -> dict[str, str]:
@@ -121,7 +101,3 @@ def _pages(group: Group, out: Path) -> dict[str, str]:
     pages = {entry.run: (entry.folder / "index.html").resolve() for entry in group.entries}
     inside = {run: page for run, page in pages.items() if page.is_relative_to(out.resolve()) and page.is_file()}
     return {run: quote(page.relative_to(out.resolve()).as_posix()) for run, page in inside.items()}
-
-
-def _packaged(package: str, name: str) -> Markup:
-    return Markup(resources.files(package).joinpath(name).read_text("utf-8"))  # ours

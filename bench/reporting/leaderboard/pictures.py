@@ -6,7 +6,7 @@ An image is stored once. What a run made of it is a layer of flat colours, one p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,36 +14,21 @@ from numpy.typing import NDArray
 
 from bench.errors import BenchError
 from bench.harness import FramePipeline, ProcessedFrame
+from bench.harness.stages import Progress
 from bench.reporting import canvas
-from bench.reporting.count_view import AREA_COLOURS, detected_pixels, false_positive_text, pixel_classes
 from bench.reporting.formats import LABELS, frame_name
 from bench.reporting.frame_pictures import example_frames
 from bench.reporting.leaderboard.reading import Group
-from bench.reporting.side_by_side import ImageKey, Progress, draw_images
+from bench.reporting.overlay import AREA_COLOURS, detected_pixels, false_positive_text, pixel_classes
+from bench.reporting.side_by_side import ImageKey, draw_images
 from bench.reporting.stored_run import read_stored_run
 
 WIDTH_PX, LAYER_PX = 480, 320
+Example = dict[str, Any]  # an image and what each run made of it, as the page takes it
 QUALITY, STRENGTH = 72, 170  # of JPEG; of the colours, of 255
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Example:
-    """An image and what each run made of it.
-
-    Attributes:
-        title: kind of motion, and which image it is.
-        image: `data:` address.
-        layers: run -> `data:` address of its areas.
-        notes: run -> its false positives.
-    """
-
-    title: str
-    image: str
-    layers: dict[str, str]
-    notes: dict[str, str]
-
-
-def draw_examples(group: Group, *, progress: Progress | None = None) -> tuple[tuple[Example, ...], tuple[str, ...]]:
+def draw_examples(group: Group, *, progress: Progress | None = None) -> tuple[list[Example], list[str]]:
     """Draw one image of each kind of motion: that in which an object of it fills most pixels, whoever finds it.
 
     Args:
@@ -51,7 +36,8 @@ def draw_examples(group: Group, *, progress: Progress | None = None) -> tuple[tu
         progress: called with the runs done and their number.
 
     Returns:
-        examples: with the layers of those runs that could be drawn.
+        examples: `title` (kind of motion, and which image it is), `image` (`data:` address), and by run `layers` (its
+            areas) and `notes` (its false positives), of those that could be drawn.
         problems: why others could not, one line each.
     """
     images: dict[ImageKey, str] = {}
@@ -62,7 +48,7 @@ def draw_examples(group: Group, *, progress: Progress | None = None) -> tuple[tu
         if key not in examples:
             title = f"{images[key]}: {frame_name(frames[0].reference)}"
             photograph = canvas.jpeg_uri(_photograph(frames[0].pixels), quality=QUALITY)
-            examples[key] = Example(title=title, image=photograph, layers={}, notes={})
+            examples[key] = {"title": title, "image": photograph, "layers": {}, "notes": {}}
         return _layer(frames[0]), false_positive_text(frames[0])
 
     for number, entry in enumerate(group.entries, start=1):
@@ -74,10 +60,10 @@ def draw_examples(group: Group, *, progress: Progress | None = None) -> tuple[tu
             drawn, failed = {}, [str(error)]
         problems |= dict.fromkeys(f"{entry.run}: {problem}" for problem in failed)
         for key, (layer, note) in drawn.items():
-            examples[key].layers[entry.run], examples[key].notes[entry.run] = layer, note
+            examples[key]["layers"][entry.run], examples[key]["notes"][entry.run] = layer, note
         if progress is not None:
             progress(number, len(group.entries))
-    return tuple(examples[key] for key in images if key in examples), tuple(problems)
+    return [examples[key] for key in images if key in examples], list(problems)
 
 
 def _photograph(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:

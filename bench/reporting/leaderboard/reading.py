@@ -11,9 +11,8 @@ from pathlib import Path
 
 from bench.atomic import is_temporary
 from bench.errors import BenchError, DataError
-from bench.evaluation import find_metric, summary_of
-from bench.evaluation.rows import CommonImages
-from bench.evaluation.summary import Metric, ObjectMetrics, Summary
+from bench.evaluation import find_metric
+from bench.evaluation.summary import Metric, ObjectMetrics
 from bench.evaluation.sums import ALL_MOVING
 from bench.exchange.bundle import is_bundle
 from bench.exchange.verify import is_verified
@@ -22,7 +21,7 @@ from bench.harness.manifest import differences
 from bench.harness.perf import MethodCost, read_cost
 from bench.harness.stored import reference_digest, refuse_unscored
 from bench.reporting import formats
-from bench.reporting.compare.runs import digest, name_methods, restricted
+from bench.reporting.compare.runs import name_methods, on_common_images, reference_of, why_apart
 from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.sweep import TABLE as TABLE_OF_SWEEP
 
@@ -30,8 +29,6 @@ UNITS = "units"  # a run that did not end has these and no summary
 ORDERED_BY = "iou"
 RANKING_PROTOCOL = "surface-v1"  # orders methods as exact masks do (reports/paper/reference.md)
 FALSE_POSITIVES, OF_PIXELS = "false_positive_coverage", "segmentation_iou"  # of whole images, the same in every row
-# Of the images of each run, so many must be common: one run that scored a few would else shrink the table of all.
-LEAST_COMMON = 0.5
 
 
 class Kind(StrEnum):
@@ -160,7 +157,7 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     sound, damaged, packed = read_runs(folder)
     groups: list[Group] = []
     for runs in _of_one_protocol(sound):
-        if len({_reference(run) for run in runs}) > 1:
+        if len({reference_of(run) for run in runs}) > 1:
             runs = readable(runs, damaged)
         groups += [group_of(alike) for alike in _comparable(runs)]
     most: dict[str, int] = {}
@@ -215,7 +212,7 @@ def readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list[
     readable = []
     for run in runs:
         try:
-            if reference_digest(run.objects, run.frames) != _reference(run):
+            if reference_digest(run.objects, run.frames) != reference_of(run):
                 raise DataError(
                     run.folder, expected="the tables that summary.json is of", got="those of another reference"
                 )
@@ -253,47 +250,22 @@ def _comparable(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
     return groups
 
 
-def why_apart(group: Sequence[StoredRun], run: StoredRun) -> str:
-    """Say why a run stands in no table with others: too few images in common, or another reference on them; or ""."""
-    if any(_reference(one) == _reference(run) for one in group):
-        return ""
-    images = _common_images([*group, run])
-    common, scored = images.count(), max(one.summary.images.evaluated for one in (*group, run))
-    if not common or common < LEAST_COMMON * scored:
-        return f"only {common} images are common, of {scored} that one of the runs scored"
-    same = digest(group[0], images) == digest(run, images)
-    return "" if same else f"the reference changed on the {common} images that all scored"
-
-
-def _reference(run: StoredRun) -> str:
-    return str(run.summary.manifest.reference)
-
-
-def _common_images(runs: Sequence[StoredRun]) -> CommonImages:
-    """The images of all runs; those of the same reference scored the same."""
-    return CommonImages(list({_reference(run): run.frames for run in runs}.values()))
-
-
 def group_of(runs: Sequence[StoredRun]) -> Group:
     """Take runs that compare over the images that all of them scored."""
-    first = runs[0]
-    reference, summaries = _reference(first), [run.metrics for run in runs]
-    if len({_reference(run) for run in runs}) > 1:
-        images = _common_images(runs)
-        reference = digest(first, images)
-        summaries = [summary_of(restricted(run, images).sums, protocol=run.protocol) for run in runs]
+    compared, reference = on_common_images(runs)
+    first, metrics = runs[0].summary, compared[0].metrics
     methods = name_methods([run.summary for run in runs], hidden=HIDDEN_SETTINGS)
-    entries = [_entry(run, of_run, own) for run, of_run, own in zip(runs, summaries, methods, strict=True)]
-    categories = {name: row for name, row in summaries[0].categories.items() if row.object_frames}
+    entries = [_entry(run, own) for run, own in zip(compared, methods, strict=True)]
+    categories = {name: row for name, row in metrics.categories.items() if row.object_frames}
     return Group(
-        dataset=first.summary.manifest.dataset.name,
-        card=first.summary.manifest.dataset.card,
-        split=first.summary.manifest.dataset.split,
-        protocol=first.summary.protocol.name,
-        protocol_digest=first.summary.protocol.digest,
+        dataset=first.manifest.dataset.name,
+        card=first.manifest.dataset.card,
+        split=first.manifest.dataset.split,
+        protocol=first.protocol.name,
+        protocol_digest=first.protocol.digest,
         reference_digest=reference,
-        images=summaries[0].images.evaluated,
-        rows={ALL_MOVING: summaries[0].all_moving} | categories,
+        images=metrics.images.evaluated,
+        rows={ALL_MOVING: metrics.all_moving} | categories,
         entries=tuple(sorted(entries, key=_best_first)),
         unreviewed=next((run.summary.unreviewed for run in runs if run.summary.unreviewed), ""),
     )
@@ -308,8 +280,8 @@ ORACLE_SETTINGS = ("sees_the_truth", "sees_the_reference")  # true for what is g
 HIDDEN_SETTINGS = (*ORACLE_SETTINGS, "scenario")  # distinguish no methods: a table says the kind, and a path is a path
 
 
-def _entry(run: StoredRun, compared: Summary, method: str) -> Entry:
-    summary, code = run.summary, run.summary.manifest.code
+def _entry(run: StoredRun, method: str) -> Entry:
+    summary, compared, code = run.summary, run.metrics, run.summary.manifest.code
     commit = "" if code.commit is None else f" {code.commit[:8]}{'+' if code.commit.endswith('+') else ''}"
     of_images = {FALSE_POSITIVES: compared.false_positives.coverage, OF_PIXELS: compared.segmentation.iou}
     of_rows = {ALL_MOVING: compared.all_moving} | compared.categories

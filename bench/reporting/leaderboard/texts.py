@@ -11,12 +11,13 @@ from bench.evaluation import load_protocol
 from bench.evaluation.summary import Metric
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness.manifest import SHOWN_DIGEST
-from bench.reporting import document, formats
-from bench.reporting.document import Block, Cell, Heading, Items, Paragraph, Table
+from bench.harness.perf import MethodCost
+from bench.reporting import formats
+from bench.reporting.compare.runs import LEAST_COMMON
+from bench.reporting.document import Block, Cell, Column, Heading, Heads, Items, Paragraph, Report, Table
 from bench.reporting.formats import annotations_field, metric_cell, metric_record
 from bench.reporting.leaderboard.reading import (
     FALSE_POSITIVES,
-    LEAST_COMMON,
     OF_PIXELS,
     ORDERED_BY,
     RANKING_PROTOCOL,
@@ -93,31 +94,34 @@ def _method(entry: Entry) -> str:
     return f"{entry.method}{_SUFFIXES[entry.kind]}{failures}{verified}"
 
 
-def report(found: Leaderboard, *, charts: Sequence[Block] = ()) -> Iterator[Block]:
-    """Two tables per group, then the runs that cannot be read.
+def report(found: Leaderboard, *, charts: Sequence[Block] = ()) -> Report:
+    """Two tables per group, then the runs that cannot be read; a line of numbers per run, row and metric.
 
     Args:
         found: the leaderboard.
         charts: what stands above the tables.
     """
-    yield Heading("Leaderboard", 1)
-    yield Paragraph(" ".join(NOTES))
-    yield from charts
+    blocks: list[Block] = [Paragraph(" ".join(NOTES)), *charts]
     for group in found.groups:
-        yield from (Heading(group_title(group)), _overall(group), _by_row(group))
+        blocks += [Heading(group_title(group)), _overall(group), _by_row(group)]
     if found.damaged:
-        yield Heading("Runs that cannot be read")
-        yield Items([f"{run}: {fault}" for run, fault in found.damaged])
+        blocks += [Heading("Runs that cannot be read"), Items([f"{run}: {fault}" for run, fault in found.damaged])]
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "note": " ".join(NOTES),
+        "best": list(best_methods(found)),
+        "groups": [json_group(group) for group in found.groups],
+        "damaged": [{"run": run, "fault": fault} for run, fault in found.damaged],
+    }
+    return Report(title="Leaderboard", blocks=blocks, numbers=_records(found), content=content)
 
 
 def _overall(group: Group) -> Table:
     """Every metric over all moving objects."""
     shown = shown_metrics(group)
-    columns = ["Method", *shown.values(), "ms per image", "Images", "Run", "Date", "Code"]
-    rows = [
-        [_method(e), *(metric_cell(e.metrics[name]) for name in shown), _cost(e), e.images, e.run, e.date, e.code]
-        for e in group.entries
-    ]
+    metrics = [Column(label, metric_cell) for label in shown.values()]
+    columns: list[Heads] = ["Method", *metrics, Column("ms per image", _cost), "Images", "Run", "Date", "Code"]
+    rows = [[_method(e), *map(e.metrics.get, shown), e.cost, e.images, e.run, e.date, e.code] for e in group.entries]
     ceiling = _ceiling_line(group, [(ALL_MOVING, name) for name in shown], len(columns))
     return Table(title="All moving objects", columns=columns, rows=[*ceiling, *rows])
 
@@ -125,18 +129,17 @@ def _overall(group: Group) -> Table:
 def _by_row(group: Group) -> Table:
     """IoU of each kind of motion."""
     kinds = {name: row for name, row in group.rows.items() if name != ALL_MOVING}
-    columns = ["IoU over all object-frames", *(formats.LABELS[name] for name in kinds), "False positives"]
+    headings = [*(formats.LABELS[name] for name in kinds), "False positives"]
+    columns: list[Heads] = ["IoU over all object-frames", *(Column(text, metric_cell) for text in headings)]
     keys = [*((name, ORDERED_BY) for name in kinds), (ALL_MOVING, FALSE_POSITIVES)]
-    frames = [f"{row.object_frames}, {row.recordings}" for row in kinds.values()]
-    rows = [
-        [f"{entry.method}{_SUFFIXES[entry.kind]}", *(metric_cell(entry.values[row][name]) for row, name in keys)]
-        for entry in group.entries
-    ]
-    above: list[Sequence[object]] = [
-        ["object-frames, recordings", *frames, ""],
+    frames = [Cell(f"{row.object_frames}, {row.recordings}") for row in kinds.values()]
+    rows: list[Sequence[object]] = [
+        ["object-frames, recordings", *frames, None],
         *_ceiling_line(group, keys, len(columns)),
-    ]
-    return Table(title="By kind of motion", columns=columns, rows=[*above, *rows])
+        *([f"{entry.method}{_SUFFIXES[entry.kind]}", *(entry.values[row][name] for row, name in keys)]
+          for entry in group.entries),
+    ]  # fmt: skip
+    return Table(title="By kind of motion", columns=columns, rows=rows)
 
 
 def _ceiling_line(group: Group, keys: Sequence[tuple[str, str]], columns: int) -> list[list[object]]:
@@ -144,22 +147,22 @@ def _ceiling_line(group: Group, keys: Sequence[tuple[str, str]], columns: int) -
     values = [group.ceiling(row, name) for row, name in keys]
     if any(entry.kind is Kind.CEILING for entry in group.entries) or all(map(math.isnan, values)):
         return []
-    cells = [None if math.isnan(value) else formats.percent(value) for value in values]
+    cells = [None if math.isnan(value) else Cell(formats.percent(value)) for value in values]
     return [["ceiling: the exact masks", *cells, *[None] * (columns - len(cells) - 1)]]
 
 
-def to_csv(found: Leaderboard) -> str:
-    """One line per run, row and metric, ratios at full precision; empty where there is no number."""
-    return document.to_csv(
-        _fields(group, _OF_GROUP) | {"images_compared": group.images} | _fields(entry, _OF_ENTRY)
-        | {"method_ms": entry.cost and entry.cost.method_ms, "farneback_ms": entry.cost and entry.cost.farneback_ms,
-           "row": row, "metric": name, **metric_record(metric), "ceiling": _known_ceiling(group, row, name)}
-        | annotations_field(group.unreviewed)
-        for group in found.groups
-        for entry in group.entries
-        for row in group.rows
-        for name, metric in entry.values[row].items()
-    )  # fmt: skip
+def _records(found: Leaderboard) -> Iterator[dict[str, object]]:
+    """One line per run, row and metric, ratios in [0, 1]."""
+    for group in found.groups:
+        of_group = _fields(group, _OF_GROUP) | {"images_compared": group.images}
+        for entry in group.entries:
+            cost = {name: entry.cost and getattr(entry.cost, name) for name in ("method_ms", "farneback_ms")}
+            for row in group.rows:
+                for name, metric in entry.values[row].items():
+                    yield of_group | _fields(entry, _OF_ENTRY) | cost | {
+                        "row": row, "metric": name, **metric_record(metric),
+                        "ceiling": _known_ceiling(group, row, name), **annotations_field(group.unreviewed),
+                    }  # fmt: skip
 
 
 _OF_GROUP = ("dataset", "split", "protocol", "protocol_digest", "reference_digest")
@@ -175,18 +178,6 @@ def _known_ceiling(group: Group, row: str, name: str) -> float | None:
         return None
     value = group.ceiling(row, name)
     return None if math.isnan(value) else value
-
-
-def to_json(found: Leaderboard) -> str:
-    """Convert what the page shows to JSON, at full precision; null where there is no number."""
-    content = {
-        "schema_version": SCHEMA_VERSION,
-        "note": " ".join(NOTES),
-        "best": list(best_methods(found)),
-        "groups": [json_group(group) for group in found.groups],
-        "damaged": [{"run": run, "fault": fault} for run, fault in found.damaged],
-    }
-    return document.to_json(content)
 
 
 def json_group(group: Group) -> dict[str, object]:
@@ -280,5 +271,5 @@ def _unreviewed(group: Group) -> str:
     return f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
 
 
-def _cost(entry: Entry) -> str:
-    return "" if entry.cost is None else f"{entry.cost.method_ms:.1f} ({entry.cost.ratio:.2f} Farnebäck)"
+def _cost(cost: MethodCost) -> str:
+    return f"{cost.method_ms:.1f} ({cost.ratio:.2f} Farnebäck)"

@@ -3,37 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from bench.evaluation import Metric, find_metric, summary_of
+from bench.evaluation import Metric, find_metric
 from bench.evaluation.definitions import OBJECT_FRAMES
 from bench.harness import FramePipeline, ProcessedFrame
+from bench.harness.stages import Progress
 from bench.reference import Category
-from bench.reporting.compare.runs import on_common_images, read_comparable
+from bench.reporting.compare.runs import pair_on_common_images, read_comparable
 from bench.reporting.document import Column, Picture, Table
 from bench.reporting.formats import LABELS, headline_metrics, image_name, with_interval
 from bench.reporting.frame_pictures import example_frames
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.page.worst import image_key, worst_objects
-from bench.reporting.side_by_side import ImageKey, Progress, Side, draw_images, draw_side_by_side
+from bench.reporting.side_by_side import ImageKey, Side, draw_images, draw_side_by_side
 from bench.reporting.stored_run import StoredRun, read_stored_run
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Beside:
-    """Comparison of both runs on the page.
-
-    Attributes:
-        table: both values of the headline metrics, on the images that both scored.
-        pictures: in the order of the kinds of motion.
-        problems: why pictures are missing, one line each.
-    """
-
-    table: Table
-    pictures: list[Picture]
-    problems: list[str]
+Beside = tuple[Table, list[Picture], list[str]]  # both values, pictures, why pictures are missing
 
 
 def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | None = None) -> Beside:
@@ -45,6 +32,11 @@ def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | 
         pictures: draw images from the data set.
         progress: called with the images done and their number.
 
+    Returns:
+        table: both values of the headline metrics, on the images that both scored.
+        pictures: in the order of the kinds of motion.
+        problems: why pictures are missing, one line each.
+
     Raises:
         DataError: the other run is damaged.
         UsageError: they are of different data or protocols, or scored no image in common.
@@ -53,7 +45,7 @@ def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | 
         read_stored_run(one.folder, label=one.label, category=run.category)
         for one in read_comparable([run.folder, other])
     ]
-    one, two, common = on_common_images(*both)
+    one, two, common = pair_on_common_images(*both)
     chosen = _chosen(one, two) if pictures else {}
     uris, problems = draw_images((one, two), chosen, partial(_picture, (one, two)), progress=progress)
     found = [Picture(uris[key], title, title) for key, title in chosen.items() if key in uris]
@@ -63,7 +55,7 @@ def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | 
         rows=_values(one, two),
         look="metrics",
     )
-    return Beside(table=table, pictures=found, problems=problems)
+    return table, found, problems
 
 
 def _picture(runs: Sequence[StoredRun], _: ImageKey, frames: Sequence[ProcessedFrame], __: FramePipeline) -> str:
@@ -72,7 +64,7 @@ def _picture(runs: Sequence[StoredRun], _: ImageKey, frames: Sequence[ProcessedF
 
 
 def _values(one: StoredRun, two: StoredRun) -> list[tuple[str, Metric, Metric]]:
-    found = [headline_metrics(summary_of(run.sums, protocol=run.protocol)) for run in (one, two)]
+    found = [headline_metrics(run.metrics) for run in (one, two)]
     metrics = [find_metric(name) for name in found[0]]
     shown = [metric for metric in metrics if one.category is None or metric.over == OBJECT_FRAMES]
     return [(metric.label, found[0][metric.name], found[1][metric.name]) for metric in shown]

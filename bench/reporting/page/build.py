@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
-
 from bench.atomic import write_text
 from bench.evaluation import published
+from bench.harness.stages import Progress
 from bench.reference import Category
-from bench.reporting.document import Block, Folded, Paragraph, environment
+from bench.reporting.document import Block, Folded, Paragraph, packaged, render
 from bench.reporting.findings import run_findings
 from bench.reporting.formats import LABELS
 from bench.reporting.page import tables
@@ -22,7 +20,6 @@ from bench.reporting.page.charts import draw_charts, inline_svg
 from bench.reporting.page.object_table import table_data
 from bench.reporting.page.summary import breakdowns, kind_tables, remarks, tiles
 from bench.reporting.page.worst import IMAGE_NOTE, OBJECT_NOTE, Card, Gallery, worst_cases
-from bench.reporting.side_by_side import Progress
 from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.tables import left_out_note, rows_with_cases, table_note, table_rows, text_tables
 
@@ -71,12 +68,12 @@ def write_page(
     worst, problems = worst_cases(run, most=most, pictures=pictures, progress=progress)
     file = out or folder / ("index.html" if category is None else f"index-{category.value}.html")
     write_text(file, _render(run, worst, problems, pair, pictures=pictures))
-    return Page(file=file, problems=tuple(dict.fromkeys([*problems, *(pair.problems if pair else ())])))
+    return Page(file=file, problems=tuple(dict.fromkeys([*problems, *(pair[-1] if pair else ())])))
 
 
 def _render(run: StoredRun, worst: list[Gallery], problems: list[str], pair: Beside | None, *, pictures: bool) -> str:
     whole, found, made = run.category is None, run.metrics, run.summary.provenance
-    cards = [card for gallery in worst for card in gallery.cards]
+    cards = [card for *_, of_gallery in worst for card in of_gallery]
     recordings = found.false_positives.recordings
     of_recordings = "" if recordings is None else f" of {recordings} recordings"
     context: dict[str, Any] = {
@@ -109,12 +106,11 @@ def _render(run: StoredRun, worst: list[Gallery], problems: list[str], pair: Bes
         "origin": [tables.origin_table(run)],
         "ledger": tables.ledger_tables(found),
         "findings": run_findings(run.folder),
-        "style": _packaged("page.css"),
-        "script": _packaged("page.js"),
+        "style": packaged("page/page.css"),
+        "script": packaged("page/page.js"),
         "svg": inline_svg,
     }
-    text: str = environment().get_template("page/page.html.j2").render(context)
-    return text
+    return render("page/page.html.j2", **context)
 
 
 def _results(run: StoredRun) -> list[Block]:
@@ -133,7 +129,3 @@ def _pictured(cards: Sequence[Card]) -> dict[tuple[str, str, int, str], str]:
     """The card of every object and, under track "", of every image; of several cards of an image the first."""
     shown = [card for card in reversed(cards) if card.view]
     return {(*card.key, track): card.element for card in shown for track in ("", card.track or "")}
-
-
-def _packaged(name: str) -> Markup:
-    return Markup(resources.files("bench.reporting.page").joinpath(name).read_text("utf-8"))  # ours

@@ -12,14 +12,12 @@ import pandas as pd
 from bench.evaluation import RowSource
 from bench.evaluation.definitions import coverage, intersection_over_union
 from bench.evaluation.protocol import known_protocols
-from bench.evaluation.rows import IMAGE, group_recordings, read_parts, sort_rows
+from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, group_recordings, read_parts, sort_rows
 from bench.reporting.stored_run import StoredRun, pick
 
 LISTED = 20_000  # 2 MB of the page
-EVALUATED = "evaluated"
-KEY = (*IMAGE, "track_id")
 COLUMNS = (
-    *KEY,
+    *OBJECT,
     *("object_class", "status", "reason", "category", "range_m", "ego_speed_mps", "points", "region_px"),
     *("tp", "fn", "fp"),
 )
@@ -42,7 +40,7 @@ def listed_rows(source: RowSource, *, pictured: Collection[ObjectKey], most: int
         nonlocal annotated
         for part in read_parts(source, COLUMNS):
             annotated += len(part)
-            yield sort_rows(part, KEY)
+            yield sort_rows(part, OBJECT)
 
     rows = pick(sorted_parts(), lambda rows: _first(rows, pictured, most))
     return rows, annotated
@@ -53,7 +51,7 @@ def _first(rows: pd.DataFrame, pictured: Collection[ObjectKey], most: int) -> pd
     if len(rows) <= most:
         return rows
     scored = rows["status"] == EVALUATED
-    with_picture = pd.MultiIndex.from_frame(rows[list(KEY)]).isin(list(pictured)) if pictured else False
+    with_picture = pd.MultiIndex.from_frame(rows[OBJECT]).isin(list(pictured)) if pictured else False
     ranks = pd.DataFrame(
         {"picture": with_picture, "scored": scored, "coverage": -coverage(rows).where(scored), "px": rows["region_px"]},
         index=rows.index,
@@ -106,7 +104,7 @@ def table_data(run: StoredRun, *, pictured: Mapping[ObjectKey, str], most: int =
 
 
 def _keys(rows: pd.DataFrame) -> list[ObjectKey]:
-    return list(rows[list(KEY)].itertuples(index=False, name=None))
+    return list(rows[OBJECT].itertuples(index=False, name=None))
 
 
 def _texts(rows: pd.DataFrame, name: str) -> pd.Series[str]:
@@ -127,7 +125,7 @@ def _numbers(values: pd.Series[Any], digits: int) -> list[float | int | None]:
 def _image_indices(run: StoredRun, keys: Sequence[ObjectKey]) -> list[int]:
     """Index of each image among those of its camera; the first ones, which have no history, are in no table."""
     history = 1 if run.summary.manifest.method.history is None else run.summary.manifest.method.history
-    wanted = pd.DataFrame(keys, columns=list(KEY))[IMAGE]
+    wanted = pd.DataFrame(keys, columns=OBJECT)[IMAGE]
     counts = run.frames.recordings()
     found = []
     for group in group_recordings({name: counts[name] for name in set(wanted["recording"])}):

@@ -7,15 +7,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import pandas as pd
-
 from bench.evaluation import Metric, find_metric
 from bench.evaluation.summary import ObjectMetrics, Summary
-from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.reporting.document import Bar, Cell, Column, Table
 from bench.reporting.formats import chance_of, metric_cell, percent
 from bench.reporting.page.worst import Card
-from bench.reporting.stored_run import StoredRun
+from bench.reporting.stored_run import StoredRun, recording_values
 
 COUNTS = ("object-frames", "objects", "recordings")
 BREAKDOWN_METRICS = ("iou", "tpr_all", "detection_rate_50", "detection_rate", "unknown_share")
@@ -77,15 +74,12 @@ def breakdown_table(caption: str, heading: str, rows: Mapping[str, ObjectMetrics
 
 def recording_table(run: StoredRun, cards: Sequence[Card]) -> Table:
     """The recordings with the lowest IoU first, those without object-frames last; at most `LISTED_RECORDINGS`."""
-    sums = run.sums.set_index("recording")
-    wanted = {"iou": ALL_MOVING, "tpr_all": ALL_MOVING, "false_positive_coverage": FRAMES}
-    rows = {name: sums[(sums["breakdown"] == of) & (sums["metric"] == name)] for name, of in wanted.items()}
-    found = pd.DataFrame({name: of["numerator"] / of["denominator"] for name, of in rows.items()})
-    cases = pd.DataFrame({name: of["denominator"] for name, of in rows.items()})
-    found = found.assign(object_frames=cases["iou"], images=cases["false_positive_coverage"]).rename_axis("recording")
+    values, cases = recording_values(run.sums)
+    found = values[["iou", "tpr_all", "false_positive_coverage"]].assign(
+        object_frames=cases["iou"], images=cases["false_positive_coverage"]
+    )
     found = found.reset_index().sort_values(["iou", "recording"], ignore_index=True)
     first = {card.key[0]: card.element for card in reversed(cards)}
-    found = found.fillna({"object_frames": 0, "images": 0})
     shares = [Column(heading, percent) for heading in ("IoU, all", "TPR, all", "wrongly marked")]
     counts = [Column(heading, "{:.0f}".format) for heading in ("object-frames", "images")]
     shown = f", {LISTED_RECORDINGS} of {len(found)}" if len(found) > LISTED_RECORDINGS else ""

@@ -17,15 +17,22 @@ from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows
 from bench.evaluation.definitions import coverage, false_share
 from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, read_parts, sort_rows
 from bench.harness import FramePipeline, ProcessedFrame
+from bench.harness.stages import Progress
 from bench.reference import Category, ReferenceObject, Status
 from bench.reporting.canvas import jpeg_uri
-from bench.reporting.count_view import PixelClass, detected_pixels, overlay_counts, pixel_classes
 from bench.reporting.document import Cell, Paragraph, Table
 from bench.reporting.formats import LABELS, frame_name, image_name
-from bench.reporting.overlay import captioned, overlay_polygons
+from bench.reporting.overlay import (
+    PixelClass,
+    captioned,
+    detected_pixels,
+    overlay_counts,
+    overlay_polygons,
+    pixel_classes,
+)
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.panels import draw_panels
-from bench.reporting.side_by_side import ImageKey, Progress, Side, draw_images, draw_side_by_side
+from bench.reporting.side_by_side import ImageKey, Side, draw_images, draw_side_by_side
 from bench.reporting.stored_run import StoredRun, pick
 
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
@@ -282,35 +289,23 @@ class Card:
         return ", ".join(f"{heading} {text}" for heading, text in self.facts.items() if text)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Gallery:
-    """The worst object-frames of a kind, or images, worst first.
+Gallery = tuple[str, Table | Paragraph, list[Card]]  # kind of motion or of images, table of the cards, the worst first
 
-    Attributes:
+
+def gallery(title: str, of: str, cards: list[Card]) -> Gallery:
+    """The cards as rows that lead to them; columns that nothing is known of are left out.
+
+    Args:
         title: names the kind.
         of: "object" or "image".
-        cards: with pictures.
+        cards: the worst first.
     """
-
-    title: str
-    of: str
-    cards: list[Card]
-
-    @property
-    def table(self) -> Table | Paragraph:
-        """The cards as rows that lead to them; columns that nothing is known of are left out."""
-        if not self.cards:
-            none = {"object": "No object-frame of this kind was evaluated.", "image": "No image has false marks."}
-            return Paragraph(none[self.of], "bad")
-        headings = [heading for heading in self.cards[0].facts if any(card.facts[heading] for card in self.cards)]
-        return Table(
-            title=f"{self.title}, the worst first",
-            columns=[self.of, *headings],
-            rows=[
-                [Cell(card.title, link=f"#{card.element}"), *(card.facts[heading] for heading in headings)]
-                for card in self.cards
-            ],
-        )
+    if not cards:
+        none = {"object": "No object-frame of this kind was evaluated.", "image": "No image has false marks."}
+        return title, Paragraph(none[of], "bad"), cards
+    headings = [heading for heading in cards[0].facts if any(card.facts[heading] for card in cards)]
+    rows = [[Cell(card.title, link=f"#{card.element}"), *map(card.facts.get, headings)] for card in cards]
+    return title, Table(title=f"{title}, the worst first", columns=[of, *headings], rows=rows), cards
 
 
 def worst_cases(
@@ -334,12 +329,12 @@ def worst_cases(
     keys = {image_key(row) for rows in (*objects.values(), images) for row in rows} if pictures else set()
     views, problems = draw_images([run], keys, lambda _, frames, of: _view(frames[0], of), progress=progress)
     galleries = [
-        Gallery(title=LABELS[name], of="object", cards=[_card(f"worst-{name}-{n}", row, views) for n, row in rows])
-        for name, rows in ((name, enumerate(rows)) for name, rows in objects.items())
+        gallery(LABELS[name], "object", [_card(f"worst-{name}-{n}", row, views) for n, row in enumerate(rows)])
+        for name, rows in objects.items()
     ]
     if run.category is None:
         cards = [_card(f"false-{n}", row, views) for n, row in enumerate(images)]
-        galleries.append(Gallery(title="Most false marks", of="image", cards=cards))
+        galleries.append(gallery("Most false marks", "image", cards))
     return galleries, problems
 
 

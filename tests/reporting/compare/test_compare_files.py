@@ -16,7 +16,7 @@ from bench.reporting.compare.writing import points, terminal_report, write_compa
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed
 
-NAMES = ["compare.html", "compare.md", "compare.csv", "object_changes.csv", "compare.json", "compare.tex"]
+NAMES = ["compare.html", "compare.md", "compare.csv", "compare.json", "compare.tex", "object_changes.csv"]
 
 
 @pytest.fixture(scope="module")

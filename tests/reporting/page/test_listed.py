@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from bench.evaluation import rows
-from bench.evaluation.rows import TableRows
-from bench.reporting.page.object_table import KEY, listed_rows
+from bench.evaluation.rows import OBJECT, TableRows
+from bench.reporting.page.object_table import listed_rows
 from tests.evaluation.runs import random_run, shuffled
 
 
 def keys(content):
-    return [tuple(row[name] for name in KEY) for row in content]
+    return [tuple(row[name] for name in OBJECT) for row in content]
 
 
 @pytest.mark.parametrize("rows_at_once", [1, 20, 10_000])

@@ -15,8 +15,8 @@ from bench.reporting.page.worst import (
     OF_IMAGE,
     OF_OBJECT,
     Card,
-    Gallery,
     facts_of_missed,
+    gallery,
     image_facts,
     object_facts,
     worst_frames,
@@ -120,7 +120,7 @@ def test_the_worst_stand_in_one_table_that_leads_to_their_pictures():
         Card(element=f"worst-{n}", key=("a", "front", n), title=f"car {n}", view=None, facts=object_facts(row, {}))
         for n, row in enumerate([ROW, ROW | {"coverage": 0.4}])
     ]
-    table = Gallery(title="Crossing", of="object", cards=cards).table
+    _, table, _ = gallery("Crossing", "object", cards)
     assert [heading.text for heading in table.headings()][:2] == ["object", "found"]
     assert "undefined" not in [heading.text for heading in table.headings()], "of no card"
     assert [(cells[0].link, cells[1].text) for cells in table.cells()] == [("#worst-0", "20 %"), ("#worst-1", "40 %")]
