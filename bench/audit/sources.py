@@ -23,7 +23,7 @@ from bench.execution import FailedTask, TaskExecutor
 from bench.harness import provenance as origin
 from bench.harness.manifest import CodeOfRun
 from bench.harness.provenance import Provenance
-from bench.harness.stages import Progress, StageClock
+from bench.harness.stages import Progress, StageClock, add_up
 from bench.methods import FlowMethod, MethodInput
 from bench.recordings import DatasetCard, MountedCamera, Recording, RecordingHandle, open_dataset
 from bench.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Status
@@ -198,9 +198,7 @@ def audit_each(
     if not done:
         lost = DataError(card.file, expected="a recording that can be audited", got="; ".join(failures) or "none")
         raise next((outcome for outcome in ordered.values() if isinstance(outcome, DataError)), lost)
-    images, clock = sum(one.images for one in done), StageClock()
-    for one in done:
-        clock.add(one.clock)
+    images, seconds = sum(one.images for one in done), add_up(one.clock.seconds for one in done)
     return [one.found for one in done], StoredAudit(
         dataset=card.name,
         card=str(card.file),
@@ -210,7 +208,7 @@ def audit_each(
         failures=(*failures, *(problem for one in done for problem in one.problems)),
         data=origin.combined_digest([one.digest for one in done]),
         code=CodeOfRun.here(),
-        provenance=origin.provenance_since(start_s, stage_seconds=clock.seconds, images=images),
+        provenance=origin.provenance_since(start_s, stage_seconds=seconds, images=images),
     )
 
 

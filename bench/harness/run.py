@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TypeVar
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import Protocol, sum_run, summary_of, write_sums
@@ -23,7 +21,7 @@ from bench.harness.method_of_run import MethodOfRun
 from bench.harness.provenance import Provenance, Work, largest_resident_mb, provenance_since
 from bench.harness.reference_files import ReferenceFolder
 from bench.harness.run_folder import begin_run, held_run_folder, new_results
-from bench.harness.stages import Progress
+from bench.harness.stages import Progress, add_up
 from bench.harness.stored import (
     IMAGE_MAPS,
     SCHEMA_VERSION,
@@ -49,7 +47,6 @@ from bench.recordings.openlabel import NOT_REVIEWED
 SERIAL = SerialExecutor()
 LARGEST_BATCH = 16  # recordings a worker
 
-Number = TypeVar("Number", int, float)
 Finish = Callable[[Path, RunSummary], None]
 
 
@@ -203,16 +200,16 @@ class ScoredPart:
         computed = [unit for unit, result in self.results.items() if run in result.computed]
         return provenance_since(
             self.start_s,
-            stage_seconds=_sum([{"open": opening_s}, *(result.seconds for result in results)]),
+            stage_seconds=add_up([{"open": opening_s}, *(result.seconds for result in results)]),
             images=images,
             work=Work(
                 workers=self.workers,
                 units_computed=len(computed),
                 units_reused=len(self.digests(run)) - len(computed),
                 images_computed=sum(unit.images for unit in computed),
-                changed=_sum(dict.fromkeys(result.changed, 1) for result in results),
-                steps_found=_sum(result.steps_found for result in results),
-                steps_computed=_sum(result.steps_computed for result in results),
+                changed=add_up(dict.fromkeys(result.changed, 1) for result in results),
+                steps_found=add_up(result.steps_found for result in results),
+                steps_computed=add_up(result.steps_computed for result in results),
             ),
             peak_memory_mb=max([largest_resident_mb(), *(result.peak_memory_mb for result in results)]),
         )
@@ -387,11 +384,3 @@ def _caveats(request: RunRequest, metrics: Summary, recordings: Sequence[Planned
     return "\n".join(
         part for part in (unreviewed, not_annotated(metrics), request.card.content.caveats, errors, exported) if part
     )
-
-
-def _sum(counted: Iterable[Mapping[str, Number]]) -> dict[str, Number]:
-    """Add up by name."""
-    total: Counter[str] = Counter()
-    for one in counted:
-        total.update(one)
-    return dict(sorted(total.items()))

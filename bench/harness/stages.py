@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from time import perf_counter
+from typing import TypeVar
+
+Number = TypeVar("Number", int, float)
 
 
 class StageClock:
@@ -32,6 +35,14 @@ class StageClock:
             self.seconds[name] += whole - self._within.pop()
             if self._within:
                 self._within[-1] += whole
+
+
+def add_up(counted: Iterable[Mapping[str, Number]]) -> dict[str, Number]:
+    """Add up by name, for example the seconds of several clocks."""
+    total: Counter[str] = Counter()
+    for one in counted:
+        total.update(one)
+    return dict(sorted(total.items()))
 
 
 Progress = Callable[[float, int], None]
