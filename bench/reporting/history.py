@@ -24,12 +24,11 @@ from bench.errors import DataError
 from bench.evaluation import Metric, find_metric
 from bench.harness.code_state import commit_time
 from bench.harness.manifest import Aspect, differences
-from bench.reporting import canvas
+from bench.reporting import canvas, document
 from bench.reporting.compare.changes import HEADLINES, RunComparison, Verdict, changes_over_everything, compare_runs
 from bench.reporting.compare.runs import why_apart
 from bench.reporting.compare.writing import points, points_interval
 from bench.reporting.document import Block, Cell, Column, Heading, Items, Paragraph, Picture, Report, Style, Table
-from bench.reporting.document import to_latex as floats
 from bench.reporting.formats import INTERVALS, annotations_field, metric_cell, metric_record
 from bench.reporting.leaderboard.reading import Group, group_of, read_runs, readable
 from bench.reporting.stored_run import StoredRun
@@ -351,7 +350,7 @@ def report(found: History) -> Report:
         own = [*_blocks(series)]
         blocks += [Heading(title), Picture(f"history-{number}.png", text, " ".join(_breaks(series))), *own]
         tables = [block for block in own if isinstance(block, Table)]
-        latex.append(floats(tables, label=f"history-{number}", about=title))
+        latex.append(document.to_latex(tables, label=f"history-{number}", about=title))
     blocks += _alone(found)
     if found.damaged:
         blocks += [Heading("Runs that cannot be read"), Items([f"{run}: {fault}" for run, fault in found.damaged])]

@@ -79,8 +79,14 @@ def report(scores: pd.DataFrame, minutes: float, *, dataset: str, recordings: Se
 def write_proposal_scores(
     out: Path, scores: pd.DataFrame, minutes: float, *, dataset: str, recordings: Sequence[str]
 ) -> tuple[Path, ...]:
-    """Write `evaluate.html`, `.md` and `.csv` into a folder, which is made; their paths. The arguments are those of
-    `report`.
+    """Write `evaluate.html`, `.md` and `.csv`; their paths.
+
+    Args:
+        out: folder, is made.
+        scores: as all that follow, see `report`.
+        minutes: how long the sweeps took.
+        dataset: name of the data set.
+        recordings: that were compared.
 
     Raises:
         OutputError: a file cannot be written.

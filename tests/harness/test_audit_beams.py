@@ -20,6 +20,7 @@ from bench.recordings import Recording, load_card, open_dataset
 from bench.records.recording import PointIndices, SweepRef
 from bench.reference.grid import Grid, find_grid
 from bench.reporting.audit_beams import beams_table, draw_beams
+from tests.reporting.printed import texts
 from tests.support.commands import call, error_line
 from tests.support.runs import run_one
 
@@ -165,7 +166,7 @@ def test_methods_are_ranked_beside_the_exact_masks(tiny_card, tmp_path):
     found = thinned(tiny_card, tmp_path, "16", "truth,truth:grow_px=30,nothing", recordings=1)
     assert found.predictions == ("truth", "truth:grow_px=30", "nothing")
     assert [row.tau.value for row in rows_of(found)] == pytest.approx([1, 1])
-    assert [row[-1].text for row in beams_table(found).cells()[:2]] == ["1.00", "1.00"]
+    assert [row[-1] for row in texts(beams_table(found))[:2]] == ["1.00", "1.00"]
     assert [axes.get_title() for axes in draw_beams(found).axes][-1] == "Kendall's tau"
     with pytest.raises(UsageError, match="expected different methods"):
         thinned(tiny_card, tmp_path, "16", "nothing,nothing")
@@ -183,7 +184,7 @@ def test_the_command_prints_the_table_and_leaves_the_files(monkeypatch, capsys, 
     found, text = read_beams(tmp_path), (tmp_path / "beams.md").read_text()
     table = beams_table(found)
     assert table.title in text
-    assert all(f"| {' | '.join(cell.text for cell in row)} |" in text for row in table.cells())
+    assert all(f"| {' | '.join(row)} |" in text for row in texts(table))
     rows = list(csv.DictReader((tmp_path / "beams.csv").read_text().splitlines()))
     assert [float(row["ceiling"]) for row in rows] == [row.ceiling for row in found.rows]
     assert {row["tau"] for row in rows} == {""}

@@ -54,18 +54,14 @@ from bench.reporting.audit_ranking import (
     overview_table,
     ranking_tables,
 )
-from bench.reporting.document import Table
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
+from tests.reporting.printed import texts
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
 from tests.support.runs import run_one
 
 WRONG = (ExactMasks(shape="hull"), ExactMasks(grow_px=4), ExactMasks(drop_share=0.5))
 ANY = [Prediction(name=name, method=build_method(name)) for name in ("everything", "nothing", "frame-difference")]
-
-
-def texts(table: Table) -> list[list[str]]:
-    return [[cell.text for cell in row] for row in table.cells()]
 
 
 def row(*, by_lidar: list[float], by_masks: list[float], recordings: int = 1, predictions=ANY) -> RankedRow:

@@ -30,8 +30,8 @@ from bench.reporting.audit_pictures import (
     write_examples,
 )
 from bench.reporting.audit_tables import audit_tables, for_terminal, report, speed_table
-from bench.reporting.document import Table, to_csv, to_markdown
-from tests.reporting.printed import printed
+from bench.reporting.document import to_csv, to_markdown
+from tests.reporting.printed import printed, texts
 
 METHOD = build_method("spherical", {"threshold": 0.01})  # so that something is missed
 
@@ -48,17 +48,13 @@ def audit(folder: Path) -> AuditSummary:
     return read_audit(folder)
 
 
-def texts(table: Table) -> list[list[str]]:
-    return [[cell.text for cell in row] for row in table.cells()]
-
-
 def test_markdown_holds_every_table_in_full(audit: AuditSummary):
     text = to_markdown(report(audit).blocks)
     tables = audit_tables(audit)
     assert [line[3:] for line in text.splitlines() if line.startswith("## ")] == [t.title for t in tables]
     for table in tables:
         assert table.note in text
-        assert all(f"| {' | '.join(cell.text for cell in row)} |" in text for row in table.cells())
+        assert all(f"| {' | '.join(row)} |" in text for row in texts(table))
 
 
 def test_shares_of_a_line_are_100_percent(audit: AuditSummary):

@@ -28,7 +28,7 @@ from bench.reporting.document import (
     to_latex,
     to_markdown,
 )
-from tests.reporting.printed import printed
+from tests.reporting.printed import printed, texts
 
 HOSTILE = "# a|b <script>x</script> `c` *d* [e](f) &lt; $x$ 50 % {y} \\z\x1b[2J\n::error::p\u202e"
 TABLE = Table(
@@ -131,7 +131,7 @@ def test_a_first_word_that_repeats_the_one_above_is_left_out_on_the_terminal():
 def test_a_frame_is_a_table_and_few_rows_of_many_columns_stand_upright():
     frame = pd.DataFrame({"name": ["a", "b"], "share": [0.5, math.nan], "count": [1, 2]})
     table = Table(columns=["name", Column("share", "{:.1f}".format), "count"], rows=frame)
-    assert [[cell.text for cell in row] for row in table.cells()] == [["a", "0.5", "1"], ["b", "nan", "2"]]
+    assert texts(table) == [["a", "0.5", "1"], ["b", "nan", "2"]]
     by_name = Table(
         columns={"count": "Count", "share": Column("share", lambda share: Cell(f"{share}", ("x",)))}, rows=frame
     )
@@ -140,9 +140,9 @@ def test_a_frame_is_a_table_and_few_rows_of_many_columns_stand_upright():
     assert [cell.text for cell in by_name.headings()] == ["Count", "share"]
     upright = Table(columns=list(frame), rows=frame).transposed()
     assert [cell.text for cell in upright.headings()] == ["", "a", "b"]
-    assert [[cell.text for cell in row] for row in upright.cells()] == [["share", "0.5", "n/a"], ["count", "1", "2"]]
+    assert texts(upright) == [["share", "0.5", "n/a"], ["count", "1", "2"]]
     bare = Table(columns=["a", "b"], rows=[[1, 2]], words=0).transposed()
-    assert [[cell.text for cell in row] for row in bare.cells()] == [["a", "1"], ["b", "2"]]
+    assert texts(bare) == [["a", "1"], ["b", "2"]]
 
 
 def test_csv_and_json_carry_numbers_without_loss():
