@@ -166,14 +166,24 @@ def test_stale_bytecode_is_refused(tiny_card, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_a_source_that_was_edited_after_it_was_imported_is_refused(tiny_card, tmp_path, module):
-    """A notebook that goes on with the older state; imported again, the module is what its source says."""
-    own = tmp_path / "own" / "brightness.py"
-    own.write_text(CELL.replace("LEVEL)", "LEVEL + 50)"))
-    with pytest.raises(DataError, match=r"brightness\.py: expected bytecode of this source.*import it again"):
-        score(tiny_card, tmp_path / "run", method=module.Bright())
-    assert not (tmp_path / "run").exists()
-    MethodCode.of(reload(module).Bright())
+def test_a_source_that_was_edited_since_its_import_is_not_taken_for_its_new_state(tiny_card, tmp_path, module):
+    """What the older state answers is never found done; imported again, the module is what its source says."""
+    run, source = tmp_path / "run", tmp_path / "own" / "brightness.py"
+
+    def computed() -> int:
+        return score(tiny_card, run, method=module.Bright()).provenance.work.units_computed
+
+    source.write_text(CELL.replace("> LEVEL", "> LEVEL + 50"))
+    assert [computed(), computed()] == [ALL, ALL]
+    older = bytes_of(run)["frames.parquet"]
+    reload(module)
+    assert [computed(), computed()] == [ALL, NONE]
+    assert bytes_of(run)["frames.parquet"] != older
+    source.write_text(f"# where lines stand changes nothing\n{source.read_text()}")
+    assert MethodCode.of(reload(module).Bright()).unidentified == ""
+    source.write_text("def half(:")
+    with pytest.raises(DataError, match=r"brightness\.py: expected the file as it was when the run began"):
+        computed()
 
 
 DYNAMIC = """

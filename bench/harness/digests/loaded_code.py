@@ -1,4 +1,4 @@
-"""The source of a loaded module: what it imports, whether it was loaded from it, what the process changed since."""
+"""The source of a loaded module: what it imports, whether it was loaded from it, what was changed since."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import marshal
 import sys
 from collections.abc import Iterator
 from functools import cache
+from importlib.machinery import SourceFileLoader
 from importlib.util import MAGIC_NUMBER
+from inspect import getattr_static
 from itertools import accumulate
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 
 from bench.errors import DataError
 
@@ -42,10 +44,7 @@ def imported_names(module: str, path: Path, sha256: str) -> frozenset[str]:
 
 
 def refuse_stale_bytecode(module: ModuleType, path: Path, sha256: str) -> None:
-    """Refuse a module whose bytecode is not that of its source.
-
-    Python takes it for that of its source by time and size alone; or the source was edited after it was imported.
-    Where Python writes no bytecode, what it does not take may lie there from an older source.
+    """Refuse a module whose bytecode Python takes for that of its source, by time and size, though it is of another.
 
     Args:
         module: as it is loaded.
@@ -61,14 +60,15 @@ def refuse_stale_bytecode(module: ModuleType, path: Path, sha256: str) -> None:
     content, state = Path(cached).read_bytes(), path.stat()
     flags, seconds, size = (int.from_bytes(content[place : place + 4], "little") for place in (4, 8, 12))
     by_time = not flags and (seconds, size) == (int(state.st_mtime) & 0xFFFFFFFF, state.st_size & 0xFFFFFFFF)
-    taken = by_time or not sys.dont_write_bytecode
-    if content[:4] == MAGIC_NUMBER and taken and marshal.loads(content[16:]) != _compiled(path, sha256):
-        hint = "import it again in a new process; if that does not help, remove that file"
+    if content[:4] == MAGIC_NUMBER and by_time and marshal.loads(content[16:]) != _compiled(path, sha256):
+        hint = "remove that file, and start again"
         raise DataError(path, expected="bytecode of this source", got=f"that of another one, in {cached}", hint=hint)
 
 
 def changed_here(module: ModuleType, path: Path, sha256: str) -> str | None:
-    """Name of something in a module that this process changed after it was loaded; None where nothing shows.
+    """Name of something in a module that is not as its source has it; None where nothing shows.
+
+    The process changed it after it was loaded, or the source was edited since.
 
     Args:
         module: as it is loaded.
@@ -78,8 +78,10 @@ def changed_here(module: ModuleType, path: Path, sha256: str) -> str | None:
     for name, value in _constants(path, sha256).items():
         if _canonical(getattr(module, name, None)) != _canonical(value):
             return f"{module.__name__}.{name}"
+    compiled_by_python = type(module.__loader__) is SourceFileLoader  # tools such as pytest compile by themselves
     for name, function in _functions(module):
-        if _is_typed(function):
+        of_this_file = compiled_by_python and function.__code__.co_filename == module.__file__
+        if _is_typed(function) or (of_this_file and _code(function.__code__) not in _codes(path, sha256)):
             return f"{module.__name__}.{name}"
     return None
 
@@ -104,7 +106,7 @@ def _tree(path: Path, _: str) -> ast.Module:
 
 
 @cache
-def _compiled(path: Path, _: str) -> object:
+def _compiled(path: Path, _: str) -> CodeType:
     return compile(path.read_bytes(), path, "exec", dont_inherit=True)
 
 
@@ -126,13 +128,35 @@ def _constants(path: Path, sha256: str) -> dict[str, object]:
     return found
 
 
+@cache
+def _codes(path: Path, sha256: str) -> frozenset[object]:
+    """All code of functions of a source; none of what does not compile, as a file half edited."""
+    try:
+        found = [_compiled(path, sha256)]
+    except (SyntaxError, ValueError):
+        return frozenset()
+    for code in found:  # it grows meanwhile
+        found += [inner for inner in code.co_consts if isinstance(inner, CodeType)]
+    return frozenset(map(_code, found))
+
+
+def _code(code: CodeType) -> object:
+    """All that decides what code does, the same wherever its lines stand."""
+    constants = [_code(one) if isinstance(one, CodeType) else _canonical(one) for one in code.co_consts]
+    return code.co_qualname, code.co_code, code.co_names, code.co_varnames, code.co_freevars, tuple(constants)
+
+
 def _functions(module: ModuleType) -> Iterator[tuple[str, FunctionType]]:
     """Functions of a module and of its own classes, by name."""
     for name, value in list(vars(module).items()):
         own = isinstance(value, type) and value.__module__ == module.__name__
         inside = {f"{name}.{part}": held for part, held in vars(value).items()} if own else {name: value}
         for inner, held in inside.items():
-            held = getattr(held, "__wrapped__", getattr(held, "__func__", getattr(held, "fget", held)))
+            if isinstance(held, property):
+                held = held.fget
+            elif isinstance(held, staticmethod | classmethod):
+                held = held.__func__
+            held = getattr_static(held, "__wrapped__", held)  # it runs no code, as some modules' objects would
             if isinstance(held, FunctionType):
                 yield inner, held
 

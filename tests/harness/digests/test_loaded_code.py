@@ -7,8 +7,28 @@ import pytest
 from bench.harness.digests.loaded_code import changed_here, imported_names
 
 SOURCE = """
+from ctypes import cdll
+from functools import cache
+
 NAMES = {"run", "gate", "view", "sweep", "audit", "compare", "validate", "report", "leaderboard", "evaluate"}
 BY_NAME = {"sets": {"a", "b", "c", "d", "e"}, "list": [1, 2.0, (True, None)]}
+
+@cache
+def answer():
+    return {"of": 41}["of"] + 1
+
+class Held:
+    @staticmethod
+    def still():
+        return answer()
+
+    @classmethod
+    def own(cls):
+        return cls.still()
+
+    @property
+    def value(self):
+        return self.own()
 """
 
 
@@ -32,6 +52,29 @@ def test_a_constant_that_was_changed_in_the_process_is_named(module, change):
     vars(loaded).update(change)
     (name,) = change
     assert changed_here(loaded, path, "1") == f"{loaded.__name__}.{name}"
+
+
+def test_code_that_was_executed_is_as_its_source_has_it_wherever_its_lines_stand(module):
+    loaded, path = module
+    assert {loaded.Held().value for _ in range(100)} == {42}
+    path.write_text(f"# a remark\n{SOURCE}")
+    assert changed_here(loaded, path, "2") is None
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("answer", "+ 1", "+ 2"),
+        ("Held.still", "return answer()", "return 42"),
+        ("Held.own", "cls.still()", "42"),
+        ("Held.value", "self.own()", "42"),
+        ("answer", "}[", "}}["),  # half edited
+    ],
+)
+def test_what_the_source_says_otherwise_since_is_named(module, name, old, new):
+    loaded, path = module
+    path.write_text(SOURCE.replace(old, new))
+    assert changed_here(loaded, path, new) == f"{loaded.__name__}.{name}"
 
 
 IMPORTS = '''
