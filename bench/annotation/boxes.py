@@ -20,10 +20,13 @@ MOST_TURN_RAD = 1.0  # between two sweeps
 EDGES = (0.15, 0.85)  # quantiles over the sweeps of where the points end
 LEAST_WHOLE = 3  # sweeps that see an end
 TOP = 0.9  # likewise of the height
+TOPS_APART_M = 0.15  # sweeps that see the top see it as high as this
 SAMPLED = 150  # points of a sweep that are looked for in another
 FARTHEST = 12  # sweeps apart
 CLEARANCE_M = 0.05  # between ground and box
 VEHICLE_M = (2.4, 1.3)  # longer or wider than anybody on foot or on a bicycle
+LARGEST_VAN_M = (6.2, 2.5, 2.8)  # length, width with mirrors, height
+VAN_HEIGHT_M, HEAVY_HEIGHT_M = 2.4, 3.3  # of vans, 2.0 to 2.8 m; of lorries and buses, 3.0 to 4.0 m
 CYCLIST_M, CYCLIST_MPS = 1.15, 2.2  # longer and faster than anybody on foot
 
 
@@ -38,7 +41,8 @@ class Box:
         centres_m: (K, 2) float64, x and y of the world at the time of each sweep.
         bottom_m: (K,) float64, height above the road.
         yaw_rad: (K,) float64, heading in the world.
-        size_m: (3,) float64, length, width, height.
+        size_m: (3,) float64, length, width, height, as far as returns tell.
+        top_seen: False where the lidar's highest beam cuts the object.
     """
 
     fragment: Fragment
@@ -48,6 +52,7 @@ class Box:
     bottom_m: Floats
     yaw_rad: Floats
     size_m: Floats
+    top_seen: bool
 
     @property
     def velocity_mps(self) -> Floats:
@@ -63,6 +68,15 @@ class Box:
     def object_class(self) -> ObjectClass:
         """A guess by size and speed."""
         return guess_class(self.size_m, self.speed_mps)
+
+    @property
+    def likely_height_m(self) -> float:
+        """Height, a guess where a vehicle's top was not seen."""
+        height_m = float(self.size_m[2])
+        if self.top_seen or self.object_class != "vehicle":
+            return height_m
+        heavy = bool((self.size_m > LARGEST_VAN_M).any())
+        return max(height_m, HEAVY_HEIGHT_M if heavy else VAN_HEIGHT_M)
 
 
 def guess_class(size_m: Floats, speed_mps: float) -> ObjectClass:
@@ -154,17 +168,33 @@ def _box(fragment: Fragment, motion: Motion, moving: NDArray[np.bool_], settings
         ends.append([seen.min(axis=0), seen.max(axis=0)])
         cut.append(np.transpose([cut_ends(axis, motion.cut_off[i]) for axis in seen.T]))
     (rear, right), (front, leftmost) = _outermost(np.array(ends), np.array(cut))
-    top = float(np.quantile([points[:, 2].max() for points in motion.points], TOP)) + settings.margin_m
     centres = motion.positions_m + ahead * (front + rear) / 2 + left * (leftmost + right) / 2
     centres -= motion.velocity_mps * motion.offset_s[:, None]
     seen_at = zip(fragment.observations, centres, strict=True)
     bottom = np.array([float(one.cloud.ground.at(place[None])[0]) for one, place in seen_at]) + CLEARANCE_M
+    top, top_seen = _top(fragment)
     size_m = np.array([front - rear, leftmost - right, 0.0]) + 2 * settings.margin_m
-    size_m[2] = max(top - float(np.median(bottom)), 0.5)
+    size_m[2] = max(top + settings.margin_m - float(np.median(bottom)), 0.5)
     return Box(
         fragment=fragment, motion=motion, moving=moving, centres_m=centres, bottom_m=bottom, yaw_rad=yaw_rad,
-        size_m=size_m,
+        size_m=size_m, top_seen=top_seen,
     )  # fmt: skip
+
+
+def _top(fragment: Fragment) -> tuple[float, bool]:
+    """Height of an object above the road, m, and whether beams passed above it.
+
+    Where the highest beam cuts it in all sweeps that see high, it is at least as high as the furthest of them sees.
+    """
+    tops, cut = np.empty(len(fragment.observations)), np.empty(len(fragment.observations), dtype=bool)
+    for i, observation in enumerate(fragment.observations):
+        heights_m = observation.points[:, 2]
+        tops[i] = heights_m.max()
+        cut[i] = cut_ends(heights_m, observation.cloud.cut_above[observation.rows])[1]
+    whole = tops[~cut & (tops > np.quantile(tops, TOP) - TOPS_APART_M)]
+    if cut.any() and len(whole) < LEAST_WHOLE:
+        return float(tops.max()), False
+    return float(np.quantile(tops[~cut], TOP)), True
 
 
 def _outermost(ends_m: Floats, cut: NDArray[np.bool_]) -> Floats:

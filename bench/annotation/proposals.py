@@ -23,6 +23,7 @@ from bench.errors import DataError
 from bench.records.recording import ObjectClass, Recording
 
 Floats = NDArray[np.float64]
+TOP_NOT_SEEN = "top not seen"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,12 +104,13 @@ def _believed(fragments: Sequence[Fragment], segment: Sequence[Cloud], settings:
 
 def _proposal(box: Box, settings: ProposalSettings) -> Proposal:
     seen = box.fragment.observations
-    levelled = np.column_stack([box.centres_m, box.bottom_m + box.size_m[2] / 2])
+    size_m = np.array([*box.size_m[:2], box.likely_height_m])
+    levelled = np.column_stack([box.centres_m, box.bottom_m + size_m[2] / 2])
     centres = [observation.cloud.road.world(place[None])[0] for observation, place in zip(seen, levelled, strict=True)]
     return Proposal(
         track_id="",
         object_class=box.object_class,
-        size_m=box.size_m,
+        size_m=size_m,
         timestamps_ns=np.array([observation.cloud.timestamp_ns for observation in seen], dtype=np.int64),
         centres_m=np.array(centres),
         yaw_rad=box.yaw_rad,
@@ -130,6 +132,7 @@ def _doubts(box: Box, settings: ProposalSettings) -> tuple[tuple[str, float], ..
         ("at the edge of the range", float(np.median(away_m)), np.median(away_m) > settings.range_m - settings.edge_m),
         ("fragments joined", float(box.fragment.joined), box.fragment.joined > 0),
         ("seen from one end", float(box.size_m[0]), box.object_class == "vehicle" and box.size_m[0] < VEHICLE_M[0]),
+        (TOP_NOT_SEEN, float(box.size_m[2]), not box.top_seen),
         ("seen through by few", through, through < settings.few_through),
     )
     return tuple((reason, value) for reason, value, doubted in looked_at if doubted)
@@ -141,10 +144,14 @@ def _one_after_the_other(parts: Sequence[Proposal]) -> Proposal:
         return parts[0]
     longest = max(parts, key=lambda part: len(part.timestamps_ns))
     doubts = {reason: value for part in parts for reason, value in part.doubts if reason != "short"}
+    size_m = np.max([part.size_m for part in parts], axis=0)
+    if known := [part for part in parts if TOP_NOT_SEEN not in dict(part.doubts)]:
+        size_m[2] = max(part.size_m[2] for part in known)
+        doubts.pop(TOP_NOT_SEEN, None)
     return Proposal(
         track_id="",
         object_class=longest.object_class,
-        size_m=np.max([part.size_m for part in parts], axis=0),
+        size_m=size_m,
         timestamps_ns=np.concatenate([part.timestamps_ns for part in parts]),
         centres_m=np.concatenate([part.centres_m for part in parts]),
         yaw_rad=np.concatenate([part.yaw_rad for part in parts]),

@@ -40,6 +40,7 @@ class ProposalSettings:
         lowest_rad: elevation of the lowest cell; beams below it are no witnesses.
         highest_rad: of the highest.
         sector_edge_rad: points this near to the edge of the lidar's sector may be cut off.
+        beam_edge_rad: points this near to the highest beam may be cut off.
         beyond_m: a beam that went this much further saw through a point,
         beyond_share: and this share of the range.
         least_through: sweeps that see through a seed.
@@ -91,6 +92,7 @@ class ProposalSettings:
     lowest_rad: float = radians(-35.0)
     highest_rad: float = radians(25.0)
     sector_edge_rad: float = radians(1.5)
+    beam_edge_rad: float = radians(0.4)
     beyond_m: float = 0.30
     beyond_share: float = 0.02
     least_through: int = 3
