@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from bench.annotation.registration import Motion, cut_ends, track_motion
 from bench.annotation.settings import SECOND_NS, ProposalSettings
@@ -97,13 +98,13 @@ def fit_box(fragment: Fragment, settings: ProposalSettings) -> Box | None:
     numbers = fragment.numbers
     if len(numbers) < max(settings.least_sweeps, settings.seen_share * (numbers[-1] - numbers[0] + 1)):
         return None
-    if fragment.seen_through(settings.least_through) < settings.object_through:
-        return None
     motion = track_motion(fragment, settings)
     moving = moving_states(np.round(motion.times_s * SECOND_NS).astype(np.int64), motion.speed_mps, settings.motion)
     if moving.sum() < settings.least_sweeps or not _moves(motion, moving, settings):
         return None
-    if not _found_again(fragment, motion, np.flatnonzero(moving), settings):
+    through = fragment.seen_through(settings.least_through)
+    gain_share = settings.gain_share if through >= settings.object_through else settings.sure_share
+    if not _found_again(fragment, motion, np.flatnonzero(moving), gain_share, settings):
         return None
     box = _box(fragment, motion, moving, settings)
     too_long = box.size_m[0] > settings.longest_m + 2 or box.size_m[1] > settings.widest_m
@@ -119,9 +120,14 @@ def _moves(motion: Motion, moving: NDArray[np.bool_], settings: ProposalSettings
     return bool(far and speed_mps >= settings.least_speed_mps)
 
 
-def _found_again(fragment: Fragment, motion: Motion, which: NDArray[np.intp], settings: ProposalSettings) -> bool:
-    """More points are found where the motion predicts them than where they were."""
-    moved, stood = list[float](), list[float]()
+def _found_again(
+    fragment: Fragment, motion: Motion, which: NDArray[np.intp], gain_share: float, settings: ProposalSettings
+) -> bool:
+    """Points are found where the motion predicts them, and few where it says that the object has left.
+
+    Of a long side most points lie on others a metre further on: they say nothing of rest.
+    """
+    moved, left, still = list[float](), 0, 0
     places = motion.positions_m
     for i in which:
         points = motion.points[i]
@@ -130,14 +136,21 @@ def _found_again(fragment: Fragment, motion: Motion, which: NDArray[np.intp], se
         far = which[away_m >= min(wanted_m, 0.9 * away_m.max())]
         nearest = far[np.argmin(np.abs(far - i))]
         sampled = points[:: max(len(points) // SAMPLED, 1)]
+        own = KDTree(points)
         for j in {nearest, far[-1] if abs(far[-1] - i) < FARTHEST else nearest}:
             tree = fragment.observations[j].cloud.tree
             shift = np.array([*(places[j] - places[i]), 0.0])
-            for shares, there in ((moved, sampled + shift), (stood, sampled)):
-                distance, _ = tree.query(there, distance_upper_bound=settings.found_m)
-                shares.append(float(np.isfinite(distance).mean()))
-    found, still = float(np.mean(moved)), float(np.mean(stood))
-    return found >= settings.found_share and found - still >= settings.gain_share
+            moved.append(float(_near(tree, sampled + shift, settings.found_m).mean()))
+            vacated = sampled[~_near(own, sampled - shift, settings.found_m)]
+            left += len(vacated)
+            still += int(_near(tree, vacated, settings.found_m).sum())
+    found = float(np.mean(moved))
+    return found >= settings.found_share and left > 0 and found - still / left >= gain_share
+
+
+def _near(tree: KDTree, points: Floats, within_m: float) -> NDArray[np.bool_]:
+    """(N,) bool, points that have a neighbour in the tree."""
+    return np.isfinite(tree.query(points, distance_upper_bound=within_m)[0])
 
 
 def _headings(motion: Motion, moving: NDArray[np.bool_]) -> Floats:

@@ -47,6 +47,7 @@ class ProposalSettings:
         through_share: of those that see through a seed or meet it.
         neighbour_m: distance of neighbours in a cluster.
         seed_share: of a component, from which on all of it is one object.
+        slow_share: likewise, from which on it may be one.
         longest_m: of an object seen from above.
         widest_m: likewise.
         acceleration_mps2: standard deviation, of the filter.
@@ -63,7 +64,8 @@ class ProposalSettings:
         object_through: share of a track's points that `least_through` sweeps see through.
         least_top_m: height of an object above the ground.
         found_share: of the points found again where the motion predicts them.
-        gain_share: more points agree with the motion than with rest.
+        gain_share: more points agree with the motion than with rest,
+        sure_share: and so many more where fewer than `object_through` were seen through.
         found_m: distance within which a point is found again.
         margin_m: between the outermost points and the box.
         extend_s: a moving track is carried on for this long at most.
@@ -99,6 +101,7 @@ class ProposalSettings:
     through_share: float = 0.30
     neighbour_m: float = 0.40
     seed_share: float = 0.20
+    slow_share: float = 0.05
     longest_m: float = 9.0
     widest_m: float = 3.2
     acceleration_mps2: float = 4.0
@@ -116,6 +119,7 @@ class ProposalSettings:
     least_top_m: float = 0.60
     found_share: float = 0.5
     gain_share: float = 0.15
+    sure_share: float = 0.5
     found_m: float = 0.25
     margin_m: float = 0.08
     extend_s: float = 0.5

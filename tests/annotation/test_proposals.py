@@ -79,6 +79,19 @@ def test_the_highest_beam_is_no_top(tmp_path, monkeypatch, size_m, height_m, dou
     assert {reason for reason, _ in found.doubts} & {"top not seen"} == doubts
 
 
+@pytest.mark.parametrize(("heading_rad", "place_m"), [(np.pi / 2, (12.0, -1.5, 1.3)), (0.0, (3.0, 3.5, 1.3))])
+def test_a_long_vehicle_that_goes_less_than_its_length(tmp_path, monkeypatch, heading_rad, place_m):
+    """Most of its side covers itself in other sweeps: 3 m are gone in all, of 7."""
+    monkeypatch.setattr(drive, "OBJECTS", {"slow": ("vehicle", place_m, heading_rad, 2.0, (7.0, 2.5, 2.4))})
+    monkeypatch.setattr(drive, "SPEED_MPS", 1.5)
+    monkeypatch.setattr(drive, "TURN_RADPS", 0.0)
+    recording = street(tmp_path / "street")
+    proposals = propose(recording, settings=COARSE)
+    frames = evaluate_proposals(recording, annotated(proposals, recording))
+    assert frames["outcome"].value_counts().to_dict() == {"found": drive.SWEEPS}
+    assert frames["speed_error_mps"].max() < 0.3
+
+
 def test_again_gives_the_same(recording, proposals):
     again = propose(recording, settings=COARSE)
     assert [one.track_id for one in again] == [one.track_id for one in proposals] == ["p000", "p001", "p002"]
