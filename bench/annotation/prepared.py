@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from bench.annotation.free_space import RangeView, count_witness, range_view
+from bench.annotation.free_space import Polar, RangeView, count_witness, range_view
 from bench.annotation.ground import HeightGrid, Road, fit_road, ground_heights, lowest_heights
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.geometry import RigidTransform
 from bench.records.recording import Recording, SweepRef
-from bench.reference.sweeps import pose_sweep, slopes_of
+from bench.reference.sweeps import pose_sweep
 
 Floats = NDArray[np.float64]
 COLUMNS = 1440  # of azimuth, in which returns are looked for
@@ -66,7 +66,7 @@ class _Prepared:
     """A sweep before its neighbours are known; fields as in `Cloud`, for every return that may do.
 
     Attributes:
-        slopes: (N,) float, tangents of the elevations of the points, seen from the sensor.
+        slopes: (N,) float64, tangents of the elevations of the points, seen from the sensor.
         highest_slope: of all returns of the sweep.
     """
 
@@ -75,7 +75,7 @@ class _Prepared:
     points: Floats
     offset_s: Floats
     cut_off: NDArray[np.bool_]
-    slopes: NDArray[np.floating]
+    slopes: Floats
     highest_slope: float
     sensor_m: Floats
     road: Road
@@ -117,16 +117,15 @@ def _prepare(
     rotations, positions_m, valid = recording.trajectory.at(np.array([ref.timestamp_ns], dtype=np.int64))
     if placed is None or not valid[0]:
         return None
-    world, sensor = placed.points_world(), placed.points_sensor()
+    world, polar = placed.points_world(), Polar.of(placed.points_sensor())
     world_from_vehicle = RigidTransform(rotations[0], positions_m[0])
     vehicle = world_from_vehicle.inverse().apply(world)
     road = fit_road(vehicle, world_from_vehicle, height_m)
     levelled = np.column_stack([world[:, :2], road.heights(world)])
-    range_m = np.linalg.norm(sensor, axis=1)
     low, high = recording.vehicle_outline_m.min(axis=0), recording.vehicle_outline_m.max(axis=0)
     inside = (vehicle[:, :2] > low - settings.own_margin_m) & (vehicle[:, :2] < high + settings.own_margin_m)
-    usable = ~(inside.all(axis=1) & (levelled[:, 2] < settings.own_top_m)) & (range_m > settings.nearest_m)
-    near = usable & (range_m < settings.range_m) & (levelled[:, 2] < settings.top_m)
+    usable = ~(inside.all(axis=1) & (levelled[:, 2] < settings.own_top_m)) & (polar.range_m > settings.nearest_m)
+    near = usable & (polar.range_m < settings.range_m) & (levelled[:, 2] < settings.top_m)
     origin = placed.rotations @ placed.lidar_from_sensor.translation_m + placed.positions_m
     sensor_m = origin[len(origin) // 2, :2]
     return _Prepared(
@@ -134,13 +133,13 @@ def _prepare(
         timestamp_ns=ref.timestamp_ns,
         points=levelled[near],
         offset_s=(placed.times_ns[near] - ref.timestamp_ns) / SECOND_NS,
-        cut_off=_at_sector_edge(sensor[near], settings.sector_edge_rad),
-        slopes=slopes_of(sensor[near]),
-        highest_slope=placed.slope_range[1],
+        cut_off=_at_sector_edge(polar.azimuth_rad[near], settings.sector_edge_rad),
+        slopes=polar.slopes[near],
+        highest_slope=float(polar.slopes.max()),
         sensor_m=sensor_m,
         road=road,
         lowest=lowest_heights(levelled[near], sensor_m, settings),
-        view=range_view(placed, sensor, usable, road, settings),
+        view=range_view(placed, polar, usable, road, settings),
     )
 
 
@@ -193,9 +192,9 @@ def _voxels(points: Floats, voxel_m: float) -> tuple[NDArray[np.intp], NDArray[n
     return voxel, counts
 
 
-def _at_sector_edge(points_sensor: Floats, within_rad: float) -> NDArray[np.bool_]:
+def _at_sector_edge(azimuth_rad: Floats, within_rad: float) -> NDArray[np.bool_]:
     """(N,) bool, near the sides of a gap between the azimuths of a sweep that is no matter of chance."""
-    azimuth = np.arctan2(points_sensor[:, 1], points_sensor[:, 0]) % tau
+    azimuth = azimuth_rad % tau
     known = np.flatnonzero(np.bincount((azimuth * (COLUMNS / tau)).astype(np.int64) % COLUMNS, minlength=COLUMNS))
     gaps = np.diff(known, append=known[:1] + COLUMNS)
     if not len(known) or gaps.max() * tau / COLUMNS < LEAST_GAP_RAD:
