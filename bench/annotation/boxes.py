@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from bench.annotation.registration import Motion, cut_ends, track_motion
 from bench.annotation.settings import SECOND_NS, ProposalSettings
@@ -20,10 +21,13 @@ MOST_TURN_RAD = 1.0  # between two sweeps
 EDGES = (0.15, 0.85)  # quantiles over the sweeps of where the points end
 LEAST_WHOLE = 3  # sweeps that see an end
 TOP = 0.9  # likewise of the height
+TOPS_APART_M = 0.15  # sweeps that see the top see it as high as this
 SAMPLED = 150  # points of a sweep that are looked for in another
 FARTHEST = 12  # sweeps apart
 CLEARANCE_M = 0.05  # between ground and box
 VEHICLE_M = (2.4, 1.3)  # longer or wider than anybody on foot or on a bicycle
+LARGEST_VAN_M = (6.2, 2.5, 2.8)  # length, width with mirrors, height
+VAN_HEIGHT_M, HEAVY_HEIGHT_M = 2.4, 3.3  # of vans, 2.0 to 2.8 m; of lorries and buses, 3.0 to 4.0 m
 CYCLIST_M, CYCLIST_MPS = 1.15, 2.2  # longer and faster than anybody on foot
 
 
@@ -38,7 +42,8 @@ class Box:
         centres_m: (K, 2) float64, x and y of the world at the time of each sweep.
         bottom_m: (K,) float64, height above the road.
         yaw_rad: (K,) float64, heading in the world.
-        size_m: (3,) float64, length, width, height.
+        size_m: (3,) float64, length, width, height, as far as returns tell.
+        top_seen: False where the lidar's highest beam cuts the object.
     """
 
     fragment: Fragment
@@ -48,6 +53,7 @@ class Box:
     bottom_m: Floats
     yaw_rad: Floats
     size_m: Floats
+    top_seen: bool
 
     @property
     def velocity_mps(self) -> Floats:
@@ -63,6 +69,15 @@ class Box:
     def object_class(self) -> ObjectClass:
         """A guess by size and speed."""
         return guess_class(self.size_m, self.speed_mps)
+
+    @property
+    def likely_height_m(self) -> float:
+        """Height, a guess where a vehicle's top was not seen."""
+        height_m = float(self.size_m[2])
+        if self.top_seen or self.object_class != "vehicle":
+            return height_m
+        heavy = bool((self.size_m > LARGEST_VAN_M).any())
+        return max(height_m, HEAVY_HEIGHT_M if heavy else VAN_HEIGHT_M)
 
 
 def guess_class(size_m: Floats, speed_mps: float) -> ObjectClass:
@@ -83,13 +98,13 @@ def fit_box(fragment: Fragment, settings: ProposalSettings) -> Box | None:
     numbers = fragment.numbers
     if len(numbers) < max(settings.least_sweeps, settings.seen_share * (numbers[-1] - numbers[0] + 1)):
         return None
-    if fragment.seen_through(settings.least_through) < settings.object_through:
-        return None
     motion = track_motion(fragment, settings)
     moving = moving_states(np.round(motion.times_s * SECOND_NS).astype(np.int64), motion.speed_mps, settings.motion)
     if moving.sum() < settings.least_sweeps or not _moves(motion, moving, settings):
         return None
-    if not _found_again(fragment, motion, np.flatnonzero(moving), settings):
+    through = fragment.seen_through(settings.least_through)
+    gain_share = settings.gain_share if through >= settings.object_through else settings.sure_share
+    if not _found_again(fragment, motion, np.flatnonzero(moving), gain_share, settings):
         return None
     box = _box(fragment, motion, moving, settings)
     too_long = box.size_m[0] > settings.longest_m + 2 or box.size_m[1] > settings.widest_m
@@ -105,9 +120,14 @@ def _moves(motion: Motion, moving: NDArray[np.bool_], settings: ProposalSettings
     return bool(far and speed_mps >= settings.least_speed_mps)
 
 
-def _found_again(fragment: Fragment, motion: Motion, which: NDArray[np.intp], settings: ProposalSettings) -> bool:
-    """More points are found where the motion predicts them than where they were."""
-    moved, stood = list[float](), list[float]()
+def _found_again(
+    fragment: Fragment, motion: Motion, which: NDArray[np.intp], gain_share: float, settings: ProposalSettings
+) -> bool:
+    """Points are found where the motion predicts them, and few where it says that the object has left.
+
+    Of a long side most points lie on others a metre further on: they say nothing of rest.
+    """
+    moved, left, still = list[float](), 0, 0
     places = motion.positions_m
     for i in which:
         points = motion.points[i]
@@ -116,14 +136,21 @@ def _found_again(fragment: Fragment, motion: Motion, which: NDArray[np.intp], se
         far = which[away_m >= min(wanted_m, 0.9 * away_m.max())]
         nearest = far[np.argmin(np.abs(far - i))]
         sampled = points[:: max(len(points) // SAMPLED, 1)]
+        own = KDTree(points)
         for j in {nearest, far[-1] if abs(far[-1] - i) < FARTHEST else nearest}:
             tree = fragment.observations[j].cloud.tree
             shift = np.array([*(places[j] - places[i]), 0.0])
-            for shares, there in ((moved, sampled + shift), (stood, sampled)):
-                distance, _ = tree.query(there, distance_upper_bound=settings.found_m)
-                shares.append(float(np.isfinite(distance).mean()))
-    found, still = float(np.mean(moved)), float(np.mean(stood))
-    return found >= settings.found_share and found - still >= settings.gain_share
+            moved.append(float(_near(tree, sampled + shift, settings.found_m).mean()))
+            vacated = sampled[~_near(own, sampled - shift, settings.found_m)]
+            left += len(vacated)
+            still += int(_near(tree, vacated, settings.found_m).sum())
+    found = float(np.mean(moved))
+    return found >= settings.found_share and left > 0 and found - still / left >= gain_share
+
+
+def _near(tree: KDTree, points: Floats, within_m: float) -> NDArray[np.bool_]:
+    """(N,) bool, points that have a neighbour in the tree."""
+    return np.isfinite(tree.query(points, distance_upper_bound=within_m)[0])
 
 
 def _headings(motion: Motion, moving: NDArray[np.bool_]) -> Floats:
@@ -154,17 +181,33 @@ def _box(fragment: Fragment, motion: Motion, moving: NDArray[np.bool_], settings
         ends.append([seen.min(axis=0), seen.max(axis=0)])
         cut.append(np.transpose([cut_ends(axis, motion.cut_off[i]) for axis in seen.T]))
     (rear, right), (front, leftmost) = _outermost(np.array(ends), np.array(cut))
-    top = float(np.quantile([points[:, 2].max() for points in motion.points], TOP)) + settings.margin_m
     centres = motion.positions_m + ahead * (front + rear) / 2 + left * (leftmost + right) / 2
     centres -= motion.velocity_mps * motion.offset_s[:, None]
     seen_at = zip(fragment.observations, centres, strict=True)
     bottom = np.array([float(one.cloud.ground.at(place[None])[0]) for one, place in seen_at]) + CLEARANCE_M
+    top, top_seen = _top(fragment)
     size_m = np.array([front - rear, leftmost - right, 0.0]) + 2 * settings.margin_m
-    size_m[2] = max(top - float(np.median(bottom)), 0.5)
+    size_m[2] = max(top + settings.margin_m - float(np.median(bottom)), 0.5)
     return Box(
         fragment=fragment, motion=motion, moving=moving, centres_m=centres, bottom_m=bottom, yaw_rad=yaw_rad,
-        size_m=size_m,
+        size_m=size_m, top_seen=top_seen,
     )  # fmt: skip
+
+
+def _top(fragment: Fragment) -> tuple[float, bool]:
+    """Height of an object above the road, m, and whether beams passed above it.
+
+    Where the highest beam cuts it in all sweeps that see high, it is at least as high as the furthest of them sees.
+    """
+    tops, cut = np.empty(len(fragment.observations)), np.empty(len(fragment.observations), dtype=bool)
+    for i, observation in enumerate(fragment.observations):
+        heights_m = observation.points[:, 2]
+        tops[i] = heights_m.max()
+        cut[i] = cut_ends(heights_m, observation.cloud.cut_above[observation.rows])[1]
+    whole = tops[~cut & (tops > np.quantile(tops, TOP) - TOPS_APART_M)]
+    if cut.any() and len(whole) < LEAST_WHOLE:
+        return float(tops.max()), False
+    return float(np.quantile(tops[~cut], TOP)), True
 
 
 def _outermost(ends_m: Floats, cut: NDArray[np.bool_]) -> Floats:

@@ -25,7 +25,8 @@ def find_clusters(cloud: Cloud, settings: ProposalSettings) -> list[Rows]:
     """Rows of the points of each cluster.
 
     A component of which enough was seen through, and that fits an object, is one; of others (somebody who leans on a
-    wall) what was seen through, without what other sweeps only met.
+    wall) what was seen through, without what other sweeps only met. In between both may be: who walks along a parked
+    vehicle, or a long vehicle that is so slow that most of it covers itself in other sweeps.
     """
     through, met = cloud.seen_through, cloud.met
     seed = (through >= settings.least_through) & (through >= settings.through_share * (through + met))
@@ -36,8 +37,10 @@ def find_clusters(cloud: Cloud, settings: ProposalSettings) -> list[Rows]:
         seeds = np.count_nonzero(seed[rows])
         if seeds < LEAST_SEEDS:
             continue
-        if seeds >= settings.seed_share * len(rows) and _fits(cloud.points[rows], settings):
+        whole = _fits(cloud.points[rows], settings)
+        if whole and seeds >= settings.slow_share * len(rows):
             found.append(rows)
+        if whole and seeds >= settings.seed_share * len(rows):
             continue
         for part in _components(cloud.points[rows[movable[rows]]], None, settings.neighbour_m):
             inner = rows[movable[rows]][part]

@@ -24,6 +24,29 @@ LEAST_SEEN = 3  # of nine cells, for a direction to be looked at
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Polar:
+    """The points of a sweep as the sensor measures them.
+
+    Attributes:
+        range_m: (N,) float64.
+        azimuth_rad: (N,) float64, from -pi to pi.
+        slopes: (N,) float64, tangents of the elevations.
+    """
+
+    range_m: Floats
+    azimuth_rad: Floats
+    slopes: Floats
+
+    @classmethod
+    def of(cls, points_sensor: Floats) -> Polar:
+        """Of points, (N, 3), sensor frame, m."""
+        x, y, z = np.ascontiguousarray(points_sensor.T)
+        flat2 = x * x + y * y
+        slopes = z / np.maximum(np.sqrt(flat2), 1e-9)
+        return cls(range_m=np.sqrt(flat2 + z * z), azimuth_rad=np.arctan2(y, x), slopes=slopes)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RangeView:
     """A sweep as a witness.
 
@@ -40,20 +63,19 @@ class RangeView:
 
 
 def range_view(
-    placed: PosedSweep, points_sensor: Floats, usable: NDArray[np.bool_], road: Road, settings: ProposalSettings
+    placed: PosedSweep, polar: Polar, usable: NDArray[np.bool_], road: Road, settings: ProposalSettings
 ) -> RangeView:
     """Make a range image of a sweep.
 
     Args:
         placed: the sweep.
-        points_sensor: (N, 3) float64, its points in the sensor frame, m.
+        polar: its points.
         usable: (N,) bool, False for returns of the own vehicle.
         road: of this sweep.
         settings: of the proposals.
     """
-    range_m = np.linalg.norm(points_sensor, axis=1)
-    azimuth = np.arctan2(points_sensor[:, 1], points_sensor[:, 0]) + pi
-    elevation = np.arcsin(np.clip(points_sensor[:, 2] / np.maximum(range_m, 1e-6), -1.0, 1.0)) - settings.lowest_rad
+    azimuth = polar.azimuth_rad + pi
+    elevation = np.arctan(polar.slopes) - settings.lowest_rad
     shape = (
         round(tau / settings.azimuth_rad),
         round((settings.highest_rad - settings.lowest_rad) / settings.elevation_rad),
@@ -62,7 +84,7 @@ def range_view(
     row = np.floor(elevation / settings.elevation_rad).astype(np.int64)
     usable = usable & (row >= 0) & (row < shape[1])
     image = np.full(shape, np.inf, dtype=np.float32)
-    np.minimum.at(image, (column[usable], row[usable]), range_m[usable].astype(np.float32))
+    np.minimum.at(image, (column[usable], row[usable]), polar.range_m[usable].astype(np.float32))
     low = _over_neighbours(np.minimum, image, np.float32(np.inf))
     seen = _over_neighbours(np.add, np.isfinite(image).astype(np.int8), np.int8(0))
     low[seen < LEAST_SEEN] = np.nan

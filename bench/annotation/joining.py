@@ -21,6 +21,7 @@ PERSON_M = (2.4, 1.1)  # largest length and width of what is no vehicle
 SPEED_SHARE = 0.08  # of the speed, by which fragments may differ further
 AROUND_M = 0.15  # of a box in which points are looked for
 LEAST_HELD = 3
+ECHO_M = 0.3  # depth of a ghost, and by how much its range may differ from what it repeats
 SHARED = 0.5  # of a track's points that a larger one has too
 
 
@@ -133,3 +134,28 @@ def _shared(small: Fragment, large: Fragment) -> int:
     theirs = {observation.cloud.number: observation.rows for observation in large.observations}
     both = (one for one in small.observations if one.cloud.number in theirs)
     return sum(len(np.intersect1d(one.rows, theirs[one.cloud.number])) for one in both)
+
+
+def at_range_of_larger(box: Box, others: Sequence[Box]) -> float:
+    """Largest share of a track's sweeps in which it is flat and as far from the lidar as a part of another one.
+
+    Beams that fire together with one that meets a strong reflector may tell its range: a ghost that moves with it.
+    """
+    shares = [0.0]
+    for other in others:
+        if box.fragment.points < other.fragment.points:
+            theirs = {one.cloud.number: _span_m(one) for one in other.fragment.observations}
+            mine = [(_span_m(one), theirs[one.cloud.number]) for one in box.fragment.observations
+                    if one.cloud.number in theirs]  # fmt: skip
+            alike = [
+                last - first < ECHO_M and nearest - ECHO_M < first and last < farthest + ECHO_M
+                for (first, last), (nearest, farthest) in mine
+            ]
+            shares.append(sum(alike) / len(box.fragment.observations))
+    return max(shares)
+
+
+def _span_m(observation: Observation) -> tuple[float, float]:
+    """Shortest and longest distance of the points from the lidar, seen from above."""
+    away_m = np.hypot(*(observation.points[:, :2] - observation.cloud.sensor_m).T)
+    return float(away_m.min()), float(away_m.max())

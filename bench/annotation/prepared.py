@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import radians, tau
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from bench.annotation.free_space import RangeView, count_witness, range_view
+from bench.annotation.free_space import Polar, RangeView, count_witness, range_view
 from bench.annotation.ground import HeightGrid, Road, fit_road, ground_heights, lowest_heights
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.geometry import RigidTransform
@@ -36,6 +37,7 @@ class Cloud:
         seen_through: (N,) int32, sweeps whose beams went through the point.
         met: (N,) int32, sweeps whose beams ended there.
         cut_off: (N,) bool, at the edge of the lidar's sector, beyond which the object may go on.
+        cut_above: (N,) bool, at the highest beam or where `top_m` ends the search, above which the object may go on.
         sensor_m: (2,) float64, position of the lidar, x and y of the world.
         ground: around the sweep.
         road: heights count from it.
@@ -48,6 +50,7 @@ class Cloud:
     seen_through: NDArray[np.int32]
     met: NDArray[np.int32]
     cut_off: NDArray[np.bool_]
+    cut_above: NDArray[np.bool_]
     sensor_m: Floats
     ground: HeightGrid
     road: Road
@@ -60,13 +63,20 @@ class Cloud:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Prepared:
-    """A sweep before its neighbours are known; fields as in `Cloud`, for every return that may do."""
+    """A sweep before its neighbours are known; fields as in `Cloud`, for every return that may do.
+
+    Attributes:
+        slopes: (N,) float64, tangents of the elevations of the points, seen from the sensor.
+        highest_slope: of all returns of the sweep.
+    """
 
     number: int
     timestamp_ns: int
     points: Floats
     offset_s: Floats
     cut_off: NDArray[np.bool_]
+    slopes: Floats
+    highest_slope: float
     sensor_m: Floats
     road: Road
     lowest: HeightGrid
@@ -107,16 +117,15 @@ def _prepare(
     rotations, positions_m, valid = recording.trajectory.at(np.array([ref.timestamp_ns], dtype=np.int64))
     if placed is None or not valid[0]:
         return None
-    world, sensor = placed.points_world(), placed.points_sensor()
+    world, polar = placed.points_world(), Polar.of(placed.points_sensor())
     world_from_vehicle = RigidTransform(rotations[0], positions_m[0])
     vehicle = world_from_vehicle.inverse().apply(world)
     road = fit_road(vehicle, world_from_vehicle, height_m)
     levelled = np.column_stack([world[:, :2], road.heights(world)])
-    range_m = np.linalg.norm(sensor, axis=1)
     low, high = recording.vehicle_outline_m.min(axis=0), recording.vehicle_outline_m.max(axis=0)
     inside = (vehicle[:, :2] > low - settings.own_margin_m) & (vehicle[:, :2] < high + settings.own_margin_m)
-    usable = ~(inside.all(axis=1) & (levelled[:, 2] < settings.own_top_m)) & (range_m > settings.nearest_m)
-    near = usable & (range_m < settings.range_m) & (levelled[:, 2] < settings.top_m)
+    usable = ~(inside.all(axis=1) & (levelled[:, 2] < settings.own_top_m)) & (polar.range_m > settings.nearest_m)
+    near = usable & (polar.range_m < settings.range_m) & (levelled[:, 2] < settings.top_m)
     origin = placed.rotations @ placed.lidar_from_sensor.translation_m + placed.positions_m
     sensor_m = origin[len(origin) // 2, :2]
     return _Prepared(
@@ -124,11 +133,13 @@ def _prepare(
         timestamp_ns=ref.timestamp_ns,
         points=levelled[near],
         offset_s=(placed.times_ns[near] - ref.timestamp_ns) / SECOND_NS,
-        cut_off=_at_sector_edge(sensor[near], settings.sector_edge_rad),
+        cut_off=_at_sector_edge(polar.azimuth_rad[near], settings.sector_edge_rad),
+        slopes=polar.slopes[near],
+        highest_slope=float(polar.slopes.max()),
         sensor_m=sensor_m,
         road=road,
         lowest=lowest_heights(levelled[near], sensor_m, settings),
-        view=range_view(placed, sensor, usable, road, settings),
+        view=range_view(placed, polar, usable, road, settings),
     )
 
 
@@ -136,9 +147,15 @@ def _judged(prepared: _Prepared, held: Sequence[_Prepared], settings: ProposalSe
     """Take the ground away, and ask the neighbours."""
     ground = ground_heights(prepared.lowest, [other.lowest for other in held])
     above = prepared.points[:, 2] - ground.at(prepared.points) > settings.ground_m
-    points, offset_s, cut_off = _voxels(
-        prepared.points[above], prepared.offset_s[above], prepared.cut_off[above], settings.voxel_m
-    )
+    highest_rad = np.arctan(max(other.highest_slope for other in held))  # in one sweep it may be an object's own top
+    at_top = prepared.slopes > np.tan(highest_rad - settings.beam_edge_rad)
+    at_top |= prepared.points[:, 2] > settings.top_m - settings.voxel_m
+    voxel, counts = _voxels(prepared.points[above], settings.voxel_m)
+
+    def mean(values: NDArray[Any]) -> Floats:
+        return np.asarray(np.bincount(voxel, values[above], len(counts)) / counts)
+
+    points = np.stack([mean(axis) for axis in prepared.points.T], axis=1)
     seen_through, met = np.zeros(len(points), dtype=np.int32), np.zeros(len(points), dtype=np.int32)
     near_ns = settings.window_s * SECOND_NS
     others = [
@@ -151,35 +168,33 @@ def _judged(prepared: _Prepared, held: Sequence[_Prepared], settings: ProposalSe
         number=prepared.number,
         timestamp_ns=prepared.timestamp_ns,
         points=points,
-        offset_s=offset_s,
+        offset_s=mean(prepared.offset_s),
         seen_through=seen_through,
         met=met,
-        cut_off=cut_off,
+        cut_off=mean(prepared.cut_off) > 0,
+        cut_above=mean(at_top) > 0,
         sensor_m=prepared.sensor_m,
         ground=ground,
         road=prepared.road,
     )
 
 
-def _voxels(
-    points: Floats, offset_s: Floats, cut_off: NDArray[np.bool_], voxel_m: float
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Mean point and time of each voxel, and whether any of its points is cut off."""
+def _voxels(points: Floats, voxel_m: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(N,) intp, number of the voxel of each point, and (M,) intp, how many points each has."""
     if not len(points):
-        return points, offset_s, cut_off
+        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
     cells = np.floor(points / voxel_m).astype(np.int64)
     cells -= cells.min(axis=0)
     _, height, depth = (cells.max(axis=0) + 1).tolist()
     _, voxel, counts = np.unique(
         (cells[:, 0] * height + cells[:, 1]) * depth + cells[:, 2], return_inverse=True, return_counts=True
     )
-    *means, offset, cut = [np.bincount(voxel, one, len(counts)) / counts for one in (*points.T, offset_s, cut_off)]
-    return np.ascontiguousarray(np.stack(means, axis=1)), offset, cut > 0
+    return voxel, counts
 
 
-def _at_sector_edge(points_sensor: Floats, within_rad: float) -> NDArray[np.bool_]:
+def _at_sector_edge(azimuth_rad: Floats, within_rad: float) -> NDArray[np.bool_]:
     """(N,) bool, near the sides of a gap between the azimuths of a sweep that is no matter of chance."""
-    azimuth = np.arctan2(points_sensor[:, 1], points_sensor[:, 0]) % tau
+    azimuth = azimuth_rad % tau
     known = np.flatnonzero(np.bincount((azimuth * (COLUMNS / tau)).astype(np.int64) % COLUMNS, minlength=COLUMNS))
     gaps = np.diff(known, append=known[:1] + COLUMNS)
     if not len(known) or gaps.max() * tau / COLUMNS < LEAST_GAP_RAD:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bench.annotation.boxes import VEHICLE_M, Box, fit_box
 from bench.annotation.clusters import find_clusters
-from bench.annotation.joining import extend, join, without_duplicates
+from bench.annotation.joining import at_range_of_larger, extend, join, without_duplicates
 from bench.annotation.people import split_people
 from bench.annotation.prepared import Cloud, clouds
 from bench.annotation.settings import SECOND_NS, ProposalSettings
@@ -23,6 +23,9 @@ from bench.errors import DataError
 from bench.records.recording import ObjectClass, Recording
 
 Floats = NDArray[np.float64]
+TOP_NOT_SEEN = "top not seen"
+RIGID_M = 12.5  # longer vehicles have a joint, or are two
+HALF = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,8 +77,9 @@ def propose(
     tracker, segment, pieces = Tracker(settings), list[Cloud](), dict[tuple[int, int], list[Proposal]]()
 
     def judge() -> None:
-        for box in _believed(tracker.take(), segment, settings):
-            pieces.setdefault(box.fragment.name, []).append(_proposal(box, settings))
+        boxes = _believed(tracker.take(), segment, settings)
+        for box in boxes:
+            pieces.setdefault(box.fragment.name, []).append(_proposal(box, boxes, settings))
         segment.clear()
 
     for cloud in clouds(recording, settings, progress=progress):
@@ -101,35 +105,40 @@ def _believed(fragments: Sequence[Fragment], segment: Sequence[Cloud], settings:
     return without_duplicates([box for box in found if box is not None])  # the rest does not stand longer looks
 
 
-def _proposal(box: Box, settings: ProposalSettings) -> Proposal:
+def _proposal(box: Box, boxes: Sequence[Box], settings: ProposalSettings) -> Proposal:
     seen = box.fragment.observations
-    levelled = np.column_stack([box.centres_m, box.bottom_m + box.size_m[2] / 2])
+    size_m = np.array([*box.size_m[:2], box.likely_height_m])
+    levelled = np.column_stack([box.centres_m, box.bottom_m + size_m[2] / 2])
     centres = [observation.cloud.road.world(place[None])[0] for observation, place in zip(seen, levelled, strict=True)]
     return Proposal(
         track_id="",
         object_class=box.object_class,
-        size_m=box.size_m,
+        size_m=size_m,
         timestamps_ns=np.array([observation.cloud.timestamp_ns for observation in seen], dtype=np.int64),
         centres_m=np.array(centres),
         yaw_rad=box.yaw_rad,
         velocity_mps=box.velocity_mps,
-        doubts=_doubts(box, settings),
+        doubts=_doubts(box, boxes, settings),
         points_median=int(np.median([len(observation.rows) for observation in seen])),
     )
 
 
-def _doubts(box: Box, settings: ProposalSettings) -> tuple[tuple[str, float], ...]:
+def _doubts(box: Box, boxes: Sequence[Box], settings: ProposalSettings) -> tuple[tuple[str, float], ...]:
     seen = box.fragment.observations
     points = float(np.median([len(observation.rows) for observation in seen]))
     moves_s = float(np.ptp(box.motion.times_s[box.moving]))
     away_m = np.hypot(*(box.centres_m - np.array([observation.cloud.sensor_m for observation in seen])).T)
     through = box.fragment.seen_through(settings.least_through)
+    echo = at_range_of_larger(box, boxes)
     looked_at = (
         ("few returns", points, points < settings.few_points),
         ("short", moves_s, moves_s < settings.short_s),
         ("at the edge of the range", float(np.median(away_m)), np.median(away_m) > settings.range_m - settings.edge_m),
         ("fragments joined", float(box.fragment.joined), box.fragment.joined > 0),
         ("seen from one end", float(box.size_m[0]), box.object_class == "vehicle" and box.size_m[0] < VEHICLE_M[0]),
+        ("longer than a rigid vehicle", float(box.size_m[0]), box.size_m[0] > RIGID_M),
+        ("at the range of a larger one", echo, echo > HALF),
+        (TOP_NOT_SEEN, float(box.size_m[2]), not box.top_seen),
         ("seen through by few", through, through < settings.few_through),
     )
     return tuple((reason, value) for reason, value, doubted in looked_at if doubted)
@@ -141,10 +150,14 @@ def _one_after_the_other(parts: Sequence[Proposal]) -> Proposal:
         return parts[0]
     longest = max(parts, key=lambda part: len(part.timestamps_ns))
     doubts = {reason: value for part in parts for reason, value in part.doubts if reason != "short"}
+    size_m = np.max([part.size_m for part in parts], axis=0)
+    if known := [part for part in parts if TOP_NOT_SEEN not in dict(part.doubts)]:
+        size_m[2] = max(part.size_m[2] for part in known)
+        doubts.pop(TOP_NOT_SEEN, None)
     return Proposal(
         track_id="",
         object_class=longest.object_class,
-        size_m=np.max([part.size_m for part in parts], axis=0),
+        size_m=size_m,
         timestamps_ns=np.concatenate([part.timestamps_ns for part in parts]),
         centres_m=np.concatenate([part.centres_m for part in parts]),
         yaw_rad=np.concatenate([part.yaw_rad for part in parts]),

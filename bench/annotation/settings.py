@@ -40,13 +40,15 @@ class ProposalSettings:
         lowest_rad: elevation of the lowest cell; beams below it are no witnesses.
         highest_rad: of the highest.
         sector_edge_rad: points this near to the edge of the lidar's sector may be cut off.
+        beam_edge_rad: points this near to the highest beam may be cut off.
         beyond_m: a beam that went this much further saw through a point,
         beyond_share: and this share of the range.
         least_through: sweeps that see through a seed.
         through_share: of those that see through a seed or meet it.
         neighbour_m: distance of neighbours in a cluster.
         seed_share: of a component, from which on all of it is one object.
-        longest_m: of an object seen from above.
+        slow_share: likewise, from which on it may be one.
+        longest_m: of an object seen from above; the longest vehicles on the road with a joint have 18.75 m.
         widest_m: likewise.
         acceleration_mps2: standard deviation, of the filter.
         missed: sweeps without a cluster after which a track ends.
@@ -62,7 +64,8 @@ class ProposalSettings:
         object_through: share of a track's points that `least_through` sweeps see through.
         least_top_m: height of an object above the ground.
         found_share: of the points found again where the motion predicts them.
-        gain_share: more points agree with the motion than with rest.
+        gain_share: more points agree with the motion than with rest,
+        sure_share: and so many more where fewer than `object_through` were seen through.
         found_m: distance within which a point is found again.
         margin_m: between the outermost points and the box.
         extend_s: a moving track is carried on for this long at most.
@@ -91,13 +94,15 @@ class ProposalSettings:
     lowest_rad: float = radians(-35.0)
     highest_rad: float = radians(25.0)
     sector_edge_rad: float = radians(1.5)
+    beam_edge_rad: float = radians(0.4)
     beyond_m: float = 0.30
     beyond_share: float = 0.02
     least_through: int = 3
     through_share: float = 0.30
     neighbour_m: float = 0.40
     seed_share: float = 0.20
-    longest_m: float = 9.0
+    slow_share: float = 0.05
+    longest_m: float = 18.75
     widest_m: float = 3.2
     acceleration_mps2: float = 4.0
     missed: int = 4
@@ -114,6 +119,7 @@ class ProposalSettings:
     least_top_m: float = 0.60
     found_share: float = 0.5
     gain_share: float = 0.15
+    sure_share: float = 0.5
     found_m: float = 0.25
     margin_m: float = 0.08
     extend_s: float = 0.5

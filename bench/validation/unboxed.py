@@ -39,7 +39,9 @@ class Unboxed:
 
 
 UNBOXED = Unboxed()
-HARMLESS = frozenset({"fragments joined", "seen from one end"})  # doubts about a box, not about its being there
+HARMLESS = frozenset(
+    {"fragments joined", "seen from one end", "top not seen"}
+)  # doubts about a box, not its being there
 
 
 def check_unboxed(recording: Recording) -> Iterator[Finding]:

@@ -60,6 +60,38 @@ def test_size_and_speed_tell_the_class(length_m, width_m, speed_mps, expected):
     assert guess_class(np.array([length_m, width_m, 1.7]), speed_mps) == expected
 
 
+@pytest.mark.parametrize(
+    ("size_m", "height_m", "doubts"),
+    [
+        ((4.4, 1.8, 1.5), 1.5, set()),
+        ((5.4, 2.0, 2.6), 2.4, {"top not seen"}),  # a van, by its length and width
+        ((7.0, 2.5, 3.5), 3.3, {"top not seen"}),
+        ((9.0, 2.5, 3.5), 3.3, {"top not seen"}),
+    ],
+)
+def test_the_highest_beam_is_no_top(tmp_path, monkeypatch, size_m, height_m, doubts):
+    """From a lidar at 1.8 m, beams of up to 4.5 degrees reach 2.1 m, 4 m away; the box goes on to a likely height."""
+    passing = {"passing": ("vehicle", (-1.0, 5.0, size_m[2] / 2), 0.0, 12.0, size_m)}
+    monkeypatch.setattr(drive, "OBJECTS", passing)
+    monkeypatch.setattr(drive, "TURN_RADPS", 0.0)
+    (found,) = propose(street(tmp_path / "street"), settings=COARSE)
+    np.testing.assert_allclose(found.size_m[2], height_m, atol=0.15)
+    assert {reason for reason, _ in found.doubts} & {"top not seen"} == doubts
+
+
+@pytest.mark.parametrize(("heading_rad", "place_m"), [(np.pi / 2, (12.0, -1.5, 1.3)), (0.0, (3.0, 3.5, 1.3))])
+def test_a_long_vehicle_that_goes_less_than_its_length(tmp_path, monkeypatch, heading_rad, place_m):
+    """Most of its side covers itself in other sweeps: 3 m are gone in all, of 7."""
+    monkeypatch.setattr(drive, "OBJECTS", {"slow": ("vehicle", place_m, heading_rad, 2.0, (7.0, 2.5, 2.4))})
+    monkeypatch.setattr(drive, "SPEED_MPS", 1.5)
+    monkeypatch.setattr(drive, "TURN_RADPS", 0.0)
+    recording = street(tmp_path / "street")
+    proposals = propose(recording, settings=COARSE)
+    frames = evaluate_proposals(recording, annotated(proposals, recording))
+    assert frames["outcome"].value_counts().to_dict() == {"found": drive.SWEEPS}
+    assert frames["speed_error_mps"].max() < 0.3
+
+
 def test_again_gives_the_same(recording, proposals):
     again = propose(recording, settings=COARSE)
     assert [one.track_id for one in again] == [one.track_id for one in proposals] == ["p000", "p001", "p002"]
