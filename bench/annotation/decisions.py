@@ -73,12 +73,12 @@ class Motion:
 
     def at(self, times_ns: NDArray[np.int64]) -> Motion:
         """Interpolated at other times; beyond the ends the first and last velocity carries on."""
-        seconds, knots = self._seconds(times_ns), self._seconds(self.times_ns)
-        outside_s = seconds - np.clip(seconds, knots[0], knots[-1])
-        velocities = _interpolated(seconds, knots, self.velocities_mps)
-        centres_m = _interpolated(seconds, knots, self.centres_m)
+        seconds, known_s = self._seconds(times_ns), self._seconds(self.times_ns)
+        outside_s = seconds - np.clip(seconds, known_s[0], known_s[-1])
+        velocities = _interpolated(seconds, known_s, self.velocities_mps)
+        centres_m = _interpolated(seconds, known_s, self.centres_m)
         centres_m[:, :2] += outside_s[:, None] * velocities
-        yaws_rad = _interpolated(seconds, knots, self.yaws_rad[:, None])[:, 0]
+        yaws_rad = _interpolated(seconds, known_s, self.yaws_rad[:, None])[:, 0]
         return Motion(times_ns=times_ns, centres_m=centres_m, yaws_rad=yaws_rad, velocities_mps=velocities)
 
     def moved(self, offsets_m: NDArray[np.float64], turns_rad: NDArray[np.float64]) -> Motion:
@@ -252,9 +252,9 @@ def rotated(vectors: NDArray[np.float64], yaws_rad: NDArray[np.float64]) -> NDAr
 
 
 def _interpolated(
-    at: NDArray[np.float64], knots: NDArray[np.float64], values: NDArray[np.float64]
+    seconds: NDArray[np.float64], known_s: NDArray[np.float64], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    return np.stack([np.interp(at, knots, column) for column in values.T], axis=1)
+    return np.stack([np.interp(seconds, known_s, column) for column in values.T], axis=1)
 
 
 def _move(source: list[Decision], target: list[Decision], action: str) -> None:
@@ -341,8 +341,8 @@ def _corrected(found: Motion, keys: Mapping[int, SetBox]) -> Motion:
     turns_rad = np.unwrap(
         [_wrapped(key.yaw_rad - yaw) for key, yaw in zip(keys.values(), at_keys.yaws_rad, strict=True)]
     )
-    seconds, knots = (found.times_ns - key_times[0]) / 1e9, (key_times - key_times[0]) / 1e9
-    corrections = _interpolated(seconds, knots, np.column_stack([offsets_m, turns_rad]))
+    seconds, known_s = (found.times_ns - key_times[0]) / 1e9, (key_times - key_times[0]) / 1e9
+    corrections = _interpolated(seconds, known_s, np.column_stack([offsets_m, turns_rad]))
     return found.moved(corrections[:, :3], corrections[:, 3])
 
 

@@ -133,13 +133,13 @@ class Handler(BaseHTTPRequestHandler):
         if len(self.path) > LONGEST_PATH:
             raise Refused(HTTPStatus.REQUEST_URI_TOO_LONG, "expected a short address")
 
-    def _refuse_stranger(self) -> None:
+    def _refuse_without_token(self) -> None:
         given = self.headers.get(TOKEN_HEADER, "")
         if not compare_digest(given.encode(errors="replace"), self.server.token.encode()):
             raise Refused(HTTPStatus.FORBIDDEN, "expected the token of this review; open the address that was printed")
 
     def _question(self) -> tuple[Session, str, list[int]]:
-        self._refuse_stranger()
+        self._refuse_without_token()
         match = QUESTION.fullmatch(self.path)
         if match is None:
             raise Refused(HTTPStatus.NOT_FOUND, "there is no such thing")
@@ -151,7 +151,7 @@ class Handler(BaseHTTPRequestHandler):
             self._send_page()
             return
         if self.path == "/drives":
-            self._refuse_stranger()
+            self._refuse_without_token()
             self._send_json({"drives": self.server.names})
             return
         session, what, numbers = self._question()
@@ -169,7 +169,7 @@ class Handler(BaseHTTPRequestHandler):
                 raise Refused(HTTPStatus.NOT_FOUND, "there is no such thing")
 
     def _write(self) -> None:
-        self._refuse_stranger()
+        self._refuse_without_token()
         content = self._body()
         session, what, numbers = self._question()
         match what, numbers:

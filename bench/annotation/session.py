@@ -122,7 +122,7 @@ class Session:
             "watched": [[first - self._start_ns, last - self._start_ns] for first, last in self.review.watched_ns],
             "decisions": len(made),
             "undone": len(taken_back),
-            "last": _told(made[-1]) if made else None,
+            "last": _in_words(made[-1]) if made else None,
         }
 
     def decide(self, content: bytes) -> Json:
@@ -289,7 +289,7 @@ class Session:
         }
 
 
-def _told(decision: Decision) -> str:
+def _in_words(decision: Decision) -> str:
     """A decision in words, for the page's undo."""
     names = getattr(decision, "tracks", None) or [getattr(decision, "track", "")]
     return " ".join([decision.action.replace("_", " "), *names[:3]]).strip()

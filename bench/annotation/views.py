@@ -40,15 +40,15 @@ def sweep_points_world(
     times_ns = sweep.times_ns
     if not len(times_ns):
         return np.empty((0, 3)), times_ns, np.empty(0, dtype=bool)
-    knots_ns = interpolation_timestamps(times_ns)
-    rotations, positions_m, valid = recording.trajectory.at(knots_ns)
+    sampled_ns = interpolation_timestamps(times_ns)
+    rotations, positions_m, valid = recording.trajectory.at(sampled_ns)
     if not valid.all():
-        recording.trajectory.world_from_vehicle(int(knots_ns[~valid][0]))  # raises, with what is there
+        recording.trajectory.world_from_vehicle(int(sampled_ns[~valid][0]))  # raises, with what is there
     mounting = recording.vehicle_from_lidar
     points = deskew(
         sweep.points_lidar,
         times_ns,
-        interpolation_ns=knots_ns,
+        interpolation_ns=sampled_ns,
         rotations=rotations @ mounting.rotation,
         positions_m=positions_m + rotations @ mounting.translation_m,
     )

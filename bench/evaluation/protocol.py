@@ -159,13 +159,6 @@ class RangeMapRules(_Part):
     min_object_frames: Annotated[int, Field(ge=1)]
 
 
-class BootstrapRules(_Part):
-    """Draws of the bootstrap that intervals were taken by; stated by released protocols, of no effect any more."""
-
-    draws: Annotated[int, Field(ge=2000)]
-    seed: Annotated[int, Field(ge=0)]
-
-
 class Protocol(_Part):
     """Everything that decides a score, apart from data and method."""
 
@@ -175,12 +168,11 @@ class Protocol(_Part):
     scoring: ScoringRules
     bins: Bins
     range_map: RangeMapRules
-    bootstrap: BootstrapRules | None = None
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the content, in hexadecimal; comments, order of keys and white space do not matter."""
-        # Fields that a later version of the model adds with a default stay out, so released digests hold.
+        # What a file leaves to a default stays out, so that a new rule with one changes no digest.
         content = self.model_dump(mode="json", exclude_unset=True)
         return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 

@@ -216,7 +216,7 @@ def all_settings(method: MethodOfRun) -> dict[str, object]:
 
 
 def protocol_text(protocol: ProtocolOfRun) -> str:
-    """For example "paper-v1 version 1 (dde8f4b79b8f)"."""
+    """For example "paper-v1 version 1 (075012207d4a)"."""
     return f"{protocol.name} version {protocol.version} ({protocol.digest[:SHOWN_DIGEST]})"
 
 
