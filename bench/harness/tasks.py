@@ -245,25 +245,18 @@ def deciding_digests(
         "method": digest_of(spec.method.name, spec.method_code.digest),
         "settings": digest_of(spec.settings),
         "unit": digest_of(unit, recording.frame_interval_ns),
-        "camera": inputs.camera(unit.camera),
-        "ego-motion": inputs.ego_motion,
-        "lidar mounting": inputs.lidar_mounting,
-        "annotations": inputs.annotations,
         "input errors": digest_of(inputs.input_errors),
         "images": inputs.images(read),
         "exact masks": inputs.truths(images[unit.start : unit.stop]),
     }
     if opened.exported is not None:
         shared["exported reference"] = opened.exported.digest(images[unit.start : unit.stop])
-    first_ns, last_ns = read[0].timestamp_ns, read[-1].timestamp_ns
-    return {
-        run: shared
-        | {
-            "protocol": digest_of(protocol),
-            "sweeps": inputs.sweeps(first_ns, last_ns, reach_ns=protocol.reference_settings().max_sweep_gap_ns),
-        }
-        for run, protocol in spec.protocols.items()
-    }
+    found = {}
+    for run, protocol in spec.protocols.items():
+        reach_ns = protocol.reference_settings().max_sweep_gap_ns
+        of_reference = inputs.of_reference(unit.camera, read[0].timestamp_ns, read[-1].timestamp_ns, reach_ns=reach_ns)
+        found[run] = shared | of_reference | {"protocol": digest_of(protocol)}
+    return found
 
 
 def _changed(decided_by: Mapping[str, str], stored: Collection[Mapping[str, str]]) -> frozenset[str]:

@@ -80,16 +80,12 @@ class StepCache:
 
     def reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
         """The reference of an image; see `ReferenceBuilder.build`."""
-        reach_ns = builder.settings.max_sweep_gap_ns
+        time_ns, reach_ns = image.timestamp_ns, builder.settings.max_sweep_gap_ns
         digest = digest_of(
             code_digest(REFERENCE_CODE),
             builder.settings,
-            self.inputs.camera(image.camera),
-            self.inputs.ego_motion,
-            self.inputs.lidar_mounting,
-            self.inputs.annotations,
-            self.inputs.sweeps(image.timestamp_ns, image.timestamp_ns, reach_ns=reach_ns),
-            image.timestamp_ns,
+            self.inputs.of_reference(image.camera, time_ns, time_ns, reach_ns=reach_ns),
+            time_ns,
             None if image.moving_path is None else self.inputs.image(image),
         )
         found = self.folder.get("reference", digest)

@@ -67,6 +67,16 @@ class RecordingInputs:
         """Digest of the exact masks of images."""
         return digest_of([None if image.truth_path is None else self._digests.of(image.truth_path) for image in images])
 
+    def of_reference(self, camera: str, first_ns: int, last_ns: int, *, reach_ns: int) -> dict[str, str]:
+        """Digests of all that references of images of a camera are made of, by name; arguments as of `sweeps`."""
+        return {
+            "camera": self.camera(camera),
+            "ego-motion": self.ego_motion,
+            "lidar mounting": self.lidar_mounting,
+            "annotations": self.annotations,
+            "sweeps": self.sweeps(first_ns, last_ns, reach_ns=reach_ns),
+        }
+
     def sweeps(self, first_ns: int, last_ns: int, *, reach_ns: int) -> str:
         """Digest of the sweeps that references of images of a span of time may read.
 
