@@ -69,6 +69,7 @@ def evaluate(
     called = name or f"predictions-{predictions.resolve().name}"
     if called in known_methods():
         raise UsageError(f"--name: expected another name than those of methods, got {called!r}")
+    usual = PredictedMotion(name=called, folder=str(predictions), dataset=str(card.file), split=split)
     method = PredictedMotion(
         name=called,
         folder=str(predictions),
@@ -79,8 +80,7 @@ def evaluate(
         naming=names,
         history=history,
     )
-    usual = {"missing": "error", "naming": "auto", "history": 1, "threshold": None}
-    chosen = [(option, value) for option, value in method.settings().items() if value != usual.get(option, value)]
+    chosen = [(option, value) for option, value in method.settings().items() if value != usual.settings()[option]]
     request = run_request(
         card, method, protocols=[protocol], split=split, out=out, overwrite=overwrite, named_by=chosen
     )

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer, load_protocol
-from bench.evaluation.counts import ObjectCounts
 from bench.records.reference import Direction, IgnoreReason, ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
+from tests.support.result_rows import NO_COUNTS
 
 PAPER = load_protocol("paper-v1")
 
@@ -78,7 +77,7 @@ def _object_row(draw: np.random.Generator, frame: dict[str, object], track_id: s
     region, fp = (int(draw.integers(1, 500)), int(draw.integers(0, 90))) if evaluated else (0, 0)
     tp = int(draw.integers(0, region + 1)) if draw.random() < 0.8 else 0
     return {
-        **dict.fromkeys((field.name for field in fields(ObjectCounts)), 1),  # those that no test asks for
+        **dict.fromkeys(NO_COUNTS, 1 + region % 7),  # those that a new metric may ask for
         **{key: frame[key] for key in ("recording", "camera", "timestamp_ns", "ego_speed_mps")},
         "track_id": track_id,
         "object_class": draw.choice(PAPER.reference.classes),

@@ -11,6 +11,7 @@ from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol, sum_r
 from bench.harness import RunSummary
 from bench.harness.stored import SUMS, file_digests, reference_digest, write_protocol, write_summary
 from tests.support.manifests import manifest, provenance
+from tests.support.result_rows import NO_COUNTS
 
 RECORDINGS, IMAGES = 8, 4
 REGION_PX, IMAGE_PX = 100, 640 * 480
@@ -74,7 +75,7 @@ def write_run(
 
 def _object(recording: int, image: int, category: str, px: int, region_px: int) -> dict[str, object]:
     return {
-        **_key(recording, image), "track_id": category, "object_class": "vehicle", "status": "evaluated",
+        **NO_COUNTS, **_key(recording, image), "track_id": category, "object_class": "vehicle", "status": "evaluated",
         "reason": None, "category": category, "direction": "lateral", "range_m": 4.0, "x_m": 5.5, "y_m": 2.5,
         "speed_mps": 2.0, "points": 50, "polygon_px": region_px, "region_px": region_px, "tp": px,
         "fn": region_px - px, "fp": 10, "unknown_px": 0, "chance_tp": 5,
