@@ -7,7 +7,7 @@ names the one that fits best, if it does so clearly. Where the drive cannot tell
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,8 @@ class CameraLimits:
 
     Attributes:
         predicted: share of the flow that a calibration must predict for anything to be said.
-        sure: share that the best fit must predict; else the drive cannot tell.
+        sure: share that the best fit must predict; else the drive cannot tell, but for a clock, see `doubtful`.
+        doubtful: share that the fit of a clock must predict to be told as a doubt, if it stands out.
         better: share that another reading predicts more than the stated one.
         alike: of the returns that the stated calibration sees in the image, as many another reading must see.
         gain: by how much a cause must raise the logarithm of the posterior.
@@ -39,6 +40,7 @@ class CameraLimits:
 
     predicted: float = 0.6
     sure: float = 0.83
+    doubtful: float = 0.7
     better: float = 0.15
     alike: float = 0.2
     gain: float = 15.0
@@ -82,9 +84,13 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     causes = [cause for cause in CAUSES if cause != "clock" or _motion_changes(recording, flows)]
     fits = {cause: fit for cause in causes if (fit := stated.fit((cause,), beside=clean)) is not None}
     best = min(fits.values(), key=lambda fit: fit.cost)
-    if best.share < LIMITS.sure:
-        return undecided(f"only {100 * best.share:.0f} % of the flow is that of a static world")
     told = {cause: fit for cause, fit in fits.items() if clean.cost - fit.cost > LIMITS.gain and _is_large(cause, fit)}
+    if best.share < LIMITS.sure:
+        doubt = f"only {100 * best.share:.0f} % of the flow is that of a static world"
+        if not _clock_stands_out(told, fits):
+            return undecided(doubt)
+        late = _deviation(recording, camera, "clock", clean, fits["clock"])
+        return replace(late, severity=Severity.WARNING, got=f"perhaps {late.got}; {doubt}")
     if not told:
         return None
     if (found := _best_reading(recording, seen, flows, best, better=0.0)) is not None:
@@ -97,6 +103,13 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
         got=first.got + "".join(f"; almost as well: {other.got}" for other in others),
         hint=first.hint + "".join(f"; or, in {other.field}, {other.hint}" for other in others),
     )
+
+
+def _clock_stands_out(told: Mapping[str, Fit], fits: Mapping[str, Fit]) -> bool:
+    """A clock explains clearly more than any other cause; light that moves along with the vehicle looks like none."""
+    others = min(fit.cost for cause, fit in fits.items() if cause != "clock")
+    late = told.get("clock")
+    return late is not None and late.share > LIMITS.doubtful and late.cost < others - LIMITS.as_well
 
 
 def _motion_changes(recording: Recording, flows: Sequence[SeenFlow]) -> bool:

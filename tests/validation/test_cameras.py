@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from bench.recordings.native import open_native
 from bench.synthesis import synthesize
 from bench.validation import cameras
-from bench.validation.findings import Finding, Undecided
+from bench.validation.findings import Finding, Severity, Undecided
 from bench.validation.report import CHECKS
 from benchmarks.mistakes import OF_CAMERAS
 
@@ -53,6 +54,18 @@ def test_a_planted_fault_is_named(turning, tmp_path, name):
     assert isinstance(finding, Finding)
     text = f"{finding.check} {finding.field} {finding.got} {finding.hint}"
     assert re.search(TOLD[name].lead.removeprefix("camera.*"), text), text
+
+
+def test_where_little_of_the_flow_fits_images_that_are_clearly_late_are_told_as_a_doubt(turning, tmp_path, monkeypatch):
+    monkeypatch.setattr(cameras, "LIMITS", replace(cameras.LIMITS, sure=1.0))
+    clean = verdict(turning)
+    assert isinstance(clean, Undecided)
+    assert "of the flow is that of a static world" in clean.why
+    root = shutil.copytree(turning, tmp_path / turning.name)
+    TOLD["images +50 ms"].plant(root)
+    finding = verdict(root)
+    assert (finding.check, finding.severity) == ("image-clock", Severity.WARNING)
+    assert re.match(r"perhaps images \d+ ms late .*of the flow is that of a static world", finding.got)
 
 
 def test_a_drive_without_sweeps_says_why_it_cannot_tell(turning, tmp_path):
