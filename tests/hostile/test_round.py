@@ -124,11 +124,6 @@ class Target:
     cases: int = 25
     observe: Callable[[Path], Observed] | None = None
 
-    @property
-    def draws(self) -> bool:
-        """Whether damage may change the range map; where tables stay the same to the byte, so does what it draws."""
-        return self.observe is not tables
-
 
 def content_of(*names: str) -> Callable[[Path], Observed]:
     return lambda folder: {name: (folder / name).read_bytes() for name in names}
@@ -247,8 +242,6 @@ def test_files_behind_commands(whole, tmp_path, monkeypatch, capsys, name):
     target, source, place = TARGETS[name], whole(name), tmp_path / "place"
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "steps"))
     words: list[str] = []
-    if not target.draws:
-        monkeypatch.setattr("bench.reporting.table_files.write_picture", lambda *_: ())
 
     def outcome() -> tuple[int, Observed]:
         capsys.readouterr()

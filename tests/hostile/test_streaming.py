@@ -20,7 +20,7 @@ from tests.support.limits import peak_bytes
 
 pytestmark = pytest.mark.slow
 
-SHORT, LONG = 50, 500
+SHORT, LONG = 50, 250
 INDEX_BYTES = 9_000  # a frame: its references, its pose, the states of the objects in it
 SIDE = 256  # of images: 65 kB of pixels, far above an index
 POINTS = 4000  # of a sweep: 64 kB

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.errors import DataError, UsageError
@@ -116,6 +116,7 @@ some_tracks = st.lists(
 )
 
 
+@settings(max_examples=50)  # of up to nine states each
 @given(tracks=some_tracks)
 def test_any_tracks_come_back(tmp_path_factory, tracks):
     path = tmp_path_factory.mktemp("labels") / "a.json"

@@ -158,6 +158,14 @@ def test_what_a_card_names_must_exist(tmp_path, data):
         open_dataset(load_card(card_file(tmp_path, exclusions=[{"recording": "c", "reason": "x"}])))
 
 
+@pytest.mark.parametrize("text", ["[1, 2", "- a\n- b\n", "!!python/object/apply:os.getcwd []"])
+def test_yaml_that_is_no_card_is_refused(tmp_path, text):
+    path = tmp_path / "drives.yaml"
+    path.write_text(text)
+    with pytest.raises(DataError, match=r"drives\.yaml: expected"):
+        load_card(path)
+
+
 def test_cards_are_found_by_name(tmp_path):
     card_file(tmp_path, name="drives", title="Two drives")
     (tmp_path / "demo.scenario.yaml").write_text("seed: 1\n")
