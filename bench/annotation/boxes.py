@@ -102,11 +102,14 @@ def fit_box(fragment: Fragment, settings: ProposalSettings) -> Box | None:
     moving = moving_states(np.round(motion.times_s * SECOND_NS).astype(np.int64), motion.speed_mps, settings.motion)
     if moving.sum() < settings.least_sweeps or not _moves(motion, moving, settings):
         return None
-    through = fragment.seen_through(settings.least_through)
-    gain_share = settings.gain_share if through >= settings.object_through else settings.sure_share
+    box = _box(fragment, motion, moving, settings)
+    gain_share = settings.gain_share
+    if fragment.seen_through(settings.least_through) < settings.object_through:
+        if box.speed_mps * settings.window_s > settings.slow_lengths * box.size_m[0]:
+            return None
+        gain_share = settings.sure_share
     if not _found_again(fragment, motion, np.flatnonzero(moving), gain_share, settings):
         return None
-    box = _box(fragment, motion, moving, settings)
     too_long = box.size_m[0] > settings.longest_m + 2 or box.size_m[1] > settings.widest_m
     too_low = box.size_m[2] + CLEARANCE_M < settings.least_top_m
     return None if too_long or too_low else box

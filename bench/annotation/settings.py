@@ -65,7 +65,8 @@ class ProposalSettings:
         least_top_m: height of an object above the ground.
         found_share: of the points found again where the motion predicts them.
         gain_share: more points agree with the motion than with rest,
-        sure_share: and so many more where fewer than `object_through` were seen through.
+        sure_share: and so many more where fewer than `object_through` were seen through,
+        slow_lengths: as those of what goes no further than so many times its length in `window_s`.
         found_m: distance within which a point is found again.
         margin_m: between the outermost points and the box.
         extend_s: a moving track is carried on for this long at most.
@@ -120,6 +121,7 @@ class ProposalSettings:
     found_share: float = 0.5
     gain_share: float = 0.15
     sure_share: float = 0.5
+    slow_lengths: float = 3.0
     found_m: float = 0.25
     margin_m: float = 0.08
     extend_s: float = 0.5
