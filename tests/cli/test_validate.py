@@ -90,8 +90,9 @@ def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder)
     assert call(monkeypatch, "validate", folder / "street.yaml", "--json", out) == 1
     content = json.loads(out.read_text())
     assert [entry["name"] for entry in content["recordings"]] == ["broken", "drive"]
-    assert {finding["recording"] for finding in content["findings"]} == {"broken"}
-    fields = {finding["field"] for finding in content["findings"]}
+    findings = [finding for entry in content["recordings"] for finding in entry["findings"]]
+    assert {finding["recording"] for finding in findings} == {"broken"}
+    fields = {finding["field"] for finding in findings}
     assert {"name", "licence", "frame_interval_ns", "vehicle", "cameras", "lidar"} <= fields
 
 

@@ -114,7 +114,8 @@ class Place:
         told = self.folder / "told.json"
         assert call(self.monkeypatch, "validate", self.card, "--json", told) == 1
         assert self.capsys.readouterr().err == ""
-        found = [finding for finding in json.loads(told.read_text())["findings"] if finding["severity"] == "error"]
+        recordings = json.loads(told.read_text())["recordings"]
+        found = [f for recording in recordings for f in recording["findings"] if f["severity"] == "error"]
         assert str(self.root / file) in {finding["file"] for finding in found}
         assert self.listing() == sorted([*before, "told.json"])
         return found
