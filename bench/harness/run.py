@@ -24,7 +24,6 @@ from bench.harness.run_folder import begin_run, held_run_folder, new_results
 from bench.harness.stages import Progress, add_up
 from bench.harness.stored import (
     IMAGE_MAPS,
-    SCHEMA_VERSION,
     SUMS,
     RunSummary,
     file_digests,
@@ -359,7 +358,7 @@ def _write_results(
     finished = {"reference": reference_digest(objects, frames), "sums": sums_digest(results)}
     summary = RunSummary(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
-        schema_version=SCHEMA_VERSION,
+        schema_version=1,
         manifest=manifest.with_data(digests).model_copy(update=finished),
         provenance=scored.provenance(run, images=metrics.images.evaluated + metrics.images.not_annotated).model_copy(
             update=origin

@@ -47,7 +47,6 @@ from bench.harness.unit_files import load_image_maps
 from bench.recordings.checked_json import read_checked, write_checked
 from bench.recordings.openlabel import NOT_REVIEWED
 
-SCHEMA_VERSION = 1
 SUMMARY, SUMS, IMAGE_MAPS = "summary.json", "sums.csv", "image_maps.npz"
 Table = Literal["objects.parquet", "frames.parquet", "image_maps.npz", "masks.parquet", "sums.csv"]
 PREDICTIONS = "predictions.json"  # of runs of predictions from disk
@@ -149,7 +148,7 @@ class RunSummary(Summary):
         files: SHA-256 of the tables that the metrics are of, by name.
     """
 
-    schema_version: int
+    schema_version: Literal[1]
     manifest: Manifest
     provenance: Provenance
     vehicle_outline_m: tuple[tuple[float, float], ...]
@@ -286,15 +285,10 @@ def read_run(run: Path) -> RunSummary:
     """Read `summary.json`; the tables beside it must be those that it is of.
 
     Raises:
-        DataError: missing, not a summary of a known version, damaged, or beside tables of something else.
+        DataError: missing, not a summary, damaged, or beside tables of something else.
     """
     file = run / SUMMARY
     summary = read_checked(RunSummary, file, expected="the summary of a run")
-    if summary.schema_version != SCHEMA_VERSION:
-        expected, got = f"{SCHEMA_VERSION}", f"{summary.schema_version}"
-        raise DataError(
-            file, field="schema_version", expected=expected, got=got, hint="read it with the version it is of"
-        )
     digests = FileDigests()
     for name, digest in summary.files.items():
         if (found := digests.of(run / name)) not in (digest, MISSING):
