@@ -21,11 +21,11 @@ from bench.audit.results import (
 )
 from bench.evaluation import Protocol, summarise
 from bench.evaluation.sums import bin_names, name_bins
+from bench.reference import REGION_KINDS
 
 PAPER_RANGE_M = 8.0
 # Least median IoU of a polygon that is meant to follow the outline; the paper's convex hull is not.
 AIMS = {"vehicle": 0.90, "pedestrian": 0.85, "cyclist": 0.85}
-CONVEX = "convex"
 
 
 def polygon_figures(polygons: pa.Table, *, protocol: Protocol, kinds: tuple[str, ...]) -> tuple[PolygonFigures, ...]:
@@ -53,13 +53,13 @@ def polygon_figures(polygons: pa.Table, *, protocol: Protocol, kinds: tuple[str,
 
 
 def aims(polygons: pa.Table, *, kinds: tuple[str, ...]) -> tuple[Aim, ...]:
-    """The aim of every class, for every kind but the convex hull."""
+    """The aim of every class, for every kind that follows the outline."""
     rows = polygons.to_pandas()
     rows = rows[(rows["compensation"] == Compensation.FULL.value) & (rows["range_m"] <= PAPER_RANGE_M)]
     return tuple(
         _aim(rows[(rows["kind"] == kind) & (rows["object_class"] == name)], kind, name, expected)
         for kind in kinds
-        if kind != CONVEX
+        if REGION_KINDS[kind].follows_outline
         for name, expected in AIMS.items()
     )
 

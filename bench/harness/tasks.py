@@ -15,7 +15,7 @@ from bench.harness.cache import CacheFolder, StepCache
 from bench.harness.digests import MethodCode, RecordingInputs, code_digest, digest_of
 from bench.harness.digests.content import UNIT_CODE
 from bench.harness.method_of_run import flat_settings
-from bench.harness.provenance import largest_resident_mb, recording_digest
+from bench.harness.provenance import NOT_STORED, largest_resident_mb, recording_digest
 from bench.harness.reference_files import RecordingReference, ReferenceFolder
 from bench.harness.stages import StageClock
 from bench.harness.unit import Unit, plan_units, run_unit
@@ -260,9 +260,9 @@ def deciding_digests(
 
 
 def _changed(decided_by: Mapping[str, str], stored: Collection[Mapping[str, str]]) -> frozenset[str]:
-    """Names of what was another when the most similar stored result came about; none without any."""
-    changed = [{name for name in decided_by if other.get(name) != decided_by[name]} for other in stored]
-    return frozenset(min(changed, key=len, default=()))
+    """Names of what was another when the most similar stored result came about; `NOT_STORED` without any."""
+    changed = [frozenset(name for name in decided_by if other.get(name) != decided_by[name]) for other in stored]
+    return min(changed, key=len, default=frozenset({NOT_STORED}))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 Outline: TypeAlias = Polygon | MultiPolygon  # of several parts where the lidar sees an object in several
-RegionKindName = Literal["convex", "concave", "surface-patches"]  # `bench.reference.kinds` has the strategies
+# The strategies are in `bench.reference.kinds`.
+RegionKindName = Literal["convex", "concave", "surface-patches"]
 UNKNOWN_CLASS = "unknown"  # of an object of which only pixels are known
 
 

@@ -24,9 +24,11 @@ class RegionKind(ABC):
     Attributes:
         clears_shape: returns within the ground clearance above the bottom of the annotated shape are always left out,
             not only where the protocol says so.
+        follows_outline: it is meant to end where the object ends, so that `audit` asks how well it does.
     """
 
     clears_shape: ClassVar[bool] = False
+    follows_outline: ClassVar[bool] = True
 
     @abstractmethod
     def region(self, scanned: ScannedObject) -> Region | None:
@@ -35,6 +37,8 @@ class RegionKind(ABC):
 
 class ConvexHull(RegionKind):
     """The paper's bounding polygon."""
+
+    follows_outline: ClassVar[bool] = False
 
     @override
     def region(self, scanned: ScannedObject) -> Region | None:

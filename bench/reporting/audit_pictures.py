@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from pathlib import Path
 
 import cv2
@@ -61,7 +62,7 @@ def draw_fit_by_distance(audit: AuditSummary, polygons: pa.Table) -> Figure:
     panels = figure.subplots(1, len(classes), sharey=True, squeeze=False)[0]
     for axes, name in zip(panels, classes, strict=True):
         of_class = rows[rows["object_class"] == name]
-        for kind, colour in zip(audit.polygon_kinds, COLOURS, strict=False):
+        for kind, colour in zip(audit.polygon_kinds, cycle(COLOURS), strict=False):
             _draw_kind(axes, of_class[of_class["kind"] == kind], kind=kind, colour=colour)
         aims = {aim.expected for aim in audit.aims if aim.object_class == name}
         for expected in sorted(aims):
@@ -119,7 +120,7 @@ def write_examples(
         protocol: of the audit.
     """
     files: list[Path] = []
-    colours = dict(zip(audit.polygon_kinds, COLOURS, strict=False))
+    colours = dict(zip(audit.polygon_kinds, cycle(COLOURS), strict=False))
     legend: list[Line2D | Patch] = [Patch(color=canvas.SKY_BLUE, alpha=0.6, label="exact mask")]
     legend += [Line2D([], [], color=colour, label=kind) for kind, colour in colours.items()]
     for name, rows in example_rows(polygons, kind=audit.polygon_kinds[0]).items():

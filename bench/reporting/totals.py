@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from bench.evaluation import Protocol
 from bench.evaluation.summary import not_annotated
 from bench.harness import Provenance, RunSummary
+from bench.harness.provenance import NOT_STORED
 from bench.reference import IgnoreReason
 from bench.reporting.tables import threshold_free_line
 
@@ -44,10 +45,12 @@ def cost_lines(made: Provenance) -> Iterator[str]:
             f"{step} found {work.steps_found.get(step, 0)}, computed {work.steps_computed.get(step, 0)}"
             for step in steps
         )
-        changed = ", ".join(f"{name} ({count})" for name, count in work.changed.items())
+        changed = ", ".join(f"{name} ({count})" for name, count in work.changed.items() if name != NOT_STORED)
+        missing = work.changed.get(NOT_STORED, 0) if changed or work.units_reused else 0
         yield (
             f"{work.workers} processes; units computed {work.units_computed}, found done {work.units_reused}"
             + (f"; computed again since these changed: {changed}" if changed else "")
+            + (f"; without a stored result: {missing}" if missing else "")
             + (f"; cache: {cached}" if cached else "")
         )
 

@@ -72,6 +72,16 @@ def test_a_setting_that_the_method_forgets_to_report_decides_what_is_found_done(
     assert bytes_of(run)["objects.parquet"] != bright["objects.parquet"]
 
 
+def test_a_unit_that_is_gone_is_computed_again_and_told(tiny_card, tmp_path):
+    run = tmp_path / "run"
+    first = call(tiny_card, run, "--workers", 1)
+    assert "units computed 3, found done 0" in first.stdout
+    assert "stored result" not in first.stdout
+    next((run / "units").iterdir()).unlink()
+    again = call(tiny_card, run, "--workers", 1)
+    assert "units computed 1, found done 2; without a stored result: 1" in again.stdout
+
+
 def test_a_setting_that_the_method_forgets_to_report_decides_which_cached_steps_are_found(tiny_card, tmp_path):
     def rows(level: int, out: str) -> bytes:
         options = ("--method", "forgetful:Forgetful", "--set", f"level={level}", "--workers", "1")
