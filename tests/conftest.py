@@ -2,21 +2,17 @@
 
 import gc
 import os
-import pickle
 import shutil
 import signal
 from collections.abc import Iterator
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from matplotlib.figure import Figure
 from typer.main import get_command
 
 from bench.execution import local_executor
-from bench.reporting.canvas import figure_bytes
-from bench.reporting.range_maps import draw_range_maps
 from bench.synthesis import synthesize
 
 # CI repeats itself; at a desk every run tries new examples.
@@ -57,22 +53,9 @@ def _one_worker() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _made_once() -> Iterator[None]:
-    """Commands that are called in this process make once what takes them longer than a small run.
-
-    The tree of all commands, and the range map of equal counts.
-    """
-
-    @lru_cache(maxsize=16)
-    def drawn(content: bytes) -> Figure:
-        found, words = pickle.loads(content)
-        return draw_range_maps(found, **words)
-
+def _one_tree_of_commands() -> Iterator[None]:
+    """Commands that are called in this process build the tree of all commands once."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(
-            "bench.reporting.range_maps.draw_range_maps", lambda found, **words: drawn(pickle.dumps((found, words)))
-        )
-        patched.setattr("bench.reporting.canvas.figure_bytes", lru_cache(maxsize=16)(figure_bytes))
         patched.setattr("typer.main.get_command", cache(get_command))
         yield
 

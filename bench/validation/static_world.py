@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdicts:
-    """When a fitted value is reported.
+    """Limits from which a fitted value is reported.
 
     Attributes:
         sigmas: standard deviations beyond what is tolerated.
@@ -45,6 +45,7 @@ class Verdicts:
         as_good: factor of the smallest cost within which hypotheses explain the steps equally well.
         least_steps: matched pairs of sweeps.
         tilt_rad: between the road that is seen and the road as stated, beyond which axes are permuted.
+        least_path_m: path of the lidar between two sweeps; where it stands, a wall looks like a road.
         witnesses: returns in annotated boxes that decide.
     """
 
@@ -54,6 +55,7 @@ class Verdicts:
     as_good: float = 1.3
     least_steps: int = 6
     tilt_rad: float = 0.5
+    least_path_m: float = 0.05
     witnesses: int = 100
 
 
@@ -128,7 +130,9 @@ def check_static_world(recording: Recording) -> Iterator[Finding | Undecided]:
         why = "neighbouring sweeps see too few of the same surfaces" if recording.sweeps else "no lidar sweeps"
         yield Undecided(about="ego-motion, clock and mounting of the lidar", why=why)
         return
-    seen = road_plane(some_sweeps(recording), np.median([step.path_m for step in steps], axis=0))
+    path_m = np.median([step.path_m for step in steps], axis=0)
+    stands = bool(np.linalg.norm(path_m) < VERDICTS.least_path_m)
+    seen = None if stands else road_plane(some_sweeps(recording), path_m)
     stated = recording.vehicle_from_lidar
     up, height_m = stated.rotation[2], float(stated.translation_m[2]) - recording.ground_m
     upright = seen is None or float(seen.up @ up) > np.cos(VERDICTS.tilt_rad)

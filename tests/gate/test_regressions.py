@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import numpy as np
 import pandas as pd
@@ -35,8 +36,8 @@ def baseline(good_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def command(folder: Path, baseline: Path) -> int:
-    return called_here("gate", folder, "--baseline", baseline, "--tolerances", "rendered-v1").returncode
+def command(folder: Path, baseline: Path) -> CompletedProcess[str]:
+    return called_here("gate", folder, "--baseline", baseline, "--tolerances", "rendered-v1")
 
 
 def verdict(good: Path, other: Path) -> Verdict:
@@ -63,7 +64,7 @@ def test_positive_depth_switched_off(gated_card, good_run, baseline, tmp_path):
     by_chance_too = judge(read_run_sums(good_run), read_run_sums(tmp_path / "run"), tolerances=load_tolerances())
     assert failed(by_chance_too) >= {("overtaking", "tpr_all"), ("overtaking", "iou")}
     assert not found.failed_checks  # the data are the same: the score tells it
-    assert command(tmp_path / "run", baseline) == 1
+    assert command(tmp_path / "run", baseline).returncode == 1
 
 
 def test_sign_of_the_yaw_rate_flipped(gated_card, good_run, baseline, tmp_path):
@@ -73,14 +74,14 @@ def test_sign_of_the_yaw_rate_flipped(gated_card, good_run, baseline, tmp_path):
     assert not found.failed_checks
     worst = next(row for row in found.rows_with(Outcome.FAILED) if row.slice_name == "frames")
     assert worst.worst_recording.startswith("turning")
-    assert command(tmp_path / "run", baseline) == 1
+    assert command(tmp_path / "run", baseline).returncode == 1
 
 
 def test_calibration_shifted_by_5_px_in_the_code(gated_card, good_run, baseline, tmp_path):
     found = verdict(good_run, run(gated_card, tmp_path / "run", CalibrationShifted()))
     assert ("frames", "false_positive_coverage") in failed(found)
     assert not found.failed_checks
-    assert command(tmp_path / "run", baseline) == 1
+    assert command(tmp_path / "run", baseline).returncode == 1
 
 
 def test_calibration_shifted_by_5_px_in_the_data(gated_card, good_run, baseline, tmp_path):
@@ -93,7 +94,7 @@ def test_calibration_shifted_by_5_px_in_the_data(gated_card, good_run, baseline,
     runs = read_run_sums(good_run), read_run_sums(run(folder / gated_card.name, tmp_path / "run"))
     found = judge(*runs, tolerances=load_tolerances())
     assert {check.name for check in found.failed_checks} >= {"reference_digest", "data_digest"}
-    assert command(tmp_path / "run", baseline) == 1
+    assert command(tmp_path / "run", baseline).returncode == 1
 
 
 def test_a_run_that_drops_its_hardest_objects(good_run, baseline, tmp_path):
@@ -111,10 +112,10 @@ def test_a_run_that_drops_its_hardest_objects(good_run, baseline, tmp_path):
     (counts,) = [check for check in found.failed_checks if check.name == "counts"]
     assert counts.message.startswith(f"reference changed: {dropped} object-frames fewer in all_moving")
     assert not failed(found)  # the scores got no worse, which is why the objects are counted
-    assert command(folder, baseline) == 1
+    assert command(folder, baseline).returncode == 1
 
 
-def test_a_metric_that_drops_objects(good_run, baseline, tmp_path, capsys):
+def test_a_metric_that_drops_objects(good_run, baseline, tmp_path):
     """`tpr_all` leaves out what is covered by less than 90 %."""
     folder = copied(good_run, tmp_path)
     objects, frames = open_tables(folder)
@@ -128,8 +129,9 @@ def test_a_metric_that_drops_objects(good_run, baseline, tmp_path, capsys):
     assert "tpr_all: " in found.failed_checks[0].message
     assert "cases fewer in" in found.failed_checks[0].message
     assert not failed(found)
-    assert command(folder, baseline) == 1
-    assert "metrics are over other cases" in " ".join(capsys.readouterr().out.split())
+    ended = command(folder, baseline)
+    assert ended.returncode == 1
+    assert "metrics are over other cases" in " ".join(ended.stdout.split())
 
 
 def test_a_regression_in_two_recordings_is_suspect_not_failed(gated_card, good_run, tmp_path):
@@ -151,7 +153,7 @@ def test_the_same_code_never_fails(gated_card, good_run, baseline, tmp_path):
     found = judge(good, again, tolerances=load_tolerances())
     assert found.passed
     assert {row.outcome for row in found.rows} == {Outcome.PASSED, Outcome.NOT_JUDGED}
-    assert command(tmp_path / "run", baseline) == 0
+    assert command(tmp_path / "run", baseline).returncode == 0
 
 
 def test_noise_of_another_processor_never_fails_whatever_the_seed(good_run):

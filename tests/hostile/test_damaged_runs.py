@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -126,7 +127,7 @@ def test_a_fault_of_ours_is_no_verdict(whole, monkeypatch, capsys):
     def fault(*_, **__):
         raise KeyError("crossing")
 
-    monkeypatch.setattr("bench.gate.judge", fault)
+    monkeypatch.setattr(import_module("bench.gate.judge"), "judge", fault)  # the package has a function of that name
     assert call(monkeypatch, *COMMANDS["gate"](whole)) == 70
     assert "KeyError" in capsys.readouterr().err
 

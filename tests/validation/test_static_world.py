@@ -8,10 +8,11 @@ import pytest
 
 from bench.egomotion import planar_trajectory
 from bench.geometry import RigidTransform
+from bench.lidar import LidarSweep
 from bench.recordings import RecordingWriter
 from bench.recordings.native import open_native
 from bench.validation.findings import Finding, Undecided
-from bench.validation.mounting import mounting_name
+from bench.validation.mounting import mounting_name, road_plane
 from bench.validation.scan_matching import scan_steps
 from bench.validation.static_world import check_static_world
 from tests.support.planting import change_bus, change_head, change_sweeps, shift_times
@@ -139,6 +140,20 @@ def test_a_clean_drive_says_only_what_it_cannot_tell(root):
     undecided = list(check_static_world(open_native(root)))
     assert all(isinstance(one, Undecided) for one in undecided)
     assert "clock of lidar sweeps against ego-motion" in {one.about for one in undecided}
+
+
+def test_the_side_of_a_bus_beside_a_vehicle_that_stands_is_no_road(root):
+    along_m, height_m = np.meshgrid(np.arange(-9.0, 9.0, 0.1), np.arange(-1.5, 1.5, 0.05))
+    side = np.column_stack([along_m.ravel(), np.full(along_m.size, 1.5), height_m.ravel()]).astype(np.float32)
+    first = open_native(root).sweeps[0].read().points_lidar
+    seen = np.concatenate([first, side])
+    seen = seen[seen[:, 1] < 1.6]
+    change_sweeps(root, lambda sweep: LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=seen))
+    change_bus(root, lambda row: row.update(speed_mps="0.0", yaw_rate_radps="0.0"))
+    recording = open_native(root)
+    wall = road_plane([recording.sweeps[0].read()], np.zeros(3))
+    assert abs(wall.up[1]) > 0.99, "it has more returns than the road"
+    assert not any("a road that is not below" in one.got for one in told(root))
 
 
 def test_a_drive_without_sweeps_says_so(root):
