@@ -190,6 +190,7 @@ def export(
             _, lost = export_labels(name, replace(opened, tracks=tracks), out / name / opened.name, LabelOptions())
             for line in lost:
                 say(f"  {name}, lost: {line}", style="yellow")
+    say(f"To score by them, the card says where they are, `annotations: {out}`, and no longer `annotated: none`.")
 
 
 def _write_projects(

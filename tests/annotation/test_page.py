@@ -293,6 +293,21 @@ def test_a_browser_that_dies_loses_the_edit_it_was_in_at_most(server, reviews, t
     again.quit()
 
 
+def test_a_page_whose_command_has_ended_shows_what_is_stored(browser, server, reviews):
+    page(browser, server)
+    ended = {"offline": True, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+    browser.execute_cdp_cmd("Network.enable", {})
+    browser.execute_cdp_cmd("Network.emulateNetworkConditions", ended)
+    press(browser, "a")
+    until(browser, "return over")
+    browser.execute_cdp_cmd("Network.emulateNetworkConditions", ended | {"offline": False})
+    assert browser.execute_script("return [...tracks.values()].every(t => t.status === 'open')")
+    press(browser, " ")
+    assert not browser.execute_script("return playing")
+    assert "the command has ended" in browser.execute_script("return $('told').textContent")
+    assert stored(reviews).decisions == ()
+
+
 def test_what_cannot_be_stored_is_said(browser, server, reviews):
     page(browser, server)
     file = review_file(reviews, DRIVE)
