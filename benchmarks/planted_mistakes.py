@@ -42,7 +42,7 @@ VERDICTS = {"right lead": "found with the right lead", "weak": "with another", "
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What validation said of a mistake in a drive.
+    """Answer of validation to a mistake in a drive.
 
     Attributes:
         mistake: its name.

@@ -1,4 +1,4 @@
-"""How many beams does a trustworthy reference need?
+"""Beams that a trustworthy reference needs.
 
 Rings of the lidar are left out, the reference of `surface-v1` is built of those that remain, and is compared with the
 exact masks as that of the whole sensor is. Nothing else changes: the sensor's field, columns, range and noise stay, and

@@ -127,7 +127,7 @@ class Part(BaseModel):
 
 
 class StoredAudit(Part):
-    """What every audit stores.
+    """The part that every audit stores.
 
     Attributes:
         schema_version: of the file.

@@ -84,7 +84,7 @@ def _version(package: str) -> str | None:
 
 
 def _open3d() -> str:
-    """Whether the library loads, which links against libraries that slim systems lack."""
+    """State of the library, which links against libraries that slim systems lack."""
     from bench.lidar.cloud_files import open3d
 
     try:

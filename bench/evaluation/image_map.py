@@ -1,4 +1,4 @@
-"""Where in the image a method was right and wrong: sums over the images of a camera."""
+"""Places in the image where a method was right and wrong: sums over the images of a camera."""
 
 from __future__ import annotations
 

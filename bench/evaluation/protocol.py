@@ -34,7 +34,7 @@ class _Part(BaseModel):
 
 
 class MotionRules(_Part):
-    """When an annotated object moves, and in which way; see `MotionSettings`.
+    """Rules by which an annotated object moves, and in which way; see `MotionSettings`.
 
     Attributes:
         object_static_mps: objects slower than this over the ground are static.

@@ -165,7 +165,7 @@ class Difference:
 
     @property
     def text(self) -> str:
-        """What it is and was, for example "'everything', was 'nothing'" or "flow = dis, was farneback"."""
+        """The two values, for example "'everything', was 'nothing'" or "flow = dis, was farneback"."""
         return f"{self.lead}{self.after}, was {self.before}"
 
     def __str__(self) -> str:

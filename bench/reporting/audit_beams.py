@@ -1,4 +1,4 @@
-"""How many beams does a trustworthy reference need: a table, and each share over the number of beams."""
+"""Beams that a trustworthy reference needs: a table, and each share over the number of beams."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with data or predictions, as text: the first few of each kind, those that read alike in one."""
+"""Findings in data and predictions, as text: the first few of each kind, those that read alike in one."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
 
 
 def run_findings(run: Path) -> list[Block]:
-    """What a validation found in the data of a run before it was scored.
+    """Findings of a validation in the data of a run before it was scored.
 
     Raises:
         DataError: the stored report is damaged.
@@ -76,7 +76,7 @@ def _where(finding: Finding) -> str:
 
 
 def _occurrence(findings: Sequence[Finding]) -> str:
-    """How often findings occurred, if more than once, and when, if at a known time; "" for neither."""
+    """Number of occurrences, if more than one, and their time, if known; "" for neither."""
     count, time_ns = sum(finding.times for finding in findings), findings[0].timestamp_ns
     times = f"{count} times" if count > 1 else ""
     at = "" if time_ns is None else f"{'first ' if times else ''}at {time_ns}"

@@ -194,7 +194,7 @@ def _is_changed(run: StoredRun) -> bool:
 
 
 def _break(stretch: Sequence[StoredRun], run: StoredRun) -> str:
-    """Why a run does not compare with those before it; "" where it does."""
+    """Reason that a run does not compare with those before it; "" where it does."""
     before, after = stretch[-1].summary.manifest, run.summary.manifest
     apart = [str(difference) for difference in differences(before, after) if not difference.comparable]
     if apart:

@@ -13,7 +13,7 @@ from bench.reporting.tables import threshold_free_line
 
 
 def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
-    """How many objects and images were evaluated, and why the others were not."""
+    """Numbers of objects and images that were evaluated, and reasons that the others were not."""
     ledger, images = summary.objects, summary.images
     limits: dict[str, str] = {IgnoreReason.RANGE: f" (beyond {protocol.reference.range_limit_m:g} m)"}
     reasons = [f"{count} {reason}{limits.get(reason, '')}" for reason, count in ledger.ignored.items() if count]
@@ -31,7 +31,7 @@ def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
 
 
 def cost_lines(made: Provenance) -> Iterator[str]:
-    """What a run had to compute, and the time and memory that it took."""
+    """Work of a run, and the time and memory that it took."""
     work = made.work
     images = made.images if work is None else work.images_computed
     rate = f", {images / made.seconds:.1f} images per second" if images and made.seconds else ""

@@ -1,4 +1,4 @@
-"""What a recording says is annotated, against its annotations."""
+"""The statement of what is annotated, against the annotations."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class Near:
         return np.column_stack([held, a_return * outside.sum(axis=1), passed])
 
     def depths_m(self, box: Cuboid) -> NDArray[np.float64]:
-        """How far outside of a box its returns and those around it are, (N,) float64, m; negative inside."""
+        """Distances of its returns and those around it outside of a box, (N,) float64, m; negative inside."""
         local = np.abs(_local(self.returns_m, Boxes.of([box]))[0])
         return np.asarray(np.max(local - box.size_m / 2, axis=1))
 

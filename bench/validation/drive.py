@@ -1,4 +1,4 @@
-"""What checks ask of a drive: files for findings, times of its sensors, annotated boxes."""
+"""Parts of a drive that several checks ask for: files for findings, times of its sensors, annotated boxes."""
 
 from __future__ import annotations
 

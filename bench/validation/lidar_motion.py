@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """What may be wrong between lidar, odometry and their clocks.
+    """A quantity that may be wrong between lidar, odometry and their clocks.
 
     Attributes:
         stated: its value where all is right.
@@ -101,7 +101,7 @@ FITTING = Fitting()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mounting:
-    """How the lidar's level motion follows from the vehicle's.
+    """Parameters by which the lidar's level motion follows from the vehicle's.
 
     Attributes:
         level_from_vehicle: (2, 2) float64, orthogonal; of determinant -1 where the points are mirrored.

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Seeing:
-    """How the road and boxes are looked for.
+    """Limits of the search for the road and for returns in boxes.
 
     Attributes:
         sweeps: that are read, spread over the drive.
@@ -142,7 +142,7 @@ def returns_in_boxes(recording: Recording, sweeps: Iterable[LidarSweep], vehicle
 
 
 def mounting_name(stated: Array, fitted: Array) -> str:
-    """What is wrong with a mounting.
+    """Name of what is wrong with a mounting.
 
     Args:
         stated: (3, 3) float64, rotation of the lidar as the calibration says.

@@ -46,7 +46,7 @@ class Depth(StrEnum):
 
 
 class Count(FileModel):
-    """How many were read, of how many there are."""
+    """Number of those that were read, and of all."""
 
     read: int = 0
     all: int = 0

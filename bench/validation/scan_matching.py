@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Matching:
-    """How sweeps are matched.
+    """Settings of the matching of sweeps.
 
     Attributes:
         most_steps: pairs of neighbouring sweeps; more than these are not needed for the intervals asked for.

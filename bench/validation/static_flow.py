@@ -25,7 +25,7 @@ from bench.validation.ego_motion import on_objects
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlowSampling:
-    """How much is looked at, and which flow counts as seen.
+    """Limits of how much is looked at, and of flow that counts as seen.
 
     Attributes:
         pairs: of neighbouring images, spread over the drive.

@@ -319,7 +319,7 @@ def _factor_name(factor: float, names: dict[float, str]) -> str:
 
 
 def _remedy(one: Hypothesis, fit: Fit) -> str:
-    """What to do where odometry of these factors is right."""
+    """Hint where odometry of these factors is right."""
     known = (("speed", "the speed", SPEEDS), ("turn", "the yaw rate", TURNS))
     usual = {name: _usual(fit.of(free)[0], names) for free, name, names in known if free in one.free}
     scaled = [f"multiply {name} by {factor:.4g}" for name, factor in usual.items() if factor not in {0.0, 1.0}]

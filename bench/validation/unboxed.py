@@ -19,7 +19,7 @@ from bench.validation.findings import SECOND_NS, Finding, Severity
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unboxed:
-    """Which proposals count as objects that lack a box.
+    """Limits from which proposals count as objects that lack a box.
 
     Attributes:
         sweeps: that are looked at, in the middle of the drive: 0.1 s each.

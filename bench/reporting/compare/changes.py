@@ -1,4 +1,4 @@
-"""What changed from the first run to each of the others: metrics by row with a verdict, and object-frames.
+"""Changes from the first run to each of the others: metrics by row with a verdict, and object-frames.
 
 The metrics are those of `bench.evaluation.comparison`, as one table; a verdict is read off each row of it.
 """
@@ -117,7 +117,7 @@ LISTED = 10  # of each kind, one per track
 
 
 class Kind(StrEnum):
-    """Why a frame is worth a look."""
+    """Reason that a frame is worth a look."""
 
     LOST = "newly missed"
     GAINED = "newly detected"

@@ -161,7 +161,7 @@ def _rows_on(run: StoredRun, images: CommonImages) -> tuple[RowsOnImages, RowsOn
 
 
 def _differences(one: StoredRun, two: StoredRun, images: CommonImages) -> list[str]:
-    """What differs, each with its number and its first example."""
+    """Differences, each with its number and its first example."""
     groups = group_recordings(images.recordings())
     objects, frames = zip(_rows_on(one, images), _rows_on(two, images), strict=True)
     of_objects = _table_differences(objects, OBJECT, REFERENCE_OF_OBJECTS, groups, "object-frames")
