@@ -4,11 +4,11 @@
     category, crossing, drive-3, iou, 17.2, 41
 
 A metric of a slice is the sum of its numerators over the sum of its denominators; its interval needs them by recording.
-A run is summed some whole recordings at a time, whose tables are added, so that memory is bounded. Breakdowns are the kinds
-of motion ("category"), everything ("all_moving" of objects, "frames" of images), class, camera, bins of range, of the
-object's and the ego vehicle's speed and of points, and class x speed; a slice without rows is not there. `COUNTS` stand
-in the same table, as numerators: all annotated objects by status and reason, all images by status, problem and camera,
-and the tracks of each slice, over its object-frames.
+A run is summed some whole recordings at a time, whose tables are added, so that memory is bounded. Breakdowns are the
+kinds of motion ("category"), everything ("all_moving" of objects, "frames" of images), class, camera, bins of range, of
+the object's and the ego vehicle's speed and of points, and class x speed; a slice without rows is not there. `COUNTS`
+stand in the same table, as numerators: all annotated objects by status and reason, all images by status, problem and
+camera, and the tracks of each slice, over its object-frames.
 """
 
 from __future__ import annotations
