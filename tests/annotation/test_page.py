@@ -300,6 +300,8 @@ def test_a_page_whose_command_has_ended_shows_what_is_stored(browser, server, re
     browser.execute_cdp_cmd("Network.emulateNetworkConditions", ended)
     press(browser, "a")
     until(browser, "return over")
+    browser.execute_async_script("open_(0).catch(() => 0).then(() => arguments[0]())")
+    assert browser.execute_script("return D !== null"), "the drive stays on the page"
     browser.execute_cdp_cmd("Network.emulateNetworkConditions", ended | {"offline": False})
     assert browser.execute_script("return [...tracks.values()].every(t => t.status === 'open')")
     press(browser, " ")
