@@ -57,6 +57,41 @@ def test_the_page_shows_the_drive_at_any_width(browser, server, width, scheme):
     no_complaints(browser)
 
 
+def click(browser, name):
+    """A function that clicks a button."""
+    return lambda: browser.find_element("id", name).click()
+
+
+def sides_of(browser, name):
+    """Left, top, right, bottom, width and height of an element, px."""
+    return browser.execute_script(
+        "const r = $(arguments[0]).getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom, r.width, r.height]",
+        name,
+    )
+
+
+def test_all_views_fit_into_a_small_window(browser, server):
+    page(browser, server, width=1280)
+    for name in ("bird", "image", "top", "flank", "face", "line"):
+        left, top, right, bottom, width, height = sides_of(browser, name)
+        assert left >= 0 <= top and right <= 1280 and bottom <= 900, name  # noqa: PT018
+        assert (width, height) > (150, 80), name
+    assert sides_of(browser, "bird")[4] > 550
+
+
+def test_the_image_is_enlarged_and_back(browser, server):
+    page(browser, server, width=1280)
+    small = sides_of(browser, "image")[4]
+    for enlarge, reduce in ((lambda: press(browser, "h"), Keys.ESCAPE), (click(browser, "enlarge"), "h")):
+        enlarge()
+        until(browser, "return large")
+        assert until(browser, f"return $('image').clientWidth > 1.5 * {small}")
+        assert sides_of(browser, "bird")[4] > 300  # the bird's-eye view is where the image was
+        press(browser, reduce)
+        assert until(browser, f"return !large && $('image').clientWidth <= {small}")
+    no_complaints(browser)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [1280, 390])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -65,7 +100,9 @@ def test_axe_finds_nothing(browser, server, width, scheme):
     assert accessibility_faults(browser) == []
     browser.execute_script("$('help').showModal()")
     assert accessibility_faults(browser) == []
-    browser.execute_script("$('help').close(); decide({ action: 'nonsense' })")
+    browser.execute_script("$('help').close(); setLarge(true)")
+    assert accessibility_faults(browser) == []
+    browser.execute_script("setLarge(false); decide({ action: 'nonsense' })")
     until(browser, "return $('told').className === 'bad'")
     for status in ("open", "accepted", "rejected"):
         browser.execute_script("for (const t of tracks.values()) t.status = arguments[0]; report(); paint()", status)
