@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from shapely.geometry import LineString, Polygon, box
 from shapely.ops import split
 
+from bench.annotation.doubts import hole_doubts, holes
 from bench.annotation.store import (
     Accept,
     BoxState,
@@ -112,7 +112,7 @@ class ReviewedTrack:
         category: kind of motion where a reviewer named it, else None.
         unclear: it is ignored when scored.
         size_m: (3,) float64, full length, width and height, m.
-        doubts: reasons to look twice.
+        proposed_doubts: reasons to look twice, of those who proposed it.
         points_median: returns in its box.
         motion: where it is, key frames applied.
         found: where it is without key frames.
@@ -126,11 +126,16 @@ class ReviewedTrack:
     category: str | None
     unclear: bool
     size_m: NDArray[np.float64]
-    doubts: tuple[Doubt, ...]
+    proposed_doubts: tuple[Doubt, ...]
     points_median: float
     motion: Motion
     found: Motion
     keys: Mapping[int, SetBox]
+
+    @property
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Reasons to look twice, with those that follow from the track as it stands."""
+        return (*hole_doubts(self.motion.times_ns, self.motion.step_ns), *self.proposed_doubts)
 
     @property
     def doubt(self) -> float:
@@ -273,7 +278,7 @@ def _unreviewed(track: StoredTrack) -> ReviewedTrack:
         category=track.category,
         unclear=track.unclear,
         size_m=np.array(track.size_m),
-        doubts=track.doubts,
+        proposed_doubts=track.doubts,
         points_median=track.points_median,
         motion=motion,
         found=motion,
@@ -320,15 +325,26 @@ def _with_key(track: ReviewedTrack, key: SetBox) -> ReviewedTrack:
 
 
 def _reaching(motion: Motion, time_ns: int) -> Motion:
-    """The same motion with a state at a time, carried on to there where it ended before."""
+    """The same motion with a state at a time and, up to 2 s from there, without the hole around it.
+
+    Before its beginning and behind its end it is carried on to there.
+    """
     first, last = int(motion.times_ns[0]), int(motion.times_ns[-1])
-    step_ns = motion.step_ns
     if abs(time_ns - np.clip(time_ns, first, last)) > LARGEST_GAP_NS:
         raise UsageError(f"key frame at {time_ns}: expected at most 2 s before or after the track, {first} to {last}")
-    before = np.arange(first - step_ns, time_ns, -step_ns)
-    behind = np.arange(last + step_ns, time_ns, step_ns)
-    times_ns = np.unique(np.concatenate([before, motion.times_ns, behind, [time_ns]]).astype(np.int64))
-    return motion if len(times_ns) == len(motion) else motion.at(times_ns)
+    later = int(np.searchsorted(motion.times_ns, time_ns))
+    beside = motion.times_ns[max(later - 1, 0) : later + 1]
+    times_ns = [motion.times_ns, np.array([time_ns])]
+    for start, end in [(min(int(one), time_ns), max(int(one), time_ns)) for one in beside]:
+        if end - start <= LARGEST_GAP_NS:
+            times_ns.append(_between(start, end, motion.step_ns))
+    reached = np.unique(np.concatenate(times_ns).astype(np.int64))
+    return motion if len(reached) == len(motion) else motion.at(reached)
+
+
+def _between(start_ns: int, end_ns: int, step_ns: int) -> NDArray[np.int64]:
+    """Times between two, about a step apart."""
+    return np.linspace(start_ns, end_ns, round((end_ns - start_ns) / step_ns) + 1).round().astype(np.int64)[1:-1]
 
 
 def _corrected(found: Motion, keys: Mapping[int, SetBox]) -> Motion:
@@ -438,7 +454,7 @@ def _joined(a: ReviewedTrack, b: ReviewedTrack) -> ReviewedTrack:
     alone = ~np.isin(grown_b.motion.times_ns, grown_a.motion.times_ns)
     return replace(
         _baked(grown_a, motion=_in_one(grown_a.motion, grown_b.motion.where(alone))),
-        doubts=a.doubts,
+        proposed_doubts=a.proposed_doubts,
         points_median=max(a.points_median, b.points_median),
     )
 
@@ -462,7 +478,7 @@ def _in_one(a: Motion, b: Motion) -> Motion:
     )
     step_ns = min(a.step_ns, b.step_ns) if len(b) > 1 else a.step_ns
     times = [together.times_ns]
-    for start, end in pairwise(together.times_ns):
-        if 1.5 * step_ns < end - start <= LARGEST_GAP_NS:
-            times.append(np.linspace(start, end, round((end - start) / step_ns) + 1).round().astype(np.int64)[1:-1])
+    for start, end in holes(together.times_ns, step_ns):
+        if end - start <= LARGEST_GAP_NS:
+            times.append(_between(start, end, step_ns))
     return together.at(np.unique(np.concatenate(times)))

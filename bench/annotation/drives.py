@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.annotation.carry_over import carry_over
+from bench.annotation.decisions import opening
 from bench.annotation.evaluate import evaluate_proposals
 from bench.annotation.export import to_tracks
 from bench.annotation.proposals import Proposal, propose
@@ -106,7 +107,7 @@ def propose_drive(dataset: str, folder: Path, handle: RecordingHandle) -> Propos
     except BenchError as error:
         return ProposedDrive(name=handle.name, failure=str(error))
     assert stored is not None
-    doubted = sum(bool(track.doubts) for track in stored.tracks)
+    doubted = sum(bool(track.doubts) for track in opening(stored).values())
     return ProposedDrive(name=handle.name, objects=len(stored.tracks), doubted=doubted, computed=computed)
 
 

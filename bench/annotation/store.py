@@ -39,7 +39,7 @@ class Doubt(FileModel):
 
     Attributes:
         reason: in words, such as "few returns".
-        value: the number behind it, in the unit that the reason names.
+        value: the number behind it.
         weight: how much it matters, from 0 to 1; the list of the review page is sorted by the sum.
     """
 

@@ -10,7 +10,7 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
 from bench.annotation.decisions import applied
-from bench.annotation.store import read_review, review_file
+from bench.annotation.store import read_review, review_file, write_review
 from tests.support.browser import accessibility_faults, headless_chromium, opened
 from tests.support.reviews import DRIVE
 
@@ -65,7 +65,8 @@ def click(browser, name):
 def sides_of(browser, name):
     """Left, top, right, bottom, width and height of an element, px."""
     return browser.execute_script(
-        "const r = $(arguments[0]).getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom, r.width, r.height]",
+        "const r = $(arguments[0]).getBoundingClientRect();"
+        "return [r.left, r.top, r.right, r.bottom, r.width, r.height]",
         name,
     )
 
@@ -355,3 +356,41 @@ def test_what_cannot_be_stored_is_said(browser, server, reviews):
     press(browser, "a")
     assert until(browser, "return $('told').textContent").startswith("Not stored: ")
     until(browser, f"return tracks.get('{chosen}').status === 'open'")
+
+
+def rewrite(reviews, change):
+    """Store the review with its first track changed."""
+    review = stored(reviews)
+    first, *others = review.tracks
+    write_review(review_file(reviews, DRIVE), review.with_tracks([change(first), *others]))
+
+
+def test_a_hole_is_seen_in_the_list_and_in_the_timeline_and_filled_by_a_key_frame(browser, server, reviews):
+    rewrite(reviews, lambda track: track.model_copy(update={"states": (*track.states[:3], *track.states[4:])}))
+    page(browser, server)
+    browser.execute_script("choose('p000'); seek(3)")
+    assert "hole of 1 sweep" in browser.execute_script("return document.querySelector('#why').textContent")
+    assert "hole" in browser.execute_script("return document.querySelector('#tracks [aria-pressed=true]').textContent")
+    until(browser, "return $('size').textContent.startsWith('A hole')")
+    whole, hole = browser.execute_script(
+        "const b = bars.find(b => b.t.id === 'p000'), g = $('rows').getContext('2d'), { x } = scale();"
+        "return [1.5, 3].map(n => g.getImageData(x(n * step), b.y + 4, 1, 1).data.join())"
+    )
+    assert whole != hole
+    press(browser, Keys.ENTER)
+    assert wait_for_decisions(reviews, 1)[0].action == "set_box"
+    until(browser, "return bars.find(b => b.t.id === 'p000').runs.length === 1 && !tracks.get('p000').doubts.length")
+    no_complaints(browser)
+
+
+def test_the_timeline_has_the_rows_of_the_list(browser, server):
+    page(browser, server)
+    rows, listed = browser.execute_script("return [bars.map(b => b.t.id), ranked().map(t => t.id)]")
+    assert rows == listed
+    last = rows[-1]
+    browser.execute_script(
+        "const r = $('rows').getBoundingClientRect(), y = r.top + bars.at(-1).y + 4, at = { clientX: r.left + 8,"
+        " clientY: y, pointerId: 1, bubbles: true }; $('rows').setPointerCapture = () => 0;"
+        "for (const end of ['pointerdown', 'pointerup']) $('rows').dispatchEvent(new PointerEvent(end, at))"
+    )
+    assert browser.execute_script("return chosen") == last

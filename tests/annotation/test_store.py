@@ -213,3 +213,30 @@ def test_iou_of_tracks_counts_all_times_of_both():
     assert tracks_iou(straight("a"), straight("b", start=(0, 1))) == pytest.approx(1 / 3)
     assert tracks_iou(straight("a", states=10), straight("b", states=5)) == pytest.approx(0.5)
     assert tracks_iou(straight("a", states=5), straight("b", first=5)) == 0.0
+
+
+def with_hole(name, first, last, **more):
+    """A straight track without the states from `first` to `last`."""
+    whole = straight(name, **more)
+    return whole.model_copy(update={"states": (*whole.states[:first], *whole.states[last + 1 :])})
+
+
+def reasons(track):
+    return [doubt.reason for doubt in track.doubts]
+
+
+def test_a_hole_is_a_doubt_until_a_key_frame_fills_it():
+    review = review_of(with_hole("p1", 4, 6), straight("p2"), with_hole("p3", 5, 5))
+    before = by_id(review)
+    assert [reasons(before[name]) for name in ("p1", "p2", "p3")] == [["hole of 3 sweeps"], [], ["hole of 1 sweep"]]
+    filled = by_id(decided(review, key("p1", 5, (5, 0, 1))))["p1"]
+    assert reasons(filled) == []
+    np.testing.assert_array_equal(filled.motion.times_ns, np.arange(11) * STEP_NS)
+    np.testing.assert_allclose(filled.motion.centres_m[:, 0], np.arange(11), atol=1e-9)
+
+
+def test_a_hole_of_many_seconds_is_filled_near_the_key_frame_alone():
+    review = review_of(with_hole("p1", 10, 79, states=91))
+    filled = by_id(decided(review, key("p1", 25, (25, 0, 1))))["p1"]
+    np.testing.assert_array_equal(filled.motion.times_ns // STEP_NS, [*range(26), *range(80, 91)])
+    assert reasons(filled) == ["hole of 54 sweeps"]
