@@ -112,6 +112,15 @@ class Session:
             **self.changes({}),
         }
 
+    def work(self) -> Json:
+        """Count what is left to do: tracks that are undecided, those of them in doubt, sweeps that were not watched."""
+        undecided = [track for track in self._state.values() if track.status == "open"]
+        return {
+            "undecided": len(undecided),
+            "doubted": sum(bool(track.doubts) for track in undecided),
+            "unwatched": sum(not self.review.covers([int(time_ns)]) for time_ns in self._times_ns),
+        }
+
     def changes(self, before: State) -> Json:
         """Tracks that are new or changed since `before`, those that are gone, and how far the review is."""
         made, taken_back = history(self.review.decisions)

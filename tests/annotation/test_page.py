@@ -394,3 +394,21 @@ def test_the_timeline_has_the_rows_of_the_list(browser, server):
         "for (const end of ['pointerdown', 'pointerup']) $('rows').dispatchEvent(new PointerEvent(end, at))"
     )
     assert browser.execute_script("return chosen") == last
+
+
+def test_the_list_of_drives_tells_what_is_left_to_do(browser, server_of_three, drive):
+    page(browser, server_of_three)
+    sweeps = f"{len(drive.sweeps)} sweeps not watched"
+    objects = len(drive.tracks)
+    told = "return [...$('drives').options].map(o => o.text).join('\\n')"
+    until(browser, "return $('drives').options[2].text.includes('opened')")
+    before = browser.execute_script(told).split("\n")
+    assert before[0] == f"{DRIVE} · {objects} undecided ({objects // 2} in doubt), {sweeps}"
+    assert before[1:] == [f"again · {sweeps}", "broken · cannot be opened"]
+    for left in range(objects - 1, -1, -1):
+        press(browser, "a")
+        until(browser, f"return work[0].undecided === {left} && !edit")
+    browser.execute_script("$('speed').value = '4'; seek(0)")
+    press(browser, " ")
+    until(browser, "return !playing && D.times.every(watched)")
+    assert browser.execute_script(told).startswith(f"{DRIVE} · done\n")

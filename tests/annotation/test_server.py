@@ -81,6 +81,18 @@ def test_a_decision_is_on_disk_when_it_is_answered(server, reviews):
     assert (undone["decisions"], undone["undone"]) == (0, 1)
 
 
+def test_what_is_left_to_do_is_counted(server, drive):
+    objects = len(drive.tracks)
+    left = {"undecided": objects, "doubted": objects // 2, "unwatched": len(drive.sweeps)}
+    assert json.loads(ask(server, "/drives/0/work")[2]) == left
+    ask(server, "/drives/0/decide", body={"action": "accept", "tracks": ["p001"]})
+    ask(server, "/drives/0/watched", body={"first": 1, "last": 2})
+    left = {"undecided": objects - 1, "doubted": objects // 2 - 1, "unwatched": len(drive.sweeps) - 2}
+    assert json.loads(ask(server, "/drives/0/work")[2]) == left
+    assert ask(server, "/drives/0/work", X_Review_Token=None)[0] == 403
+    assert ask(server, "/drives/1/work")[0] == 404
+
+
 def box_in_image(server, drive):
     """Number of an image, and the key frame that leaves the first track as it is at the image's time."""
     told = json.loads(ask(server, "/drives/0")[2])
