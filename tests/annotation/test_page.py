@@ -148,6 +148,11 @@ def test_jumping_to_the_end_does_not(browser, server, reviews):
     assert browser.execute_script("return D.times.filter(watched).length") == 0
 
 
+def box_of(browser):
+    """Centre, heading and size of the selected box."""
+    return browser.execute_script("const s = stateAt(tracks.get(chosen)); return [...s.row.slice(0, 4), ...s.size]")
+
+
 def test_dragging_the_box_makes_a_key_frame(browser, server, reviews):
     page(browser, server)
     name, x, y = browser.execute_script(
@@ -171,12 +176,33 @@ def test_dragging_the_box_makes_a_key_frame(browser, server, reviews):
 def test_keys_move_turn_and_resize_the_box(browser, server, reviews):
     page(browser, server)
     before = browser.execute_script("const s = stateAt(tracks.get(chosen)); return [...s.row, ...s.size]")
-    press(browser, "iiq]")
+    press(browser, "iiq")
     (decision,) = wait_for_decisions(reviews, 1)
     forward = ((decision.centre_m[0] - before[0]) ** 2 + (decision.centre_m[1] - before[1]) ** 2) ** 0.5
     assert forward == pytest.approx(0.1, abs=2e-3)
     assert decision.yaw_rad - before[3] == pytest.approx(0.01745, abs=1e-3)
-    assert decision.size_m[0] - before[6] == pytest.approx(0.05, abs=1e-3)
+    press(browser, ".")
+    assert wait_for_decisions(reviews, 2)[-1].size_m[2] - before[8] == pytest.approx(0.05, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("key", "alt", "front_m", "rear_m"),
+    [
+        ("]", False, 0.25, 0.0), ("[", False, -0.25, 0.0), ("}", False, 0.0, -0.25), ("{", False, 0.0, 0.25),
+        ("]", True, 0.05, 0.0), ("{", True, 0.0, 0.05),
+    ],
+)  # fmt: skip
+def test_keys_move_one_end_of_the_box(browser, server, reviews, key, alt, front_m, rear_m):
+    page(browser, server)
+    x, y, _, yaw, length, *_ = box_of(browser)
+    keys = ActionChains(browser)
+    (keys.key_down(Keys.ALT).send_keys(key).key_up(Keys.ALT) if alt else keys.send_keys(key)).perform()
+    (decision,) = wait_for_decisions(reviews, 1)
+    ahead = np.array([np.cos(yaw), np.sin(yaw)])
+    moved = (np.array(decision.centre_m[:2]) - [x, y]) @ ahead
+    grown = decision.size_m[0] - length
+    np.testing.assert_allclose([moved + grown / 2, moved - grown / 2], [front_m, rear_m], atol=2e-3)
+    assert key in browser.execute_script("return $('keys').textContent")
 
 
 def test_boxes_in_the_image_are_where_the_lens_puts_them(browser, server, drive):
@@ -236,11 +262,6 @@ def test_the_reference_follows_the_box(browser, server, reviews):
     browser.execute_script(f"choose('{name}')")
     until(browser, f"return chosen === '{name}' && $('band').className === 'unseen'")  # a rejected box has no reference
     no_complaints(browser)
-
-
-def box_of(browser):
-    """Centre, heading and size of the selected box."""
-    return browser.execute_script("const s = stateAt(tracks.get(chosen)); return [...s.row.slice(0, 4), ...s.size]")
 
 
 def test_a_track_is_split_at_a_time_and_merged_again(browser, server, reviews):
