@@ -1,4 +1,4 @@
-"""Proposals against annotations that exist: what was found, what is false, and how well place and speed are known.
+"""Proposals against annotations that exist: what was found, what is false, and how well boxes and speeds are known.
 
 An object-frame is an object in a sweep. A proposal finds it where the returns in its box are those of the annotated
 one, with an IoU of at least one half; of several proposals for one object one is right. Only what moves is asked for,
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import radians
 
 import numpy as np
 import pandas as pd
@@ -35,8 +36,10 @@ HALF = 0.5
 OUTCOMES = FOUND, MISSED, FALSE, NEUTRAL = "found", "missed", "false", "neutral"
 COLUMNS = [
     *("recording", "timestamp_ns", "object", "proposal", "outcome", "object_class", "kind", "range_m", "speed_mps"),
-    *("iou", "speed_error_mps", "centre_error_m"),
+    *("iou", "speed_error_mps", "centre_error_m", "size_error_m", "yaw_error_rad", "proposed_class"),
 ]
+SIZE_OFF_M, YAW_OFF_RAD = 1.0, radians(20)  # from which on a box is listed as wrong
+ERRORS = {"speed_error": "speed_error_mps", "centre_error": "centre_error_m", "size_error": "size_error_m"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,6 +52,13 @@ class _Seen:
     rows: NDArray[np.intp]
     range_m: float
     centre: NDArray[np.float64]
+    yaw_rad: float
+
+    @property
+    def size_m(self) -> NDArray[np.float64]:
+        """(3,) float64, m; NaN for what has no box."""
+        shape = self.track.states[self.index].shape
+        return np.asarray(shape.size_m) if isinstance(shape, Cuboid) else np.full(3, np.nan)
 
     @property
     def speed_mps(self) -> float:
@@ -86,7 +96,9 @@ def evaluate_proposals(
         One row for each object-frame that is annotated or proposed: `recording`, `timestamp_ns`, `object` and
         `proposal` (names, None for none), `outcome` (one of `OUTCOMES`), `object_class`, `kind` of motion, `range_m`
         from the lidar to the nearest return, `speed_mps`; of those that are found also `iou`, `speed_error_mps`
-        (length of the difference of the velocities) and `centre_error_m` (seen from above), NaN elsewhere.
+        (length of the difference of the velocities), `centre_error_m` (seen from above), `size_error_m` (the largest
+        difference of length, width and height), `yaw_error_rad` (of the heading, 0 to pi) and `proposed_class`, NaN
+        elsewhere and where an annotation has no box.
 
     Raises:
         UsageError: the recording is not annotated.
@@ -121,8 +133,9 @@ def proposal_scores(frames: pd.DataFrame, *, minutes: float) -> pd.DataFrame:
     Returns:
         One row for each range (nearer than 8 m, nearer than 20 m, all) and group (all; each class, kind of motion and
         range of speeds): `object_frames`, `recall`, `precision`, `switches` (from one proposal to another on one
-        object), `speed_error_median`, `speed_error_p90` (m/s), `centre_error_median`, `centre_error_p90` (m) and
-        `false_tracks_per_minute` (with more false object-frames than others); NaN for 0/0.
+        object), `false_tracks_per_minute` (with more false object-frames than others), `class_right` (share of those
+        that are found), `speed_error_median`, `speed_error_p90` (m/s), likewise of `centre_error` (m), `size_error`
+        (m) and `yaw_error_deg`; NaN for 0/0.
     """
     speeds = [0.0, *SPEEDS_MPS, np.inf]
     bins = [f"{low:g} to {high:g} m/s" for low, high in pairwise(speeds[:-1])] + [f"{speeds[-2]:g} m/s and more"]
@@ -151,11 +164,55 @@ def _scores(frames: pd.DataFrame, minutes: float) -> dict[str, float]:
         "precision": _share(counts[FOUND], counts[FOUND] + counts[FALSE]),
         "switches": int(sum((names != names.shift()).sum() - 1 for _, names in by_object)),
         "false_tracks_per_minute": _share(int((false > HALF).sum()), minutes),
+        "class_right": float((found["proposed_class"] == found["object_class"]).mean()),
     }
-    for name, unit in (("speed_error", "mps"), ("centre_error", "m")):
+    errors = {name: found[column] for name, column in ERRORS.items()}
+    errors["yaw_error_deg"] = found["yaw_error_rad"].astype(float) * 180.0 / np.pi
+    for name, values in errors.items():
         for label, level in (("median", 0.5), ("p90", 0.9)):
-            scores[f"{name}_{label}"] = float(found[f"{name}_{unit}"].quantile(level))
+            scores[f"{name}_{label}"] = float(values.quantile(level))
     return scores
+
+
+def class_confusion(frames: pd.DataFrame) -> pd.DataFrame:
+    """Count object-frames that were found by their class and the proposed one.
+
+    Args:
+        frames: see `evaluate_proposals`.
+
+    Returns:
+        One row for each annotated class, by name in its index, and one column for each proposed one.
+    """
+    found = frames[frames["outcome"] == FOUND]
+    return pd.crosstab(found["object_class"], found["proposed_class"])
+
+
+def worst_tracks(frames: pd.DataFrame) -> pd.DataFrame:
+    """List what is wrong with each track, most object-frames first.
+
+    Args:
+        frames: see `evaluate_proposals`.
+
+    Returns:
+        `recording`, `track` (an annotated object; of what is false a proposal), `wrong` (missed, false, another class,
+        a side of the box off by more than 1 m, the heading by more than 20 degrees) and `frames`.
+    """
+    found = frames[frames["outcome"] == FOUND]
+    other = found[found["proposed_class"] != found["object_class"]]
+    kinds = [
+        frames[frames["outcome"] == MISSED].assign(wrong="missed"),
+        frames[frames["outcome"] == FALSE].assign(wrong="false", object=frames["proposal"]),
+        other.assign(wrong=other["object_class"] + " proposed as " + other["proposed_class"]),
+        found[found["size_error_m"] > SIZE_OFF_M].assign(wrong=f"a side off by more than {SIZE_OFF_M:g} m"),
+        found[found["yaw_error_rad"] > YAW_OFF_RAD].assign(
+            wrong=f"heading off by more than {np.degrees(YAW_OFF_RAD):.0f} degrees"
+        ),
+    ]
+    names = ["recording", "object", "wrong"]
+    wrong = pd.concat([rows[names] for rows in kinds]).groupby(names).size().reset_index(name="frames")
+    return wrong.rename(columns={"object": "track"}).sort_values(
+        ["frames", "recording", "track", "wrong"], ascending=[False, True, True, True], ignore_index=True
+    )
 
 
 def _share(part: float, whole: float) -> float:
@@ -207,12 +264,17 @@ def _seen(
         return None
     range_m = float(np.hypot(*placed.points_sensor(cluster.rows)[:, :2].T).min())
     later_s = (sweep_ns - state.timestamp_ns) / SECOND_NS
+    yaw_rad = np.nan
     if isinstance(state.shape, Cuboid):
+        ahead = world_from_vehicle.rotate(state.shape.vehicle_from_object.rotation[:, 0])
+        yaw_rad = float(np.arctan2(ahead[1], ahead[0]))
         centre = world_from_vehicle.apply(state.shape.vehicle_from_object.translation_m)
         centre = centre + np.nan_to_num(motion.velocity_world_mps[index]) * later_s
     else:
         centre = cluster.points_world.mean(axis=0)
-    return _Seen(track=track, motion=motion, index=index, rows=cluster.rows, range_m=range_m, centre=centre)
+    return _Seen(
+        track=track, motion=motion, index=index, rows=cluster.rows, range_m=range_m, centre=centre, yaw_rad=yaw_rad
+    )
 
 
 def _rows(seen: Sequence[_Seen], told: Sequence[_Seen], kinds: _Kinds) -> Iterator[dict[str, object]]:
@@ -233,6 +295,9 @@ def _rows(seen: Sequence[_Seen], told: Sequence[_Seen], kinds: _Kinds) -> Iterat
                 "iou": ious[a, pairs[a]],
                 "speed_error_mps": float(np.hypot(*error_mps[:2])),
                 "centre_error_m": float(np.hypot(*(truth.centre - match.centre)[:2])),
+                "size_error_m": float(np.abs(truth.size_m - match.size_m).max()),
+                "yaw_error_rad": abs((truth.yaw_rad - match.yaw_rad + np.pi) % (2 * np.pi) - np.pi),
+                "proposed_class": match.track.object_class,
             }
         else:
             wrong = match.moving and truth.clear

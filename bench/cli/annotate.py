@@ -79,22 +79,27 @@ def evaluate(
     recording: Chosen = None,
     workers: Workers = None,
     reviews: Reviews = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of evaluate.html, .md and .csv; default: none.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of evaluate.html, .md and .csv files; default: none.")
+    ] = None,
 ) -> None:
-    """Compare proposals with annotations that exist: recall, precision, speeds, false tracks."""
-    from bench.annotation import proposal_scores
+    """Compare proposals with annotations that exist: what is found and false, classes, boxes, speeds, worst tracks."""
+    from bench.annotation import class_confusion, proposal_scores, worst_tracks
     from bench.annotation.drives import evaluate_drives
     from bench.cli.request import worker_processes
-    from bench.reporting.proposal_scores import scores_table, write_proposal_scores
+    from bench.reporting.proposal_scores import scores_tables, write_proposal_scores
 
     card, handles, folder = open_drives(dataset, recording, reviews)
     with progress_bar(f"evaluating proposals of {card.name}", "recordings") as progress:
         frames, minutes = evaluate_drives(handles, folder, executor=worker_processes(workers), progress=progress)
     scores = proposal_scores(frames, minutes=minutes)
-    show([scores_table(scores, minutes)])
+    confusion, worst = class_confusion(frames), worst_tracks(frames)
+    show(scores_tables(scores, minutes, confusion, worst))
     if out is not None:
         names = [handle.name for handle in handles]
-        for file in write_proposal_scores(out, scores, minutes, dataset=card.name, recordings=names):
+        for file in write_proposal_scores(
+            out, scores, minutes, confusion=confusion, worst=worst, dataset=card.name, recordings=names
+        ):
             say(str(file))
 
 

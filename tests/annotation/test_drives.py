@@ -58,7 +58,7 @@ def test_propose_then_evaluate(card):
     ended = called_here("annotate", "evaluate", card, "--reviews", "reviews", "--out", "scores", folder=card.parent)
     assert ended.stdout.startswith(scored.stdout)
     written = {path.name: path.read_text() for path in (card.parent / "scores").iterdir()}
-    assert sorted(written) == ["evaluate.csv", "evaluate.html", "evaluate.md"]
+    assert sorted(written) == ["evaluate-tracks.csv", "evaluate.csv", "evaluate.html", "evaluate.md"]
     rows = pd.read_csv(card.parent / "scores" / "evaluate.csv")
     every = rows.set_index(["range", "group"]).loc[("all", "all")]
     share = f"{100 * every['recall']:.1f}"

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from bench.annotation import evaluate_proposals, proposal_scores
+from bench.annotation import class_confusion, evaluate_proposals, proposal_scores, worst_tracks
 from bench.errors import UsageError
+from bench.geometry import RigidTransform
 from bench.recordings import NOT_ANNOTATED
 from tests.annotation.street import street
 from tests.validation.drive import OBJECTS, SWEEPS
@@ -63,6 +65,48 @@ def test_a_track_that_changes_its_name(recording):
     ]
     _, scores = outcomes(recording, halves)
     assert scores["switches"] == 1
+
+
+def changed(track, change):
+    """The track with another box in each state."""
+    states = tuple(replace(state, shape=replace(state.shape, **change(state.shape))) for state in track.states)
+    return replace(track, states=states)
+
+
+def test_errors_of_boxes_and_classes(recording):
+    (rider,) = named(recording, "rider", as_="found")
+    turn = RigidTransform(Rotation.from_euler("z", 30, degrees=True).as_matrix(), np.zeros(3))
+    found = changed(
+        replace(rider, object_class="pedestrian"),
+        lambda shape: {
+            "size_m": shape.size_m + np.array([0.1, 0.2, 1.5]),
+            "vehicle_from_object": shape.vehicle_from_object @ turn,
+        },
+    )
+    frames, scores = outcomes(recording, [found, *named(recording, "leader")])
+    by_class = proposal_scores(frames, minutes=0.5).set_index(["range", "group"])
+    assert by_class.loc[("all", "cyclist"), "size_error_p90"] == pytest.approx(1.5)
+    assert by_class.loc[("all", "cyclist"), "yaw_error_deg_median"] == pytest.approx(30.0)
+    assert by_class.loc[("all", "vehicle"), "size_error_p90"] == 0.0
+    assert by_class.loc[("all", "vehicle"), "yaw_error_deg_p90"] == pytest.approx(0.0, abs=1e-6)
+    count = int((frames.loc[frames["outcome"] == "found", "object"] == "rider").sum())
+    assert scores["class_right"] == 1 - count / (frames["outcome"] == "found").sum()
+    confusion = class_confusion(frames)
+    assert confusion.loc["cyclist", "pedestrian"] == count > 0
+    assert confusion.loc["cyclist", "vehicle"] == 0
+
+
+def test_the_worst_tracks(recording):
+    (rider,) = named(recording, "rider", as_="found")
+    cut = replace(rider, object_class="pedestrian", states=rider.states[:6])
+    frames, _ = outcomes(recording, [cut, *named(recording, "leader"), *named(recording, "leader", as_="again")])
+    rows = worst_tracks(frames).set_index(["track", "wrong"])["frames"]
+    assert rows["walker", "missed"] == ((frames["object"] == "walker") & (frames["outcome"] == "missed")).sum()
+    assert rows["rider", "missed"] == SWEEPS - 6
+    assert rows["rider", "cyclist proposed as pedestrian"] == 6
+    assert {name for name, wrong in rows.index if wrong == "false"} <= {"again", "p-leader"}
+    assert rows.is_monotonic_decreasing
+    assert worst_tracks(outcomes(recording, recording.tracks)[0]).empty
 
 
 def test_groups(recording):

@@ -15,11 +15,21 @@ def files(tmp_path):
         dict(zip(COLUMNS, (label, group, *values), strict=True))
         for label in ("< 8 m", "all")
         for group, values in (
-            ("all", (40, 0.975, 0.9, 1, 2.0, 0.03, 0.2, 0.1, 0.4)),
-            ("<animal>", (0, np.nan, np.nan, 0, 0.0, np.nan, np.nan, np.nan, np.nan)),
+            ("all", (40, 0.975, 0.9, 1, 2.0, 0.875, 0.03, 0.2, 0.1, 0.4, 0.3, 0.7, 1.5, 12.5)),
+            ("<animal>", (0, np.nan, np.nan, 0, 0.0, *9 * [np.nan])),
         )
     ]
-    found = write_proposal_scores(tmp_path / "out", pd.DataFrame(rows), 0.5, dataset="a & b", recordings=["one", "two"])
+    worst = pd.DataFrame({"recording": "one", "track": [f"<{n}>" for n in range(25)], "wrong": "missed", "frames": 7})
+    *found, tracks = write_proposal_scores(
+        tmp_path / "out",
+        pd.DataFrame(rows),
+        0.5,
+        confusion=pd.DataFrame({"cyclist": [35, 5]}, index=["cyclist", "<animal>"]),
+        worst=worst,
+        dataset="a & b",
+        recordings=["one", "two"],
+    )
+    assert pd.read_csv(tracks).equals(worst)
     return {file.suffix: file for file in found}
 
 
@@ -27,7 +37,10 @@ def test_all_files_tell_the_same(files):
     page, text, table = (files[suffix].read_text() for suffix in (".html", ".md", ".csv"))
     for told in (page, text):
         assert "2 recordings, 30 s of sweeps." in told
-        assert all(word in told for word in ("Nearer than 8 m", "At any range", "97.5", "n/a"))
+        assert all(word in told for word in ("Nearer than 8 m", "At any range", "97.5", "n/a", "87.5", "12.5"))
+        assert "as cyclist" in told
+        assert "5 more are in evaluate-tracks.csv" in told
+        assert told.count("missed") == 21, "20 tracks and their explanation"
     assert "<animal>" not in page
     assert "&lt;animal&gt;" in page
     assert "a &amp; b" in page
