@@ -154,7 +154,7 @@ def _refuse_unknown(names: Iterable[str], known: Collection[str], card: DatasetC
 
 
 def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, RecordingHandle]) -> None:
-    """Refuse a folder of annotations that stands in for nothing: the old ones would be scored as if they were new."""
+    """Refuse a folder of annotations that nobody reads: old ones would be scored, or none, without a word."""
     folder = card.annotations
     if folder is None:
         return
@@ -165,6 +165,16 @@ def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, Recordi
             card.file, field="annotations", expected="a folder of <recording>.json files", got=got, hint=hint
         )
     files = sorted(file for file in folder.glob("*.json") if not file.name.endswith(REVIEW_SUFFIX))
-    if files and not any(file.stem in handles for file in files):
+    known = [file for file in files if file.stem in handles]
+    if known and card.content.annotated == "none":
+        hint = "take `annotated: none` out of the card to score by these files, or `annotations` to leave them unread"
+        raise DataError(
+            card.file,
+            field="annotated",
+            expected="one statement about annotations",
+            got=f"`none`, and {len(known)} files of them, as {known[0].name}",
+            hint=hint,
+        )
+    if files and not known:
         expected = f"files called as recordings in {folder}: {', '.join(sorted(handles)[:SHOWN])}"
         raise DataError(card.file, field="annotations", expected=expected, got=f"{len(files)}, as {files[0].name}")

@@ -49,6 +49,19 @@ def test_without_a_file_nothing_is_annotated(root):
             open_native(root)
 
 
+def test_a_card_that_names_annotations_and_says_that_there_are_none(root):
+    folder = root.parent.parent / "reviewed"
+    folder.mkdir()
+    (folder / "drive.review.json").write_text("{}")  # what is reviewed is no annotation yet
+    assert by_card(root, annotated="none", annotations="reviewed").annotated == NOT_ANNOTATED
+    (root / "annotations.json").rename(folder / "drive.json")
+    with pytest.raises(DataError, match="annotated: expected one statement about annotations") as refused:
+        by_card(root, annotated="none", annotations="reviewed")
+    assert "take `annotated: none` out" in str(refused.value)
+    assert by_card(root, annotations="reviewed").annotated == COMPLETELY
+    assert by_card(root, annotated="none").annotated == NOT_ANNOTATED
+
+
 def test_a_card_says_it_of_recordings_that_are_annotated(root):
     assert by_card(root).annotated == COMPLETELY
     assert by_card(root, annotated=PARTLY).annotated == PART
