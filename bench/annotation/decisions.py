@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapely.geometry import LineString, Polygon, box
 from shapely.ops import split
 
-from bench.annotation.doubts import hole_doubts, holes
+from bench.annotation.doubts import hole_doubts, holes, size_doubts
 from bench.annotation.store import (
     Accept,
     BoxState,
@@ -34,6 +34,7 @@ from bench.annotation.store import (
     Undo,
 )
 from bench.errors import UsageError
+from bench.records.recording import ObjectClass
 
 Status = Literal["open", "accepted", "rejected"]
 STATUS_OF: dict[type, Status] = {Accept: "accepted", Reject: "rejected", Reopen: "open"}
@@ -122,7 +123,7 @@ class ReviewedTrack:
     id: str
     source: str
     status: Status
-    object_class: str
+    object_class: ObjectClass
     category: str | None
     unclear: bool
     size_m: NDArray[np.float64]
@@ -135,7 +136,8 @@ class ReviewedTrack:
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """Reasons to look twice, with those that follow from the track as it stands."""
-        return (*hole_doubts(self.motion.times_ns, self.motion.step_ns), *self.proposed_doubts)
+        misfits = size_doubts(self.object_class, self.size_m)
+        return (*hole_doubts(self.motion.times_ns, self.motion.step_ns), *misfits, *self.proposed_doubts)
 
     @property
     def doubt(self) -> float:

@@ -7,9 +7,33 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.annotation.settings import ProposalSettings
 from bench.annotation.store import Doubt
+from bench.records.recording import ObjectClass
 
 HOLE = 1.5  # usual steps between two states, from which on one is missing
+LONGEST_M, WIDEST_M = ProposalSettings().longest_m, ProposalSettings().widest_m
+USUAL_M: dict[ObjectClass, tuple[tuple[float, float], ...]] = {  # least and most length, width and height of a box
+    "pedestrian": ((0.2, 2.4), (0.2, 1.3), (0.6, 2.2)),  # children, and who carries or pushes something
+    "cyclist": ((1.1, 3.2), (0.3, 1.3), (0.9, 2.3)),  # with a trailer or a load
+    "vehicle": ((1.2, LONGEST_M), (0.5, WIDEST_M), (0.8, 4.2)),  # from motorcycles and small cars to buses with a joint
+    "animal": ((0.2, 3.0), (0.1, 1.3), (0.1, 2.2)),  # cats to horses
+}
+SIDES = (("short", "long"), ("narrow", "wide"), ("low", "high"))
+
+
+def size_doubts(object_class: ObjectClass, size_m: NDArray[np.float64]) -> tuple[Doubt, ...]:
+    """A doubt for each side of a box that objects of its class do not have.
+
+    Args:
+        object_class: of the object.
+        size_m: (3,) float64, length, width and height.
+    """
+    return tuple(
+        Doubt(reason=f"{value:.1f} m is {words[int(value > most)]} for {_a(object_class)}", value=value)
+        for value, (least, most), words in zip(size_m.tolist(), USUAL_M[object_class], SIDES, strict=True)
+        if not least <= value <= most
+    )
 
 
 def hole_doubts(times_ns: NDArray[np.int64], step_ns: int) -> tuple[Doubt, ...]:
@@ -29,3 +53,7 @@ def hole_doubts(times_ns: NDArray[np.int64], step_ns: int) -> tuple[Doubt, ...]:
 def holes(times_ns: NDArray[np.int64], step_ns: int) -> list[tuple[int, int]]:
     """The last time before each hole and the first time after it."""
     return [(int(start), int(end)) for start, end in pairwise(times_ns) if end - start > HOLE * step_ns]
+
+
+def _a(name: str) -> str:
+    return f"an {name}" if name[0] in "aeiou" else f"a {name}"

@@ -132,6 +132,19 @@ def test_keys_decide_and_undo(browser, server, reviews):
     no_complaints(browser)
 
 
+def test_a_size_that_does_not_fit_the_class_is_told(browser, server, reviews):
+    page(browser, server)
+    name = browser.execute_script(
+        "const t = [...tracks.values()].find(t => t.class === 'vehicle'); choose(t.id); return t.id"
+    )
+    press(browser, "1")
+    wait_for_decisions(reviews, 1)
+    why = "return $('why').textContent.includes('is long for a pedestrian')"
+    until(browser, why)
+    press(browser, "3")
+    until(browser, f"return tracks.get('{name}').class === 'vehicle' && !({why.removeprefix('return ')})")
+
+
 def test_playing_to_the_end_counts_as_watched(browser, server, reviews, drive):
     page(browser, server)
     browser.execute_script("$('speed').value = '4'; seek(0)")
@@ -272,7 +285,8 @@ def test_a_track_is_split_at_a_time_and_merged_again(browser, server, reviews):
     before = len(applied(stored(reviews)))
     press(browser, "t")
     wait_for_decisions(reviews, 1)
-    until(browser, f"return tracks.has('{name}.1')")
+    until(browser, f"return chosen === '{name}.1' && !!stateAt(tracks.get(chosen))")  # the later part, which is there
+    assert "is selected" in browser.execute_script("return $('told').textContent")
     assert len(applied(stored(reviews))) == before + 1
     browser.execute_script(f"choose('{name}'); mark('{name}.1')")
     press(browser, "m")
@@ -291,6 +305,7 @@ def test_a_line_across_a_box_splits_it(browser, server, reviews):
     stroke(browser, [centre + across, centre - across])
     (decision,) = wait_for_decisions(reviews, 1)
     assert decision.action == "split_space"
+    until(browser, f"return chosen === '{decision.track}.1'")
     halves = [track for track in applied(stored(reviews)) if track.id.startswith(decision.track)]
     assert sum(track.size_m[0] for track in halves) == pytest.approx(length, abs=0.01)
 
