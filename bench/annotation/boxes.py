@@ -28,6 +28,12 @@ CLEARANCE_M = 0.05  # between ground and box
 VEHICLE_M = (2.4, 1.3)  # longer or wider than anybody on foot or on a bicycle
 LARGEST_VAN_M = (6.2, 2.5, 2.8)  # length, width with mirrors, height
 VAN_HEIGHT_M, HEAVY_HEIGHT_M = 2.4, 3.3  # of vans, 2.0 to 2.8 m; of lorries and buses, 3.0 to 4.0 m
+FACE_M = 0.5  # of a side of a box, in which returns are on it
+CELL_M, FACE_SEEN, FLANK_SEEN = (
+    0.25,
+    0.5,
+    0.75,
+)  # of a side that returns cover in all sweeps together: of an end, a flank
 CYCLIST_M, CYCLIST_MPS = 1.15, 2.2  # longer and faster than anybody on foot
 
 
@@ -69,6 +75,25 @@ class Box:
     def object_class(self) -> ObjectClass:
         """A guess by size and speed."""
         return guess_class(self.size_m, self.speed_mps)
+
+    @property
+    def ends_seen(self) -> bool:
+        """Returns lie all over both ends, or all along one flank; those at mirrors cover neither."""
+        half_m = self.size_m[:2] / 2
+        points = np.concatenate([self._own(i) for i in range(len(self.centres_m))])
+        share = np.zeros((2, 2))
+        for axis, end in np.ndindex(2, 2):
+            on_side = points[(2 * end - 1) * points[:, axis] > half_m[axis] - FACE_M, 1 - axis]
+            reach_m = half_m[1 - axis]
+            cells = np.histogram(on_side, bins=int(np.ceil(2 * reach_m / CELL_M)), range=(-reach_m, reach_m))[0]
+            share[axis, end] = (cells > 0).mean()
+        return bool((share[0] >= FACE_SEEN).all() or (share[1] >= FLANK_SEEN).any())
+
+    def _own(self, i: int) -> Floats:
+        """(N, 2) float64, m, returns of a sweep along and across the box from its centre."""
+        ahead = np.array([np.cos(self.yaw_rad[i]), np.sin(self.yaw_rad[i])])
+        centre = self.centres_m[i] + self.motion.velocity_mps[i] * self.motion.offset_s[i]
+        return (self.motion.points[i][:, :2] - centre) @ np.stack([ahead, [-ahead[1], ahead[0]]], axis=1)
 
     @property
     def likely_height_m(self) -> float:

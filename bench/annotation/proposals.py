@@ -23,7 +23,7 @@ from bench.errors import DataError
 from bench.records.recording import ObjectClass, Recording
 
 Floats = NDArray[np.float64]
-TOP_NOT_SEEN = "top not seen"
+TOP_NOT_SEEN, ONE_END = "top not seen", "seen from one end"
 RIGID_M = 12.5  # longer vehicles have a joint, or are two
 HALF = 0.5
 
@@ -130,12 +130,13 @@ def _doubts(box: Box, boxes: Sequence[Box], settings: ProposalSettings) -> tuple
     away_m = np.hypot(*(box.centres_m - np.array([observation.cloud.sensor_m for observation in seen])).T)
     through = box.fragment.seen_through(settings.least_through)
     echo = at_range_of_larger(box, boxes)
+    whole = box.object_class != "vehicle" or (box.size_m[0] >= VEHICLE_M[0] and box.ends_seen)
     looked_at = (
         ("few returns", points, points < settings.few_points),
         ("short", moves_s, moves_s < settings.short_s),
         ("at the edge of the range", float(np.median(away_m)), np.median(away_m) > settings.range_m - settings.edge_m),
         ("fragments joined", float(box.fragment.joined), box.fragment.joined > 0),
-        ("seen from one end", float(box.size_m[0]), box.object_class == "vehicle" and box.size_m[0] < VEHICLE_M[0]),
+        (ONE_END, float(box.size_m[0]), not whole),
         ("longer than a rigid vehicle", float(box.size_m[0]), box.size_m[0] > RIGID_M),
         ("at the range of a larger one", echo, echo > HALF),
         (TOP_NOT_SEEN, float(box.size_m[2]), not box.top_seen),
@@ -154,6 +155,8 @@ def _one_after_the_other(parts: Sequence[Proposal]) -> Proposal:
     if known := [part for part in parts if TOP_NOT_SEEN not in dict(part.doubts)]:
         size_m[2] = max(part.size_m[2] for part in known)
         doubts.pop(TOP_NOT_SEEN, None)
+    if any(ONE_END not in dict(part.doubts) for part in parts):
+        doubts.pop(ONE_END, None)
     return Proposal(
         track_id="",
         object_class=longest.object_class,

@@ -7,7 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.annotation import evaluate_proposals, proposal_scores, propose
-from bench.annotation.boxes import guess_class
+from bench.annotation.boxes import Box, guess_class
+from bench.annotation.registration import Motion
+from bench.annotation.tracking import Fragment
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import NOT_ANNOTATED
@@ -58,6 +60,43 @@ def test_classes_sizes_and_speeds(proposals):
 )  # fmt: skip
 def test_size_and_speed_tell_the_class(length_m, width_m, speed_mps, expected):
     assert guess_class(np.array([length_m, width_m, 1.7]), speed_mps) == expected
+
+
+REAR, FRONT = (np.stack([np.full(9, x), np.linspace(-0.9, 0.9, 9)], axis=1) for x in (-1.6, 1.6))
+FLANK = np.stack([np.linspace(-1.6, 1.6, 14), np.full(14, 0.9)], axis=1)
+MIRRORS = np.array([[1.5, -0.95], [1.5, 0.95], [1.55, -0.9], [1.55, 0.9]])
+
+
+@pytest.mark.parametrize(
+    ("seen", "ends_seen"),
+    [
+        ([REAR], False), ([REAR, MIRRORS], False), ([REAR, FRONT], True), ([FLANK], True),
+        ([REAR, FLANK[:7]], False),  # half of a flank
+    ],
+    ids=["rear", "rear and mirrors", "rear and front", "flank", "rear and half a flank"],
+)  # fmt: skip
+def test_mirrors_are_no_other_end(seen, ends_seen):
+    """A box of 3.2 m by 2 m around returns of one sweep, 5 m ahead and turned by a right angle; it has gone 0.5 m."""
+    points = np.concatenate(seen) @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + [5.0, 0.5]
+    motion = Motion(
+        times_s=np.array([0.1]),
+        offset_s=np.array([0.1]),
+        positions_m=np.array([[5.0, 0.5]]),
+        velocity_mps=np.array([[0.0, 5.0]]),
+        points=(np.column_stack([points, np.ones(len(points))]),),
+        cut_off=(np.zeros(len(points), dtype=bool),),
+    )
+    box = Box(
+        fragment=Fragment(chain=0, observations=()),
+        motion=motion,
+        moving=np.array([True]),
+        centres_m=np.array([[5.0, 0.0]]),
+        bottom_m=np.zeros(1),
+        yaw_rad=np.array([np.pi / 2]),
+        size_m=np.array([3.2, 2.0, 1.5]),
+        top_seen=True,
+    )
+    assert box.ends_seen == ends_seen
 
 
 @pytest.mark.parametrize(
