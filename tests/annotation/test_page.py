@@ -448,3 +448,20 @@ def test_the_list_of_drives_tells_what_is_left_to_do(browser, server_of_three, d
     press(browser, " ")
     until(browser, "return !playing && D.times.every(watched)")
     assert browser.execute_script(told).startswith(f"{DRIVE} · done\n")
+
+
+def test_labels_do_not_overlap_and_the_selected_one_is_always_there(browser, server, reviews):
+    """Nine tracks at one place: some labels are beside, above and below, the others are left out."""
+    review = stored(reviews)
+    copies = [review.tracks[0].model_copy(update={"id": f"c{i}"}) for i in range(8)]
+    write_review(review_file(reviews, DRIVE), review.with_tracks([*review.tracks, *copies]))
+    page(browser, server)
+    browser.execute_script("choose('c5'); seek(nearest(D.times, tracks.get('c5').times[1]))")
+    until(browser, "return drawn === i && placed.some(p => p.name === 'c5')")
+    labels = browser.execute_script("return placed")
+    of_copies = [label for label in labels if label["name"] in {"p000", *(f"c{i}" for i in range(8))}]
+    assert 2 <= len(of_copies) <= 4
+    for n, a in enumerate(labels):
+        for b in labels[:n]:
+            apart = a["right"] < b["left"] or a["left"] > b["right"] or a["bottom"] < b["top"] or a["top"] > b["bottom"]
+            assert apart, (a, b)
