@@ -73,6 +73,12 @@ def sides_of(browser, name):
 
 def test_all_views_fit_into_a_small_window(browser, server):
     page(browser, server, width=1280)
+    browser.execute_script(
+        "tracks.get(chosen).doubts = [...Array(7)].map(() => ({ reason: 'seen through by few', value: .5 }));"
+        "report(); paint()"
+    )
+    until(browser, "return !frame")
+    assert browser.execute_script("return $('box').scrollHeight <= $('box').clientHeight")
     for name in ("bird", "image", "top", "flank", "face", "line"):
         left, top, right, bottom, width, height = sides_of(browser, name)
         assert left >= 0 <= top and right <= 1280 and bottom <= 900, name  # noqa: PT018
