@@ -93,7 +93,8 @@ class Box:
         """(N, 2) float64, m, returns of a sweep along and across the box from its centre."""
         ahead = np.array([np.cos(self.yaw_rad[i]), np.sin(self.yaw_rad[i])])
         centre = self.centres_m[i] + self.motion.velocity_mps[i] * self.motion.offset_s[i]
-        return (self.motion.points[i][:, :2] - centre) @ np.stack([ahead, [-ahead[1], ahead[0]]], axis=1)
+        left = np.array([-ahead[1], ahead[0]])
+        return np.asarray((self.motion.points[i][:, :2] - centre) @ np.stack([ahead, left], axis=1))
 
     @property
     def likely_height_m(self) -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,12 +45,14 @@ def hole_doubts(times_ns: NDArray[np.int64], step_ns: int) -> tuple[Doubt, ...]:
     if not missing:
         return ()
     count = max(sum(missing), 1)
-    return (Doubt(reason=f"hole of {count} sweep{'s' if count > 1 else ''}", value=count),)
+    what = "hole" if len(missing) == 1 else f"{len(missing)} holes"
+    return (Doubt(reason=f"{what} of {count} sweep{'s' if count > 1 else ''}", value=count),)
 
 
 def holes(times_ns: NDArray[np.int64], step_ns: int) -> list[tuple[int, int]]:
     """The last time before each hole and the first time after it."""
-    return [(int(start), int(end)) for start, end in pairwise(times_ns) if end - start > HOLE * step_ns]
+    rows = np.flatnonzero(np.diff(times_ns) > HOLE * step_ns)
+    return [(int(times_ns[row]), int(times_ns[row + 1])) for row in rows]
 
 
 def _a(name: str) -> str:

@@ -293,10 +293,14 @@ def test_a_track_is_split_at_a_time_and_merged_again(browser, server, reviews):
     wait_for_decisions(reviews, 1)
     until(browser, f"return chosen === '{name}.1' && !!stateAt(tracks.get(chosen))")  # the later part, which is there
     assert "is selected" in browser.execute_script("return $('told').textContent")
+    press(browser, "z")
+    until(browser, f"return chosen === '{name}' && !tracks.has('{name}.1')")  # what was cut is selected again
+    press(browser, "y")
+    until(browser, f"return tracks.has('{name}.1')")
     assert len(applied(stored(reviews))) == before + 1
     browser.execute_script(f"choose('{name}'); mark('{name}.1')")
     press(browser, "m")
-    decision = wait_for_decisions(reviews, 2)[-1]
+    decision = wait_for_decisions(reviews, 4)[-1]
     assert (decision.action, set(decision.tracks)) == ("merge", {name, f"{name}.1"})
     assert len(applied(stored(reviews))) == before
     no_complaints(browser)

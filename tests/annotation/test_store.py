@@ -8,6 +8,7 @@ import pytest
 from bench.annotation import store
 from bench.annotation.carry_over import carry_over, tracks_iou
 from bench.annotation.decisions import applied, decide
+from bench.annotation.doubts import hole_doubts
 from bench.errors import DataError, UsageError
 from tests.support.reviews import MADE, STEP_NS, review_of, straight
 
@@ -229,6 +230,7 @@ def test_a_hole_is_a_doubt_until_a_key_frame_fills_it():
     review = review_of(with_hole("p1", 4, 6), straight("p2"), with_hole("p3", 5, 5))
     before = by_id(review)
     assert [reasons(before[name]) for name in ("p1", "p2", "p3")] == [["hole of 3 sweeps"], [], ["hole of 1 sweep"]]
+    assert [doubt.reason for doubt in hole_doubts(np.array([0, 1, 4, 5, 7, 8]), 1)] == ["2 holes of 3 sweeps"]
     filled = by_id(decided(review, key("p1", 5, (5, 0, 1))))["p1"]
     assert reasons(filled) == []
     np.testing.assert_array_equal(filled.motion.times_ns, np.arange(11) * STEP_NS)
