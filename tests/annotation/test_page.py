@@ -84,6 +84,8 @@ def test_all_views_fit_into_a_small_window(browser, server):
         assert left >= 0 <= top and right <= 1280 and bottom <= 900, name  # noqa: PT018
         assert (width, height) > (150, 80), name
     assert sides_of(browser, "bird")[4] > 550
+    browser.execute_script("$('decided').textContent = '188 of 188'; $('seen').textContent = '100 %'")
+    assert browser.execute_script("return document.querySelector('header').offsetHeight") < 45, "one line"
 
 
 def test_the_image_is_enlarged_and_back(browser, server):
