@@ -27,9 +27,15 @@ from bench.harness.manifest import Aspect, differences
 from bench.reporting import canvas, document
 from bench.reporting.compare.changes import HEADLINES, RunComparison, Shown, changes_over_everything, compare_runs
 from bench.reporting.compare.runs import why_apart
-from bench.reporting.compare.writing import points, points_interval
 from bench.reporting.document import Block, Cell, Column, Heading, Items, Paragraph, Picture, Report, Style, Table
-from bench.reporting.formats import INTERVALS, annotations_field, metric_cell, metric_record
+from bench.reporting.formats import (
+    INTERVALS,
+    annotations_field,
+    metric_cell,
+    metric_record,
+    points,
+    points_interval,
+)
 from bench.reporting.leaderboard.reading import Group, group_of, read_runs, readable
 from bench.reporting.stored_run import StoredRun
 

@@ -75,8 +75,8 @@ def metric_changes(before: StoredRun, after: StoredRun) -> pd.DataFrame:
     Returns:
         The rows and columns of `compare_sums`, also those without cases, with the p-value NaN where there is none, and
         beside them `label` of the slice, `p_holm` and `verdict` (missing for what is no headline), `metric_before` and
-        `metric_after` with their own intervals, `chance_before`, `chance_after` and `ceiling` (of the exact masks on the
-        same images), NaN where not known.
+        `metric_after` with their own intervals, `chance_before`, `chance_after` and `ceiling` (of the exact masks on
+        the same images), NaN where not known.
     """
     protocol = before.protocol
     sides = [run.sums[run.sums["breakdown"].isin([CATEGORY, ALL_MOVING, FRAMES])] for run in (before, after)]

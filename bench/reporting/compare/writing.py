@@ -27,7 +27,15 @@ from bench.reporting.compare.changes import (
 from bench.reporting.compare.pictures import draw_changed_frames, frame_title
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.document import Block, Cell, Column, Heading, Heads, Paragraph, Picture, Report, Table, to_latex
-from bench.reporting.formats import CEILING, INTERVALS, LABELS, hundredths, metric_cell
+from bench.reporting.formats import (
+    CEILING,
+    INTERVALS,
+    LABELS,
+    hundredths,
+    metric_cell,
+    points,
+    points_interval,
+)
 from bench.reporting.stored_run import StoredRun, recording_values
 
 NOTE = (
@@ -44,23 +52,11 @@ NOTE = (
 )
 
 
-def points(ratio: float) -> str:
-    """A difference in percentage points, for example "+1.2"; no sign for exactly 0, "n/a" for NaN."""
-    if ratio == 0:
-        return "0.0"
-    return "n/a" if math.isnan(ratio) else f"{100 * ratio:+.1f}"
-
-
 def p_text(p_value: float) -> str:
     """For example "0.012" or "<0.001"; "" for NaN."""
     if math.isnan(p_value):
         return ""
     return "<0.001" if p_value < 0.001 else f"{p_value:.3f}"
-
-
-def points_interval(ci95: tuple[float, float]) -> str:
-    """In percentage points, for example "-1.2 to +0.3"."""
-    return " to ".join(map(points, ci95))
 
 
 def _bound(ratio: float) -> str:
