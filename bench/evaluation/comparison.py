@@ -25,7 +25,7 @@ from bench.evaluation.intervals import (
     ratio_without_each,
 )
 from bench.evaluation.rows import EVALUATED, OBJECT, Rows, as_source, group_recordings, merge_rows, sort_rows
-from bench.evaluation.sums import KEY, TERMS
+from bench.evaluation.sums import KEY, TERMS, name_slice
 
 SIGNIFICANCE = 0.05  # of p-values corrected after Holm
 SLICE = ["breakdown", "slice", "metric"]
@@ -92,6 +92,7 @@ def compare_pairs(pairs: pd.DataFrame) -> pd.DataFrame:
     Returns:
         One row for each breakdown, slice and metric, which are its index: the fields of `PairedChange`, `ci95` and
         `p_value` None where there is none, and
+        `slice_name`: of the slice among all, as `name_slice` gives it;
         `improvement`: the difference in the metric's direction, negative for worse;
         `side`: "both", or "left_only" or "right_only" for a metric of a slice that one run does not have;
         `same_cases`: whether each recording has as many in both;
@@ -105,11 +106,11 @@ def compare_pairs(pairs: pd.DataFrame) -> pd.DataFrame:
         rows.append(
             dict(zip(SLICE, key, strict=True))
             | asdict(change)
-            | {"improvement": metric.improvement(change.difference)}
+            | {"slice_name": name_slice(*key[:2]), "improvement": metric.improvement(change.difference)}
             | {"side": sides.pop() if len(sides) == 1 else "both"}
             | {"same_cases": bool((part[CASES[0]] == part[CASES[1]]).all())}
         )
-    fields = [*SLICE, *PairedChange.__slots__, "improvement", "side", "same_cases"]
+    fields = [*SLICE, *PairedChange.__slots__, "slice_name", "improvement", "side", "same_cases"]
     table = pd.DataFrame(rows, columns=fields, dtype=object).set_index(SLICE)
     kinds: dict[str, Any] = dict.fromkeys(("before", "after", "difference", "improvement"), np.float64)
     kinds |= dict.fromkeys(("cases_before", "cases_after", "recordings"), np.int64)

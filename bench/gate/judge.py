@@ -169,10 +169,7 @@ def _missing(changes: pd.DataFrame) -> Iterator[str]:
 
 
 def _records(changes: pd.DataFrame) -> list[dict[Any, Any]]:
-    """Rows of a comparison, with the name of the slice among all."""
-    rows = changes.reset_index()
-    names = [name_slice(*of) for of in rows[["breakdown", "slice"]].itertuples(index=False)]
-    return rows.assign(slice_name=names).to_dict("records")
+    return changes.reset_index().to_dict("records")
 
 
 def _difference(unit: str, slice_name: str, was: int, now: int) -> str:
