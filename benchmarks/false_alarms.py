@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from bench.evaluation import find_metric, read_sums
-from bench.evaluation.comparison import SLICE, Pairs
+from bench.evaluation.comparison import CASES, SLICE, compare_pairs
 from bench.evaluation.definitions import COUNTS
 from bench.gate import Outcome, Tolerances, load_tolerances
-from bench.gate.judge import AFTER, BEFORE, judge_rows
+from bench.gate.judge import judge_changes
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs" / "gate.md"
@@ -61,20 +61,18 @@ class Drawn:
         rule = rules.tolerance(name, metric)
         return rule is not None and rule.decides
 
-    def pairs(self, draw: np.random.Generator, recordings: int, *, loss: float) -> Pairs:
-        """Sums of a baseline and of a run that has lost so much, by row."""
+    def pairs(self, draw: np.random.Generator, recordings: int, *, loss: float) -> pd.DataFrame:
+        """Sums of a baseline and of a run that has lost so much, side by side."""
         chosen = draw.integers(0, self.below.shape[1], recordings)
         below = self.below[:, chosen] * np.exp(draw.normal(0, SIZE_SIGMA, recordings))
         with np.errstate(invalid="ignore"):
             truth = np.clip(self.above[:, chosen] / self.below[:, chosen], LEAST, 1 - LEAST)
         truth = np.where(below > 0, truth, 0.5)
         before, after = (self._scored(draw, truth, loss=lost) * below for lost in (0.0, loss))
-        tables = (
-            pd.DataFrame({"recording": range(recordings), "numerator_before": one, BEFORE: cases,
-                          "numerator_after": other, AFTER: cases})
-            for one, other, cases in zip(before, after, below, strict=True)
-        )  # fmt: skip
-        return {key: table[table[BEFORE] > 0] for key, table in zip(self.keys, tables, strict=True)}
+        keys = pd.MultiIndex.from_tuples(self.keys, names=SLICE).repeat(recordings).to_frame(index=False)
+        terms = {"numerator_before": before, "numerator_after": after} | dict.fromkeys(CASES, below)
+        table = keys.assign(side="both", **{name: of_rows.ravel() for name, of_rows in terms.items()})
+        return table[table[CASES[0]] > 0]
 
     def _scored(self, draw: np.random.Generator, truth: Terms, *, loss: float) -> Terms:
         shared = self.better * draw.normal(0, np.sqrt(SHARED) * NOISE, truth.shape[1])
@@ -83,10 +81,11 @@ class Drawn:
 
     def fails(self, draw: np.random.Generator, recordings: int, *, loss: float) -> tuple[bool, bool]:
         """True where a row fails, and where one would if none were corrected for the number of rows."""
-        rows = judge_rows(self.pairs(draw, recordings, loss=loss), tolerances=self.rules)
+        changes = compare_pairs(self.pairs(draw, recordings, loss=loss))
+        rows = judge_changes(changes, tolerances=self.rules, worst={})
         failed = any(row.outcome is Outcome.FAILED for row in rows)
         suspect = [row for row in rows if row.outcome is Outcome.SUSPECT]
-        return failed, failed or any(row.change.p_value is not None and row.change.p_value < 0.05 for row in suspect)
+        return failed, failed or any(row.p_value is not None and row.p_value < 0.05 for row in suspect)
 
 
 def shares(drawn: Drawn, recordings: int, *, loss: float, draws: int) -> tuple[float, float]:

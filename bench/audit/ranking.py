@@ -8,7 +8,8 @@ are added. A reference may keep the order within a kind and lose it between the 
 
 Intervals are percentiles over draws of whole recordings with replacement, since images of one recording are not
 independent. They are for reading how far a value may be chance, not for a verdict: over few recordings they are too
-narrow (`bench.evaluation.intervals`).
+narrow (`bench.evaluation.intervals`). The jackknife of the metrics is no remedy for tau, which moves in steps, two
+predictions at a time: over 10 to 20 simulated recordings its interval was 1.0 to 1.3 wide, of 2.
 
 Source:
     Kendall 1945, The treatment of ties in ranking problems, Biometrika 33.

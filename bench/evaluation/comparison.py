@@ -1,20 +1,20 @@
 """Changes between two runs over the same data: metrics from two tables of sums, and object-frames from their rows.
 
-Whole recordings are left out, the same before and after, so that what makes a recording hard cancels out. The gate's
-verdict and the command `compare` both rest on `compare_sums`.
+Whole recordings are left out, the same before and after, so that what makes a recording hard cancels out. The command
+`compare` shows the table of `compare_sums`, and the gate joins its tolerances to it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
-from bench.evaluation.definitions import COUNTS, coverage, detected, find_metric, intersection_over_union
+from bench.evaluation.definitions import COUNTS, EVERY_ROW, coverage, detected, find_metric, intersection_over_union
 from bench.evaluation.intervals import (
     CONFIDENCE,
     FEWEST_RECORDINGS,
@@ -25,13 +25,12 @@ from bench.evaluation.intervals import (
     ratio_without_each,
 )
 from bench.evaluation.rows import EVALUATED, OBJECT, Rows, as_source, group_recordings, merge_rows, sort_rows
-from bench.evaluation.sums import KEY, TERMS
+from bench.evaluation.sums import KEY, TERMS, name_slice
 
 SIGNIFICANCE = 0.05  # of p-values corrected after Holm
 SLICE = ["breakdown", "slice", "metric"]
 SIDES = ("_before", "_after")
-Key: TypeAlias = tuple[str, str, str]  # breakdown, slice, metric
-Pairs: TypeAlias = dict[Key, pd.DataFrame]  # the sums of two runs, by recording
+CASES = [f"denominator{side}" for side in SIDES]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,20 +67,9 @@ def compare_sums(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
         after: table of sums of the other.
 
     Returns:
-        One row for each breakdown, slice and metric, which are its index: the fields of `PairedChange`, `ci95` and
-        `p_value` None where there is none, and `improvement`, the difference in the metric's direction, negative for
-        worse.
+        One row for each breakdown, slice and metric, which are its index, as `compare_pairs` gives them.
     """
-    rows = []
-    for key, part in group_pairs(pair_sums(before, after)).items():
-        metric = find_metric(key[2])
-        change = paired_change(part, within=metric.change_bounds)
-        row = dict(zip(SLICE, key, strict=True)) | asdict(change)
-        rows.append(row | {"improvement": metric.improvement(change.difference)})
-    fields = [*SLICE, *PairedChange.__slots__, "improvement"]
-    table = pd.DataFrame(rows, columns=fields, dtype=object).set_index(SLICE)
-    kinds: dict[str, Any] = dict.fromkeys(("before", "after", "difference", "improvement"), np.float64)
-    return table.astype(kinds | dict.fromkeys(("cases_before", "cases_after", "recordings"), np.int64))
+    return compare_pairs(pair_sums(before, after))
 
 
 def pair_sums(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
@@ -95,12 +83,72 @@ def pair_sums(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
     return pairs.fillna(dict.fromkeys([f"{term}{side}" for term in TERMS for side in SIDES], 0.0))
 
 
-def group_pairs(pairs: pd.DataFrame) -> Pairs:
-    """The pairs of `pair_sums` by slice and metric, of the metrics that have a direction."""
+def compare_pairs(pairs: pd.DataFrame) -> pd.DataFrame:
+    """Compare every metric that has a direction, from the sums of two runs side by side.
+
+    Args:
+        pairs: as `pair_sums` gives them.
+
+    Returns:
+        One row for each breakdown, slice and metric, which are its index: the fields of `PairedChange`, `ci95` and
+        `p_value` None where there is none, and
+        `slice_name`: of the slice among all, as `name_slice` gives it;
+        `improvement`: the difference in the metric's direction, negative for worse;
+        `side`: "both", or "left_only" or "right_only" for a metric of a slice that one run does not have;
+        `same_cases`: whether each recording has as many in both;
+        `frames_before`, `frames_after`: object-frames of the slice, image-frames for a metric of these.
+    """
+    groups: Iterable[tuple[Any, pd.DataFrame]] = _with_direction(pairs).groupby(SLICE, sort=False)
+    rows = []
+    for key, part in groups:
+        metric, sides = find_metric(key[2]), {*part["side"]}
+        change = paired_change(part, within=metric.change_bounds)
+        rows.append(
+            dict(zip(SLICE, key, strict=True))
+            | asdict(change)
+            | {"slice_name": name_slice(*key[:2]), "improvement": metric.improvement(change.difference)}
+            | {"side": sides.pop() if len(sides) == 1 else "both"}
+            | {"same_cases": bool((part[CASES[0]] == part[CASES[1]]).all())}
+        )
+    fields = [*SLICE, *PairedChange.__slots__, "slice_name", "improvement", "side", "same_cases"]
+    table = pd.DataFrame(rows, columns=fields, dtype=object).set_index(SLICE)
+    kinds: dict[str, Any] = dict.fromkeys(("before", "after", "difference", "improvement"), np.float64)
+    kinds |= dict.fromkeys(("cases_before", "cases_after", "recordings"), np.int64)
+    table = table.astype(kinds | {"same_cases": bool})
+    every_row = [(*of, EVERY_ROW[find_metric(metric).over]) for *of, metric in table.index]
+    for side in SIDES:
+        frames = table[f"cases{side}"].reindex(pd.MultiIndex.from_tuples(every_row, names=SLICE)).to_numpy()
+        table[f"frames{side}"] = np.where(np.isnan(frames), table[f"cases{side}"], frames).astype(np.int64)
+    return table
+
+
+def _with_direction(pairs: pd.DataFrame) -> pd.DataFrame:
     names = {*pairs["metric"]} - {*COUNTS}
-    compared = pairs["metric"].isin([name for name in names if find_metric(name).higher_is_better is not None])
-    groups: Iterable[tuple[Any, pd.DataFrame]] = pairs[compared].groupby(SLICE, sort=False)
-    return {key: part for key, part in groups}  # noqa: C416 (`dict` would ask pandas for its keys)
+    return pairs[pairs["metric"].isin([name for name in names if find_metric(name).higher_is_better is not None])]
+
+
+def excludes_no_change(ci95: tuple[float, float] | None) -> bool:
+    """Tell whether the interval of a change excludes that there is none; False without an interval."""
+    return ci95 is not None and not ci95[0] <= 0 <= ci95[1]
+
+
+def improvements_by_recording(pairs: pd.DataFrame) -> pd.DataFrame:
+    """What each recording with cases in both runs adds to a change.
+
+    Args:
+        pairs: as `pair_sums` gives them.
+
+    Returns:
+        Columns `SLICE`, `recording`, `before` and `after`, the metric in that recording, and `improvement`, times the
+        cases that it had before; the worst first, of metrics that have a direction.
+    """
+    directed = _with_direction(pairs)
+    shared = directed[(directed[CASES] > 0).all(axis=1)]
+    before, after = (shared[f"numerator{side}"] / shared[f"denominator{side}"] for side in SIDES)
+    gains = shared["metric"].map({name: find_metric(name).improvement(1.0) for name in shared["metric"].unique()})
+    gained = shared.assign(before=before, after=after, improvement=gains * (after - before) * shared[CASES[0]])
+    found = gained[[*SLICE, "recording", "before", "after", "improvement"]]
+    return found.sort_values(["improvement", "recording"], ignore_index=True)
 
 
 def paired_change(pairs: pd.DataFrame, *, within: Bounds = RATIO_CHANGE) -> PairedChange:

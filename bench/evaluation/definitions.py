@@ -179,6 +179,8 @@ MARKED = _images("marked", "Marked", lambda r: (r["detected_px"] / r["valid_px"]
                  lambda r: r["valid_px"] > 0,
                  "Mean share of V that is detected in images that are not annotated, of which nothing else is known.",
                  higher_is_better=None)  # fmt: skip
+# The metrics of which each row is a case, so that their cases count the rows of a slice.
+EVERY_ROW = {OBJECT_FRAMES: "iou", IMAGE_FRAMES: "false_positive_coverage"}
 # Numbers that stand in the same sums, as a numerator; `tracks` are objects, over their object-frames.
 COUNTS = ("tracks", "annotated", "images")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import pandas as pd
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
@@ -13,8 +13,12 @@ from bench.evaluation.definitions import (
     CAUSE,
     CEILINGS,
     COUNTS,
+    EVERY_ROW,
     FALSE_POSITIVES,
+    IMAGE_FRAMES,
     MARKED,
+    OBJECT_FRAMES,
+    OF_OBJECTS,
     SEGMENTATION,
     Definition,
     cause_metric,
@@ -66,10 +70,25 @@ class Metric(_Part):
 NO_CASES = Metric(value=math.nan, ci95=None, cases=0, recordings=0)
 
 
-class _Metrics(BaseModel):
-    """Metrics by name: those that are declared, which every run has, and any others that `definitions` adds."""
+def _describe(schema: dict[str, Any], model: Any) -> None:
+    """Say in the schema of a row what its metrics mean."""
+    for metric in model.definitions:
+        if metric.field in schema["properties"]:
+            schema["properties"][metric.field]["description"] = metric.meaning
 
-    model_config = ConfigDict(frozen=True, extra="allow")
+
+class _Metrics(BaseModel):
+    """Metrics by the names of their definitions, which say what they mean.
+
+    Declared are those that a reader may count on, so that editors complete them and a file without them is refused; a
+    metric that is added to the definitions needs no declaration to be stored and read.
+
+    Attributes:
+        definitions: of the metrics.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="allow", json_schema_extra=_describe)
+    definitions: ClassVar[tuple[Definition, ...]]
     __pydantic_extra__: dict[str, Metric]
 
     def metric(self, name: str) -> Metric:
@@ -95,14 +114,9 @@ class ObjectMetrics(_Metrics):
         object_frames: how many.
         tracks: objects that they come from.
         recordings: recordings that they come from.
-        detection_rate: share with at least one pixel detected.
-        chance: the same against the mask of another frame, over the object-frames that have one.
-        tpr: mean coverage of the detected object-frames (the paper's wording).
-        tpr_all: mean coverage of all object-frames.
-        iou: mean IoU of all object-frames; an undetected one has 0.
-        iou_detected: mean IoU of the detected object-frames, which is what the paper's column can be compared with.
     """
 
+    definitions = OF_OBJECTS
     object_frames: int
     tracks: int
     recordings: int
@@ -120,12 +134,9 @@ class FalsePositiveMetrics(_Metrics):
     Attributes:
         frames: scored image-frames.
         recordings: that they come from.
-        coverage: mean of FP / (width x height), the paper's "total area of the image".
-        coverage_valid: mean of FP / |V|.
-        frame_rate: share of frames with a false-positive component larger than the protocol states.
-        components_per_frame: mean number of components of the mask with false-positive pixels.
     """
 
+    definitions = FALSE_POSITIVES
     frames: int
     recordings: int
     coverage: Metric
@@ -137,6 +148,7 @@ class FalsePositiveMetrics(_Metrics):
 class SegmentationMetrics(_Metrics):
     """The field's usual metrics of the moving class, from summed pixel counts outside I."""
 
+    definitions = SEGMENTATION
     iou: Metric
     precision: Metric
     recall: Metric
@@ -268,19 +280,24 @@ def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
     def of_objects(breakdown: str, names: Iterable[str]) -> dict[str, ObjectMetrics]:
         return {
             name: ObjectMetrics(
-                object_frames=ratios.get((breakdown, name, "iou"), NO_CASES).cases,
+                object_frames=every.cases,
                 tracks=counts.get((breakdown, name, "tracks"), 0),
-                recordings=ratios.get((breakdown, name, "iou"), NO_CASES).recordings,
+                recordings=every.recordings,
                 **_parts(ratios, breakdown, name, metrics),
             )
             for name in names
+            for every in [ratios.get((breakdown, name, EVERY_ROW[OBJECT_FRAMES]), NO_CASES)]
         }
 
     def of_frames(breakdown: str, names: Iterable[str]) -> dict[str, FalsePositiveMetrics]:
-        found = {name: _parts(ratios, breakdown, name, FALSE_POSITIVES) for name in names}
         return {
-            name: FalsePositiveMetrics(frames=own["coverage"].cases, recordings=own["coverage"].recordings, **own)
-            for name, own in found.items()
+            name: FalsePositiveMetrics(
+                frames=every.cases,
+                recordings=every.recordings,
+                **_parts(ratios, breakdown, name, FALSE_POSITIVES),
+            )
+            for name in names
+            for every in [ratios.get((breakdown, name, EVERY_ROW[IMAGE_FRAMES]), NO_CASES)]
         }
 
     objects = {name: of_objects(name, slices) for name, (slices, _) in object_breakdowns(protocol, cameras).items()}

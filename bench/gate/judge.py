@@ -1,33 +1,45 @@
-"""Verdict on a run by baseline and tolerances: a pure function, a layer on the comparison of their sums."""
+"""Verdict on a run by baseline and tolerances: a pure function, a layer on the comparison of their sums.
+
+Two tables: the sums of both runs side by side (`pair_sums`), a row for each slice, recording and metric, and their
+comparison (`compare_pairs`), a row for each slice and metric, to which the tolerances are joined.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from typing import Any
 
 import pandas as pd
 
 from bench.errors import UsageError
-from bench.evaluation import Definition, PairedChange, find_metric, holm, paired_change
-from bench.evaluation.comparison import SIDES, SIGNIFICANCE, SLICE, Key, Pairs, group_pairs, pair_sums
-from bench.evaluation.definitions import IMAGE_FRAMES
+from bench.evaluation import find_metric, holm
+from bench.evaluation.comparison import (
+    CASES,
+    SIDES,
+    SIGNIFICANCE,
+    SLICE,
+    compare_pairs,
+    excludes_no_change,
+    improvements_by_recording,
+    pair_sums,
+)
+from bench.evaluation.definitions import EVERY_ROW, IMAGE_FRAMES
 from bench.evaluation.rows import EVALUATED
 from bench.evaluation.sums import ALL_MOVING, FRAMES, TERMS, name_slice
 from bench.gate.baseline import RunSums
 from bench.gate.changes import LISTED, changes
 from bench.gate.rendered import small_difference
-from bench.gate.tolerances import Tolerance, Tolerances
+from bench.gate.tolerances import Tolerances
 from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict
 from bench.harness.manifest import Aspect, Manifest, differences
 
-COVERAGE = "false_positive_coverage"  # over all scored images
 UNITS = (
     *("object-frames", "tracks", "annotated objects", "static", "ignored"),
     *("images", "scored images", "failed", "skipped"),
 )
-BEFORE, AFTER = "denominator_before", "denominator_after"
 
 
 def incomparable_reason(baseline: Manifest, run: Manifest) -> tuple[str, str] | None:
@@ -48,15 +60,15 @@ def incomparable_reason(baseline: Manifest, run: Manifest) -> tuple[str, str] | 
 
 
 def data_checks(
-    baseline: RunSums, run: RunSums, sums: pd.DataFrame, pairs: Pairs, *, tolerances: Tolerances
+    baseline: RunSums, run: RunSums, pairs: pd.DataFrame, changes: pd.DataFrame, *, tolerances: Tolerances
 ) -> tuple[Check, ...]:
     """Check run against baseline, the same checks in the order of cause and effect.
 
     Args:
         baseline: what it is judged by.
         run: the newer one.
-        sums: of both, as `pair_sums` gives them.
-        pairs: the same by slice and metric.
+        pairs: sums of both, as `pair_sums` gives them.
+        changes: of the metrics, as `compare_pairs` gives them.
         tolerances: the rules.
 
     Returns:
@@ -70,7 +82,7 @@ def data_checks(
 
     told, of_reference = [f"{_other_reference(pairs)}; {text}" for text in texts(Aspect.REFERENCE)], Outcome.FAILED
     rendered = told and texts(Aspect.DATA) and tolerances.changed_data == "report"
-    if rendered and (small := small_difference(sums)):
+    if rendered and (small := small_difference(pairs)):
         told, of_reference = [small], Outcome.SUSPECT
     data, reference = "data changed: other images, sweeps, labels, calibration or ego-motion", "reference changed"
     method = texts(Aspect.METHOD, Aspect.SETTINGS, Aspect.METHOD_CODE)
@@ -78,25 +90,26 @@ def data_checks(
         _check("failures", run.failures, "the run has {count} failures: {listed}", Outcome.FAILED),
         _check("data_digest", texts(Aspect.DATA), f"{data}; {{listed}}", changed_data),
         _check("reference_digest", told, f"{reference}: {{listed}}", of_reference),
-        _check("counts", [*_count_differences(sums)], f"{reference}: {{listed}}", of_reference),
-        _check("cases", [*_case_differences(pairs)], "metrics are over other cases: {listed}", of_reference),
-        _check("metrics", [*_missing(pairs)], "in the baseline, but not in the run: {listed}", of_reference),
+        _check("counts", [*_count_differences(pairs)], f"{reference}: {{listed}}", of_reference),
+        _check("cases", [*_case_differences(changes)], "metrics are over other cases: {listed}", of_reference),
+        _check("metrics", [*_missing(changes)], "in the baseline, but not in the run: {listed}", of_reference),
         _check("method", method, "method changed: {listed}", Outcome.SUSPECT),
         *([Check(name="annotations", outcome=Outcome.SUSPECT, message=run.unreviewed)] if run.unreviewed else []),
     )
 
 
-def _other_reference(pairs: Pairs) -> str:
+def _other_reference(pairs: pd.DataFrame) -> str:
     """In what the reference is another one: the images that were scored, or what is on them."""
-    images = pairs.get((FRAMES, FRAMES, COVERAGE), pd.DataFrame(columns=["recording", BEFORE, AFTER]))
-    differing = images[images[BEFORE] != images[AFTER]].sort_values("recording")
+    scored = (pairs[SLICE] == [FRAMES, FRAMES, EVERY_ROW[IMAGE_FRAMES]]).all(axis=1)
+    images = pairs[scored].set_index("recording")[CASES].set_axis(["before", "after"], axis=1).sort_index()
+    differing = images[images["before"] != images["after"]]
     if differing.empty:
         return "other objects, polygons or regions"
     first = differing.iloc[0]
     return (
-        f"other images were scored, {images[AFTER].sum():.0f} where the baseline has {images[BEFORE].sum():.0f}, and a "
-        f"gate compares equal ones; they differ in {len(differing)} of {len(images)} recordings, the first "
-        f"{first['recording']!r} with {first[AFTER]:.0f} (was {first[BEFORE]:.0f}), as for a method that needs a "
+        f"other images were scored, {images['after'].sum():.0f} where the baseline has {images['before'].sum():.0f}, "
+        f"and a gate compares equal ones; they differ in {len(differing)} of {len(images)} recordings, the first "
+        f"{differing.index[0]!r} with {first['after']:.0f} (was {first['before']:.0f}), as for a method that needs a "
         "longer history"
     )
 
@@ -109,9 +122,9 @@ def _check(name: str, faults: Sequence[str], message: str, outcome: Outcome) -> 
     return Check(name=name, outcome=outcome, message=message.format(count=len(faults), listed=listed))
 
 
-def _count_differences(sums: pd.DataFrame) -> Iterator[str]:
+def _count_differences(pairs: pd.DataFrame) -> Iterator[str]:
     """For example "4 object-frames fewer in all_moving (12, were 16)"; the slices of everything first."""
-    before, after = (_counts(sums, side) for side in SIDES)
+    before, after = (_counts(pairs, side) for side in SIDES)
     whole = {ALL_MOVING: 0, FRAMES: 1}
     found = before.keys() | after.keys()
     for slice_name, unit in sorted(found, key=lambda key: (whole.get(key[0], 2), key[0], UNITS.index(key[1]))):
@@ -120,11 +133,11 @@ def _count_differences(sums: pd.DataFrame) -> Iterator[str]:
             yield _difference(unit, slice_name, was, now)
 
 
-def _counts(sums: pd.DataFrame, side: str) -> Counter[tuple[str, str]]:
+def _counts(pairs: pd.DataFrame, side: str) -> Counter[tuple[str, str]]:
     """Numbers by slice and unit that the reference alone decides: objects by slice and by status, images by status."""
     counts: Counter[tuple[str, str]] = Counter()
     columns = [*SLICE, *(f"{term}{side}" for term in TERMS)]
-    for breakdown, name, metric, above, below in sums[columns].itertuples(index=False):
+    for breakdown, name, metric, above, below in pairs[columns].itertuples(index=False):
         called = name_slice(breakdown, name)
         if metric == "tracks":
             counts[called, "tracks"] += int(above)
@@ -139,22 +152,24 @@ def _counts(sums: pd.DataFrame, side: str) -> Counter[tuple[str, str]]:
     return counts
 
 
-def _case_differences(pairs: Pairs) -> Iterator[str]:
-    for (breakdown, name, metric), part in pairs.items():
-        one_has_none = {*part["side"]} in ({"left_only"}, {"right_only"})
-        if one_has_none or find_metric(metric).cases_by_method or (part[BEFORE] == part[AFTER]).all():
+def _case_differences(changes: pd.DataFrame) -> Iterator[str]:
+    for row in _records(changes[(changes["side"] == "both") & ~changes["same_cases"]]):
+        metric, called, was, now = row["metric"], row["slice_name"], row["cases_before"], row["cases_after"]
+        if find_metric(metric).cases_by_method:
             continue
-        called, was, now = name_slice(breakdown, name), int(part[BEFORE].sum()), int(part[AFTER].sum())
         if was == now:
             yield f"{metric} of {called}: {was} cases, spread otherwise over the recordings"
         else:
             yield f"{metric}: {_difference('cases', called, was, now)}"
 
 
-def _missing(pairs: Pairs) -> Iterator[str]:
-    for (breakdown, name, metric), part in pairs.items():
-        if (part["side"] == "left_only").all():
-            yield f"{metric} of {name_slice(breakdown, name)}"
+def _missing(changes: pd.DataFrame) -> Iterator[str]:
+    for row in _records(changes[changes["side"] == "left_only"]):
+        yield f"{row['metric']} of {row['slice_name']}"
+
+
+def _records(changes: pd.DataFrame) -> list[dict[Any, Any]]:
+    return changes.reset_index().to_dict("records")
 
 
 def _difference(unit: str, slice_name: str, was: int, now: int) -> str:
@@ -179,61 +194,83 @@ def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict
     if differing := incomparable_reason(baseline.manifest, run.manifest):
         why, hint = differing
         raise UsageError(f"{why}: they do not compare; {hint}, or replace the baseline with --update")
-    sums = pair_sums(baseline.sums, run.sums)
-    pairs = group_pairs(sums)
+    pairs = pair_sums(baseline.sums, run.sums)
+    compared = compare_pairs(pairs)
     return Verdict(
         baseline=baseline.manifest,
         run=run.manifest,
         tolerances=f"{tolerances.name} version {tolerances.version}",
         changes=changes(baseline.manifest, run.manifest),
-        checks=data_checks(baseline, run, sums, pairs, tolerances=tolerances),
-        rows=judge_rows(pairs, tolerances=tolerances),
+        checks=data_checks(baseline, run, pairs, compared, tolerances=tolerances),
+        rows=judge_changes(compared, tolerances=tolerances, worst=worst_recordings(pairs)),
     )
 
 
-def judge_rows(pairs: Pairs, *, tolerances: Tolerances) -> tuple[Row, ...]:
-    """Judge every metric of every slice; of those that decide, the chance that one is worse by chance alone counts."""
-    rows = [_measure(key, pairs, tolerances) for key in pairs]
-    by_chance = holm([row.p_holm for row in rows])
-    return tuple(_judge_row(replace(row, p_holm=p), tolerances) for row, p in zip(rows, by_chance, strict=True))
+def worst_recordings(pairs: pd.DataFrame) -> dict[Any, tuple[RecordingChange, ...]]:
+    """The recordings whose own worsening weighs most, the worst first, by breakdown, slice and metric.
+
+    Args:
+        pairs: sums of both runs, as `pair_sums` gives them.
+    """
+    found = improvements_by_recording(pairs)
+    worst: dict[Any, tuple[RecordingChange, ...]] = {}
+    for row in found[found["improvement"] < 0].groupby(SLICE).head(WORST).to_dict("records"):
+        change = RecordingChange(name=row["recording"], before=row["before"], after=row["after"])
+        worst[_key(row)] = (*worst.get(_key(row), ()), change)
+    return worst
 
 
-def _measure(key: Key, pairs: Pairs, tolerances: Tolerances) -> Row:
-    """Measure a row before it is judged: its `p_holm` is not yet corrected, its `reason` why it cannot be judged."""
-    slice_name, metric, part = name_slice(*key[:2]), find_metric(key[2]), pairs[key]
-    change, rule = paired_change(part, within=metric.change_bounds), tolerances.tolerance(slice_name, metric.name)
-    reason = _why_not_judged(key, change, pairs, tolerances, rule)
-    return Row(
-        slice_name=slice_name,
-        metric=metric.name,
-        outcome=Outcome.NOT_JUDGED if reason else Outcome.PASSED,
-        reason=reason,
-        change=change,
-        p_holm=_p_of_loss(key, change) if rule and rule.decides and not reason else None,
-        worsening=-metric.improvement(change.difference),
-        allowed=rule.allowed(change.before) if rule else math.nan,
-        worst_recordings=_worst_recordings(part, metric),
-    )
+def judge_changes(
+    changes: pd.DataFrame, *, tolerances: Tolerances, worst: Mapping[Any, tuple[RecordingChange, ...]]
+) -> tuple[Row, ...]:
+    """Judge every row of a comparison; of those that decide, the chance that one is worse by chance alone counts.
+
+    Args:
+        changes: as `compare_pairs` gives them.
+        tolerances: the rules.
+        worst: as `worst_recordings` gives them; a row that is not there got worse in none.
+    """
+    rows = [_with_rule(row, tolerances) for row in _records(changes)]
+    for row, p_holm in zip(rows, holm([row["p_of_loss"] for row in rows]), strict=True):
+        row["p_holm"], row["worst_recordings"] = p_holm, worst.get(_key(row), ())
+        row["outcome"], row["reason"] = _judge_row(row, tolerances)
+    return tuple(Row(**{field.name: row[field.name] for field in fields(Row)}) for row in rows)
 
 
-def _judge_row(row: Row, tolerances: Tolerances) -> Row:
-    improvement = find_metric(row.metric).improvement
-    low, high = sorted(-improvement(end) for end in row.change.ci95 or (0.0, 0.0))  # None: no recording changed
-    if row.outcome is Outcome.NOT_JUDGED:
-        return row
-    if row.worsening > row.allowed + ROUNDING:
-        reason = _why_suspect(low, row.p_holm)
-        certain = not reason or (row.p_holm is not None and tolerances.suspect == "fail")
-        return replace(row, outcome=Outcome.FAILED if certain else Outcome.SUSPECT, reason=reason)
-    improved = row.worsening < -row.allowed - ROUNDING and high < 0
-    return replace(row, outcome=Outcome.IMPROVED) if improved else row
+def _key(row: Mapping[Any, Any]) -> tuple[Any, ...]:
+    return tuple(row[name] for name in SLICE)
 
 
-def _p_of_loss(key: Key, change: PairedChange) -> float | None:
+def _with_rule(row: dict[Any, Any], tolerances: Tolerances) -> dict[Any, Any]:
+    """A row of a comparison with what is tolerated, why it is not judged, and, if it decides, its p-value of a loss."""
+    rule = tolerances.tolerance(row["slice_name"], row["metric"])
+    reason = _why_not_judged(row, tolerances) if rule else "no tolerance is stated"
+    return row | {
+        "worsening": -row["improvement"],
+        "allowed": rule.allowed(row["before"]) if rule else math.nan,
+        "reason": reason,
+        "p_of_loss": _p_of_loss(row) if rule and rule.decides and not reason else None,
+    }
+
+
+def _p_of_loss(row: Mapping[Any, Any]) -> float | None:
     """One-sided: of no loss against a loss, since no gain fails."""
-    if change.p_value is None:
+    p_value: float | None = row["p_value"]
+    if p_value is None:
         return None
-    return change.p_value / 2 if find_metric(key[2]).improvement(change.difference) < 0 else 1 - change.p_value / 2
+    return p_value / 2 if row["improvement"] < 0 else 1 - p_value / 2
+
+
+def _judge_row(row: Mapping[Any, Any], tolerances: Tolerances) -> tuple[Outcome, str]:
+    """The outcome of a row that has a rule, and its reason where there is one."""
+    if row["reason"]:
+        return Outcome.NOT_JUDGED, row["reason"]
+    if row["worsening"] > row["allowed"] + ROUNDING:
+        reason = _why_suspect(row)
+        certain = not reason or (row["p_holm"] is not None and tolerances.suspect == "fail")
+        return (Outcome.FAILED if certain else Outcome.SUSPECT), reason
+    improved = row["worsening"] < -row["allowed"] - ROUNDING and excludes_no_change(row["ci95"])
+    return (Outcome.IMPROVED if improved else Outcome.PASSED), ""
 
 
 def judgeable(run: RunSums, *, tolerances: Tolerances) -> tuple[str, str]:
@@ -243,7 +280,7 @@ def judgeable(run: RunSums, *, tolerances: Tolerances) -> tuple[str, str]:
     counted = f"{judged} of {len(rows)} metrics can be judged"
     if judged:
         return counted, ""
-    recordings = max((row.change.recordings for row in rows), default=0)
+    recordings = max((row.recordings for row in rows), default=0)
     if recordings < tolerances.min_recordings:
         return counted, f": {recordings} recordings, {tolerances.min_recordings} needed"
     reasons = Counter(row.reason for row in rows)
@@ -262,43 +299,25 @@ def refuse(run: Manifest | None, *, tolerances: Tolerances, reason: str) -> Verd
     return Verdict(baseline=None, run=run, tolerances=rules, changes=(), checks=(), rows=(), refusal=reason)
 
 
-def _why_suspect(low: float, p_holm: float | None) -> str:
+def _why_suspect(row: Mapping[Any, Any]) -> str:
     """Reason that a loss beyond what is tolerated may be chance, or decides nothing; "" where it is neither."""
-    if low <= 0:
+    p_holm = row["p_holm"]
+    if not excludes_no_change(row["ci95"]):
         return "worse than tolerated, but the interval includes no change"
     if p_holm is None:
         return "worse than tolerated, but this row decides nothing"
     return "" if p_holm <= SIGNIFICANCE else f"worse than tolerated, but one of several: p = {p_holm:.2f} after Holm"
 
 
-def _why_not_judged(
-    key: Key, change: PairedChange, pairs: Pairs, tolerances: Tolerances, rule: Tolerance | None
-) -> str:
-    """Reason that a metric cannot be judged; "" when it can."""
-    breakdown, name, metric = key
-    if rule is None:
-        return "no tolerance is stated"
-    if not change.cases_before and change.cases_after:
+def _why_not_judged(row: Mapping[Any, Any], tolerances: Tolerances) -> str:
+    """Reason that a metric with a rule cannot be judged; "" when it can."""
+    if not row["cases_before"] and row["cases_after"]:
         return "not in the baseline"
-    cases = min(change.cases_before, change.cases_after)
-    if find_metric(metric).over == IMAGE_FRAMES:  # cases of some are pixels
-        images = pairs.get((breakdown, name, COVERAGE), pairs[key])
-        cases = int(min(images[BEFORE].sum(), images[AFTER].sum()))
+    unit = "frames" if find_metric(row["metric"]).over == IMAGE_FRAMES else "cases"  # cases of some are pixels
+    cases, recordings = min(row[f"{unit}{side}"] for side in SIDES), row["recordings"]
     if cases < tolerances.min_cases:
         return f"{cases} {'case' if cases == 1 else 'cases'}, {tolerances.min_cases} are needed"
-    if change.recordings < tolerances.min_recordings:
-        unit = "recording" if change.recordings == 1 else "recordings"
-        return f"cases of both in {change.recordings} {unit}, {tolerances.min_recordings} are needed"
+    if recordings < tolerances.min_recordings:
+        unit = "recording" if recordings == 1 else "recordings"
+        return f"cases of both in {recordings} {unit}, {tolerances.min_recordings} are needed"
     return ""
-
-
-def _worst_recordings(pairs: pd.DataFrame, metric: Definition) -> tuple[RecordingChange, ...]:
-    """The recordings whose own worsening weighs most, the worst first."""
-    shared = pairs[(pairs[BEFORE] > 0) & (pairs[AFTER] > 0)]
-    was, now = shared["numerator_before"] / shared[BEFORE], shared["numerator_after"] / shared[AFTER]
-    weights = -(now - was).map(metric.improvement) * shared[BEFORE]
-    ranked = shared.assign(was=was, now=now, weight=weights).sort_values(
-        ["weight", "recording"], ascending=[False, True]
-    )
-    worst = ranked[ranked["weight"] > 0][["recording", "was", "now"]][:WORST]
-    return tuple(RecordingChange(name=name, before=was, after=now) for name, was, now in worst.itertuples(index=False))

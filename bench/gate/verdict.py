@@ -63,15 +63,14 @@ class RecordingChange:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
-    """One metric of one slice.
+class Row(PairedChange):
+    """One metric of one slice: its change, as the comparison has it, and the verdict on that.
 
     Attributes:
         slice_name: as `name_slice` names it.
         metric: its name.
         outcome: of the metric.
         reason: one line; empty where the numbers say it all.
-        change: before, after, interval.
         p_holm: p-value of a loss against none, corrected for the number of metrics that decide; None for the others.
         worsening: how much worse, negative for better; NaN without a value.
         allowed: the largest worsening that is tolerated; NaN without a tolerance or a baseline.
@@ -82,7 +81,6 @@ class Row:
     metric: str
     outcome: Outcome
     reason: str
-    change: PairedChange
     p_holm: float | None
     worsening: float
     allowed: float
@@ -223,10 +221,10 @@ def _text(metric: str, value: float, *, unit: str = "", sign: str = "") -> str:
 
 def row_text(row: Row) -> str:
     """A row in one line: "tpr_all of overtaking: 98.6 % -> 79.2 %, -19.4 pt [-24.1, -13.3], tolerated 2.0 pt"."""
-    metric, change = row.metric, row.change
+    metric = row.metric
     text = (
-        f"{metric} of {row.slice_name}: {value_text(metric, change.before)} -> {value_text(metric, change.after)}, "
-        f"{change_text(metric, change.difference)} {interval_text(metric, change.ci95)}"
+        f"{metric} of {row.slice_name}: {value_text(metric, row.before)} -> {value_text(metric, row.after)}, "
+        f"{change_text(metric, row.difference)} {interval_text(metric, row.ci95)}"
     ).rstrip()
     if not math.isnan(row.allowed):
         text += f", tolerated {allowed_text(metric, row.allowed)}"

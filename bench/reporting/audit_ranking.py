@@ -28,7 +28,7 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.sums import ALL_MOVING
 from bench.reference import Category
 from bench.reporting import canvas, formats
-from bench.reporting.audit_tables import command, decimal, sections, signed_points, tau_text
+from bench.reporting.audit_tables import command, decimal, sections, tau_text
 from bench.reporting.document import Code, Column, Paragraph, Picture, Report, Table
 
 NAMES = dict(
@@ -96,7 +96,7 @@ def kind_table(ranking: RankingSummary) -> Table:
     for name in LIDAR:
         rows.append(["Mean of kinds", NAMES[name], *cells(ranking.mean_of_motion(name, k) for k in KINDS), None])
     numbers = [Column(heading, form) for kind in KINDS for heading, form in
-               ((f"Tau {kind}", decimal), (f"{kind.capitalize()}, points", signed_points))]  # fmt: skip
+               ((f"Tau {kind}", decimal), (f"{kind.capitalize()}, points", formats.points))]  # fmt: skip
     return Table(
         title="Masks that are wrong in known ways, by kind of error",
         columns=["Type", "Reference", *numbers, Column("Tau between", decimal)],

@@ -37,11 +37,6 @@ def decimal(value: float) -> str:
     return "n/a" if math.isnan(value) else f"{value:.2f}"
 
 
-def signed_points(difference: float) -> str:
-    """A difference of ratios in points of percent, "+1.2"; "n/a" for NaN."""
-    return "n/a" if math.isnan(difference) else f"{100 * difference:+.1f}"
-
-
 def tau_text(found: Estimate) -> str:
     """A value with two decimals and its 95 % interval."""
     return f"{decimal(found.value)} {formats.interval(found.ci95, unit=1.0, digits=2)}".rstrip()
@@ -108,7 +103,7 @@ def speed_table(audit: AuditSummary) -> Table:
     scores = [Column(heading, formats.hundredths) for heading in ("Score by lidar", "by masks")]
     return Table(
         title="The reference by the object's own speed",
-        columns=["Speed m/s", "Frames", *_kind_columns(audit), *scores, Column("Error", signed_points)],
+        columns=["Speed m/s", "Frames", *_kind_columns(audit), *scores, Column("Error", formats.points)],
         rows=rows,
         note="As above, over all classes. Score: mean IoU of the method by the protocol's lidar polygons, and of the "
         "same detections by the exact masks; error: the one less the other, in points of percent. At 20 m/s an object "

@@ -67,6 +67,18 @@ def interval(ci95: tuple[float, float] | None, *, unit: float = 100.0, digits: i
     return "" if ci95 is None else "[{:.{d}f}, {:.{d}f}]".format(*(unit * end for end in ci95), d=digits)
 
 
+def points(ratio: float) -> str:
+    """A difference in percentage points, for example "+1.2"; no sign for exactly 0, "n/a" for NaN."""
+    if ratio == 0:
+        return "0.0"
+    return "n/a" if math.isnan(ratio) else f"{100 * ratio:+.1f}"
+
+
+def points_interval(ci95: tuple[float, float]) -> str:
+    """In percentage points, for example "-1.2 to +0.3"."""
+    return " to ".join(map(points, ci95))
+
+
 def short_interval(metric: Metric) -> str:
     """The 95 % interval in whole percent, "65-78"; "" without one."""
     return "" if metric.ci95 is None else "{:.0f}-{:.0f}".format(*(100 * end for end in metric.ci95))

@@ -25,11 +25,17 @@ from bench.evaluation import Metric, find_metric
 from bench.harness.code_state import commit_time
 from bench.harness.manifest import Aspect, differences
 from bench.reporting import canvas, document
-from bench.reporting.compare.changes import HEADLINES, RunComparison, Verdict, changes_over_everything, compare_runs
+from bench.reporting.compare.changes import HEADLINES, RunComparison, Shown, changes_over_everything, compare_runs
 from bench.reporting.compare.runs import why_apart
-from bench.reporting.compare.writing import points, points_interval
 from bench.reporting.document import Block, Cell, Column, Heading, Items, Paragraph, Picture, Report, Style, Table
-from bench.reporting.formats import INTERVALS, annotations_field, metric_cell, metric_record
+from bench.reporting.formats import (
+    INTERVALS,
+    annotations_field,
+    metric_cell,
+    metric_record,
+    points,
+    points_interval,
+)
 from bench.reporting.leaderboard.reading import Group, group_of, read_runs, readable
 from bench.reporting.stored_run import StoredRun
 
@@ -41,7 +47,7 @@ NOTE = (
     "the current folder's repository has them, else of the runs' own; + is code that was not committed."
 )
 COMMIT_CHARS = 8
-_STYLES: dict[Verdict, Style] = {Verdict.BETTER: "good", Verdict.WORSE: "bad"}
+_STYLES: dict[Shown, Style] = {Shown.BETTER: "good", Shown.WORSE: "bad"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -265,18 +271,18 @@ def _breaks(series: Series) -> list[str]:
 
 def _change_cell(change: Mapping[Any, Any]) -> Cell:
     interval = "" if change["ci95"] is None else points_interval(change["ci95"])
-    verdict = Verdict(change["verdict"])
-    return Cell(points(change["difference"]), tuple(filter(None, (interval, verdict.value))), _STYLES.get(verdict, ""))
+    shown = Shown(change["verdict"])
+    return Cell(points(change["difference"]), tuple(filter(None, (interval, shown.value))), _STYLES.get(shown, ""))
 
 
 WIDTH_IN, PANEL_IN, RUN_IN = 5.2, 1.15, 0.45  # of the chart, of the height of a panel, of the width of a run
 LABEL_LETTERS, LEGEND_COLUMNS, LETTERS_PER_IN = 14, 3, 17  # of an axis, of the legend, of the title
 _WIDEST_IN = 14.0
-_LINES = {Verdict.BETTER: (canvas.GREEN, "-", 1.8), Verdict.WORSE: (canvas.VERMILION, "-", 1.8)}
+_LINES = {Shown.BETTER: (canvas.GREEN, "-", 1.8), Shown.WORSE: (canvas.VERMILION, "-", 1.8)}
 _NOT_SHOWN = (canvas.GREY, ":", 1.0)
 _LEGEND = {
-    "better": _LINES[Verdict.BETTER],
-    "worse": _LINES[Verdict.WORSE],
+    "better": _LINES[Shown.BETTER],
+    "worse": _LINES[Shown.WORSE],
     "no difference shown": _NOT_SHOWN,
 }
 _DOT: dict[str, Any] = {"marker": "o", "markersize": 4, "color": canvas.BLUE}
@@ -324,7 +330,7 @@ def _draw_metric(axes: Axes, series: Series, metric: str) -> None:
             ends = [100 * end for end in ci95]
             axes.plot([place, place], ends, color=canvas.BLUE, linewidth=1.0, alpha=0.6, zorder=2)
         if change := point.change(metric):
-            colour, style, width = _LINES.get(Verdict(change["verdict"]), _NOT_SHOWN)
+            colour, style, width = _LINES.get(Shown(change["verdict"]), _NOT_SHOWN)
             axes.plot([place - 1, place], [last, value], color=colour, linestyle=style, linewidth=width, zorder=2.5)
         face = canvas.BLUE if point.committed else "white"
         axes.plot([place], [value], markerfacecolor=face, zorder=3, **_DOT)

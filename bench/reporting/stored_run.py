@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import pandas as pd
@@ -16,7 +17,7 @@ from bench.harness.stored import SUMS
 from bench.reference import Category
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class StoredRun:
     """A run on disk, or its object-frames of one kind of motion.
 
@@ -26,7 +27,7 @@ class StoredRun:
         summary: `summary.json`, of all categories.
         protocol: of the run.
         category: of the object-frames; None for all.
-        metrics: of these object-frames; the summary itself for all.
+        all_rows: whether the rows are all of the run's, and its metrics those of `summary`.
         objects: of `OBJECTS_SCHEMA`, on disk, of this category, on all images or those that are compared.
         frames: of `FRAMES_SCHEMA`, on all images or those that are compared.
         sums: table of sums of these rows; `sums.csv` for all of them.
@@ -37,10 +38,15 @@ class StoredRun:
     summary: RunSummary
     protocol: Protocol
     category: Category | None
-    metrics: Summary
+    all_rows: bool
     objects: RowSource
     frames: RowSource
     sums: pd.DataFrame
+
+    @cached_property
+    def metrics(self) -> Summary:
+        """All metrics of these rows, taken from their sums when they are asked for."""
+        return self.summary if self.all_rows else summary_of(self.sums, protocol=self.protocol)
 
 
 def read_stored_run(folder: Path, *, label: str | None = None, category: Category | None = None) -> StoredRun:
@@ -62,7 +68,7 @@ def read_stored_run(folder: Path, *, label: str | None = None, category: Categor
         summary=summary,
         protocol=protocol,
         category=category,
-        metrics=summary if category is None else summary_of(sums, protocol=protocol),
+        all_rows=category is None,
         objects=chosen,
         frames=frames,
         sums=sums,

@@ -81,7 +81,7 @@ def _slice_text(rows: Sequence[Row]) -> str:
     """The worst metric of a slice in full, the others by their change."""
     worst, *others = rows
     text = row_text(worst)
-    named = [f"{row.metric} {change_text(row.metric, row.change.difference)}" for row in others]
+    named = [f"{row.metric} {change_text(row.metric, row.difference)}" for row in others]
     return f"{text}; also failed: {', '.join(named)}" if named else text
 
 
@@ -211,13 +211,13 @@ def row_table(rows: Iterable[Row], *, with_notes: bool = False, caption: str = "
     """
     lines = []
     for row in rows:
-        metric, change = row.metric, row.change
+        metric = row.metric
         plain_word = "within" if row.outcome is Outcome.PASSED else row.outcome.value
         outcome = _MARKS.get(row.outcome, plain_word) if with_notes else plain_word
-        values = (value_text(metric, value) for value in (change.before, change.after))
+        values = (value_text(metric, value) for value in (row.before, row.after))
         style = STYLES[row.outcome]
-        line = [Cell(outcome, style=style), row.slice_name, metric, change.recordings, *values]
-        line += [Cell(change_text(metric, change.difference), style=style), interval_text(metric, change.ci95)]
+        line = [Cell(outcome, style=style), row.slice_name, metric, row.recordings, *values]
+        line += [Cell(change_text(metric, row.difference), style=style), interval_text(metric, row.ci95)]
         note = ["; ".join(part for part in (worst_text(row), row.reason) if part)] if with_notes else []
         lines.append([*line, allowed_text(metric, row.allowed), *note])
     return Table(columns=[*_HEADINGS, *(["Note"] if with_notes else [])], rows=lines, words=3, note=caption)
@@ -285,21 +285,9 @@ def to_json(verdict: Verdict) -> str:
 
 
 def _json_row(row: Row) -> dict[str, object]:
-    change = asdict(row.change)
-    interval = change.pop("ci95")
-    return {
-        "slice": row.slice_name,
-        "metric": row.metric,
-        "outcome": row.outcome.value,
-        "reason": row.reason,
-        **change,
-        "difference_ci95": interval,
-        "p_holm": row.p_holm,
-        "worsening": row.worsening,
-        "allowed": row.allowed,
-        "worst_recording": row.worst_recording,
-        "worst_recordings": [asdict(one) for one in row.worst_recordings],
-    }
+    own = asdict(row)
+    return {"slice": own.pop("slice_name"), "difference_ci95": own.pop("ci95"), **own,
+            "worst_recording": row.worst_recording}  # fmt: skip
 
 
 def write_verdict(verdict: Verdict, *, junit: Path | None = None, json: Path | None = None) -> None:

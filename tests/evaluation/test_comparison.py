@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.evaluation import PairedChange, compare_sums, holm, sum_run, summarise
+from bench.evaluation.comparison import improvements_by_recording, pair_sums
 from bench.evaluation.definitions import object_metrics
 from bench.evaluation.sums import KEY, TERMS
 from tests.evaluation.runs import PAPER, random_run
@@ -121,6 +122,28 @@ def test_hard_and_easy_recordings_cancel_in_pairs() -> None:
     found = change_of(before, after)
     assert found.ci95 is not None
     assert 0.02 <= found.ci95[0] < found.difference < found.ci95[1] <= 0.03
+
+
+def test_a_comparison_says_which_run_has_a_metric_over_which_cases() -> None:
+    before, after = table({"a": (1, 4), "b": (2, 6)}), table({"a": (1, 6), "b": (2, 4)})
+    precise = table({"a": (50, 100)}, metric="precision").assign(breakdown="frames", slice="frames")
+    images = table({"a": (1, 3)}, metric="false_positive_coverage").assign(breakdown="frames", slice="frames")
+    found = compare_sums(pd.concat([before, precise, images]), after)
+    row = found.loc["category", "crossing", "tpr_all"]
+    assert (row["side"], row["same_cases"], row["cases_before"], row["cases_after"]) == ("both", False, 10, 10)
+    assert compare_sums(before, before).iloc[0]["same_cases"]
+    gone = found.loc["frames", "frames", "precision"]
+    assert (gone["side"], gone["cases_before"], gone["frames_before"], gone["frames_after"]) == ("left_only", 100, 3, 0)
+    back = compare_sums(after, pd.concat([before, precise]))
+    assert back.loc["frames", "frames", "precision"]["side"] == "right_only"
+
+
+def test_the_recordings_that_lost_most_come_first_by_their_cases() -> None:
+    before = {"a": (4, 4), "b": (20, 20), "c": (5, 10), "d": (1, 1)}
+    after = {"a": (0, 4), "b": (10, 20), "c": (6, 10)}
+    found = improvements_by_recording(pair_sums(table(before), table(after)))
+    assert found[["recording", "before", "after"]].to_numpy().tolist() == [["b", 1, 0.5], ["a", 1, 0], ["c", 0.5, 0.6]]
+    assert found["improvement"].tolist() == pytest.approx([-10, -4, 1])
 
 
 def test_one_recording_gives_a_difference_and_no_verdict() -> None:

@@ -11,7 +11,6 @@ from bench.errors import UnknownNameError
 from bench.evaluation import find_metric, headlines
 from bench.evaluation.definitions import OBJECT_FRAMES, Definition, cause_metric, image_metrics, object_metrics
 from bench.evaluation.rows import to_frame
-from bench.gate import load_tolerances
 from tests.evaluation.runs import random_run
 
 METRICS = (*object_metrics((0.1, 0.5), unknown_bands=True, ceilings=True), *image_metrics(["epipolar", "depth"]))
@@ -67,8 +66,3 @@ def test_the_headlines() -> None:
     assert [metric.name for metric in headlines()] == names
     assert {metric.name for metric in METRICS if metric.headline} == set(names)
     assert [metric.name for metric in headlines(levels=(0.1,))] == ["iou", "tpr_all", "false_positive_coverage"]
-
-
-def test_the_tolerances_of_the_gate_agree_on_the_direction() -> None:
-    for name, tolerance in load_tolerances().metrics.items():
-        assert find_metric(name).higher_is_better == (tolerance.better == "higher"), name

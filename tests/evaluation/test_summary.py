@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bench.evaluation import Metric, Summary, definitions, find_metric, load_protocol, summarise
 from bench.evaluation import summary as summary_module
 from bench.evaluation.definitions import object_metrics
+from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, SegmentationMetrics
 from bench.records.reference import Category, ReferenceFrame, Status
 from tests.evaluation.frames import frames, mask, picture, reference_frame, reference_object
 from tests.evaluation.runs import PAPER, joined, random_run, scored
@@ -102,6 +103,15 @@ def test_the_names_of_a_rows_figures() -> None:
     names = three_objects().all_moving.metric_names()
     assert {*names} == {metric.field for metric in object_metrics(PAPER.scoring.detection_levels)}
     assert {"detection_rate", "detection_rate_10", "chance_50", "tpr", "tpr_all", "iou", "iou_detected"} <= {*names}
+
+
+@pytest.mark.parametrize("row", [ObjectMetrics, FalsePositiveMetrics, SegmentationMetrics])
+def test_what_a_row_declares_is_defined_and_described_by_its_definition(row: type[ObjectMetrics]) -> None:
+    defined = {metric.field: metric.meaning for metric in row.definitions}
+    declared = [name for name, field in row.model_fields.items() if field.annotation is Metric]
+    assert declared == [name for name in defined if name in declared] != []
+    described = {name: row.model_json_schema()["properties"][name]["description"] for name in declared}
+    assert described == {name: defined[name] for name in declared}
 
 
 def run_of(frame: ReferenceFrame, predict: Predict) -> Summary:

@@ -1,28 +1,53 @@
 """Gate and comparison are one: of the same two runs they say the same."""
 
 import math
-from dataclasses import asdict
 
+import pandas as pd
+import pytest
+
+from bench.evaluation import PairedChange, compare_sums
+from bench.evaluation.sums import name_slice
 from bench.gate import judge, load_tolerances, read_baseline, read_run_sums
 from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
 from tests.reporting.compare.runs import drawn, write_run
 
+CHANGE = [*PairedChange.__slots__]
 
-def test_the_gate_has_the_changes_intervals_and_p_values_of_compare(tmp_path):
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
     changed = {key: px - 5 * key[0] if key[2] == "crossing" else px for key, px in drawn(60).items()}
-    folders = [
-        write_run(tmp_path / name, detected, fp_px=fp_px)
+    folder = tmp_path_factory.mktemp("runs")
+    return [
+        write_run(folder / name, detected, fp_px=fp_px)
         for name, detected, fp_px in (("before", drawn(50), 3072), ("after", changed, 4000))
     ]
-    verdict = judge(read_baseline(folders[0]), read_run_sums(folders[1]), tolerances=load_tolerances())
+
+
+@pytest.fixture(scope="module")
+def rows(folders):
+    """The rows of the gate."""
+    return judge(read_baseline(folders[0]), read_run_sums(folders[1]), tolerances=load_tolerances()).rows
+
+
+def test_the_gate_judges_every_row_of_the_comparison_and_no_other(folders, rows):
+    compared = compare_sums(*(read_run_sums(folder).sums for folder in folders)).reset_index()
+    judged = pd.DataFrame([{name: getattr(row, name) for name in ("metric", *CHANGE)} for row in rows], dtype=object)
+    pd.testing.assert_frame_equal(judged, compared[[*judged]].astype(object), check_exact=True)
+    called = [name_slice(*of) for of in compared[["breakdown", "slice"]].itertuples(index=False)]
+    assert [row.slice_name for row in rows] == called
+    assert [row.worsening for row in rows] == pytest.approx([*-compared["improvement"]], abs=0, nan_ok=True)
+
+
+def test_the_gate_has_the_changes_intervals_and_p_values_of_compare(folders, rows):
     (comparison,) = compare_runs(read_comparable(folders))
-    gate = {(row.slice_name, row.metric): row.change for row in verdict.rows}
-    rows = comparison.changes.reset_index().to_dict("records")
-    compared = {(row["slice"], row["metric"]): row for row in rows if row["cases_before"] and row["cases_after"]}
+    gate = {(row.slice_name, row.metric): {name: getattr(row, name) for name in CHANGE} for row in rows}
+    shown = comparison.changes.reset_index().to_dict("records")
+    compared = {(row["slice"], row["metric"]): row for row in shown if row["cases_before"] and row["cases_after"]}
     assert compared.keys() <= gate.keys()
     for key, row in compared.items():
-        assert asdict(gate[key]) == {name: row[name] for name in asdict(gate[key])} | (
+        assert gate[key] == {name: row[name] for name in CHANGE} | (
             {"p_value": None} if math.isnan(row["p_value"]) else {}
         )
-    assert any(gate[key].ci95 is not None and gate[key].p_value is not None for key in compared)
+    assert any(gate[key]["ci95"] is not None and gate[key]["p_value"] is not None for key in compared)

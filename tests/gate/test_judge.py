@@ -34,8 +34,8 @@ def test_a_loss_in_one_of_six_recordings_is_suspect_and_fails_nothing():
     (row,) = verdict.rows
     assert row.outcome is Outcome.SUSPECT
     assert row.worst_recording == "drive-5"
-    assert row.change.ci95 is not None
-    assert row.change.ci95[0] < 0 < row.change.ci95[1]
+    assert row.ci95 is not None
+    assert row.ci95[0] < 0 < row.ci95[1]
     assert verdict.passed
     assert "1 suspect" in verdict.headline
 
@@ -59,7 +59,7 @@ def test_the_more_rows_decide_the_clearer_a_loss_must_be(others, expected):
     row = next(row for row in verdict.rows if row.slice_name == "crossing")
     assert row.outcome is expected
     assert row.p_holm == pytest.approx(0.0413 / 2 * (others + 1), abs=2e-4)
-    assert row.change.p_value == pytest.approx(0.0413, abs=2e-4)
+    assert row.p_value == pytest.approx(0.0413, abs=2e-4)
     assert verdict.passed == (expected is Outcome.SUSPECT)
     if expected is Outcome.SUSPECT:
         assert row.reason == "worse than tolerated, but one of several: p = 0.06 after Holm"
@@ -162,9 +162,9 @@ def test_what_fails_is_worse_than_tolerated_and_beyond_doubt(before, loss, metri
     runs = [scored({"crossing": {metric: sums(values)}}) for values in (before, after)]
     (row,) = judge(*runs, tolerances=ALL_DECIDE).rows
     assert not math.isnan(row.worsening)
-    if row.change.ci95 is None:
+    if row.ci95 is None:
         assert before == pytest.approx(after, abs=1e-10)
-    low, high = row.change.ci95 or (0.0, 0.0)
+    low, high = row.ci95 or (0.0, 0.0)
     if row.outcome is Outcome.FAILED:
         assert row.worsening > row.allowed
         assert low > 0 or high < 0

@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from bench.errors import DataError
 from bench.evaluation import find_metric, load_protocol
 from bench.reporting.canvas import BLACK, GREEN, GREY, VERMILION
-from bench.reporting.compare.changes import Verdict, changes_over_everything, compare_runs, verdict_line
+from bench.reporting.compare.changes import Shown, changes_over_everything, compare_runs, verdict_line
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.history import draw, history_tables, read_history, write_history
 from tests.reporting.compare.runs import RECORDINGS, drawn, write_run
@@ -57,10 +57,10 @@ def test_a_change_is_what_compare_says_of_the_pair_not_what_intervals_seem_to_sa
     ((_, series),) = read_history([folder], checkout=ROOT).series.items()
     first, second, third, _ = series
     for before, after, metric, verdict in (
-        (first, second, "iou", Verdict.BETTER),
-        (first, second, "false_positive_coverage", Verdict.THE_SAME),
-        (second, third, "iou", Verdict.THE_SAME),
-        (second, third, "false_positive_coverage", Verdict.WORSE),
+        (first, second, "iou", Shown.BETTER),
+        (first, second, "false_positive_coverage", Shown.THE_SAME),
+        (second, third, "iou", Shown.THE_SAME),
+        (second, third, "false_positive_coverage", Shown.WORSE),
     ):
         (compared,) = compare_runs(read_comparable([before.run.folder, after.run.folder]))
         row = changes_over_everything(compared).loc[metric]

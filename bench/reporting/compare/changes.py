@@ -16,7 +16,7 @@ import pandas as pd
 
 from bench.errors import DataError
 from bench.evaluation import changes_in_parts, compare_sums, headlines, holm
-from bench.evaluation.comparison import SIGNIFICANCE, SLICE
+from bench.evaluation.comparison import SIGNIFICANCE, SLICE, excludes_no_change
 from bench.evaluation.definitions import false_share, image_metrics, object_metrics
 from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings, merge_rows
 from bench.evaluation.summary import NO_CASES, Ratios, take_ratios
@@ -27,8 +27,8 @@ from bench.reporting.formats import LABELS, chance_of
 from bench.reporting.stored_run import StoredRun, pick
 
 
-class Verdict(StrEnum):
-    """A change in words."""
+class Shown(StrEnum):
+    """What the data show of a change; what a loss may cost before it fails is the gate's to say (`bench.gate`)."""
 
     BETTER = "better"
     WORSE = "worse"
@@ -38,8 +38,8 @@ class Verdict(StrEnum):
     NO_CASES = "no cases in one of the runs"
 
 
-def judge(change: Mapping[Any, Any]) -> Verdict:
-    """Say what a change shows.
+def what_is_shown(change: Mapping[Any, Any]) -> Shown:
+    """Say what the data show of a change.
 
     Args:
         change: a row of `metric_changes`.
@@ -49,15 +49,14 @@ def judge(change: Mapping[Any, Any]) -> Verdict:
         for fewer than six recordings.
     """
     if math.isnan(change["difference"]):
-        return Verdict.NO_CASES
+        return Shown.NO_CASES
     if change["difference"] == 0 and change["ci95"] is None:
-        return Verdict.THE_SAME
+        return Shown.THE_SAME
     if change["ci95"] is None or math.isnan(change["p_holm"]):
-        return Verdict.TOO_FEW
-    low, high = change["ci95"]
-    if low <= 0 <= high or change["p_holm"] > SIGNIFICANCE:
-        return Verdict.NOT_SHOWN
-    return Verdict.BETTER if change["improvement"] > 0 else Verdict.WORSE
+        return Shown.TOO_FEW
+    if not excludes_no_change(change["ci95"]) or change["p_holm"] > SIGNIFICANCE:
+        return Shown.NOT_SHOWN
+    return Shown.BETTER if change["improvement"] > 0 else Shown.WORSE
 
 
 # The metrics that are judged, and the only ones whose p-values are corrected.
@@ -75,9 +74,9 @@ def metric_changes(before: StoredRun, after: StoredRun) -> pd.DataFrame:
 
     Returns:
         The rows and columns of `compare_sums`, also those without cases, with the p-value NaN where there is none, and
-        beside them `label` of the slice, its `frames` (object-frames, or image-frames) in the run before, `p_holm` and
-        `verdict` (missing for what is no headline), `metric_before` and `metric_after` with their own intervals,
-        `chance_before`, `chance_after` and `ceiling` (of the exact masks on the same images), NaN where not known.
+        beside them `label` of the slice, `p_holm` and `verdict` (missing for what is no headline), `metric_before` and
+        `metric_after` with their own intervals, `chance_before`, `chance_after` and `ceiling` (of the exact masks on
+        the same images), NaN where not known.
     """
     protocol = before.protocol
     sides = [run.sums[run.sums["breakdown"].isin([CATEGORY, ALL_MOVING, FRAMES])] for run in (before, after)]
@@ -87,16 +86,14 @@ def metric_changes(before: StoredRun, after: StoredRun) -> pd.DataFrame:
     table = compare_sums(*sides).reindex(pd.MultiIndex.from_tuples(keys, names=SLICE))
     table["ci95"] = table["ci95"].where(table["ci95"].notna(), None)
     table["p_value"] = table["p_value"].astype(float)
-    counts = ["cases_before", "cases_after", "recordings"]
+    counts = ["cases_before", "cases_after", "frames_before", "recordings"]
     table[counts] = table[counts].fillna(0).astype(int)
     tested = table.loc[table.index.isin([*HEADLINES], level="metric"), "p_value"].dropna()
     table["p_holm"] = tested.groupby("metric").transform(lambda p: pd.Series(holm([*p]), p.index))
     records = zip(keys, table.to_dict("records"), strict=True)
-    table["verdict"] = [judge(row) if key[2] in HEADLINES else None for key, row in records]
+    table["verdict"] = [what_is_shown(row) if key[2] in HEADLINES else None for key, row in records]
     ratios = [take_ratios(sums) for sums in sides]
     table["label"] = [LABELS[name] for _, name, _ in keys]
-    table["frames"] = [_value(ratios[0], key, "false_positive_coverage" if key[0] == FRAMES else "iou", "cases")
-                       for key in keys]  # fmt: skip
     for side, of_run in zip(("before", "after"), ratios, strict=True):
         found: Any = [of_run.get(key, NO_CASES) for key in keys]
         table[f"metric_{side}"] = found
@@ -108,9 +105,9 @@ def metric_changes(before: StoredRun, after: StoredRun) -> pd.DataFrame:
     return table
 
 
-def _value(ratios: Ratios, key: tuple[str, str, str], metric: str, of: str = "value") -> Any:
-    """Of another metric of the same slice."""
-    return getattr(ratios.get((*key[:2], metric), NO_CASES), of)
+def _value(ratios: Ratios, key: tuple[str, str, str], metric: str) -> float:
+    """Value of another metric of the same slice."""
+    return ratios.get((*key[:2], metric), NO_CASES).value
 
 
 LISTED = 10  # of each kind, one per track
@@ -266,10 +263,10 @@ def changes_over_everything(comparison: RunComparison) -> pd.DataFrame:
 def verdict_line(comparison: RunComparison) -> str:
     """One sentence: which headline metrics are better, worse, or not shown to differ."""
     overall, said = changes_over_everything(comparison)["verdict"], []
-    for verdict in Verdict:
-        names = [label for metric, label in HEADLINES.items() if overall.get(metric) == verdict]
+    for shown in Shown:
+        names = [label for metric, label in HEADLINES.items() if overall.get(metric) == shown]
         if names:
-            said.append(f"{verdict.value}: {'; '.join(names)}")
+            said.append(f"{shown.value}: {'; '.join(names)}")
     return f"{comparison.after.label} against {comparison.before.label}, over everything: {'. '.join(said)}."
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import UsageError
-from bench.evaluation import sum_run, summary_of
+from bench.evaluation import sum_run
 from bench.evaluation.rows import (
     IMAGE,
     OBJECT,
@@ -91,7 +91,7 @@ def common_images(runs: Sequence[StoredRun]) -> CommonImages:
 
 
 def on_common_images(runs: Sequence[StoredRun]) -> tuple[list[StoredRun], str]:
-    """Restrict runs to the images that all of them scored: their rows, summed again, and metrics; not their summary.
+    """Restrict runs to the images that all of them scored: their rows, summed again; not their summary.
 
     Args:
         runs: that compare.
@@ -106,8 +106,7 @@ def on_common_images(runs: Sequence[StoredRun]) -> tuple[list[StoredRun], str]:
     for run in runs:
         objects, frames = _rows_on(run, images)
         sums = sum_run(objects, frames, protocol=run.protocol)
-        metrics = summary_of(sums, protocol=run.protocol)
-        found.append(replace(run, objects=objects, frames=frames, sums=sums, metrics=metrics))
+        found.append(replace(run, objects=objects, frames=frames, sums=sums, all_rows=False))
     return found, _digest(runs[0], images)
 
 

@@ -27,7 +27,15 @@ from bench.reporting.compare.changes import (
 from bench.reporting.compare.pictures import draw_changed_frames, frame_title
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.document import Block, Cell, Column, Heading, Heads, Paragraph, Picture, Report, Table, to_latex
-from bench.reporting.formats import CEILING, INTERVALS, LABELS, hundredths, metric_cell
+from bench.reporting.formats import (
+    CEILING,
+    INTERVALS,
+    LABELS,
+    hundredths,
+    metric_cell,
+    points,
+    points_interval,
+)
 from bench.reporting.stored_run import StoredRun, recording_values
 
 NOTE = (
@@ -44,23 +52,11 @@ NOTE = (
 )
 
 
-def points(ratio: float) -> str:
-    """A difference in percentage points, for example "+1.2"; no sign for exactly 0, "n/a" for NaN."""
-    if ratio == 0:
-        return "0.0"
-    return "n/a" if math.isnan(ratio) else f"{100 * ratio:+.1f}"
-
-
 def p_text(p_value: float) -> str:
     """For example "0.012" or "<0.001"; "" for NaN."""
     if math.isnan(p_value):
         return ""
     return "<0.001" if p_value < 0.001 else f"{p_value:.3f}"
-
-
-def points_interval(ci95: tuple[float, float]) -> str:
-    """In percentage points, for example "-1.2 to +0.3"."""
-    return " to ".join(map(points, ci95))
 
 
 def _bound(ratio: float) -> str:
@@ -71,7 +67,7 @@ _COLUMNS: dict[str, Heads] = {
     "metric": Column("Metric", lambda name: find_metric(name).label),
     "label": "Type",
     "verdict": "Verdict",
-    "frames": "Frames",
+    "frames_before": "Frames",
     "recordings": "Recs",
     "before": Column("before", hundredths),
     "after": Column("after", hundredths),
@@ -138,7 +134,7 @@ def _recording_table(comparison: RunComparison) -> Table:
 def _further_table(changes: pd.DataFrame) -> Table:
     """The other metrics, and what bounds all of them: the chance level of detection, the score of the exact masks."""
     title = "All metrics, percent, with chance levels and the ceiling"
-    numbers = ["frames", *_CHANGE, "chance_before", "chance_after", "ceiling"]
+    numbers = ["frames_before", *_CHANGE, "chance_before", "chance_after", "ceiling"]
     return _change_table(changes, changes.index.unique("metric"), title, ["metric", "label"], numbers)
 
 
@@ -146,7 +142,7 @@ def _change_table(
     changes: pd.DataFrame, metrics: Iterable[str], title: str, words: Sequence[str], numbers: Sequence[str]
 ) -> Table:
     """For each metric the rows that have it."""
-    held = changes[changes["frames"] > 0].reset_index()
+    held = changes[changes["frames_before"] > 0].reset_index()
     rows = pd.concat([held[held["metric"] == metric] for metric in metrics])
     return Table(title=title, columns={n: _COLUMNS[n] for n in (*words, *numbers)}, rows=rows, words=len(words))
 
@@ -181,7 +177,7 @@ _LATEX_NOTE = (
 def _latex(comparison: RunComparison) -> str:
     r"""A float for a pair of runs, both in the lines of each row; `\label` "tab:compare-<run>-<run>"."""
     runs, first = (comparison.before, comparison.after), comparison.before.summary
-    judged = comparison.changes.query("frames > 0 and metric in @HEADLINES")
+    judged = comparison.changes.query("frames_before > 0 and metric in @HEADLINES")
     rows: list[list[object]] = []
     for _, part in judged.groupby(["breakdown", "slice"], sort=False):
         of_metric = part.droplevel(["breakdown", "slice"])
@@ -245,7 +241,7 @@ def _images(comparison: RunComparison) -> dict[str, int]:
 
 def _numbers(comparison: RunComparison) -> pd.DataFrame:
     """A line for each row and metric."""
-    table = comparison.changes.reset_index().rename(columns={"slice": "row"})
+    table = comparison.changes.reset_index().rename(columns={"slice": "row", "frames_before": "frames"})
     table[["ci95_low", "ci95_high"]] = [ci95 or (math.nan, math.nan) for ci95 in table["ci95"]]
     counts = ["p_value", "cases_before", "cases_after", "recordings"]
     shown = ["row", "frames", "metric", "verdict", "before", "after", "difference", *counts]

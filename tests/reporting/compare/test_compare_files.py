@@ -12,7 +12,8 @@ from bench.harness import read_run
 from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
-from bench.reporting.compare.writing import points, terminal_report, write_comparison
+from bench.reporting.compare.writing import terminal_report, write_comparison
+from bench.reporting.formats import points
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed
 

@@ -8,7 +8,7 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import holm
-from bench.reporting.compare.changes import HEADLINES, Kind, Verdict, compare_runs, verdict_line
+from bench.reporting.compare.changes import HEADLINES, Kind, Shown, compare_runs, verdict_line
 from bench.reporting.compare.runs import name_methods, read_comparable
 from tests.reporting.compare.runs import IMAGE_PX, IMAGES, RECORDINGS, drawn, write_run
 from tests.support.stored_files import change_summary
@@ -36,7 +36,7 @@ def test_a_run_against_itself_differs_in_nothing(half):
     known = found.changes["cases_before"] > 0
     assert (found.changes.loc[known, "difference"] == 0).all()
     assert set(found.changes["p_value"].dropna()) == {1.0}
-    assert set(found.changes["verdict"].dropna()) == {Verdict.THE_SAME, Verdict.NO_CASES}
+    assert set(found.changes["verdict"].dropna()) == {Shown.THE_SAME, Shown.NO_CASES}
     assert (found.detections[["gained", "lost"]] == 0).all(axis=None)
     assert list(found.detections.index) == [*CATEGORIES, "all_moving"]
     assert found.frames.empty
@@ -50,13 +50,13 @@ def test_a_run_that_finds_nothing_loses_everything(half, tmp_path):
     whole = found.detections.loc["all_moving"]
     assert whole.object_frames == RECORDINGS * IMAGES + 3 * IMAGES
     assert (whole.before, whole.after, whole.gained, whole.lost) == (whole.object_frames, 0, 0, whole.object_frames)
-    assert change(found, "all_moving", "detection_rate_50").verdict == Verdict.WORSE
+    assert change(found, "all_moving", "detection_rate_50").verdict == Shown.WORSE
     assert change(found, "crossing", "detection_rate").difference == -1
-    assert change(found, "preceding", "detection_rate_50").verdict == Verdict.TOO_FEW, "three recordings"
-    assert change(found, "overtaking", "iou").verdict == Verdict.NO_CASES
+    assert change(found, "preceding", "detection_rate_50").verdict == Shown.TOO_FEW, "three recordings"
+    assert change(found, "overtaking", "iou").verdict == Shown.NO_CASES
     assert math.isnan(change(found, "all_moving", "tpr").after), "no detected object-frame"
     assert change(found, "frames", "false_positive_coverage").before == 3072 / IMAGE_PX
-    assert change(found, "frames", "false_positive_coverage").verdict == Verdict.BETTER
+    assert change(found, "frames", "false_positive_coverage").verdict == Shown.BETTER
     assert set(found.frames["kind"]) == {Kind.LOST, Kind.FEWER_FALSE}
     assert not found.frames.duplicated(["recording", "track_id"]).any(), "one frame per object"
 

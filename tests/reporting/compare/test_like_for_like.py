@@ -87,11 +87,11 @@ def test_figures_are_those_of_the_images_that_both_scored(runs, order):
         if name == "frames":
             figures = [of.false_positives.coverage for of in expected]
             change = changes.loc[(name, "false_positive_coverage")]
-            assert change.frames == 9
+            assert change.frames_before == 9
         else:
             of_row = [e.all_moving if name == "all_moving" else e.categories[name] for e in expected]
             change = changes.loc[(name, "tpr_all")]
-            assert change.frames == of_row[0].object_frames == of_row[1].object_frames
+            assert change.frames_before == of_row[0].object_frames == of_row[1].object_frames
             figures = [of.tpr_all for of in of_row]
             chances = changes.loc[(name, "detection_rate"), ["chance_before", "chance_after"]].tolist()
             assert chances == pytest.approx([of.chance.value for of in of_row], rel=1e-12, nan_ok=True)
