@@ -56,7 +56,7 @@ def evaluate(
     """Score masks or scores that any other program wrote, paired with the images by name."""
     from bench.api.references import open_reference
     from bench.api.runs import run_request
-    from bench.cli.request import Computing, render_if_synthetic
+    from bench.cli.request import Computing, rendered_card
     from bench.cli.runs import score
     from bench.harness.predicted import check_predictions, refusal, refused, write_report
     from bench.harness.stored import PREDICTIONS
@@ -87,8 +87,7 @@ def evaluate(
     (rules,) = request.runs.values()
     if reference is not None:
         request = replace(request, exported=open_reference(reference, rules=rules))
-    if card.remote_root is None and not card.root.is_dir():
-        render_if_synthetic(card, split)  # what is there stays as it was when the predictions were made
+    rendered_card(card, split, as_it_is=True)  # what is there stays as it was when the predictions were made
     with progress_bar(f"reading {predictions}", "recordings") as report:
         found = check_predictions(card, method=method, progress=report)
     _print_check(found)

@@ -38,7 +38,7 @@ def export(
             protocol=protocol,
             split=split,
             recording=recording,
-            executor=worker_processes(workers),
+            workers=worker_processes(workers),
             progress=report,
         )
     say(str(out))

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bench.api.datasets import render_if_missing
+from bench.api.datasets import as_card, render_if_missing
 from bench.api.runs import run_request
 from bench.cli.console import detail, note
 from bench.cli.progress import interruptible, progress_bar
@@ -18,7 +18,7 @@ from bench.harness.cache import CacheFolder, default_folder
 from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
 from bench.methods import Scorable
 from bench.methods.settings import parse_settings
-from bench.recordings import DatasetCard, load_card
+from bench.recordings import DatasetCard
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,18 +120,13 @@ def rendering(scenario: Path, out: Path) -> Iterator[Callable[[float, int], None
         yield report
 
 
-def rendered_card(dataset: str, split: str | None = None) -> DatasetCard:
-    """The card of a data set, of which what a scenario asks for in a split is rendered where it is not there yet."""
-    card = load_card(dataset)
-    render_if_synthetic(card, split)
-    return card
-
-
-def render_if_synthetic(card: DatasetCard, split: str | None = None) -> None:
-    """Render what of a split a card's scenario asks for and is not there yet."""
+def rendered_card(dataset: str | DatasetCard, split: str | None = None, *, as_it_is: bool = False) -> DatasetCard:
+    """The card of a data set, rendered as by `bench.api.datasets.rendered_card`, with a bar."""
+    card = as_card(dataset)
     detail(f"card {card.file}, root {card.content.root}")
-    if card.scenario is not None and card.remote_root is None:
+    if card.scenario is not None and card.remote_root is None and not (as_it_is and card.root.is_dir()):
         with rendering(card.scenario, card.root) as report:
             count = render_if_missing(card, split, progress=report)
         if count:
             note(f"{count} recordings in {card.root}")
+    return card

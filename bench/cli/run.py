@@ -55,7 +55,7 @@ def run(
     A run that was interrupted continues where it stopped, by the same command.
     """
     from bench.cli.report import report
-    from bench.cli.request import Computing, render_if_synthetic, scoring_request
+    from bench.cli.request import Computing, rendered_card, scoring_request
     from bench.cli.runs import score
     from bench.harness import Part
     from bench.reporting.leaderboard.texts import best_line
@@ -76,7 +76,7 @@ def run(
         overwrite=overwrite,
     )
     part = None if shard is None else Part.parse(shard)
-    render_if_synthetic(request.card, request.split)
+    rendered_card(request.card, request.split)
     validation = _validated(request) if require_valid else None
     request = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler).equip(request)
     if part is not None:
@@ -110,13 +110,13 @@ def _validated(request: RunRequest) -> ValidationReport:
         DataError: it is more than warnings.
     """
     from bench.cli.validate import show_findings
-    from bench.validation import Depth, Severity
+    from bench.validation import Severity
 
-    card = request.card
-    report = show_findings(card, request.recordings(), Depth.SAMPLED)
+    report = show_findings(request.card, request.split)
     if errors := report.count(Severity.ERROR):
+        expected, got = "data that validate finds no errors in", f"{errors} errors"
         hint = "correct them, leave these recordings out in the card, or run without --require-valid"
-        raise DataError(card.file, expected="data that validate finds no errors in", got=f"{errors} errors", hint=hint)
+        raise DataError(request.card.file, expected=expected, got=got, hint=hint)
     return report
 
 

@@ -54,7 +54,7 @@ def sweep(
     """
     from bench.api.sweep import run_values
     from bench.atomic import output_folder
-    from bench.cli.request import Computing, render_if_synthetic, scoring_request
+    from bench.cli.request import Computing, rendered_card, scoring_request
     from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
 
     if "," in protocol:
@@ -82,7 +82,7 @@ def sweep(
     title = f"{setting} of {first.method.name} on {first.card.name} by {rules.name}"
     about = METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else ""
     with output_folder(folder):
-        render_if_synthetic(first.card, first.split)
+        rendered_card(first.card, first.split)
         with resumable(folder), progress_bar(f"scoring {len(requests)} values of {setting}", "values") as progress:
             runs = run_values(requests, folder, progress=progress)
     files = write_sweep(folder, setting, runs, title=title, note=about)
