@@ -125,8 +125,7 @@ def run(
     )
     executor = as_executor(workers)
     rendered_card(request.card, split, executor=executor)
-    stored = None if cache is None else CacheFolder(folder=Path(cache))
-    asked = replace(request, executor=executor, cache=stored, progress=progress)
+    asked = replace(request, executor=executor, cache=as_cache(cache), progress=progress)
     ((folder, summary),) = run_benchmark(asked, finish=write_report).items()
     return Run(folder=folder, summary=summary)
 
@@ -188,6 +187,11 @@ def run_request(
         input_errors=errors,
         overwrite=overwrite,
     )
+
+
+def as_cache(folder: str | Path | None) -> CacheFolder | None:
+    """The cache of steps in a folder; None for none."""
+    return None if folder is None else CacheFolder(folder=Path(folder))
 
 
 def load_run(folder: str | Path) -> Run:

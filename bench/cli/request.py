@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.api.datasets import as_card, render_if_missing
-from bench.api.runs import run_request
+from bench.api.runs import as_cache, run_request
 from bench.cli.console import detail, note
 from bench.cli.progress import interruptible, progress_bar
 from bench.errors import UsageError
@@ -63,9 +63,14 @@ class Computing:
         return replace(request, executor=self.executor(request.card, request.method), cache=self.cache_folder)
 
     @property
-    def cache_folder(self) -> CacheFolder | None:
+    def cache_path(self) -> Path | None:
         """Folder of cached steps; None to store none."""
-        return None if self.no_cache else CacheFolder(folder=self.cache or default_folder())
+        return None if self.no_cache else self.cache or default_folder()
+
+    @property
+    def cache_folder(self) -> CacheFolder | None:
+        """The cache of steps; None for none."""
+        return as_cache(self.cache_path)
 
 
 def worker_processes(workers: int | None) -> TaskExecutor:
