@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from bench.api.bundle import unpack_bundle, write_bundle
     from bench.api.compare import Comparison, compare
     from bench.api.datasets import Dataset, Frame, open_dataset
+    from bench.api.evaluate import Evaluation, evaluate
     from bench.api.gate import BaselineUpdate, judge, refused_verdict, update_baseline
     from bench.api.history import HistoryReport, history
     from bench.api.leaderboard import Competitor, LeaderboardReport, competitors, leaderboard, score_competitor
@@ -54,6 +55,7 @@ __all__ = [
     "Competitor",
     "ConvertedLabels",
     "Dataset",
+    "Evaluation",
     "ExportedDrive",
     "Frame",
     "HistoryReport",
@@ -74,6 +76,7 @@ __all__ = [
     "audit_reference",
     "compare",
     "competitors",
+    "evaluate",
     "evaluate_proposals",
     "export_labels",
     "export_projects",
@@ -138,6 +141,7 @@ _MODULES = {
         "Frame",
         "open_dataset",
     ),
+    "bench.api.evaluate": ("Evaluation", "evaluate"),
     "bench.api.gate": (
         "BaselineUpdate",
         "judge",

@@ -58,9 +58,10 @@ class Computing:
         requirements = WorkerRequirements.of(method, reads=(*data, *reads), cache=self.cache_folder)
         return ClusterExecutor.connect(scheduler_address(self.scheduler), requirements)
 
-    def equip(self, request: RunRequest) -> RunRequest:
-        """Give runs of data that exist their executor and cache."""
-        return replace(request, executor=self.executor(request.card, request.method), cache=self.cache_folder)
+    def equip(self, request: RunRequest, *, reads: Sequence[Path] = ()) -> RunRequest:
+        """Give runs of data that exist their executor and cache; `reads` as of `executor`."""
+        executor = self.executor(request.card, request.method, reads=reads)
+        return replace(request, executor=executor, cache=self.cache_folder)
 
     @property
     def cache_path(self) -> Path | None:
