@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -85,19 +86,11 @@ def audit_reference(
     if settings and not isinstance(method, str):
         raise UsageError("settings: expected none beside a method that is built already")
     built = build_method(method, settings) if isinstance(method, str) else method
-    executor, rules, folder = as_executor(workers), load_protocol(protocol), audit_folder(dataset, out)
-    with output_folder(folder):
-        card = rendered_card(dataset, split, executor=executor)
-        found = run_audit(
-            card,
-            method=built,
-            protocol=rules,
-            out=folder,
-            split=split,
-            recordings=recordings,
-            executor=executor,
-            progress=progress,
-        )
+    rules = load_protocol(protocol)
+    work = partial(run_audit, method=built, protocol=rules)
+    folder, card, found = _stored(
+        work, dataset, out=out, split=split, recordings=recordings, workers=workers, progress=progress
+    )
     files = list(write_audit_files(folder))
     if pictures:
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
@@ -137,17 +130,10 @@ def audit_ranking(
         DataError: no recording could be scored, above all where none has rendered masks.
     """
     predictions = parse_predictions(methods) if isinstance(methods, str) else methods
-    executor, folder = as_executor(workers), audit_folder(dataset, out)
-    with output_folder(folder):
-        found = run_ranking(
-            rendered_card(dataset, split, executor=executor),
-            predictions=predictions,
-            out=folder,
-            split=split,
-            recordings=recordings,
-            executor=executor,
-            progress=progress,
-        )
+    work = partial(run_ranking, predictions=predictions)
+    folder, _, found = _stored(
+        work, dataset, out=out, split=split, recordings=recordings, workers=workers, progress=progress
+    )
     return Audit(folder=folder, summary=found, tables=ranking_tables(found), files=write_ranking_files(folder))
 
 
@@ -180,21 +166,31 @@ def audit_beams(
         DataError: no recording could be used, above all where none has rendered masks or the lidar has fewer beams.
     """
     predictions = parse_predictions(methods) if isinstance(methods, str) else methods
-    executor, folder = as_executor(workers), audit_folder(dataset, out)
-    with output_folder(folder):
-        found = run_beams(
-            rendered_card(dataset, split, executor=executor),
-            beams=tuple(beams),
-            predictions=predictions,
-            out=folder,
-            split=split,
-            recordings=recordings,
-            executor=executor,
-            progress=progress,
-        )
+    work = partial(run_beams, beams=tuple(beams), predictions=predictions)
+    folder, _, found = _stored(
+        work, dataset, out=out, split=split, recordings=recordings, workers=workers, progress=progress
+    )
     return Audit(folder=folder, summary=found, tables=beams_tables(found), files=write_beams_files(folder))
 
 
 def audit_folder(dataset: str | Path | DatasetCard, out: str | Path | None) -> Path:
     """The folder that is named, or the usual one of a data set."""
     return AUDITS / as_card(dataset).name if out is None else Path(out)
+
+
+def _stored(
+    work: Callable[..., Summary],
+    dataset: str | Path | DatasetCard,
+    *,
+    out: str | Path | None,
+    split: str | None,
+    recordings: int | None,
+    workers: int | TaskExecutor,
+    progress: Progress | None,
+) -> tuple[Path, DatasetCard, Summary]:
+    """Audit a data set, which is rendered where it is missing; the folder, the card, and what was found."""
+    executor, folder = as_executor(workers), audit_folder(dataset, out)
+    with output_folder(folder):
+        card = rendered_card(dataset, split, executor=executor)
+        found = work(card, out=folder, split=split, recordings=recordings, executor=executor, progress=progress)
+    return folder, card, found

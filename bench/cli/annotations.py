@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli.console import say, show, write_out
-from bench.cli.options import group
+from bench.cli.options import Recording, group
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def export(
     format_: FormatName,
     dataset: Card,
     out: Annotated[Path, typer.Option(help="Folder; each recording gets one in it.")],
-    recording: Annotated[str | None, typer.Option(help="Name of the recording; default: all.")] = None,
+    recording: Recording = None,
     class_: ClassPairs = None,
     first_frame: FirstFrame = 0,
 ) -> None:

@@ -49,12 +49,11 @@ def evaluate(
 ) -> None:
     """Score masks or scores that any other program wrote, paired with the images by name."""
     from bench.api.evaluate import evaluate_request, predictions_report, refuse_unfit
-    from bench.cli.request import Computing, rendered_card
+    from bench.cli.request import equip, rendered_card
     from bench.cli.runs import score
     from bench.harness.predicted import check_predictions
     from bench.reporting.findings import prediction_line, prediction_table
 
-    computing = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
     request, method = evaluate_request(
         dataset,
         predictions,
@@ -77,8 +76,9 @@ def evaluate(
     note(prediction_line(found))
     refuse_unfit(card, method, found)
     reads = [predictions, *([] if reference is None else [reference])]
+    request = equip(request, workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler, reads=reads)
     (summary,) = score(
-        computing.equip(request, reads=reads),
+        request,
         title=f"scoring {method.name} on {card.name}",
         pictures=pictures,
         finish=predictions_report(card, method, found),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -11,9 +11,6 @@ from bench.cli import options
 from bench.cli.console import note_files, say, say_unlisted, show
 from bench.cli.progress import interruptible, progress_bar
 from bench.errors import BenchError, UsageError
-
-if TYPE_CHECKING:
-    from bench.cli.request import Computing
 
 
 def leaderboard(
@@ -46,14 +43,14 @@ def leaderboard(
     Runs that are there and up to date are not computed again.
     """
     from bench.api.leaderboard import leaderboard
-    from bench.cli.request import Computing
+    from bench.cli.request import cache_path
     from bench.reporting.leaderboard.texts import leaderboard_tables
 
     if score is None and (methods is not None or workers is not None):
         raise UsageError("leaderboard: expected --score beside --methods and --workers, which say how to score")
-    computing = Computing(workers=workers, cache=cache, no_cache=no_cache)
+    stored = cache_path(cache, no_cache=no_cache)
     failures = sum(
-        score_all(dataset, methods=methods, protocol=protocol, runs=folder, computing=computing)
+        score_all(dataset, methods=methods, protocol=protocol, runs=folder, workers=workers, cache=stored)
         for dataset in score or ()
     )
     with progress_bar("drawing the same images", "runs") as progress:
@@ -67,7 +64,9 @@ def leaderboard(
         raise typer.Exit(options.FAILURES)
 
 
-def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, computing: Computing) -> int:
+def score_all(
+    dataset: str, *, methods: str | None, protocol: str, runs: Path, workers: int | None, cache: Path | None
+) -> int:
     """Score methods on a data set, each by all protocols in one pass; what is there and up to date is not computed.
 
     Args:
@@ -75,7 +74,8 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
         methods: as `competitors`.
         protocol: names or files, with commas in between.
         runs: folder of runs; those of the data set go into one below it that is called as the data set.
-        computing: where and how.
+        workers: processes; None for one per core.
+        cache: folder of cached steps; None to store none.
 
     Returns:
         How many methods, images, units and recordings could not be used; each method's reason is printed.
@@ -94,8 +94,8 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
                     competitor,
                     protocols=protocols,
                     runs=runs,
-                    workers=worker_processes(computing.workers),
-                    cache=computing.cache_path,
+                    workers=worker_processes(workers),
+                    cache=cache,
                     progress=progress,
                 )
         except BenchError as error:

@@ -54,10 +54,12 @@ def run(
 
     A run that was interrupted continues where it stopped, by the same command.
     """
+    from bench.api.runs import run_request
     from bench.cli.report import report
-    from bench.cli.request import Computing, rendered_card, scoring_request
+    from bench.cli.request import equip, rendered_card
     from bench.cli.runs import score
     from bench.harness import Part
+    from bench.methods.settings import parse_settings
     from bench.reporting.leaderboard.texts import best_line
     from bench.reporting.trackers import require_tracker
 
@@ -65,12 +67,12 @@ def run(
         require_tracker(log)
         if shard is not None:
             raise UsageError("--log: expected a whole run, got --shard; the same without --shard ends and logs the run")
-    request = scoring_request(
+    request = run_request(
         dataset,
         method,
-        settings=set_,
-        input_errors=input_error,
-        protocol=protocol,
+        settings=parse_settings(set_),
+        input_errors=parse_settings(input_error, option="--input-error"),
+        protocols=[name.strip() for name in protocol.split(",")],
         split=_part_of_data(split, recording, limit),
         out=out,
         overwrite=overwrite,
@@ -78,7 +80,7 @@ def run(
     part = None if shard is None else Part.parse(shard)
     rendered_card(request.card, request.split)
     validation = _validated(request) if require_valid else None
-    request = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler).equip(request)
+    request = equip(request, workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
     if part is not None:
         failed = _run_part(request, part)
     else:

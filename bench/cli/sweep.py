@@ -49,7 +49,7 @@ def sweep(
     """
     from bench.api.sweep import run_sweep, sweep_request
     from bench.atomic import output_folder
-    from bench.cli.request import Computing, rendered_card, worker_processes
+    from bench.cli.request import cache_path, rendered_card, worker_processes
     from bench.methods.settings import parse_settings
 
     if "," in protocol:
@@ -68,13 +68,13 @@ def sweep(
         out=out,
         overwrite=overwrite,
     )
-    computing, card = Computing(workers=workers, cache=cache, no_cache=no_cache), next(iter(request.runs.values())).card
+    card, stored = next(iter(request.runs.values())).card, cache_path(cache, no_cache=no_cache)
     with output_folder(request.folder):
         rendered_card(card, split)
         title = f"scoring {len(request.runs)} values of {setting}"
         with resumable(request.folder), progress_bar(title, "values") as progress:
             executor = worker_processes(workers)
-            swept = run_sweep(request, workers=executor, cache=computing.cache_path, progress=progress)
+            swept = run_sweep(request, workers=executor, cache=stored, progress=progress)
     show([swept.table])
     failures = [f"{value}: {failure}" for value, summary in swept.runs.items() for failure in summary.failures]
     print_failures(failures, all_in=f"the summary.json of each value in {swept.folder}")
