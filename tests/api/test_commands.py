@@ -26,6 +26,7 @@ def runs(folder):
 
 
 def test_every_name_is_there_and_loaded_from_its_module():
+    assert len(set(bench.__all__)) == len(bench.__all__) == sum(len(names) for names in bench._MODULES.values())
     for name in bench.__all__:
         assert getattr(bench, name).__name__ == name
         assert getattr(bench, name).__doc__
@@ -139,7 +140,7 @@ def test_parts_of_settings_and_errors_of_the_input_are_swept(tiny_card, tmp_path
 
 def test_masks_of_a_folder_are_scored(tiny_card, tmp_path):
     for number, frame in enumerate(bench.open_dataset(tiny_card).frames(recordings=["crossing"])):
-        file = tmp_path / "masks" / frame.camera / f"{frame.timestamp_ns}.png"
+        file = tmp_path / "masks" / frame.recording / frame.camera / f"{frame.timestamp_ns}.png"
         file.parent.mkdir(parents=True, exist_ok=True)
         if number:
             cv2.imwrite(str(file), (frame.reference.labels > 0).astype(np.uint8))
