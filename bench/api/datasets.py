@@ -177,7 +177,7 @@ def rendered_card(
         DataError: the card or its scenario cannot be used.
     """
     card = as_card(dataset)
-    if not (as_it_is and card.root.is_dir()):
+    if not (as_it_is and card.remote_root is None and card.root.is_dir()):
         render_if_missing(card, split, workers=1 if executor is None else executor.workers)
     return card
 
