@@ -3,44 +3,147 @@
 Moving objects are annotated in the lidar point cloud, projected into the fisheye image, and the bounding
 polygon is the reference that a segmentation method is scored against (Mariotti and Eising 2020).
 
-From Python: `bench.score`, `bench.interval`, `bench.open_dataset`, `bench.run`, `bench.load_run`,
-`bench.export_reference`, `bench.read_reference`, `bench.RecordingWriter`, see docs/python.md; each is imported when it
-is used first. Start reading in `bench.evaluation`. Which package may import which: docs/architecture.md.
+From Python, as docs/python.md shows: `bench.score` compares arrays; `bench.open_dataset`, `bench.run` and
+`bench.load_run` give data sets and runs; most commands are a function of their name, such as `bench.compare` and
+`bench.validate`. Each is imported when it is used first. Start reading in `bench.evaluation`. Which package may import
+which: docs/architecture.md.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bench.api.annotate import (
+        ConvertedLabels,
+        ExportedDrive,
+        ProposalScores,
+        evaluate_proposals,
+        export_labels,
+        export_projects,
+        export_reviewed,
+        import_labels,
+        propose,
+    )
     from bench.api.arrays import Score, interval, score
+    from bench.api.audit import Audit, audit_beams, audit_ranking, audit_reference
+    from bench.api.bundle import unpack_bundle, write_bundle
+    from bench.api.compare import Comparison, compare
     from bench.api.datasets import Dataset, Frame, open_dataset
+    from bench.api.evaluate import Evaluation, evaluate
+    from bench.api.gate import BaselineUpdate, judge, refused_verdict, update_baseline
+    from bench.api.history import HistoryReport, history
+    from bench.api.leaderboard import Competitor, LeaderboardReport, competitors, leaderboard, score_competitor
     from bench.api.references import export_reference, read_reference
+    from bench.api.report import RunPage, report
     from bench.api.runs import Run, load_run, run
+    from bench.api.sweep import Sweep, sweep
+    from bench.api.validate import validate
+    from bench.api.verify import verify
+    from bench.api.view import View, view, view_calibration
+    from bench.exchange.verify import Verification
+    from bench.gate import MissingBaselineError, Verdict
     from bench.recordings import RecordingWriter
+    from bench.reporting.verdict import write_verdict
+    from bench.synthesis import synthesize
+    from bench.validation import ValidationReport
 
 __version__ = "0.1.0"
 __all__ = [
+    "Audit",
+    "BaselineUpdate",
+    "Comparison",
+    "Competitor",
+    "ConvertedLabels",
     "Dataset",
+    "Evaluation",
+    "ExportedDrive",
     "Frame",
+    "HistoryReport",
+    "LeaderboardReport",
+    "MissingBaselineError",
+    "ProposalScores",
     "RecordingWriter",
     "Run",
+    "RunPage",
     "Score",
+    "Sweep",
+    "ValidationReport",
+    "Verdict",
+    "Verification",
+    "View",
+    "audit_beams",
+    "audit_ranking",
+    "audit_reference",
+    "compare",
+    "competitors",
+    "evaluate",
+    "evaluate_proposals",
+    "export_labels",
+    "export_projects",
     "export_reference",
+    "export_reviewed",
+    "history",
+    "import_labels",
     "interval",
+    "judge",
+    "leaderboard",
     "load_run",
     "open_dataset",
+    "propose",
     "read_reference",
+    "refused_verdict",
+    "report",
     "run",
     "score",
+    "score_competitor",
+    "sweep",
+    "synthesize",
+    "unpack_bundle",
+    "update_baseline",
+    "validate",
+    "verify",
+    "view",
+    "view_calibration",
+    "write_bundle",
+    "write_verdict",
 ]
 
-_PLACES = {
-    **dict.fromkeys(("Score", "interval", "score"), "bench.api.arrays"),
-    **dict.fromkeys(("Dataset", "Frame", "open_dataset"), "bench.api.datasets"),
-    **dict.fromkeys(("export_reference", "read_reference"), "bench.api.references"),
-    **dict.fromkeys(("Run", "load_run", "run"), "bench.api.runs"),
-    "RecordingWriter": "bench.recordings",
+_MODULES = {
+    "bench.api.annotate": (
+        "ConvertedLabels",
+        "ExportedDrive",
+        "ProposalScores",
+        "evaluate_proposals",
+        "export_labels",
+        "export_projects",
+        "export_reviewed",
+        "import_labels",
+        "propose",
+    ),
+    "bench.api.arrays": ("Score", "interval", "score"),
+    "bench.api.audit": ("Audit", "audit_beams", "audit_ranking", "audit_reference"),
+    "bench.api.bundle": ("unpack_bundle", "write_bundle"),
+    "bench.api.compare": ("Comparison", "compare"),
+    "bench.api.datasets": ("Dataset", "Frame", "open_dataset"),
+    "bench.api.evaluate": ("Evaluation", "evaluate"),
+    "bench.api.gate": ("BaselineUpdate", "judge", "refused_verdict", "update_baseline"),
+    "bench.api.history": ("HistoryReport", "history"),
+    "bench.api.leaderboard": ("Competitor", "LeaderboardReport", "competitors", "leaderboard", "score_competitor"),
+    "bench.api.references": ("export_reference", "read_reference"),
+    "bench.api.report": ("RunPage", "report"),
+    "bench.api.runs": ("Run", "load_run", "run"),
+    "bench.api.sweep": ("Sweep", "sweep"),
+    "bench.api.validate": ("validate",),
+    "bench.api.verify": ("verify",),
+    "bench.api.view": ("View", "view", "view_calibration"),
+    "bench.exchange.verify": ("Verification",),
+    "bench.gate": ("MissingBaselineError", "Verdict"),
+    "bench.recordings": ("RecordingWriter",),
+    "bench.reporting.verdict": ("write_verdict",),
+    "bench.synthesis": ("synthesize",),
+    "bench.validation": ("ValidationReport",),
 }
+_PLACES = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:

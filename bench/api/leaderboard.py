@@ -1,19 +1,23 @@
-"""Methods that a leaderboard compares: which they are, and how each is scored, timed and reported."""
+"""Leaderboards: which methods they compare, how each is scored, timed and reported, and how runs are ranked."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bench.api.runs import run_request
-from bench.harness import RunRequest, RunSummary, run_benchmark
+from bench.api.datasets import as_card, as_executor, rendered_card
+from bench.api.runs import DEFAULT_PROTOCOL, RUNS, as_cache, run_request
+from bench.execution import TaskExecutor
+from bench.harness import RunSummary, run_benchmark
 from bench.harness.perf import method_cost, read_cost, write_cost
+from bench.harness.stages import Progress
 from bench.methods import known_methods
 from bench.methods.settings import parse_settings, split_methods
 from bench.recordings import DatasetCard
-from bench.reporting.leaderboard.reading import RANKING_PROTOCOL
+from bench.reporting.leaderboard.page import write_leaderboard
+from bench.reporting.leaderboard.reading import RANKING_PROTOCOL, Leaderboard, read_leaderboard
 from bench.reporting.page.build import write_page
 
 # Settings that make another method of one; the others come from the registry alone.
@@ -44,17 +48,19 @@ class Competitor:
         return re.sub(r"[^A-Za-z0-9_.-]+", "-", "-".join(words))
 
 
-def competitors(card: DatasetCard, methods: str | None) -> list[Competitor]:
+def competitors(dataset: str | Path | DatasetCard, methods: str | None = None) -> list[Competitor]:
     """List the methods that are scored on a data set.
 
     Args:
-        card: the data set.
+        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
         methods: names with commas in between, settings behind colons; None for every registered method, its variants
             and, on rendered data, what bounds them.
 
     Raises:
+        UnknownNameError: no data set of this name.
         UsageError: a setting that is none.
     """
+    card = as_card(dataset)
     if methods is None:
         variants = {known: [f"{known}:{setting}" for setting in VARIANTS.get(known, ())] for known in known_methods()}
         names = [name for known in known_methods() for name in (known, *variants[known])]
@@ -69,32 +75,48 @@ def _competitor(name: str, settings: list[str], card: DatasetCard) -> Competitor
     return Competitor(name=name, settings=tuple(settings), timed=name in known_methods() or ":" in name)
 
 
-def competitor_request(
-    card: DatasetCard, competitor: Competitor, *, protocols: Sequence[str], runs: Path
-) -> RunRequest:
-    """Assemble the runs of a method, one for each protocol, as `bench.api.runs.run_request`.
+def score_competitor(
+    dataset: str | Path | DatasetCard,
+    competitor: Competitor,
+    *,
+    protocols: Sequence[str | Path] = (DEFAULT_PROTOCOL, RANKING_PROTOCOL),
+    runs: str | Path = RUNS,
+    workers: int | TaskExecutor = 1,
+    cache: str | Path | None = None,
+    progress: Progress | None = None,
+) -> dict[Path, RunSummary]:
+    """Score one method for a leaderboard, time it, and write the page of the run that is ranked.
+
+    What is there and up to date is not computed.
 
     Args:
-        card: the data set.
+        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
         competitor: the method.
-        protocols: names or files.
+        protocols: by name or file, in one pass, each with a run of its own.
         runs: folder of runs; those of the data set go into one below it that is called as the data set.
+        workers: processes, or an executor.
+        cache: folder where flow, likelihood and reference are stored for other runs; None for nowhere.
+        progress: called with the images done and their number.
+
+    Returns:
+        The runs by folder, one for each protocol.
+
+    Raises:
+        UnknownNameError, UsageError, DataError: as `bench.run`.
     """
-    settings, out = parse_settings(competitor.settings), runs / card.name / competitor.folder
-    return run_request(card, competitor.name, settings=settings, protocols=protocols, out=out, overwrite=True)
-
-
-def score_competitor(request: RunRequest, *, timed: bool) -> dict[Path, RunSummary]:
-    """Score one method, time it, and write the page of the run that is ranked.
-
-    Args:
-        request: its runs, one for each protocol.
-        timed: measure its cost, where the run's folder does not hold it.
-    """
+    executor = as_executor(workers)
+    card = rendered_card(dataset, executor=executor)
+    settings, out = parse_settings(competitor.settings), Path(runs) / card.name / competitor.folder
+    request = replace(
+        run_request(card, competitor.name, settings=settings, protocols=protocols, out=out, overwrite=True),
+        executor=executor,
+        cache=as_cache(cache),
+        progress=progress,
+    )
     cost = None
-    if timed:
+    if competitor.timed:
         run, rules = next(iter(request.runs.items()))
-        cost = method_cost(request.card, request.method, protocol=rules, known=read_cost(run))
+        cost = method_cost(card, request.method, protocol=rules, known=read_cost(run))
 
     def finish(results: Path, summary: RunSummary) -> None:
         if cost is not None:
@@ -103,3 +125,43 @@ def score_competitor(request: RunRequest, *, timed: bool) -> dict[Path, RunSumma
             write_page(results, pictures=False)
 
     return run_benchmark(request, finish=finish)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LeaderboardReport:
+    """All runs of a folder, ranked.
+
+    Attributes:
+        found: `groups` of runs that compare, each with its `entries`, best first; and what could not be read.
+        files: that were written, the page first.
+        problems: why pictures are missing, one line each.
+    """
+
+    found: Leaderboard
+    files: tuple[Path, ...] = ()
+    problems: tuple[str, ...] = ()
+
+
+def leaderboard(
+    folder: str | Path = RUNS,
+    *,
+    out: str | Path | None = None,
+    pictures: bool = True,
+    progress: Progress | None = None,
+) -> LeaderboardReport:
+    """Rank all runs of a folder, those that compare in one group each, as `fisheye-bench leaderboard` does.
+
+    Args:
+        folder: holds runs at any depth.
+        out: folder of page, chart and tables; None to write none.
+        pictures: show methods on the same images, from rendered data sets.
+        progress: called with the runs drawn and their number, for each group anew.
+
+    Raises:
+        DataError: there is no folder, or no run in it.
+    """
+    found = read_leaderboard(Path(folder))
+    if out is None:
+        return LeaderboardReport(found=found)
+    files, problems = write_leaderboard(found, Path(out), pictures=pictures, progress=progress)
+    return LeaderboardReport(found=found, files=files, problems=problems)

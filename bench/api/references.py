@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from bench.api.datasets import render_if_missing
+from bench.api.datasets import as_executor, rendered_card
 from bench.errors import UsageError
 from bench.evaluation import Protocol, load_protocol
 from bench.exchange.reference_export import export_references
-from bench.execution import TaskExecutor, local_executor
+from bench.execution import TaskExecutor
 from bench.harness.reference_files import Form, ReferenceFolder
 from bench.harness.stages import Progress
-from bench.recordings import DatasetCard, load_card
+from bench.recordings import DatasetCard
 from bench.reference import ReferenceFrame
 
 
@@ -24,7 +24,7 @@ def export_reference(
     protocol: str | Path = "surface-v1",
     split: str | None = None,
     recording: str | None = None,
-    executor: TaskExecutor | None = None,
+    workers: int | TaskExecutor = 1,
     progress: Progress | None = None,
 ) -> tuple[str, ...]:
     """Write what a protocol counts in each image of a data set; see `bench.harness.reference_files` for the files.
@@ -36,7 +36,7 @@ def export_reference(
         protocol: of the reference, by name or file.
         split: of the data set; None for all of it.
         recording: name of the only one to export; None for all.
-        executor: computes the recordings; None for this process.
+        workers: processes, or an executor, that compute the recordings.
         progress: called with the recordings done and their number.
 
     Returns:
@@ -46,9 +46,8 @@ def export_reference(
         UnknownNameError: no data set, protocol, split or recording of this name.
         DataError: the folder holds something, or a recording cannot be opened.
     """
-    card = dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
-    rules = load_protocol(protocol)
-    render_if_missing(card, split, workers=1)
+    executor, rules = as_executor(workers), load_protocol(protocol)
+    card = rendered_card(dataset, split, executor=executor)
     _, problems = export_references(
         card,
         protocol=rules,
@@ -56,7 +55,7 @@ def export_reference(
         out=Path(out),
         split=split,
         recording=recording,
-        executor=executor or local_executor(1),
+        executor=executor,
         progress=progress,
     )
     return problems

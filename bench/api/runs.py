@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
-from bench.api.datasets import render_if_missing
+from bench.api.datasets import as_card, as_executor, rendered_card
 from bench.errors import BenchError, UsageError
 from bench.evaluation import ObjectMetrics, Protocol, load_protocol
-from bench.execution import local_executor
+from bench.execution import TaskExecutor
 from bench.harness import RunRequest, RunSummary, build_scorable, read_run, read_tables, run_benchmark
 from bench.harness.cache import CacheFolder
 from bench.harness.oracles import require_scorable
 from bench.harness.stages import Progress
 from bench.methods import Method, Scorable
-from bench.recordings import DatasetCard, load_card
+from bench.recordings import DatasetCard
 from bench.recordings.input_errors import named_input_errors
 from bench.reporting.table_files import write_report_files
 
@@ -85,7 +85,7 @@ def run(
     input_errors: Mapping[str, object] | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
-    workers: int = 1,
+    workers: int | TaskExecutor = 1,
     cache: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Run:
@@ -103,8 +103,8 @@ def run(
             example `{"pitch_deg": 0.5}`; the reference keeps the truth.
         out: folder of the run; None for `reports/runs/<data set>-<method>`.
         overwrite: replace another run in the folder.
-        workers: processes. More than one need a method that can be imported, not one of a notebook's cell, and in a
-            program `if __name__ == "__main__":` around the call.
+        workers: processes, or an executor. More than one need a method that can be imported, not one of a notebook's
+            cell, and in a program `if __name__ == "__main__":` around the call.
         cache: folder where flow, likelihood and reference are stored for other runs; None for nowhere.
         progress: called with the images done and their number.
 
@@ -123,9 +123,9 @@ def run(
         out=out,
         overwrite=overwrite,
     )
-    render_if_missing(request.card, split, workers=workers)
-    stored = None if cache is None else CacheFolder(folder=Path(cache))
-    asked = replace(request, executor=local_executor(workers), cache=stored, progress=progress)
+    executor = as_executor(workers)
+    rendered_card(request.card, split, executor=executor)
+    asked = replace(request, executor=executor, cache=as_cache(cache), progress=progress)
     ((folder, summary),) = run_benchmark(asked, finish=write_report).items()
     return Run(folder=folder, summary=summary)
 
@@ -160,7 +160,7 @@ def run_request(
     Raises:
         UnknownNameError, UsageError, DataError: as `run`; a protocol twice.
     """
-    card = dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
+    card = as_card(dataset)
     rules = [load_protocol(protocol) for protocol in protocols]
     if len({protocol.name for protocol in rules}) < len(rules):
         raise UsageError(f"expected each protocol once, got {', '.join(map(str, protocols))}")
@@ -189,6 +189,11 @@ def run_request(
     )
 
 
+def as_cache(folder: str | Path | None) -> CacheFolder | None:
+    """The cache of steps in a folder; None for none."""
+    return None if folder is None else CacheFolder(folder=Path(folder))
+
+
 def load_run(folder: str | Path) -> Run:
     """Read a stored run.
 
@@ -198,12 +203,14 @@ def load_run(folder: str | Path) -> Run:
     return Run(folder=Path(folder), summary=read_run(Path(folder)))
 
 
-def run_folder(place: str | Path) -> Path:
+def run_folder(place: str | Path | Run) -> Path:
     """The folder of a run that a user names.
 
     Raises:
         UsageError: an empty name, or an address.
     """
+    if isinstance(place, Run):
+        return place.folder
     if not str(place):
         raise UsageError("expected a folder, got an empty name")
     if "://" in str(place):

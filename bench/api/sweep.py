@@ -2,43 +2,192 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from bench.api.runs import write_report
+from bench.api.datasets import as_executor, rendered_card
+from bench.api.runs import DEFAULT_PROTOCOL, as_cache, default_folder, run_request, write_report
+from bench.atomic import output_folder
+from bench.errors import UsageError
+from bench.execution import TaskExecutor
 from bench.harness import RunRequest, RunSummary, run_benchmark
 from bench.harness.stages import Progress, part_of
+from bench.recordings import DatasetCard
+from bench.reporting.document import Table
 from bench.reporting.formats import file_name
+from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
+
+SWEEPS = Path("reports/sweeps")
 
 
-def run_values(
-    requests: Mapping[str, RunRequest], folder: Path, *, progress: Progress | None = None
-) -> dict[str, RunSummary]:
-    """Score a run for each value and store it, with its tables and range maps, in a folder named after the value.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SweepRequest:
+    """Runs that are asked for.
+
+    Attributes:
+        folder: of the sweep.
+        setting: that has several values.
+        runs: by value, each one run; their folders are not used.
+    """
+
+    folder: Path
+    setting: str
+    runs: Mapping[str, RunRequest]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sweep:
+    """Runs for several values of one setting.
+
+    Attributes:
+        folder: where they are, each in a folder named after its value.
+        runs: summaries by value.
+        table: the headline metrics, a row for each value.
+        files: of the sweep: table and chart.
+    """
+
+    folder: Path
+    runs: Mapping[str, RunSummary]
+    table: Table
+    files: tuple[Path, ...]
+
+
+def sweep(
+    dataset: str | Path | DatasetCard,
+    setting: str,
+    values: Iterable[object] | Mapping[str, object],
+    method: str = "spherical",
+    *,
+    of_input: bool = False,
+    settings: Mapping[str, object] | None = None,
+    protocol: str | Path = DEFAULT_PROTOCOL,
+    split: str | None = None,
+    input_errors: Mapping[str, object] | None = None,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    workers: int | TaskExecutor = 1,
+    cache: str | Path | None = None,
+    progress: Progress | None = None,
+) -> Sweep:
+    """Score a method once for each of several values of one setting, as `fisheye-bench sweep` does.
 
     Values that are done are not computed again.
 
     Args:
-        requests: by value, as `bench.api.runs.run_request` assembles them, each one run; their folders are not used.
-        folder: of the sweep.
+        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        setting: parameter of the method; a part of one behind a dot, as in "weights.epipolar".
+        values: of it; by the names that tables show where it is a mapping.
+        method: by name, or as "module:Class".
+        of_input: `setting` is an error of what the method is given instead, for example "pitch_deg".
+        settings: other parameters of the method.
+        protocol: by name or file.
+        split: of the data set; None for all of it.
+        input_errors: other errors of what the method is given.
+        out: folder of the sweep; None for `reports/sweeps/<data set>-<method>-<setting>`.
+        overwrite: replace other runs in the folders.
+        workers: processes, or an executor.
+        cache: folder where flow, likelihood and reference are stored for other runs; None for nowhere.
         progress: called with the values done, fractions allowed, and their number.
 
-    Returns:
-        Summaries by value, for `bench.reporting.sweep.write_sweep`.
+    Raises:
+        UnknownNameError: no data set, method, protocol, split or input error of this name.
+        UsageError: no values, or one that the method does not take.
+        DataError: nothing of the data set could be used, or a folder holds another run.
+    """
+    request = sweep_request(
+        dataset,
+        setting,
+        values,
+        method,
+        of_input=of_input,
+        settings=settings,
+        protocol=protocol,
+        split=split,
+        input_errors=input_errors,
+        out=out,
+        overwrite=overwrite,
+    )
+    return run_sweep(request, workers=workers, cache=cache, progress=progress)
+
+
+def sweep_request(
+    dataset: str | Path | DatasetCard,
+    setting: str,
+    values: Iterable[object] | Mapping[str, object],
+    method: str,
+    *,
+    of_input: bool,
+    settings: Mapping[str, object] | None,
+    protocol: str | Path,
+    split: str | None,
+    input_errors: Mapping[str, object] | None,
+    out: str | Path | None,
+    overwrite: bool,
+) -> SweepRequest:
+    """Assemble the runs of a sweep; nothing is rendered or computed yet. Arguments and errors are those of `sweep`."""
+    named = values if isinstance(values, Mapping) else {str(value): value for value in values}
+    if not named:
+        raise UsageError(f"sweep: expected values of {setting}, got none")
+    runs = {
+        shown: run_request(
+            dataset,
+            method,
+            settings=settings if of_input else _assigned(settings or {}, setting, value),
+            protocols=[protocol],
+            split=split,
+            input_errors=_assigned(input_errors or {}, setting, value) if of_input else input_errors,
+            out=out,
+            overwrite=overwrite,
+        )
+        for shown, value in named.items()
+    }
+    first = next(iter(runs.values()))
+    (rules,) = first.runs.values()
+    fixed = [*(settings or {}).items(), *(input_errors or {}).items()]
+    usual = f"{default_folder(first.card, first.method.name, fixed, rules, split).name}-{setting}"
+    return SweepRequest(folder=SWEEPS / usual if out is None else Path(out), setting=setting, runs=runs)
+
+
+def run_sweep(
+    request: SweepRequest,
+    *,
+    workers: int | TaskExecutor = 1,
+    cache: str | Path | None = None,
+    progress: Progress | None = None,
+) -> Sweep:
+    """Score a method for each value, and write table and chart; arguments and errors are those of `sweep`."""
+    first, folder, summaries = next(iter(request.runs.values())), request.folder, {}
+    (rules,) = first.runs.values()
+    with output_folder(folder), as_executor(workers) as executor:  # of all values, so that workers start once
+        rendered_card(first.card, first.split, executor=executor)
+        for number, (value, run) in enumerate(request.runs.items()):
+            part = part_of(progress, number=number, total=len(request.runs))
+            places = {folder / (file_name(value).lstrip(".") or "_"): rules}
+            run = replace(run, runs=places, executor=executor, cache=as_cache(cache), progress=part)
+            (summaries[value],) = run_benchmark(run, finish=write_report).values()
+    shown = {
+        "title": f"{request.setting} of {first.method.name} on {first.card.name} by {rules.name}",
+        "note": METHOD_ONLY if any(run.input_errors.named for run in request.runs.values()) else "",
+    }
+    files = write_sweep(folder, request.setting, summaries, **shown)
+    return Sweep(folder=folder, runs=summaries, table=table(request.setting, summaries, **shown), files=files)
+
+
+def _assigned(settings: Mapping[str, object], name: str, value: object) -> dict[str, object]:
+    """Settings with one more.
 
     Raises:
-        DataError: nothing of the data set could be used.
+        UsageError: what is before a dot is no group.
     """
-    summaries = {}
-    with next(iter(requests.values())).executor as executor:  # of all values, so that workers start once
-        for number, (value, request) in enumerate(requests.items()):
-            (rules,) = request.runs.values()
-            run = replace(
-                request,
-                runs={folder / (file_name(value).lstrip(".") or "_"): rules},
-                executor=executor,
-                progress=part_of(progress, number=number, total=len(requests)),
-            )
-            (summaries[value],) = run_benchmark(run, finish=write_report).values()
-    return summaries
+    assigned = deepcopy(dict(settings))
+    group: dict[str, Any] = assigned
+    *parents, leaf = name.split(".")
+    for parent in parents:
+        group = group.setdefault(parent, {})
+        if not isinstance(group, dict):
+            raise UsageError(f"{name}: {parent!r} already has the value {group!r}")
+    group[leaf] = value
+    return assigned

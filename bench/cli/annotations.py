@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli.console import say, show, write_out
-from bench.cli.options import group
+from bench.cli.options import Recording, group
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
-    from bench.labels import LabelSet
-    from bench.recordings import DatasetCard, Recording
+    from bench.api.annotate import ConvertedLabels
 
 LEFT_OUT = "none"
 
@@ -56,19 +55,16 @@ def import_(
     first_frame: FirstFrame = 0,
 ) -> None:
     """Write a tool's annotations as <recording>.json; say what was read and what was lost."""
-    from bench.labels import LabelOptions, import_labels, label_format, open_unannotated
+    from bench.api.annotate import import_labels
     from bench.recordings import load_card
 
-    options = LabelOptions(classes=parse_classes(class_), first_frame=first_frame)
-    label_format(format_)  # an unknown name is told before anything is opened
     card = load_card(dataset)
-    file = (out or annotations_folder(card)) / f"{recording}.json"
-    opened = open_unannotated(card, recording)
-    label_set = import_labels(format_, source, opened, options, file=file)
-    _print_label_set(label_set, opened, label_set.lost)
-    say(str(file))
-    if card.annotations is None or card.annotations.resolve() != file.parent.resolve():
-        folder = os.path.relpath(file.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
+    found = import_labels(
+        format_, source, card, recording, out=out, classes=parse_classes(class_), first_frame=first_frame
+    )
+    _print_labels(found)
+    if card.annotations is None or card.annotations.resolve() != found.place.parent.resolve():
+        folder = os.path.relpath(found.place.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
         say(f"to use it, give the card {card.file} this line: annotations: {folder}")
 
 
@@ -77,24 +73,16 @@ def export(
     format_: FormatName,
     dataset: Card,
     out: Annotated[Path, typer.Option(help="Folder; each recording gets one in it.")],
-    recording: Annotated[str | None, typer.Option(help="Name of the recording; default: all.")] = None,
+    recording: Recording = None,
     class_: ClassPairs = None,
     first_frame: FirstFrame = 0,
 ) -> None:
     """Write annotations as a tool's files; say what it cannot hold."""
-    from bench.api.datasets import Dataset
-    from bench.labels import LabelOptions, export_labels, label_format
-    from bench.recordings import load_card, open_dataset
+    from bench.api.annotate import export_labels
 
-    options = LabelOptions(classes=parse_classes(class_), first_frame=first_frame)
-    label_format(format_)
-    card = load_card(dataset)
-    recordings = Dataset(card=card, handles=open_dataset(card))
-    for name in recordings.names if recording is None else (recording,):
-        opened = recordings[name]
-        label_set, lost = export_labels(format_, opened, out / name, options)
-        _print_label_set(label_set, opened, lost)
-        say(str(out / name))
+    classes = parse_classes(class_)
+    for found in export_labels(format_, dataset, out, recording=recording, classes=classes, first_frame=first_frame):
+        _print_labels(found)
 
 
 @app.command("calibration")
@@ -114,11 +102,6 @@ def calibration(
     say(str(out))
 
 
-def annotations_folder(card: DatasetCard) -> Path:
-    """Folder of a data set's annotations: its card's, else one below the working folder."""
-    return card.annotations or Path("annotations") / card.name
-
-
 def parse_classes(pairs: Sequence[str] | None) -> dict[str, str | None]:
     """Parse `--class Tram=vehicle`; `--class Misc=none` leaves objects out.
 
@@ -136,10 +119,11 @@ def parse_classes(pairs: Sequence[str] | None) -> dict[str, str | None]:
     return parsed
 
 
-def _print_label_set(label_set: LabelSet, recording: Recording, lost: Sequence[str]) -> None:
+def _print_labels(found: ConvertedLabels) -> None:
     from bench.labels import describe_labels
 
-    for line in describe_labels(label_set, recording):
+    for line in describe_labels(found.labels, found.recording):
         say(line)
-    for line in lost:
+    for line in found.lost:
         say(f"  lost: {line}", style="yellow")
+    say(str(found.place))

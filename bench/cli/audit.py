@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,14 +14,8 @@ from bench.cli.progress import interruptible, progress_bar
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
-    from bench.audit import AuditSummary
-    from bench.audit.beams import BeamsSummary
-    from bench.audit.ranking import RankingSummary
-    from bench.reporting.document import Table
+    from bench.api.audit import Audit
 
-Found = TypeVar("Found")
-
-AUDITS = Path("reports/audit")
 LEFT = "nothing of the audit is stored, and the same command begins it again"
 
 
@@ -60,30 +53,26 @@ def audit(
     With --methods: whether the lidar references rank methods as the exact masks do. With --beams: how many beams a
     trustworthy reference needs. An audit that was interrupted begins again.
     """
+    from bench.api.audit import audit_beams, audit_folder, audit_ranking, audit_reference
     from bench.atomic import output_folder
-    from bench.audit import audit_sources, read_misses, read_polygons, run_audit
-    from bench.audit.beams import parse_beams, run_beams
+    from bench.audit.beams import parse_beams
     from bench.audit.predictions import parse_predictions
-    from bench.audit.ranking import run_ranking
-    from bench.cli.request import render_if_synthetic, worker_processes
+    from bench.cli.request import rendered_card, worker_processes
     from bench.evaluation import load_protocol
-    from bench.methods import FlowMethod, build_method
+    from bench.methods import build_method
     from bench.methods.settings import parse_settings
     from bench.recordings import load_card
-    from bench.reporting.audit_beams import beams_tables, write_beams_files
-    from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
-    from bench.reporting.audit_ranking import ranking_tables, write_ranking_files
-    from bench.reporting.audit_tables import audit_tables
 
     card = load_card(dataset)
-    folder = out or AUDITS / card.name
+    folder = audit_folder(card, out)
 
-    def compute(work: Callable[..., Found], title: str) -> Found:
+    def compute(audit: Callable[..., Audit[Any]], title: str, *, all_in: str, **named: Any) -> None:
         with output_folder(folder):
-            render_if_synthetic(card, split)
-            with interruptible(LEFT), progress_bar(title, "recordings") as report:
-                executor = worker_processes(workers)
-                return work(card, out=folder, split=split, recordings=recordings, executor=executor, progress=report)
+            rendered_card(card, split)
+            with interruptible(LEFT), progress_bar(title, "recordings") as progress:
+                named |= {"split": split, "recordings": recordings, "out": folder, "workers": worker_processes(workers)}
+                found = audit(card, progress=progress, **named)
+        _print(found, all_in=all_in)
 
     fixed = [option for option, text in (("--beams", beams), ("--methods", methods)) if text is not None]
     if fixed and (set_ or method != "spherical" or protocol != "paper-v1"):
@@ -93,46 +82,30 @@ def audit(
         )
     ranked = () if methods is None else parse_predictions(methods)
     if beams is not None:
-        work = partial(run_beams, beams=parse_beams(beams), predictions=ranked)
-        thinned = compute(work, f"thinning the lidar of {card.name}")
-        _print(thinned, beams_tables(thinned), write_beams_files(folder), all_in="beams.json")
-        return
-    if ranked:
-        ranking = compute(partial(run_ranking, predictions=ranked), f"ranking {len(ranked)} on {card.name}")
-        _print(ranking, ranking_tables(ranking), write_ranking_files(folder), all_in="ranking.json")
-        return
-    built, rules = build_method(method, parse_settings(set_)), load_protocol(protocol)
-    found = compute(partial(run_audit, method=built, protocol=rules), f"auditing {card.name}")
-    files = list(write_audit_files(folder))
-    if pictures:
-        sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
-        handles = {name: source.recorded for name, source in sources.items()}
-        files += write_examples(folder, found, read_polygons(folder), handles=handles, protocol=rules)
-        if isinstance(built, FlowMethod):
-            files += write_cause_pictures(folder, read_misses(folder), sources=sources, method=built, protocol=rules)
-    _print(found, audit_tables(found), files, all_in="audit.json", left_out=found.left_out)
+        title = f"thinning the lidar of {card.name}"
+        compute(audit_beams, title, all_in="beams.json", beams=parse_beams(beams), methods=ranked)
+    elif ranked:
+        compute(audit_ranking, f"ranking {len(ranked)} on {card.name}", all_in="ranking.json", methods=ranked)
+    else:
+        built = build_method(method, parse_settings(set_))
+        load_protocol(protocol)  # an unknown name is told before anything is rendered
+        named = {"method": built, "protocol": protocol, "pictures": pictures}
+        compute(audit_reference, f"auditing {card.name}", all_in="audit.json", **named)
 
 
-def _print(
-    found: AuditSummary | BeamsSummary | RankingSummary,
-    tables: Iterable[Table],
-    files: Iterable[Path],
-    *,
-    all_in: str,
-    left_out: str = "",
-) -> None:
+def _print(found: Audit[Any], *, all_in: str) -> None:
     """Print the tables, the cost, failures and files, and end with the status that tells of failures."""
     from bench.reporting.audit_tables import for_terminal
     from bench.reporting.totals import stage_times
 
-    show(for_terminal(tables))
-    made = found.provenance
+    show(for_terminal(found.tables))
+    summary, made = found.summary, found.summary.provenance
     stages = stage_times(made.stage_seconds)
-    say(f"{made.images} images of {found.recordings} recordings in {made.seconds:.1f} s ({stages})")
-    if left_out:
-        say(f"without exact flow: {left_out}")
-    print_failures(found.failures, all_in=all_in)
-    for file in files:
+    say(f"{made.images} images of {summary.recordings} recordings in {made.seconds:.1f} s ({stages})")
+    for remark in found.remarks:
+        say(remark)
+    print_failures(summary.failures, all_in=all_in)
+    for file in found.files:
         note(str(file))
-    if found.failures:
+    if summary.failures:
         raise typer.Exit(options.FAILURES)

@@ -15,8 +15,6 @@ def bundle(
     run: options.StoredRun, out: Annotated[Path, typer.Option(metavar="FILE", help="The file, for example my.run.zip.")]
 ) -> None:
     """Pack what decides a run's metrics into one file, for others to list and to verify."""
-    from bench.api.runs import run_folder
-    from bench.exchange.bundle import write_bundle
+    from bench.api.bundle import write_bundle
 
-    write_bundle(run_folder(run), out)
-    say(str(out))
+    say(str(write_bundle(run, out)))

@@ -10,8 +10,6 @@ import typer
 from bench.cli.console import note_files, say, show
 from bench.cli.progress import progress_bar
 
-RUNS = Path("reports/runs")
-
 
 def compare(
     runs: Annotated[list[str], typer.Argument(help="Folders of stored runs; the first is compared against.")],
@@ -21,15 +19,15 @@ def compare(
     pictures: Annotated[bool, typer.Option(help="Draw the frames that changed most, from the data set.")] = True,
 ) -> None:
     """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the biggest."""
-    from bench.api.runs import run_folder
+    from bench.api.compare import compare
+    from bench.api.runs import RUNS, run_folder
     from bench.reporting.compare.changes import verdict_line
-    from bench.reporting.compare.writing import terminal_report, write_comparison
+    from bench.reporting.compare.writing import terminal_report
 
-    places = [run_folder(run) for run in runs]
-    folder = out or RUNS / f"compare-{'-'.join(run.resolve().name for run in places)}"
-    with progress_bar("drawing what changed", "pictures") as report:
-        comparisons, files = write_comparison(places, folder, pictures=pictures, progress=report)
-    for comparison in comparisons:
+    folder = out or RUNS / f"compare-{'-'.join(run_folder(run).resolve().name for run in runs)}"
+    with progress_bar("drawing what changed", "pictures") as progress:
+        found = compare(*runs, out=folder, pictures=pictures, progress=progress)
+    for comparison in found.pairs:
         show(terminal_report(comparison))
         counts = comparison.detections.iloc[-1]
         say(f"{counts.object_frames} object-frames, detected: {counts.before} before, {counts.after} after; "
@@ -37,7 +35,7 @@ def compare(
         for told in comparison.notes:
             say(told)
         say(verdict_line(comparison), style="bold")
-    for comparison in comparisons:
+    for comparison in found.pairs:
         for remark in comparison.remarks:
             say(remark, style="red")
-    note_files(files)
+    note_files(found.files)

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from tempfile import mkdtemp
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from bench.cli import options
 from bench.cli.console import note, show
 from bench.cli.progress import progress_bar
-from bench.errors import UsageError
-
-if TYPE_CHECKING:
-    from bench.methods.predictions import PredictionIndex
 
 
 def evaluate(
@@ -54,64 +48,40 @@ def evaluate(
     scheduler: options.Scheduler = None,
 ) -> None:
     """Score masks or scores that any other program wrote, paired with the images by name."""
-    from bench.api.references import open_reference
-    from bench.api.runs import run_request
-    from bench.cli.request import Computing, render_if_synthetic
+    from bench.api.evaluate import evaluate_request, predictions_report, refuse_unfit
+    from bench.cli.request import equip, rendered_card
     from bench.cli.runs import score
-    from bench.harness.predicted import check_predictions, refusal, refused, write_report
-    from bench.harness.stored import PREDICTIONS
-    from bench.methods import known_methods
-    from bench.methods.predictions import PredictedMotion
-    from bench.recordings import load_card
-
-    card = load_card(dataset)
-    computing = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
-    called = name or f"predictions-{predictions.resolve().name}"
-    if called in known_methods():
-        raise UsageError(f"--name: expected another name than those of methods, got {called!r}")
-    usual = PredictedMotion(name=called, folder=str(predictions), dataset=str(card.file), split=split)
-    method = PredictedMotion(
-        name=called,
-        folder=str(predictions),
-        dataset=str(card.file),
-        split=split,
-        threshold=threshold,
-        missing=missing,
-        naming=names,
-        history=history,
-    )
-    chosen = [(option, value) for option, value in method.settings().items() if value != usual.settings()[option]]
-    request = run_request(
-        card, method, protocols=[protocol], split=split, out=out, overwrite=overwrite, named_by=chosen
-    )
-    (rules,) = request.runs.values()
-    if reference is not None:
-        request = replace(request, exported=open_reference(reference, rules=rules))
-    if card.remote_root is None and not card.root.is_dir():
-        render_if_synthetic(card, split)  # what is there stays as it was when the predictions were made
-    with progress_bar(f"reading {predictions}", "recordings") as report:
-        found = check_predictions(card, method=method, progress=report)
-    _print_check(found)
-    if refusal(method, found) is not None:
-        listed = Path(mkdtemp(prefix="fisheye-bench-")) / PREDICTIONS  # a new folder: no file of the user's is replaced
-        write_report(listed, card, method, found)
-        raise refused(method, found, listed_in=listed)
-    reads = [predictions, *([] if reference is None else [reference])]
-    request = replace(request, executor=computing.executor(card, method, reads=reads), cache=computing.cache_folder)
-    (summary,) = score(
-        request,
-        title=f"scoring {called} on {card.name}",
-        pictures=pictures,
-        finish=lambda results, _: write_report(results / PREDICTIONS, card, method, found),
-    ).values()
-    if summary.failures:
-        raise typer.Exit(options.FAILURES)
-
-
-def _print_check(found: PredictionIndex) -> None:
+    from bench.harness.predicted import check_predictions
     from bench.reporting.findings import prediction_line, prediction_table
 
-    table = prediction_table(found)
-    if table is not None:
+    request, method = evaluate_request(
+        dataset,
+        predictions,
+        name=name,
+        missing=missing,
+        names=names,
+        threshold=threshold,
+        history=history,
+        reference=reference,
+        protocol=protocol,
+        split=split,
+        out=out,
+        overwrite=overwrite,
+    )
+    card = rendered_card(request.card, split, as_it_is=True)
+    with progress_bar(f"reading {predictions}", "recordings") as report:
+        found = check_predictions(card, method=method, progress=report)
+    if (table := prediction_table(found)) is not None:
         show([table])
     note(prediction_line(found))
+    refuse_unfit(card, method, found)
+    reads = [predictions, *([] if reference is None else [reference])]
+    request = equip(request, workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler, reads=reads)
+    (summary,) = score(
+        request,
+        title=f"scoring {method.name} on {card.name}",
+        pictures=pictures,
+        finish=predictions_report(card, method, found),
+    )
+    if summary.failures:
+        raise typer.Exit(options.FAILURES)

@@ -14,7 +14,7 @@ from bench.cli.options import StoredRun
 from bench.errors import BenchError, UsageError
 
 if TYPE_CHECKING:
-    from bench.gate import RunSums, Verdict
+    from bench.gate import Verdict
     from bench.harness.manifest import Manifest
 
 FAILED, NO_VERDICT = 1, 3  # exit statuses
@@ -46,38 +46,35 @@ def gate(
     ] = False,
 ) -> None:
     """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no verdict."""
+    from bench.api.gate import judge, refused_verdict
     from bench.api.runs import run_folder
-    from bench.gate.baseline import MissingBaselineError, find_baseline, read_baseline, read_run_sums
+    from bench.gate import MissingBaselineError, Outcome, find_baseline
     from bench.gate.changes import how_to_compare
-    from bench.gate.judge import judge, refuse
-    from bench.gate.tolerances import DEFAULT, load_tolerances
-    from bench.gate.verdict import Outcome
+    from bench.gate.tolerances import DEFAULT
 
     folder = run_folder(run)
     if update:
         _refuse_with_update(tolerances=tolerances, junit=junit, json=json, github=github)
-        update_baseline(folder, baseline=baseline, allow_dirty=allow_dirty, whole=whole)
+        _update(folder, baseline=baseline, allow_dirty=allow_dirty, whole=whole)
         return
-    rules = load_tolerances(tolerances or DEFAULT)
+    rules = tolerances or DEFAULT
     hand_over = partial(_hand_over, junit=junit, json=json, github=github)
-    scored: RunSums | None = None
     try:
-        scored = read_run_sums(folder)
-        place = baseline or find_baseline(scored.manifest)
-        before = read_baseline(place)
-        verdict = judge(before, scored, tolerances=rules)
+        verdict = judge(folder, baseline, tolerances=rules)
     except BenchError as error:
-        hand_over(refuse(scored.manifest if scored else None, tolerances=rules, reason=str(error)))
+        hand_over(refused_verdict(folder, reason=str(error), tolerances=rules))
         if not isinstance(error, MissingBaselineError):
             raise
         say(f"error: {error}", to_errors=True)
         raise typer.Exit(NO_VERDICT) from error
+    assert verdict.baseline is not None
+    assert verdict.run is not None
     say(verdict.headline, style="green" if verdict.passed else "bold red")
     if baseline is None:
-        note(f"baseline {place}")
+        note(f"baseline {find_baseline(verdict.run)}")
     _print_brief(verdict)
     if not verdict.passed or verdict.rows_with(Outcome.SUSPECT):
-        first, *commands = how_to_compare(before.manifest, scored.manifest, folder=folder)
+        first, *commands = how_to_compare(verdict.baseline, verdict.run, folder=folder)
         say(first)
         for command in commands:
             say(f"  {command}")
@@ -90,34 +87,18 @@ def gate(
         raise typer.Exit(FAILED)
 
 
-def update_baseline(run: Path, *, baseline: Path | None, allow_dirty: bool, whole: bool) -> None:
+def _update(run: Path, *, baseline: Path | None, allow_dirty: bool, whole: bool) -> None:
     """Store a run as the baseline, and print what differs from the one that it replaces."""
-    from bench.gate.baseline import MissingBaselineError, own_baseline, read_baseline, read_run_sums, write_baseline
-    from bench.gate.judge import incomparable_reason, judge, judgeable
-    from bench.gate.tolerances import load_tolerances
+    from bench.api.gate import update_baseline
 
-    scored = read_run_sums(run)
-    folder = baseline or own_baseline(scored.manifest)
-    rules, difference, replaced = load_tolerances(), None, ""
-    try:
-        before = read_baseline(folder)
-        if differing := incomparable_reason(before.manifest, scored.manifest):
-            replaced = f"REPLACES WHAT DOES NOT COMPARE: {differing[0]}"
-        else:
-            difference = judge(before, scored, tolerances=rules)
-    except MissingBaselineError:
-        replaced = "the first baseline of this name"
-    except BenchError as error:
-        replaced = f"REPLACES WHAT CANNOT BE READ: {error}"
-    write_baseline(scored, folder, allow_dirty=allow_dirty)
-    if difference is None:
-        say(replaced, style="bold red" if replaced.startswith("REPLACES") else "")
+    made = update_baseline(run, baseline, allow_dirty=allow_dirty)
+    if made.difference is None:
+        say(made.replaced, style="bold red" if made.replaces_blindly else "")
     else:
-        _print_brief(difference)
-        _print_rest(difference, whole=whole)
-    say(f"{folder}: {_origin(scored.manifest)}")
-    judged, why_few = judgeable(scored, tolerances=rules)
-    say(f"{judged}{why_few}", style="bold red" if why_few else "")
+        _print_brief(made.difference)
+        _print_rest(made.difference, whole=whole)
+    say(f"{made.folder}: {_origin(made.run)}")
+    say(f"{made.judgeable}{made.why_few}", style="bold red" if made.why_few else "")
 
 
 def _refuse_with_update(**options: object) -> None:

@@ -21,12 +21,12 @@ def history(
 
     Run it in the repository of the method, which knows the times of its commits.
     """
-    from bench.reporting.history import history_tables, read_history, write_history
+    from bench.api.history import history
+    from bench.reporting.history import history_tables
 
-    found = read_history(runs, checkout=Path.cwd())
-    show(history_tables(found))
-    say_unlisted(found.damaged, found.packed)
-    if out is not None:
-        note_files(write_history(found, out))
-    if found.damaged:
+    read = history(*runs, out=out)
+    show(history_tables(read.found))
+    say_unlisted(read.found.damaged, read.found.packed)
+    note_files(read.files)
+    if read.found.damaged:
         raise typer.Exit(options.FAILURES)

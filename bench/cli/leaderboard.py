@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,9 +11,6 @@ from bench.cli import options
 from bench.cli.console import note_files, say, say_unlisted, show
 from bench.cli.progress import interruptible, progress_bar
 from bench.errors import BenchError, UsageError
-
-if TYPE_CHECKING:
-    from bench.cli.request import Computing
 
 
 def leaderboard(
@@ -46,32 +42,31 @@ def leaderboard(
 
     Runs that are there and up to date are not computed again.
     """
-    from bench.cli.request import Computing
-    from bench.reporting.leaderboard.page import write_leaderboard
-    from bench.reporting.leaderboard.reading import read_leaderboard
+    from bench.api.leaderboard import leaderboard
+    from bench.cli.request import cache_path
     from bench.reporting.leaderboard.texts import leaderboard_tables
 
     if score is None and (methods is not None or workers is not None):
         raise UsageError("leaderboard: expected --score beside --methods and --workers, which say how to score")
-    computing = Computing(workers=workers, cache=cache, no_cache=no_cache)
+    stored = cache_path(cache, no_cache=no_cache)
     failures = sum(
-        score_all(dataset, methods=methods, protocol=protocol, runs=folder, computing=computing)
+        score_all(dataset, methods=methods, protocol=protocol, runs=folder, workers=workers, cache=stored)
         for dataset in score or ()
     )
-    found = read_leaderboard(folder)
-    show(leaderboard_tables(found))
-    say_unlisted(found.damaged, found.packed)
-    if out is not None:
-        with progress_bar("drawing the same images", "runs") as progress:
-            files, problems = write_leaderboard(found, out, pictures=pictures, progress=progress)
-        for problem in problems:
-            say(f"no picture: {problem}", style="yellow")
-        note_files(files)
-    if found.damaged or failures:
+    with progress_bar("drawing the same images", "runs") as progress:
+        ranked = leaderboard(folder, out=out, pictures=pictures, progress=progress)
+    show(leaderboard_tables(ranked.found))
+    say_unlisted(ranked.found.damaged, ranked.found.packed)
+    for problem in ranked.problems:
+        say(f"no picture: {problem}", style="yellow")
+    note_files(ranked.files)
+    if ranked.found.damaged or failures:
         raise typer.Exit(options.FAILURES)
 
 
-def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, computing: Computing) -> int:
+def score_all(
+    dataset: str, *, methods: str | None, protocol: str, runs: Path, workers: int | None, cache: Path | None
+) -> int:
     """Score methods on a data set, each by all protocols in one pass; what is there and up to date is not computed.
 
     Args:
@@ -79,22 +74,30 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
         methods: as `competitors`.
         protocol: names or files, with commas in between.
         runs: folder of runs; those of the data set go into one below it that is called as the data set.
-        computing: where and how.
+        workers: processes; None for one per core.
+        cache: folder of cached steps; None to store none.
 
     Returns:
         How many methods, images, units and recordings could not be used; each method's reason is printed.
     """
-    from bench.api.leaderboard import competitor_request, competitors, score_competitor
-    from bench.cli.request import rendered_card
+    from bench.api.leaderboard import competitors, score_competitor
+    from bench.cli.request import rendered_card, worker_processes
 
     card = rendered_card(dataset)
     failures, left = 0, "what is scored stays, and the same command goes on from there"
     protocols = [name.strip() for name in protocol.split(",")]
     for competitor in competitors(card, methods):
         try:
-            request = computing.equip(competitor_request(card, competitor, protocols=protocols, runs=runs))
             with interruptible(left), progress_bar(f"scoring {competitor.name} on {card.name}", "images") as progress:
-                summaries = score_competitor(replace(request, progress=progress), timed=competitor.timed)
+                summaries = score_competitor(
+                    card,
+                    competitor,
+                    protocols=protocols,
+                    runs=runs,
+                    workers=worker_processes(workers),
+                    cache=cache,
+                    progress=progress,
+                )
         except BenchError as error:
             say(f"left out: {card.name}, {competitor.folder}: {error}", style="red")
             failures += 1

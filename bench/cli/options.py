@@ -60,6 +60,7 @@ Split = Annotated[
         "each camera; default: everything.",
     ),
 ]
+Recording = Annotated[str | None, typer.Option(help="Name of the recording; default: all.")]
 Workers = Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")]
 Cache = Annotated[
     Path | None,

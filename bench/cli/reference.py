@@ -20,7 +20,7 @@ def export(
     out: Annotated[Path, typer.Option(help="Folder, new or empty.")],
     format_: Annotated[Literal["png", "coco"], typer.Option("--format", help="Label images, or run lengths.")] = "png",
     protocol: options.ProtocolName = "surface-v1",
-    recording: Annotated[str | None, typer.Option(help="Name of the recording; default: all.")] = None,
+    recording: options.Recording = None,
     split: options.Split = None,
     workers: options.Workers = None,
 ) -> None:
@@ -38,7 +38,7 @@ def export(
             protocol=protocol,
             split=split,
             recording=recording,
-            executor=worker_processes(workers),
+            workers=worker_processes(workers),
             progress=report,
         )
     say(str(out))

@@ -10,7 +10,6 @@ import typer
 from bench.cli.console import note, note_files, say
 from bench.cli.options import Log, StoredRun
 from bench.cli.progress import progress_bar
-from bench.errors import UnknownNameError
 
 
 def report(
@@ -27,26 +26,17 @@ def report(
     log: Log = None,
 ) -> None:
     """Write one page to read, from disk and without a network: metrics, charts, the worst cases."""
+    from bench.api.report import report
     from bench.api.runs import run_folder
-    from bench.harness.run_folder import add_own_files
-    from bench.reference import Category
-    from bench.reporting.page.build import write_page
-    from bench.reporting.page.charts import write_figures
     from bench.reporting.trackers import log_run, require_tracker
 
     if log is not None:
         require_tracker(log)
-    if category is not None and category not in set(Category):
-        raise UnknownNameError("category", category, (known.value for known in Category))
-    kind = None if category is None else Category(category)
     folder = run_folder(run)
-    other = None if beside is None else run_folder(beside)
     with progress_bar("drawing frames", "pictures") as progress:
-        page = write_page(folder, category=kind, out=out, other=other, pictures=pictures, progress=progress)
+        page = report(folder, category=category, beside=beside, out=out, pictures=pictures, progress=progress)
     for problem in page.problems:
         say(f"pictures missing: {problem}", style="yellow")
-    files = (page.file, *write_figures(folder, category=kind))
-    add_own_files(folder, files)
-    note_files(files)
+    note_files(page.files)
     if log is not None:
         note(log_run(folder, log))

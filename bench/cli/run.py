@@ -54,10 +54,12 @@ def run(
 
     A run that was interrupted continues where it stopped, by the same command.
     """
+    from bench.api.runs import run_request
     from bench.cli.report import report
-    from bench.cli.request import Computing, render_if_synthetic, scoring_request
+    from bench.cli.request import equip, rendered_card
     from bench.cli.runs import score
     from bench.harness import Part
+    from bench.methods.settings import parse_settings
     from bench.reporting.leaderboard.texts import best_line
     from bench.reporting.trackers import require_tracker
 
@@ -65,26 +67,26 @@ def run(
         require_tracker(log)
         if shard is not None:
             raise UsageError("--log: expected a whole run, got --shard; the same without --shard ends and logs the run")
-    request = scoring_request(
+    request = run_request(
         dataset,
         method,
-        settings=set_,
-        input_errors=input_error,
-        protocol=protocol,
+        settings=parse_settings(set_),
+        input_errors=parse_settings(input_error, option="--input-error"),
+        protocols=[name.strip() for name in protocol.split(",")],
         split=_part_of_data(split, recording, limit),
         out=out,
         overwrite=overwrite,
     )
     part = None if shard is None else Part.parse(shard)
-    render_if_synthetic(request.card, request.split)
+    rendered_card(request.card, request.split)
     validation = _validated(request) if require_valid else None
-    request = Computing(workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler).equip(request)
+    request = equip(request, workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
     if part is not None:
         failed = _run_part(request, part)
     else:
         title = f"scoring {request.method.name} on {request.card.name}"
         summaries = score(request, title=title, pictures=pictures, validation=validation)
-        failed = any(summary.failures for summary in summaries.values())
+        failed = any(summary.failures for summary in summaries)
         if request.card.scenario is None and validation is None:
             note(f"a run does not validate its data; check them with: fisheye-bench validate {dataset}")
         if best := best_line(LEADERBOARD, dataset=request.card.name):
@@ -110,13 +112,13 @@ def _validated(request: RunRequest) -> ValidationReport:
         DataError: it is more than warnings.
     """
     from bench.cli.validate import show_findings
-    from bench.validation import Depth, Severity
+    from bench.validation import Severity
 
-    card = request.card
-    report = show_findings(card, request.recordings(), Depth.SAMPLED)
+    report = show_findings(request.card, request.split)
     if errors := report.count(Severity.ERROR):
+        expected, got = "data that validate finds no errors in", f"{errors} errors"
         hint = "correct them, leave these recordings out in the card, or run without --require-valid"
-        raise DataError(card.file, expected="data that validate finds no errors in", got=f"{errors} errors", hint=hint)
+        raise DataError(request.card.file, expected=expected, got=got, hint=hint)
     return report
 
 

@@ -1,73 +1,20 @@
-"""Report of a run that a command scores: the files beside its tables of counts, and what is printed."""
+"""Runs that a command scores: how far they are, and what is printed of each."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from bench.atomic import write_text
+from bench.api.run_report import RunReport, score_with_reports
 from bench.cli.console import note, note_files, print_failures, say, show
 from bench.cli.progress import progress_bar, resumable
 from bench.evaluation import Protocol
-from bench.harness import Provenance, RunRequest, RunSummary, run_benchmark
+from bench.harness import Provenance, RunRequest, RunSummary
 from bench.harness.run import Finish
-from bench.recordings import DatasetCard
-from bench.reporting.findings import VALIDATION
-from bench.reporting.frame_pictures import write_example_pictures
-from bench.reporting.table_files import write_report_files
-from bench.reporting.tables import TableRow, terminal_report
+from bench.reporting.tables import terminal_report
 from bench.reporting.totals import cost_lines, total_lines
 from bench.validation import ValidationReport
-
-READ_FIRST = ("summary.json", "table.md", "range_map.png")
-
-
-@dataclass(kw_only=True)
-class RunReport:
-    """Report of a run: the files written beside its tables of counts, and what is printed of them.
-
-    Attributes:
-        card: the data set.
-        protocol: the rules.
-        pictures: also draw an example frame of every category.
-        validation: of the data; None where they were not validated.
-    """
-
-    card: DatasetCard
-    protocol: Protocol
-    pictures: bool
-    validation: ValidationReport | None = None
-    _rows: tuple[TableRow, ...] = ()
-    _files: list[Path] = field(default_factory=list)
-    _remarks: list[str] = field(default_factory=list)
-
-    def write(self, results: Path, summary: RunSummary) -> None:
-        """Write the report of new results and draw their pictures."""
-        rows, files = write_report_files(results)
-        drawn: list[Path] = []
-        if self.pictures:
-            with progress_bar("drawing", "pictures") as progress:
-                drawn, self._remarks = write_example_pictures(
-                    results, summary, card=self.card, protocol=self.protocol, progress=progress
-                )
-        self._rows = tuple(rows)
-        if self.validation is not None:
-            write_text(results / VALIDATION, self.validation.as_json())
-            files = (*files, results / VALIDATION)
-        every = (results / "summary.json", *files, *drawn)
-        names = [file.relative_to(results) for file in every]
-        self._files = sorted(names, key=lambda name: str(name) not in READ_FIRST)  # the first few are printed
-
-    def print(self, summary: RunSummary, folder: Path) -> None:
-        """Print the table, what became of the images, the cost, and where everything is."""
-        show(terminal_report(self._rows))
-        for line in total_lines(summary, self.protocol):
-            note(line)
-        print_cost(summary.provenance)
-        print_failures(summary.failures, all_in="summary.json")
-        note_files(folder / file for file in self._files)
-        for remark in self._remarks:
-            say(f"no picture: {remark}", style="yellow")
 
 
 def score(
@@ -77,8 +24,8 @@ def score(
     pictures: bool,
     validation: ValidationReport | None = None,
     finish: Finish | None = None,
-) -> dict[Path, RunSummary]:
-    """Score runs, write the report of each and print it.
+) -> list[RunSummary]:
+    """Score runs with their reports and print what was found.
 
     Args:
         request: the runs.
@@ -87,22 +34,30 @@ def score(
         validation: of the data; None where they were not validated.
         finish: as of `run_benchmark`, before the report.
     """
-    reports = {
-        rules.name: RunReport(card=request.card, protocol=rules, pictures=pictures, validation=validation)
-        for rules in request.runs.values()
-    }
-
-    def write(results: Path, summary: RunSummary) -> None:
-        if finish is not None:
-            finish(results, summary)
-        reports[summary.protocol.name].write(results, summary)
-
     with resumable(next(iter(request.runs))):
         with progress_bar(title, "images") as progress:
-            summaries = run_benchmark(replace(request, progress=progress), finish=write)
-        for folder, summary in summaries.items():
-            reports[summary.protocol.name].print(summary, folder)
-    return summaries
+            scored = score_with_reports(
+                replace(request, progress=progress),
+                pictures=pictures,
+                validation=validation,
+                finish=finish,
+                drawing=partial(progress_bar, "drawing", "pictures"),
+            )
+        for folder, (summary, report) in scored.items():
+            _print(folder, summary, report, protocol=request.runs[folder])
+    return [summary for summary, _ in scored.values()]
+
+
+def _print(folder: Path, summary: RunSummary, report: RunReport, *, protocol: Protocol) -> None:
+    """Print the table, what became of the images, the cost, and where everything is."""
+    show(terminal_report(report.rows))
+    for line in total_lines(summary, protocol):
+        note(line)
+    print_cost(summary.provenance)
+    print_failures(summary.failures, all_in="summary.json")
+    note_files(folder / file for file in report.files)
+    for remark in report.remarks:
+        say(f"no picture: {remark}", style="yellow")
 
 
 def print_cost(made: Provenance) -> None:

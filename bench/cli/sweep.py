@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,11 +12,6 @@ from bench.cli import options
 from bench.cli.console import note, note_files, print_failures, show
 from bench.cli.progress import progress_bar, resumable
 from bench.errors import UsageError
-
-if TYPE_CHECKING:
-    from bench.harness import RunRequest
-
-SWEEPS = Path("reports/sweeps")
 
 
 def sweep(
@@ -52,83 +47,71 @@ def sweep(
     Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
     command.
     """
-    from bench.api.sweep import run_values
+    from bench.api.sweep import run_sweep, sweep_request
     from bench.atomic import output_folder
-    from bench.cli.request import Computing, render_if_synthetic, scoring_request
-    from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
+    from bench.cli.request import cache_path, rendered_card, worker_processes
+    from bench.methods.settings import parse_settings
 
     if "," in protocol:
         raise UsageError(f"sweep: expected one protocol, got {protocol!r}")
-    setting, choices = one_for_each_value(set_ or [], input_error or [])
-    computing = Computing(workers=workers, cache=cache, no_cache=no_cache)
-    requests = {
-        value: computing.equip(
-            scoring_request(
-                dataset,
-                method,
-                settings=settings,
-                input_errors=input_errors,
-                protocol=protocol,
-                split=split,
-                out=out,
-                overwrite=overwrite,
-            )
-        )
-        for value, (settings, input_errors) in choices.items()
-    }
-    first = next(iter(requests.values()))
-    (rules,) = first.runs.values()
-    folder = SWEEPS / _usual_name([*(set_ or []), *(input_error or [])], first, setting) if out is None else out
-    title = f"{setting} of {first.method.name} on {first.card.name} by {rules.name}"
-    about = METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else ""
-    with output_folder(folder):
-        render_if_synthetic(first.card, first.split)
-        with resumable(folder), progress_bar(f"scoring {len(requests)} values of {setting}", "values") as progress:
-            runs = run_values(requests, folder, progress=progress)
-    files = write_sweep(folder, setting, runs, title=title, note=about)
-    show([table(setting, runs, title=title, note=about)])
-    failures = [f"{value}: {failure}" for value, summary in runs.items() for failure in summary.failures]
-    print_failures(failures, all_in=f"the summary.json of each value in {folder}")
-    works = [summary.provenance.work for summary in runs.values() if summary.provenance.work is not None]
+    fixed, fixed_errors, (setting, values, of_input) = split_assigned(set_ or [], input_error or [])
+    request = sweep_request(
+        dataset,
+        setting,
+        values,
+        method,
+        of_input=of_input,
+        settings=parse_settings(fixed),
+        protocol=protocol,
+        split=split,
+        input_errors=parse_settings(fixed_errors, option="--input-error"),
+        out=out,
+        overwrite=overwrite,
+    )
+    card, stored = next(iter(request.runs.values())).card, cache_path(cache, no_cache=no_cache)
+    with output_folder(request.folder):
+        rendered_card(card, split)
+        title = f"scoring {len(request.runs)} values of {setting}"
+        with resumable(request.folder), progress_bar(title, "values") as progress:
+            executor = worker_processes(workers)
+            swept = run_sweep(request, workers=executor, cache=stored, progress=progress)
+    show([swept.table])
+    failures = [f"{value}: {failure}" for value, summary in swept.runs.items() for failure in summary.failures]
+    print_failures(failures, all_in=f"the summary.json of each value in {swept.folder}")
+    works = [summary.provenance.work for summary in swept.runs.values() if summary.provenance.work is not None]
     computed, reused = sum(work.units_computed for work in works), sum(work.units_reused for work in works)
-    note(f"{len(runs)} values; units computed {computed}, found done {reused}")
-    note_files(files)
+    note(f"{len(swept.runs)} values; units computed {computed}, found done {reused}")
+    note_files(swept.files)
     if failures:
         raise typer.Exit(options.FAILURES)
 
 
-def one_for_each_value(
+def split_assigned(
     settings: Sequence[str], input_errors: Sequence[str]
-) -> tuple[str, dict[str, tuple[Sequence[str], Sequence[str]]]]:
-    """Find the setting or input error with several values; its name, and by value the settings and errors of a run.
+) -> tuple[list[str], list[str], tuple[str, dict[str, object], bool]]:
+    """Split assignments into those of one value and the one with several.
+
+    Returns:
+        The settings and the input errors with one value; then name and values of the other, by what is shown of them,
+        and True for an input error.
 
     Raises:
-        UsageError: none or two of them, or values that are no YAML.
+        UsageError: none or two with several values, or values that are no YAML.
     """
-    from bench.methods.settings import split_values
+    from bench.methods.settings import parse_settings, split_values
 
-    assigned = [*settings, *input_errors]
-    found = []
-    for place, text in enumerate(assigned):
-        name, _, values = text.partition("=")
-        chosen = split_values(name, values)
-        if len(chosen) > 1:
-            found.append((place, name, chosen))
-    if len(found) != 1:
+    fixed: tuple[list[str], list[str]] = ([], [])
+    several: list[tuple[str, dict[str, object], bool]] = []
+    for of_input, texts in enumerate((settings, input_errors)):
+        for text in texts:
+            name, _, written = text.partition("=")
+            chosen = split_values(name, written)
+            if len(chosen) > 1:
+                values = {shown: parse_settings([f"value={value}"])["value"] for shown, value in chosen.items()}
+                several.append((name, values, bool(of_input)))
+            else:
+                fixed[of_input].append(text)
+    if len(several) != 1:
         expected = "one --set or --input-error with several values, as --set threshold=3e-4,6e-4,1e-3"
-        raise UsageError(f"sweep: expected {expected}, got {len(found)}")
-    ((place, name, chosen),) = found
-    of_values = {
-        shown: [*assigned[:place], f"{name}={value}", *assigned[place + 1 :]] for shown, value in chosen.items()
-    }
-    return name, {shown: (one[: len(settings)], one[len(settings) :]) for shown, one in of_values.items()}
-
-
-def _usual_name(assigned: Sequence[str], request: RunRequest, setting: str) -> str:
-    """Data set, method, what else is not the default, and the setting that is swept."""
-    from bench.api.runs import default_folder
-
-    pairs = (text.partition("=") for text in assigned)
-    fixed = [(name, value) for name, _, value in pairs if name != setting]
-    (rules,) = request.runs.values()
-    return f"{default_folder(request.card, request.method.name, fixed, rules, request.split).name}-{setting}"
+        raise UsageError(f"sweep: expected {expected}, got {len(several)}")
+    return *fixed, several[0]

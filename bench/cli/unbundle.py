@@ -15,10 +15,9 @@ def unbundle(
     out: Annotated[Path, typer.Option(help="Folder of the run, new or empty.")],
 ) -> None:
     """Unpack a run that somebody sent, checked; then `verify` it, and `leaderboard` lists it."""
-    from bench.exchange.bundle import unpack_bundle
+    from bench.api.bundle import unpack_bundle
 
-    summary = unpack_bundle(file, out)
-    manifest = summary.manifest
+    manifest = unpack_bundle(file, out).summary.manifest
     say(str(out))
     note(
         f"{manifest.method.name} on {manifest.dataset.name} by {manifest.protocol.name}; nothing of it is verified yet"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,9 +13,9 @@ from bench.cli.progress import progress_bar
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
-    from bench.recordings import DatasetCard, RecordingHandle
+    from bench.recordings import DatasetCard
     from bench.recordings.catalogue import Adapter
-    from bench.validation import Depth, ValidationReport
+    from bench.validation import ValidationReport
 
 
 def validate(
@@ -36,42 +35,37 @@ def validate(
 ) -> None:
     """List what looks wrong in a data set: 0 nothing, 1 something, 2 usage or data error."""
     if adapter is not None:
-        passed = validate_adapter(adapter, Path(dataset), settings=set_)
+        passed = _keeps_contract(adapter, Path(dataset), settings=set_)
     else:
-        passed = validate_recordings(dataset, split=split, deep=deep, errors_only=errors_only, json=json)
+        passed = _looks_right(dataset, split=split, deep=deep, errors_only=errors_only, json=json)
     if not passed:
         raise typer.Exit(1)
 
 
-def validate_recordings(dataset: str, *, split: str | None, deep: bool, errors_only: bool, json: Path | None) -> bool:
-    """Validate a data set, print what is wrong with it; whether it passed."""
+def _looks_right(dataset: str, *, split: str | None, deep: bool, errors_only: bool, json: Path | None) -> bool:
     from bench.atomic import write_text
-    from bench.cli.request import render_if_synthetic
-    from bench.recordings import load_card, open_dataset
-    from bench.validation import Depth, Severity
+    from bench.cli.request import rendered_card
+    from bench.validation import Severity
 
-    card = load_card(dataset)
-    if card.scenario is not None and card.remote_root is None and not card.root.is_dir():
-        render_if_synthetic(card, split)  # what is there is validated as it is
-    report = show_findings(card, open_dataset(card, split), Depth.DEEP if deep else Depth.SAMPLED)
+    report = show_findings(rendered_card(dataset, split, as_it_is=True), split, deep=deep)
     if json is not None:
         write_text(json, report.as_json())
         say(str(json))
     return not (report.count(Severity.ERROR) if errors_only else report.findings)
 
 
-def show_findings(card: DatasetCard, handles: Sequence[RecordingHandle], depth: Depth) -> ValidationReport:
-    """Validate recordings of a data set and print what is wrong with them."""
+def show_findings(card: DatasetCard, split: str | None, *, deep: bool = False) -> ValidationReport:
+    """Validate a data set that is rendered, and print what looks wrong in it."""
+    from bench.api.validate import validate
     from bench.reporting.findings import findings_report
-    from bench.validation import validate_dataset
 
     with progress_bar(f"validating {card.name}", "recordings") as progress:
-        report = validate_dataset(card.name, handles, depth=depth, progress=progress)
+        report = validate(card, split=split, deep=deep, progress=progress)
     show(findings_report(report))
     return report
 
 
-def validate_adapter(name: str, root: Path, *, settings: list[str] | None) -> bool:
+def _keeps_contract(name: str, root: Path, *, settings: list[str] | None) -> bool:
     """Run the contract test on an adapter, print the promises that it breaks; whether it keeps them all."""
     from bench.methods.settings import parse_settings
     from bench.plug_ins import imported

@@ -23,14 +23,14 @@ def verify(
     Exits with 0 where nothing does, and marks the run for the leaderboard; with 1 where something differs.
     """
     from bench.api.runs import load_run, run_folder
+    from bench.api.verify import verify
     from bench.cli.request import rendered_card, worker_processes
-    from bench.exchange.verify import verify_run
 
     folder = run_folder(run)
     dataset = load_run(folder).summary.manifest.dataset
     card = rendered_card(data or dataset.card, dataset.split)
-    with progress_bar(f"counting {folder.name} again", "images") as report:
-        found = verify_run(folder, card, executor=worker_processes(workers), progress=report)
+    with progress_bar(f"counting {folder.name} again", "images") as progress:
+        found = verify(folder, card, workers=worker_processes(workers), progress=progress)
     for line in found.differences:
         say(f"differs: {line}", style="red")
     if found.differences:

@@ -2,7 +2,7 @@
 
 A format reads a tool's files into a `LabelSet` and writes one back. Tools label in the frame of the lidar, sweep by
 sweep; label sets are in the vehicle frame at each state's time. What does not fit is never dropped in silence: it
-stands in the label set's `lost`, or it is an error. Called by the command line alone.
+stands in the label set's `lost`, or it is an error.
 """
 
 from bench.labels.formats import (

@@ -290,16 +290,16 @@ def _json_row(row: Row) -> dict[str, object]:
             "worst_recording": row.worst_recording}  # fmt: skip
 
 
-def write_verdict(verdict: Verdict, *, junit: Path | None = None, json: Path | None = None) -> None:
+def write_verdict(verdict: Verdict, *, junit: str | Path | None = None, json: str | Path | None = None) -> None:
     """Write JUnit XML, JSON or both.
 
     Raises:
         OutputError: a file cannot be written.
     """
     if junit is not None:
-        write_bytes(junit, to_junit(verdict))
+        write_bytes(Path(junit), to_junit(verdict))
     if json is not None:
-        write_text(json, to_json(verdict))
+        write_text(Path(json), to_json(verdict))
 
 
 def append_summary(file: Path, verdict: Verdict) -> None:

@@ -111,8 +111,8 @@ def _remove_former(scenario: Scenario, out: Path) -> None:
 
 
 def synthesize(
-    scenario_path: Path,
-    out: Path,
+    scenario_path: str | Path,
+    out: str | Path,
     *,
     only: Collection[str] | None = None,
     workers: int | None = None,
@@ -142,7 +142,7 @@ def synthesize(
     """
     if workers is not None and workers < 1:
         raise UsageError(f"workers: expected at least 1, got {workers}")
-    scenario = read_scenario(scenario_path)
+    scenario, out = read_scenario(Path(scenario_path)), Path(out)
     make_folder(out)
     with folder_lock(out):
         _remove_former(scenario, out)

@@ -34,14 +34,13 @@ def masks(images, tmp_path):
 @pytest.fixture
 def evaluate(monkeypatch, tiny_card, tmp_path):
     """Evaluates a folder and expects an exit status; returns the run's folder. Tables are drawn where asked for."""
-    from bench.cli.runs import RunReport
-
     (tmp_path / "refusals").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "refusals"))  # where a refusal lists all that is wrong
 
     def run(folder, *words, out="run", status=0, card=tiny_card, tables=False):
-        for name in () if tables else ("write", "print"):
-            monkeypatch.setattr(RunReport, name, lambda *_: None)
+        if not tables:
+            monkeypatch.setattr("bench.api.run_report.write_report_files", lambda _: ([], ()))
+            monkeypatch.setattr("bench.cli.runs._print", lambda *_, **__: None)
         named = (
             "evaluate",
             card,

@@ -12,7 +12,6 @@ from pycocotools.coco import COCO
 
 import bench
 from bench.errors import DataError
-from bench.execution import local_executor
 from bench.harness import read_run, read_tables
 from bench.harness.reference_files import ReferenceFolder
 from bench.recordings.validation import read_json
@@ -163,7 +162,7 @@ def test_other_tools_read_both_forms(exports):
 def test_an_export_does_not_depend_on_the_workers_and_holds_one_recording_where_one_is_named(
     exports, tiny_card, tmp_path, form
 ):
-    split = {"executor": local_executor(2), "form": form}
+    split = {"workers": 2, "form": form}
     bench.export_reference(tiny_card, tmp_path / "one", recording="crossing", **split)
     whole, one = (ReferenceFolder.open(folder) for folder in (exports[form, "surface-v1"], tmp_path / "one"))
     assert [*one.head.recordings] == ["crossing"]

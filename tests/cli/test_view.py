@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cli.view import chosen_frames
+from bench.api.view import chosen_frames
 from bench.errors import UsageError
 from bench.recordings import ImageRef
 from tests.support import planting

@@ -1,0 +1,82 @@
+"""Runs with the report of each: the files beside its tables of counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.atomic import write_text
+from bench.harness import RunRequest, RunSummary, run_benchmark
+from bench.harness.run import Finish
+from bench.harness.stages import Progress
+from bench.reporting.findings import VALIDATION
+from bench.reporting.frame_pictures import write_example_pictures
+from bench.reporting.table_files import write_report_files
+from bench.reporting.tables import TableRow
+from bench.validation import ValidationReport
+
+READ_FIRST = ("summary.json", "table.md", "range_map.png")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RunReport:
+    """Report of a run.
+
+    Attributes:
+        rows: of its table.
+        files: in its folder, those that are read first in front.
+        remarks: why pictures could not be drawn, one line each.
+    """
+
+    rows: tuple[TableRow, ...]
+    files: tuple[Path, ...]
+    remarks: tuple[str, ...]
+
+
+def score_with_reports(
+    request: RunRequest,
+    *,
+    pictures: bool = False,
+    validation: ValidationReport | None = None,
+    finish: Finish | None = None,
+    drawing: Callable[[], AbstractContextManager[Progress]] = lambda: nullcontext(lambda _done, _total: None),
+) -> dict[Path, tuple[RunSummary, RunReport]]:
+    """Score runs and write the report of each beside its results.
+
+    Args:
+        request: the runs.
+        pictures: also draw an example frame of every category.
+        validation: of the data; None where they were not validated.
+        finish: as of `run_benchmark`, before the report.
+        drawing: begins to show how many pictures are drawn.
+
+    Returns:
+        Each run by its folder.
+
+    Raises:
+        DataError: nothing of the data set could be used, or a folder holds another run.
+    """
+    reports: dict[str, RunReport] = {}
+    protocols = {rules.name: rules for rules in request.runs.values()}
+
+    def write(results: Path, summary: RunSummary) -> None:
+        if finish is not None:
+            finish(results, summary)
+        rows, files = write_report_files(results)
+        drawn, remarks, rules = list[Path](), list[str](), protocols[summary.protocol.name]
+        if pictures:
+            with drawing() as progress:
+                drawn, remarks = write_example_pictures(
+                    results, summary, card=request.card, protocol=rules, progress=progress
+                )
+        if validation is not None:
+            write_text(results / VALIDATION, validation.as_json())
+            files = (*files, results / VALIDATION)
+        names = [file.relative_to(results) for file in (results / "summary.json", *files, *drawn)]
+        names.sort(key=lambda name: str(name) not in READ_FIRST)
+        reports[rules.name] = RunReport(rows=tuple(rows), files=tuple(names), remarks=tuple(remarks))
+
+    summaries = run_benchmark(request, finish=write)
+    return {folder: (summary, reports[summary.protocol.name]) for folder, summary in summaries.items()}

@@ -1,0 +1,169 @@
+"""Functions of the commands: what they return, and what they refuse; what is computed and written is tested there."""
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+import bench
+from bench.errors import DataError, UnknownNameError, UsageError
+
+
+@pytest.fixture(scope="module")
+def folder(tiny_card, tmp_path_factory):
+    """Two runs of the same data, for all functions that read runs."""
+    folder = tmp_path_factory.mktemp("runs")
+    for method in ("frame-difference", "nothing"):
+        bench.run(tiny_card, method, out=folder / method)
+    return folder
+
+
+@pytest.fixture
+def runs(folder):
+    return folder / "frame-difference", folder / "nothing"
+
+
+def test_every_name_is_there_and_loaded_from_its_module():
+    assert len(set(bench.__all__)) == len(bench.__all__) == sum(len(names) for names in bench._MODULES.values())
+    for name in bench.__all__:
+        assert getattr(bench, name).__name__ == name
+        assert getattr(bench, name).__doc__
+    assert set(bench.__all__) <= set(dir(bench))
+
+
+def test_a_comparison_takes_folders_and_runs_and_writes_where_it_is_told(runs, tmp_path):
+    before, after = bench.load_run(runs[0]), str(runs[1])
+    found = bench.compare(before, after)
+    (pair,) = found.pairs
+    assert found.files == ()
+    assert pair.detections["after"].iloc[-1] == 0
+    written = bench.compare(before, after, out=tmp_path / "c", pictures=False)
+    assert tmp_path / "c" / "compare.html" in written.files
+    assert written.pairs[0].changes.equals(pair.changes)
+    with pytest.raises(UsageError, match="at least two runs"):
+        bench.compare(before)
+
+
+def test_a_verdict_is_that_of_the_command(runs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(bench.MissingBaselineError, match="no baseline there"):
+        bench.judge(runs[0])
+    made = bench.update_baseline(runs[0], allow_dirty=True)
+    assert (made.difference, made.replaced) == (None, "the first baseline of this name")
+    assert made.why_few == ": 3 recordings, 6 needed"
+    verdict, same = bench.judge(runs[1]), bench.judge(bench.load_run(runs[1]), made.folder)
+    assert repr(verdict) == repr(same)
+    assert repr(verdict.rows) == repr(bench.judge(runs[1], runs[0]).rows)
+    assert not verdict.passed
+    again = bench.update_baseline(runs[0], allow_dirty=True)
+    assert repr(again.difference) == repr(bench.judge(runs[0]))
+    with pytest.raises(UnknownNameError, match="tolerances"):
+        bench.judge(runs[0], tolerances="strict")
+
+
+def test_a_ci_server_is_told_why_there_is_no_verdict(runs, tmp_path):
+    refused = bench.refused_verdict(runs[0], reason="no baseline there")
+    assert (refused.passed, refused.why_none, refused.dataset) == (False, "no baseline there", "tiny")
+    assert bench.refused_verdict(tmp_path / "none", reason="damaged").run is None
+    bench.write_verdict(refused, junit=str(tmp_path / "gate.xml"), json=tmp_path / "gate.json")
+    assert "no baseline there" in (tmp_path / "gate.xml").read_text()
+    assert json.loads((tmp_path / "gate.json").read_text())["passed"] is False
+
+
+def test_a_data_set_is_validated(tiny_card):
+    shallow, deep = (bench.validate(tiny_card, split="crossing", deep=deep) for deep in (False, True))
+    assert [recording.name for recording in shallow.recordings] == ["crossing"]
+    assert deep.recordings[0].images.read == deep.recordings[0].images.all
+    with pytest.raises(UnknownNameError):
+        bench.validate(tiny_card, split="none")
+
+
+def test_a_run_is_verified_and_travels_in_one_file(runs, tmp_path):
+    assert bench.verify(bench.load_run(runs[0])).differences == ()
+    file = bench.write_bundle(runs[0], str(tmp_path / "my.run.zip"))
+    sent = bench.unpack_bundle(file, tmp_path / "sent")
+    assert sent.summary == bench.load_run(runs[0]).summary
+    (sent.folder / "frames.parquet").unlink()
+    with pytest.raises(DataError):
+        bench.verify(sent)
+
+
+def test_runs_are_ranked_and_read_over_time(folder, runs, tmp_path):
+    ranked = bench.leaderboard(folder)
+    ((first, second),) = [group.entries for group in ranked.found.groups]
+    assert (first.method, second.method) == ("frame-difference", "nothing")
+    assert ranked.files == ()
+    written = bench.leaderboard(str(folder), out=tmp_path / "board", pictures=False)
+    assert written.files[0] == tmp_path / "board" / "index.html"
+    again = shutil.copytree(runs[0], tmp_path / "again")
+    over_time = bench.history(runs[0], str(again), out=tmp_path / "history")
+    ((_, points),) = over_time.series.items()
+    assert len(points) == 2
+    assert tmp_path / "history" / "history.html" in over_time.files
+    with pytest.raises(DataError, match="one run of each"):
+        bench.history(*runs)
+
+
+def test_the_page_of_a_run_is_written(runs, tmp_path):
+    page = bench.report(runs[0], pictures=False, out=tmp_path / "page.html")
+    assert page.files[0] == tmp_path / "page.html"
+    assert page.problems == ()
+    with pytest.raises(UnknownNameError, match="category"):
+        bench.report(runs[0], category="flying")
+
+
+def test_a_method_is_scored_for_a_leaderboard(tiny_card, tmp_path):
+    (competitor,) = bench.competitors(tiny_card, "nothing")
+    scored = bench.score_competitor(tiny_card, competitor, protocols=["surface-v1"], runs=tmp_path)
+    ((place, summary),) = scored.items()
+    assert place == tmp_path / "tiny" / "nothing"
+    assert summary.protocol.name == "surface-v1"
+    assert (place / "index.html").is_file()
+
+
+def test_parts_of_settings_and_errors_of_the_input_are_swept(tiny_card, tmp_path):
+    chosen = {"method": "spherical", "split": "standing", "cache": tmp_path / "cache"}
+    swept = bench.sweep(tiny_card, "weights.epipolar", [0.0, 1.0], out=tmp_path / "a", **chosen)
+    assert list(swept.runs) == ["0.0", "1.0"]
+    weights = [summary.manifest.method.settings["weights"] for summary in swept.runs.values()]
+    assert [weight["epipolar"] for weight in weights] == [0.0, 1.0]
+    wrong = bench.sweep(tiny_card, "pitch_deg", {"none": 0, "some": 2}, of_input=True, out=tmp_path / "b", **chosen)
+    assert list(wrong.runs) == ["none", "some"]
+    assert (wrong.folder / "some" / "summary.json").is_file()
+    with pytest.raises(UsageError, match="'weights' already has the value 1"):
+        bench.sweep(tiny_card, "weights.epipolar", [0.0, 1.0], settings={"weights": 1}, **chosen)
+    with pytest.raises(UsageError, match="got none"):
+        bench.sweep(tiny_card, "threshold", [], **chosen)
+
+
+def test_masks_of_a_folder_are_scored(tiny_card, tmp_path):
+    for number, frame in enumerate(bench.open_dataset(tiny_card).frames(recordings=["crossing"])):
+        file = tmp_path / "masks" / frame.recording / frame.camera / f"{frame.timestamp_ns}.png"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        if number:
+            cv2.imwrite(str(file), (frame.reference.labels > 0).astype(np.uint8))
+    chosen = {"split": "crossing", "out": tmp_path / "run"}
+    with pytest.raises(DataError, match="1 missing"):
+        bench.evaluate(tiny_card, tmp_path / "masks", **chosen)
+    scored = bench.evaluate(tiny_card, str(tmp_path / "masks"), missing="skip", name="mine", **chosen)
+    assert (len(scored.found.usable), scored.found.expected) == (3, 4)
+    assert scored.run.summary.all_moving.iou.value == 1.0
+    assert scored.run.summary.manifest.method.name == "mine"
+    assert (scored.run.folder / "predictions.json").is_file()
+    with pytest.raises(UsageError, match="another name than those of methods"):
+        bench.evaluate(tiny_card, tmp_path / "masks", name="spherical", **chosen)
+
+
+def test_frames_are_drawn(tiny_card, tmp_path):
+    drawn = bench.view(tiny_card, recording="crossing", frames="3:4", out=str(tmp_path / "p"))
+    assert {file.parent.parent for file in drawn.files} == {tmp_path / "p"}
+    found = bench.view(tiny_card, method="nothing", frame=3, out=tmp_path / "one")
+    assert tmp_path / "one" / "overlay.png" in found.files
+    (picture,) = bench.view_calibration(tiny_card, recording="crossing", frame=3, out=tmp_path / "lens").files
+    assert picture.name == "calibration.png"
+    with pytest.raises(UsageError, match="expected the name of a method"):
+        bench.view(tiny_card, settings={"threshold": 1})
+    with pytest.raises(UnknownNameError, match="camera"):
+        bench.view(tiny_card, camera="rear")
