@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.api.runs import run_request
-from bench.harness import RunRequest, RunSummary, run_benchmark
+from bench.harness import RunRequest, StoredRun, run_benchmark
 from bench.harness.perf import method_cost, read_cost, write_cost
 from bench.methods import known_methods
 from bench.methods.settings import parse_settings, split_methods
@@ -84,7 +84,7 @@ def competitor_request(
     return run_request(card, competitor.name, settings=settings, protocols=protocols, out=out, overwrite=True)
 
 
-def score_competitor(request: RunRequest, *, timed: bool) -> dict[Path, RunSummary]:
+def score_competitor(request: RunRequest, *, timed: bool) -> dict[Path, StoredRun]:
     """Score one method, time it, and write the page of the run that is ranked.
 
     Args:
@@ -96,10 +96,10 @@ def score_competitor(request: RunRequest, *, timed: bool) -> dict[Path, RunSumma
         run, rules = next(iter(request.runs.items()))
         cost = method_cost(request.card, request.method, protocol=rules, known=read_cost(run))
 
-    def finish(results: Path, summary: RunSummary) -> None:
+    def finish(run: StoredRun) -> None:
         if cost is not None:
-            write_cost(results, cost)
-        if summary.protocol.name == RANKING_PROTOCOL:
-            write_page(results, pictures=False)
+            write_cost(run.folder, cost)
+        if run.protocol.name == RANKING_PROTOCOL:
+            write_page(run.folder, pictures=False)
 
     return run_benchmark(request, finish=finish)

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from bench.api.runs import write_report
 from bench.harness import RunRequest, RunSummary, run_benchmark
 from bench.harness.stages import Progress, part_of
 from bench.reporting.formats import file_name
+from bench.reporting.table_files import write_report_files
 
 
 def run_values(
@@ -40,5 +40,6 @@ def run_values(
                 executor=executor,
                 progress=part_of(progress, number=number, total=len(requests)),
             )
-            (summaries[value],) = run_benchmark(run, finish=write_report).values()
+            (stored,) = run_benchmark(run, finish=write_report_files).values()
+            summaries[value] = stored.summary
     return summaries

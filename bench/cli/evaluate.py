@@ -98,13 +98,13 @@ def evaluate(
         raise refused(method, found, listed_in=listed)
     reads = [predictions, *([] if reference is None else [reference])]
     request = replace(request, executor=computing.executor(card, method, reads=reads), cache=computing.cache_folder)
-    (summary,) = score(
+    (run,) = score(
         request,
         title=f"scoring {called} on {card.name}",
         pictures=pictures,
-        finish=lambda results, _: write_report(results / PREDICTIONS, card, method, found),
+        finish=lambda run: write_report(run.folder / PREDICTIONS, card, method, found),
     ).values()
-    if summary.failures:
+    if run.summary.failures:
         raise typer.Exit(options.FAILURES)
 
 

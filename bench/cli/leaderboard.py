@@ -94,13 +94,13 @@ def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, c
         try:
             request = computing.equip(competitor_request(card, competitor, protocols=protocols, runs=runs))
             with interruptible(left), progress_bar(f"scoring {competitor.name} on {card.name}", "images") as progress:
-                summaries = score_competitor(replace(request, progress=progress), timed=competitor.timed)
+                scored = score_competitor(replace(request, progress=progress), timed=competitor.timed)
         except BenchError as error:
             say(f"left out: {card.name}, {competitor.folder}: {error}", style="red")
             failures += 1
             continue
-        failures += max(len(summary.failures) for summary in summaries.values())
-        work = next(iter(summaries.values())).provenance.work
+        failures += max(len(run.summary.failures) for run in scored.values())
+        work = next(iter(scored.values())).summary.provenance.work
         computed = 0 if work is None else work.images_computed
         say(f"{card.name}, {competitor.folder}: {computed} images computed, the others were there")
     return failures

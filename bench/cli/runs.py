@@ -8,8 +8,7 @@ from pathlib import Path
 from bench.atomic import write_text
 from bench.cli.console import note, note_files, print_failures, say, show
 from bench.cli.progress import progress_bar, resumable
-from bench.evaluation import Protocol
-from bench.harness import Provenance, RunRequest, RunSummary, run_benchmark
+from bench.harness import Provenance, RunRequest, StoredRun, run_benchmark
 from bench.harness.run import Finish
 from bench.recordings import DatasetCard
 from bench.reporting.findings import VALIDATION
@@ -28,28 +27,25 @@ class RunReport:
 
     Attributes:
         card: the data set.
-        protocol: the rules.
         pictures: also draw an example frame of every category.
         validation: of the data; None where they were not validated.
     """
 
     card: DatasetCard
-    protocol: Protocol
     pictures: bool
     validation: ValidationReport | None = None
     _rows: tuple[TableRow, ...] = ()
     _files: list[Path] = field(default_factory=list)
     _remarks: list[str] = field(default_factory=list)
 
-    def write(self, results: Path, summary: RunSummary) -> None:
+    def write(self, run: StoredRun) -> None:
         """Write the report of new results and draw their pictures."""
-        rows, files = write_report_files(results)
+        results = run.folder
+        rows, files = write_report_files(run)
         drawn: list[Path] = []
         if self.pictures:
             with progress_bar("drawing", "pictures") as progress:
-                drawn, self._remarks = write_example_pictures(
-                    results, summary, card=self.card, protocol=self.protocol, progress=progress
-                )
+                drawn, self._remarks = write_example_pictures(run, card=self.card, progress=progress)
         self._rows = tuple(rows)
         if self.validation is not None:
             write_text(results / VALIDATION, self.validation.as_json())
@@ -58,14 +54,15 @@ class RunReport:
         names = [file.relative_to(results) for file in every]
         self._files = sorted(names, key=lambda name: str(name) not in READ_FIRST)  # the first few are printed
 
-    def print(self, summary: RunSummary, folder: Path) -> None:
+    def print(self, run: StoredRun) -> None:
         """Print the table, what became of the images, the cost, and where everything is."""
+        summary = run.summary
         show(terminal_report(self._rows))
-        for line in total_lines(summary, self.protocol):
+        for line in total_lines(summary, run.protocol):
             note(line)
         print_cost(summary.provenance)
         print_failures(summary.failures, all_in="summary.json")
-        note_files(folder / file for file in self._files)
+        note_files(run.folder / file for file in self._files)
         for remark in self._remarks:
             say(f"no picture: {remark}", style="yellow")
 
@@ -77,7 +74,7 @@ def score(
     pictures: bool,
     validation: ValidationReport | None = None,
     finish: Finish | None = None,
-) -> dict[Path, RunSummary]:
+) -> dict[Path, StoredRun]:
     """Score runs, write the report of each and print it.
 
     Args:
@@ -88,21 +85,21 @@ def score(
         finish: as of `run_benchmark`, before the report.
     """
     reports = {
-        rules.name: RunReport(card=request.card, protocol=rules, pictures=pictures, validation=validation)
+        rules.name: RunReport(card=request.card, pictures=pictures, validation=validation)
         for rules in request.runs.values()
     }
 
-    def write(results: Path, summary: RunSummary) -> None:
+    def write(run: StoredRun) -> None:
         if finish is not None:
-            finish(results, summary)
-        reports[summary.protocol.name].write(results, summary)
+            finish(run)
+        reports[run.protocol.name].write(run)
 
     with resumable(next(iter(request.runs))):
         with progress_bar(title, "images") as progress:
-            summaries = run_benchmark(replace(request, progress=progress), finish=write)
-        for folder, summary in summaries.items():
-            reports[summary.protocol.name].print(summary, folder)
-    return summaries
+            stored = run_benchmark(replace(request, progress=progress), finish=write)
+        for run in stored.values():
+            reports[run.protocol.name].print(run)
+    return stored
 
 
 def print_cost(made: Provenance) -> None:

@@ -27,7 +27,7 @@ def verify(
     from bench.exchange.verify import verify_run
 
     folder = run_folder(run)
-    dataset = load_run(folder).summary.manifest.dataset
+    dataset = load_run(folder).manifest.dataset
     card = rendered_card(data or dataset.card, dataset.split)
     with progress_bar(f"counting {folder.name} again", "images") as report:
         found = verify_run(folder, card, executor=worker_processes(workers), progress=report)
