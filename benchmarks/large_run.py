@@ -17,19 +17,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.evaluation import load_protocol, rows, sum_run, summary_of, write_sums
+from bench.evaluation.summary import ProtocolOfRun
 from bench.gate import judge, load_tolerances, read_run_sums
-from bench.harness import Provenance, RunSummary, open_tables
+from bench.harness import Provenance, open_tables, read_run
 from bench.harness.digests import MethodCode
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
 from bench.harness.method_of_run import MethodOfRun
-from bench.harness.stored import (
-    SUMS,
-    file_digests,
-    read_threshold_free,
-    reference_digest,
-    write_protocol,
-    write_summary,
-)
+from bench.harness.stored import SUMS, write_run
 from bench.methods import build_method
 from bench.reporting.compare.writing import write_comparison
 from bench.reporting.page.build import write_page
@@ -61,34 +55,26 @@ class Spent:
 def summarise_run(one: Path, _: Path) -> None:
     """Steps that end a run: summary, digest of the reference, threshold-free metrics."""
     rules = load_protocol("paper-v1")
-    objects, frames = open_tables(one)
-    sums = sum_run(objects, frames, protocol=rules)
+    sums = sum_run(*open_tables(one), protocol=rules)
     write_sums(sums, one / SUMS)
     metrics = summary_of(sums, protocol=rules)
     nothing = build_method("nothing")
     manifest = Manifest(
         dataset=DatasetOfRun(name="drawn", card="drawn.yaml", split=None, data=""),
         method=MethodOfRun.of(nothing, MethodCode.of(nothing)),
-        protocol=metrics.protocol,
+        protocol=ProtocolOfRun(name=rules.name, version=rules.version, digest=rules.digest),
         code=CodeOfRun.here(),
-        reference=reference_digest(objects, frames),
     )
     provenance = Provenance(
         started_utc="2026-01-02T03:04", seconds=1.0, stage_seconds={}, images=metrics.images.evaluated,
         peak_memory_mb=1.0,
     )  # fmt: skip
-    summary = RunSummary(
-        **{name: getattr(metrics, name) for name in type(metrics).model_fields},
-        schema_version=1, manifest=manifest, provenance=provenance, failures=(), vehicle_outline_m=OUTLINE_M,
-        threshold_free=read_threshold_free(one), files=file_digests(one),
-    )  # fmt: skip
-    write_protocol(one, rules)
-    write_summary(one, summary)
+    write_run(one, metrics, manifest=manifest, protocol=rules, provenance=provenance, vehicle_outline_m=OUTLINE_M)
 
 
 STEPS: dict[str, Callable[[Path, Path], object]] = {
     "summary": summarise_run,
-    "tables": lambda one, _: write_report_files(one),
+    "tables": lambda one, _: write_report_files(read_run(one)),
     "page": lambda one, _: write_page(one, pictures=False),
     "gate": lambda one, other: judge(read_run_sums(one), read_run_sums(other), tolerances=load_tolerances()),
     "compare": lambda one, other: write_comparison([one, other], one / "comparison", pictures=False),

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from bench.evaluation import load_protocol
+from bench.harness import read_run
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.support.runs import run_one
@@ -21,7 +22,7 @@ def test_the_example_method_can_be_pasted(tiny_card, tmp_path, monkeypatch):
     summary = run_one(
         card=load_card(str(tiny_card)), method=method, protocol=load_protocol("paper-v1"), out=tmp_path / "run"
     )
-    assert summary.manifest.method.name == "my-frame-difference"
+    assert read_run(tmp_path / "run").manifest.method.name == "my-frame-difference"
     assert summary.images.evaluated == 12
     assert len(example.splitlines()) <= 32
     sys.modules.pop("my_method")

@@ -36,4 +36,4 @@ def unpack_bundle(file: str | Path, folder: str | Path) -> Run:
     Raises:
         DataError: not a bundle, a damaged one, or a folder that holds something.
     """
-    return Run(folder=Path(folder), summary=bundles.unpack_bundle(Path(file), Path(folder)))
+    return Run(stored=bundles.unpack_bundle(Path(file), Path(folder)))

@@ -101,10 +101,10 @@ def evaluate(
     found = check_predictions(request.card, method=method)
     refuse_unfit(request.card, method, found)
     asked = replace(request, executor=executor, cache=as_cache(cache), progress=progress)
-    ((folder, (summary, _)),) = score_with_reports(
+    ((stored, _),) = score_with_reports(
         asked, pictures=pictures, finish=predictions_report(request.card, method, found)
-    ).items()
-    return Evaluation(run=Run(folder=folder, summary=summary), found=found)
+    ).values()
+    return Evaluation(run=Run(stored=stored), found=found)
 
 
 def evaluate_request(
@@ -156,4 +156,4 @@ def refuse_unfit(card: DatasetCard, method: PredictedMotion, found: PredictionIn
 
 def predictions_report(card: DatasetCard, method: PredictedMotion, found: PredictionIndex) -> Finish:
     """Writes how the predictions fit the data set beside the results of a run."""
-    return lambda results, _: write_report(results / PREDICTIONS, card, method, found)
+    return lambda run: write_report(run.folder / PREDICTIONS, card, method, found)

@@ -10,7 +10,7 @@ from pathlib import Path
 from bench.api.datasets import as_card, as_executor, rendered_card
 from bench.api.runs import DEFAULT_PROTOCOL, RUNS, as_cache, run_request
 from bench.execution import TaskExecutor
-from bench.harness import RunSummary, run_benchmark
+from bench.harness import StoredRun, run_benchmark
 from bench.harness.perf import method_cost, read_cost, write_cost
 from bench.harness.stages import Progress
 from bench.methods import known_methods
@@ -84,7 +84,7 @@ def score_competitor(
     workers: int | TaskExecutor = 1,
     cache: str | Path | None = None,
     progress: Progress | None = None,
-) -> dict[Path, RunSummary]:
+) -> dict[Path, StoredRun]:
     """Score one method for a leaderboard, time it, and write the page of the run that is ranked.
 
     What is there and up to date is not computed.
@@ -118,11 +118,11 @@ def score_competitor(
         run, rules = next(iter(request.runs.items()))
         cost = method_cost(card, request.method, protocol=rules, known=read_cost(run))
 
-    def finish(results: Path, summary: RunSummary) -> None:
+    def finish(run: StoredRun) -> None:
         if cost is not None:
-            write_cost(results, cost)
-        if summary.protocol.name == RANKING_PROTOCOL:
-            write_page(results, pictures=False)
+            write_cost(run.folder, cost)
+        if run.protocol.name == RANKING_PROTOCOL:
+            write_page(run.folder, pictures=False)
 
     return run_benchmark(request, finish=finish)
 

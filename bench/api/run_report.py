@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.atomic import write_text
-from bench.harness import RunRequest, RunSummary, run_benchmark
+from bench.harness import RunRequest, StoredRun, run_benchmark
 from bench.harness.run import Finish
 from bench.harness.stages import Progress
 from bench.reporting.findings import VALIDATION
@@ -42,7 +42,7 @@ def score_with_reports(
     validation: ValidationReport | None = None,
     finish: Finish | None = None,
     drawing: Callable[[], AbstractContextManager[Progress]] = lambda: nullcontext(lambda _done, _total: None),
-) -> dict[Path, tuple[RunSummary, RunReport]]:
+) -> dict[Path, tuple[StoredRun, RunReport]]:
     """Score runs and write the report of each beside its results.
 
     Args:
@@ -59,24 +59,22 @@ def score_with_reports(
         DataError: nothing of the data set could be used, or a folder holds another run.
     """
     reports: dict[str, RunReport] = {}
-    protocols = {rules.name: rules for rules in request.runs.values()}
 
-    def write(results: Path, summary: RunSummary) -> None:
+    def write(run: StoredRun) -> None:
+        results = run.folder
         if finish is not None:
-            finish(results, summary)
-        rows, files = write_report_files(results)
-        drawn, remarks, rules = list[Path](), list[str](), protocols[summary.protocol.name]
+            finish(run)
+        rows, files = write_report_files(run)
+        drawn, remarks = list[Path](), list[str]()
         if pictures:
             with drawing() as progress:
-                drawn, remarks = write_example_pictures(
-                    results, summary, card=request.card, protocol=rules, progress=progress
-                )
+                drawn, remarks = write_example_pictures(run, card=request.card, progress=progress)
         if validation is not None:
             write_text(results / VALIDATION, validation.as_json())
             files = (*files, results / VALIDATION)
         names = [file.relative_to(results) for file in (results / "summary.json", *files, *drawn)]
         names.sort(key=lambda name: str(name) not in READ_FIRST)
-        reports[rules.name] = RunReport(rows=tuple(rows), files=tuple(names), remarks=tuple(remarks))
+        reports[run.protocol.name] = RunReport(rows=tuple(rows), files=tuple(names), remarks=tuple(remarks))
 
-    summaries = run_benchmark(request, finish=write)
-    return {folder: (summary, reports[summary.protocol.name]) for folder, summary in summaries.items()}
+    stored = run_benchmark(request, finish=write)
+    return {folder: (run, reports[run.protocol.name]) for folder, run in stored.items()}

@@ -16,8 +16,9 @@ from bench.api.datasets import as_card, as_executor, rendered_card
 from bench.errors import BenchError, UsageError
 from bench.evaluation import ObjectMetrics, Protocol, load_protocol
 from bench.execution import TaskExecutor
-from bench.harness import RunRequest, RunSummary, build_scorable, read_run, read_tables, run_benchmark
+from bench.harness import RunRequest, RunSummary, StoredRun, build_scorable, read_run, read_tables, run_benchmark
 from bench.harness.cache import CacheFolder
+from bench.harness.manifest import Manifest
 from bench.harness.oracles import require_scorable
 from bench.harness.stages import Progress
 from bench.methods import Method, Scorable
@@ -35,15 +36,28 @@ LONGEST_NAME = 120  # characters of a folder's name
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """A stored run.
+    """A stored run, as tables of pandas.
 
     Attributes:
-        folder: where it lies, tables and maps beside it.
-        summary: all metrics with intervals, failures, provenance.
+        stored: the run as it lies on disk, with its protocol and its table of sums.
     """
 
-    folder: Path
-    summary: RunSummary
+    stored: StoredRun
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the run, tables and maps in it."""
+        return self.stored.folder
+
+    @property
+    def manifest(self) -> Manifest:
+        """Data, method, protocol and code of the run."""
+        return self.stored.manifest
+
+    @property
+    def summary(self) -> RunSummary:
+        """All metrics with intervals, failures, provenance."""
+        return self.stored.summary
 
     @cached_property
     def metrics(self) -> pd.DataFrame:
@@ -126,8 +140,8 @@ def run(
     executor = as_executor(workers)
     rendered_card(request.card, split, executor=executor)
     asked = replace(request, executor=executor, cache=as_cache(cache), progress=progress)
-    ((folder, summary),) = run_benchmark(asked, finish=write_report).items()
-    return Run(folder=folder, summary=summary)
+    (found,) = run_benchmark(asked, finish=write_report_files).values()
+    return Run(stored=found)
 
 
 def run_request(
@@ -200,7 +214,7 @@ def load_run(folder: str | Path) -> Run:
     Raises:
         DataError: missing, damaged, or of an unknown version.
     """
-    return Run(folder=Path(folder), summary=read_run(Path(folder)))
+    return Run(stored=read_run(Path(folder)))
 
 
 def run_folder(place: str | Path | Run) -> Path:
@@ -252,11 +266,6 @@ def non_default_settings(method: Scorable, named: str) -> list[tuple[str, object
     except BenchError:
         usual = {}
     return [(name, value) for name, value in method.settings().items() if name not in usual or usual[name] != value]
-
-
-def write_report(results: Path, _: RunSummary) -> None:
-    """Write the tables and range maps of a run beside its results."""
-    write_report_files(results)
 
 
 def _row(row: ObjectMetrics) -> dict[str, float]:

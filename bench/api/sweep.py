@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.api.datasets import as_executor, rendered_card
-from bench.api.runs import DEFAULT_PROTOCOL, as_cache, default_folder, run_request, write_report
+from bench.api.runs import DEFAULT_PROTOCOL, as_cache, default_folder, run_request
 from bench.atomic import output_folder
 from bench.errors import UsageError
 from bench.execution import TaskExecutor
@@ -19,6 +19,7 @@ from bench.recordings import DatasetCard
 from bench.reporting.document import Table
 from bench.reporting.formats import file_name
 from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
+from bench.reporting.table_files import write_report_files
 
 SWEEPS = Path("reports/sweeps")
 
@@ -167,7 +168,8 @@ def run_sweep(
             part = part_of(progress, number=number, total=len(request.runs))
             places = {folder / (file_name(value).lstrip(".") or "_"): rules}
             run = replace(run, runs=places, executor=executor, cache=as_cache(cache), progress=part)
-            (summaries[value],) = run_benchmark(run, finish=write_report).values()
+            (stored,) = run_benchmark(run, finish=write_report_files).values()
+            summaries[value] = stored.summary
     shown = {
         "title": f"{request.setting} of {first.method.name} on {first.card.name} by {rules.name}",
         "note": METHOD_ONLY if any(run.input_errors.named for run in request.runs.values()) else "",

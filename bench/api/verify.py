@@ -36,6 +36,6 @@ def verify(
         DataError: a file of the run or of the data is missing or damaged.
     """
     folder, executor = run_folder(run), as_executor(workers)
-    of_run = load_run(folder).summary.manifest.dataset
+    of_run = load_run(folder).manifest.dataset
     card = rendered_card(of_run.card if dataset is None else dataset, of_run.split, executor=executor)
     return verify_run(folder, card, executor=executor, progress=progress)

@@ -77,11 +77,11 @@ def evaluate(
     refuse_unfit(card, method, found)
     reads = [predictions, *([] if reference is None else [reference])]
     request = equip(request, workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler, reads=reads)
-    (summary,) = score(
+    (run,) = score(
         request,
         title=f"scoring {method.name} on {card.name}",
         pictures=pictures,
         finish=predictions_report(card, method, found),
     )
-    if summary.failures:
+    if run.summary.failures:
         raise typer.Exit(options.FAILURES)

@@ -89,7 +89,7 @@ def score_all(
     for competitor in competitors(card, methods):
         try:
             with interruptible(left), progress_bar(f"scoring {competitor.name} on {card.name}", "images") as progress:
-                summaries = score_competitor(
+                scored = score_competitor(
                     card,
                     competitor,
                     protocols=protocols,
@@ -102,8 +102,8 @@ def score_all(
             say(f"left out: {card.name}, {competitor.folder}: {error}", style="red")
             failures += 1
             continue
-        failures += max(len(summary.failures) for summary in summaries.values())
-        work = next(iter(summaries.values())).provenance.work
+        failures += max(len(run.summary.failures) for run in scored.values())
+        work = next(iter(scored.values())).summary.provenance.work
         computed = 0 if work is None else work.images_computed
         say(f"{card.name}, {competitor.folder}: {computed} images computed, the others were there")
     return failures

@@ -85,8 +85,8 @@ def run(
         failed = _run_part(request, part)
     else:
         title = f"scoring {request.method.name} on {request.card.name}"
-        summaries = score(request, title=title, pictures=pictures, validation=validation)
-        failed = any(summary.failures for summary in summaries)
+        runs = score(request, title=title, pictures=pictures, validation=validation)
+        failed = any(run.summary.failures for run in runs)
         if request.card.scenario is None and validation is None:
             note(f"a run does not validate its data; check them with: fisheye-bench validate {dataset}")
         if best := best_line(LEADERBOARD, dataset=request.card.name):

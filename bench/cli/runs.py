@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 from bench.api.run_report import RunReport, score_with_reports
 from bench.cli.console import note, note_files, print_failures, say, show
 from bench.cli.progress import progress_bar, resumable
-from bench.evaluation import Protocol
-from bench.harness import Provenance, RunRequest, RunSummary
+from bench.harness import Provenance, RunRequest, StoredRun
 from bench.harness.run import Finish
 from bench.reporting.tables import terminal_report
 from bench.reporting.totals import cost_lines, total_lines
@@ -24,7 +22,7 @@ def score(
     pictures: bool,
     validation: ValidationReport | None = None,
     finish: Finish | None = None,
-) -> list[RunSummary]:
+) -> list[StoredRun]:
     """Score runs with their reports and print what was found.
 
     Args:
@@ -43,19 +41,20 @@ def score(
                 finish=finish,
                 drawing=partial(progress_bar, "drawing", "pictures"),
             )
-        for folder, (summary, report) in scored.items():
-            _print(folder, summary, report, protocol=request.runs[folder])
-    return [summary for summary, _ in scored.values()]
+        for run, report in scored.values():
+            _print(run, report)
+    return [run for run, _ in scored.values()]
 
 
-def _print(folder: Path, summary: RunSummary, report: RunReport, *, protocol: Protocol) -> None:
+def _print(run: StoredRun, report: RunReport) -> None:
     """Print the table, what became of the images, the cost, and where everything is."""
+    summary = run.summary
     show(terminal_report(report.rows))
-    for line in total_lines(summary, protocol):
+    for line in total_lines(summary, run.protocol):
         note(line)
     print_cost(summary.provenance)
     print_failures(summary.failures, all_in="summary.json")
-    note_files(folder / file for file in report.files)
+    note_files(run.folder / file for file in report.files)
     for remark in report.remarks:
         say(f"no picture: {remark}", style="yellow")
 

@@ -17,7 +17,7 @@ def unbundle(
     """Unpack a run that somebody sent, checked; then `verify` it, and `leaderboard` lists it."""
     from bench.api.bundle import unpack_bundle
 
-    manifest = unpack_bundle(file, out).summary.manifest
+    manifest = unpack_bundle(file, out).manifest
     say(str(out))
     note(
         f"{manifest.method.name} on {manifest.dataset.name} by {manifest.protocol.name}; nothing of it is verified yet"

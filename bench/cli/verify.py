@@ -27,7 +27,7 @@ def verify(
     from bench.cli.request import rendered_card, worker_processes
 
     folder = run_folder(run)
-    dataset = load_run(folder).summary.manifest.dataset
+    dataset = load_run(folder).manifest.dataset
     card = rendered_card(data or dataset.card, dataset.split)
     with progress_bar(f"counting {folder.name} again", "images") as progress:
         found = verify(folder, card, workers=worker_processes(workers), progress=progress)

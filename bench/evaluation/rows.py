@@ -9,7 +9,7 @@ compare on the images that all of them scored: `CommonImages`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal, Protocol, TypeAlias
 
@@ -213,6 +213,20 @@ def read_parts(rows: Rows, columns: Sequence[str], *, rows_at_once: int | None =
     source = as_source(rows)
     for names in group_recordings(source.recordings(), rows_at_once=rows_at_once) or [[]]:
         yield source.read(names, columns)
+
+
+def pick(parts: Iterable[pd.DataFrame], choose: Callable[[pd.DataFrame], pd.DataFrame]) -> pd.DataFrame:
+    """Return the few rows that are chosen of all parts, with one part in memory at a time.
+
+    Args:
+        parts: at least one, in the order of their key, so that a stable sort leaves equals in it.
+        choose: of the rows that were chosen before and those of the next part.
+    """
+    found: pd.DataFrame | None = None
+    for part in parts:
+        found = choose(part if found is None else pd.concat([found, part], ignore_index=True))
+    assert found is not None, "there is at least one part"
+    return found
 
 
 def sort_rows(rows: pd.DataFrame, key: Sequence[str]) -> pd.DataFrame:

@@ -190,7 +190,6 @@ class Summary(_Part):
     """All metrics of a run.
 
     Attributes:
-        protocol: that made them.
         categories: by name, in the order of the paper's table.
         all_moving: the categories pooled.
         false_positives: over all scored images.
@@ -204,7 +203,6 @@ class Summary(_Part):
         marked: mean share of V that is detected, over the images that are not annotated.
     """
 
-    protocol: ProtocolOfRun
     categories: dict[str, ObjectMetrics]
     all_moving: ObjectMetrics
     false_positives: FalsePositiveMetrics
@@ -304,7 +302,6 @@ def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
     frames = {name: of_frames(name, slices) for name, (slices, _) in frame_breakdowns(protocol, cameras).items()}
     causes = sorted(metric.removeprefix(CAUSE) for split, _, metric in ratios if split == FRAMES and CAUSE in metric)
     return Summary(
-        protocol=ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest),
         categories=objects.pop(CATEGORY),
         all_moving=objects.pop(ALL_MOVING)[ALL_MOVING],
         false_positives=frames.pop(FRAMES)[FRAMES],

@@ -22,7 +22,16 @@ import pandas as pd
 
 from bench.atomic import open_regular, write_text
 from bench.errors import BenchError, DataError
-from bench.evaluation.definitions import CAUSE, COUNTS, MARKED, Definition, find_metric, image_metrics, object_metrics
+from bench.evaluation.definitions import (
+    CAUSE,
+    COUNTS,
+    MARKED,
+    Definition,
+    find_metric,
+    headlines,
+    image_metrics,
+    object_metrics,
+)
 from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import (
@@ -265,3 +274,23 @@ def _is_bounded(name: str, file: Path) -> bool:
         return name in COUNTS or find_metric(name).is_ratio
     except BenchError as error:
         raise DataError(file, field="metric", expected="known metrics", got=repr(name), hint=str(error)) from error
+
+
+def recording_values(sums: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The headline metrics of each recording, over all its moving objects and its whole images.
+
+    Args:
+        sums: of a run.
+
+    Returns:
+        values: a row for each recording and a column for each metric, ratios; NaN without cases.
+        cases: the same of their numbers, 0 without.
+    """
+    names = [metric.name for metric in headlines()]
+    rows = sums[sums["breakdown"].isin([ALL_MOVING, FRAMES]) & sums["metric"].isin(names)]
+    terms = [
+        rows.pivot_table(term, index="recording", columns="metric", dropna=False, observed=True)
+        for term in ("numerator", "denominator")
+    ]
+    values, cases = terms[0] / terms[1], terms[1]
+    return values.reindex(columns=names), cases.reindex(columns=names).fillna(0)

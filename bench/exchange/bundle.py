@@ -11,21 +11,21 @@ import shutil
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 from zipfile import ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 from bench.atomic import new_folder, open_regular, replacing
 from bench.errors import DataError
-from bench.harness.manifest import MANIFEST, read_manifest
-from bench.harness.run_folder import add_own_files
-from bench.harness.stored import SUMMARY, RunSummary, Table, read_protocol, read_run
+from bench.harness.manifest import MANIFEST
+from bench.harness.run_folder import add_own_files, run_name
+from bench.harness.stored import PROTOCOL, SUMMARY, SUMS, NamedFile, StoredRun, read_run
 
-PROTOCOL = "protocol.json"
-FILES = frozenset({MANIFEST, SUMMARY, PROTOCOL, *get_args(Table)})
+FILES = frozenset({SUMMARY, PROTOCOL, SUMS, *get_args(NamedFile)})
 
 
-def write_bundle(run: Path, out: Path) -> RunSummary:
+def write_bundle(run: Path, out: Path) -> StoredRun:
     """Pack a run; the same run gives the same bytes.
 
     Args:
@@ -36,12 +36,12 @@ def write_bundle(run: Path, out: Path) -> RunSummary:
         DataError: a file of the run is missing or damaged.
         OutputError: the file cannot be written.
     """
-    summary = _whole_run(run)
+    stored = _whole_run(run)
     with replacing(out) as temporary, ZipFile(temporary, "w", ZIP_STORED) as archive:
-        for name in (MANIFEST, SUMMARY, PROTOCOL, *sorted(summary.files)):
+        for name in (SUMMARY, PROTOCOL, SUMS, *sorted(stored.summary.files)):
             with open_regular(run / name) as file, archive.open(ZipInfo(name), "w", force_zip64=True) as packed:
                 shutil.copyfileobj(file, packed)
-    return summary
+    return stored
 
 
 def is_bundle(file: Path) -> bool:
@@ -53,7 +53,7 @@ def is_bundle(file: Path) -> bool:
         return False
 
 
-def unpack_bundle(file: Path, out: Path) -> RunSummary:
+def unpack_bundle(file: Path, out: Path) -> StoredRun:
     """Unpack a run into a folder that is new or empty, checked; it appears whole or not at all.
 
     Raises:
@@ -65,9 +65,9 @@ def unpack_bundle(file: Path, out: Path) -> RunSummary:
             for name in names:
                 with archive.open(name) as packed, replacing(folder / name) as temporary, temporary.open("wb") as there:
                     shutil.copyfileobj(packed, there)
-        summary = _whole_run(folder)
+        stored = _whole_run(folder)
         add_own_files(folder, [folder / name for name in names])
-    return summary
+    return replace(stored, folder=out, label=run_name(out))
 
 
 def _names(file: Path, archive: ZipFile) -> list[str]:
@@ -86,19 +86,16 @@ def _names(file: Path, archive: ZipFile) -> list[str]:
     return names
 
 
-def _whole_run(run: Path) -> RunSummary:
-    """The summary of a run whose files are all there, and of each other.
+def _whole_run(folder: Path) -> StoredRun:
+    """A run whose files are all there, and of each other.
 
     Raises:
         DataError: they are not.
     """
-    summary = read_run(run)
-    read_protocol(run, summary)
-    if missing := [name for name in (MANIFEST, *sorted(summary.files)) if not (run / name).is_file()]:
-        raise DataError(run / missing[0], expected="a file of the run", got="no such file")
-    if read_manifest(run) != summary.manifest:
-        raise DataError(run / MANIFEST, expected=f"the manifest that {SUMMARY} holds", got="another one")
-    return summary
+    run = read_run(folder)
+    if missing := [name for name in (SUMS, *sorted(run.summary.files)) if not (folder / name).is_file()]:
+        raise DataError(folder / missing[0], expected="a file of the run", got="no such file")
+    return run
 
 
 @contextmanager

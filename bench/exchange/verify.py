@@ -32,33 +32,22 @@ from bench.evaluation import (
     Summary,
     known_protocols,
     load_protocol,
-    read_sums,
     sum_run,
     summary_of,
+    threshold_free_metrics,
 )
 from bench.evaluation.comparison import SIDES
 from bench.evaluation.rows import EVALUATED, IMAGE, NOT_ANNOTATED, OBJECT, merge_rows
 from bench.evaluation.sums import KEY, TERMS
 from bench.execution import TaskExecutor
 from bench.harness.digests.content import FileDigests
-from bench.harness.manifest import MANIFEST, Aspect, CodeOfRun, differences, read_manifest
+from bench.harness.manifest import MANIFEST, Aspect, CodeOfRun, differences
 from bench.harness.masks import MASKS
 from bench.harness.replay import NO_MASK, StoredMasks
 from bench.harness.run import RunRequest, run_benchmark
 from bench.harness.run_folder import add_own_files
 from bench.harness.stages import Progress
-from bench.harness.stored import (
-    HISTOGRAMS,
-    SUMMARY,
-    SUMS,
-    RunSummary,
-    open_tables,
-    read_image_maps,
-    read_protocol,
-    read_run,
-    read_threshold_free,
-    sums_digest,
-)
+from bench.harness.stored import HISTOGRAMS, SUMMARY, SUMS, StoredRun, open_tables, read_image_maps, read_run
 from bench.plain_text import listed
 from bench.recordings import DatasetCard
 from bench.recordings.checked_json import read_checked, write_checked
@@ -113,32 +102,24 @@ def verify_run(
         DataError: a file of the run or of the data is missing or damaged.
     """
     (run / VERIFIED).unlink(missing_ok=True)
-    summary = read_run(run)
-    protocol = read_protocol(run, summary)
-    if not (run / MASKS).is_file():
-        raise DataError(run / MASKS, expected="the masks that were scored", got="no such file")
-    method = StoredMasks(str(run / MASKS), summary.manifest.method.history)
+    stored = read_run(run)
+    method = StoredMasks.of(stored)
     with TemporaryDirectory(prefix="fisheye-bench-") as folder:
         recount = Path(folder) / "recount"
         request = RunRequest(
-            card=card, method=method, runs={recount: protocol}, split=summary.manifest.dataset.split,
+            card=card, method=method, runs={recount: stored.protocol}, split=stored.manifest.dataset.split,
             executor=executor, progress=progress,
         )  # fmt: skip
         again = run_benchmark(request)[recount]
-        found = (
-            *_of_manifest(run, summary, again),
-            *_of_masks(run),
-            *_of_tables(run, recount),
-            *_of_maps(run, recount),
-        )
-    sums = sum_run(*open_tables(run), protocol=protocol)
+        found = (*_of_manifest(stored, again), *_of_masks(stored), *_of_tables(run, recount), *_of_maps(run, recount))
+    sums = sum_run(stored.objects, stored.frames, protocol=stored.protocol)
     found += (
-        *_of_rows(SUMS, read_sums(run / SUMS), sums, key=KEY, columns=TERMS),
-        *_of_summary(run, summary, summary_of(sums, protocol=protocol)),
+        *_of_rows(SUMS, stored.sums, sums, key=KEY, columns=TERMS),
+        *_of_summary(stored, summary_of(sums, protocol=stored.protocol)),
     )
     if not found:
         _mark(run)
-    return Verification(images=again.provenance.images, differences=found)
+    return Verification(images=again.summary.provenance.images, differences=found)
 
 
 def is_verified(run: Path) -> bool:
@@ -157,33 +138,30 @@ def _mark(run: Path) -> None:
     write_checked(run / VERIFIED, mark)
 
 
-def _of_manifest(run: Path, summary: RunSummary, again: RunSummary) -> Iterator[str]:
+def _of_manifest(run: StoredRun, again: StoredRun) -> Iterator[str]:
     """Differences of what the run says that it is of, and of what a reader is told beside the metrics."""
-    if read_manifest(run) != summary.manifest:
-        yield f"{MANIFEST}: expected what {SUMMARY} says, got another"
-    yield from (f"{MANIFEST}: {one}" for one in differences(summary.manifest, again.manifest) if one.aspect in CHECKED)
-    if summary.manifest.dataset.recordings != again.manifest.dataset.recordings:
+    was, now, summary = run.manifest, again.manifest, run.summary
+    yield from (f"{MANIFEST}: {one}" for one in differences(was, now) if one.aspect in CHECKED)
+    if was.dataset.recordings != now.dataset.recordings:
         yield f"{MANIFEST}: recordings of other data"
-    if summary.manifest.sums != sums_digest(run):
-        yield f"{MANIFEST}: expected the digest of {SUMS}, got another"
-    if (summary.protocol, summary.manifest.protocol) != (again.protocol, again.protocol):
-        yield f"{SUMMARY}: protocol of another name, version or digest"
-    named = summary.protocol
-    if named.name in known_protocols() and named.digest != load_protocol(named.name).digest:
-        yield f"protocol.json: rules of its own under the name {named.name}"
-    if missing := [line for line in again.caveats.splitlines() if line not in summary.caveats.splitlines()]:
+    if was.sums is None:
+        yield f"{MANIFEST}: expected the digest of {SUMS}, got none"
+    if was.protocol != now.protocol:
+        yield f"{MANIFEST}: protocol of another name, version or digest"
+    if was.protocol.name in known_protocols() and was.protocol.digest != load_protocol(was.protocol.name).digest:
+        yield f"protocol.json: rules of its own under the name {was.protocol.name}"
+    if missing := [line for line in again.summary.caveats.splitlines() if line not in summary.caveats.splitlines()]:
         yield f"{SUMMARY}: caveats lack {missing[0]!r}"
     if summary.images.failed > len(summary.failures):
         yield f"{SUMMARY}: failures lists {len(summary.failures)}, where {summary.images.failed} images failed"
-    if summary.vehicle_outline_m != again.vehicle_outline_m:
+    if summary.vehicle_outline_m != again.summary.vehicle_outline_m:
         yield f"{SUMMARY}: another outline of the vehicle"
 
 
-def _of_masks(run: Path) -> Iterator[str]:
+def _of_masks(run: StoredRun) -> Iterator[str]:
     """Images with a mask must be those that were scored, each once."""
-    masks = pq.read_table(run / MASKS, columns=IMAGE).to_pandas()
-    _, frames = open_tables(run)
-    rows = frames.read(sorted(frames.recordings()), [*IMAGE, "status"])
+    masks = pq.read_table(run.masks, columns=IMAGE).to_pandas()
+    rows = run.frames.read(sorted(run.frames.recordings()), [*IMAGE, "status"])
     scored = rows[rows["status"].isin([EVALUATED, NOT_ANNOTATED])][IMAGE]
     if [*masks.sort_values(IMAGE).itertuples(index=False)] != [*scored.sort_values(IMAGE).itertuples(index=False)]:
         yield f"{MASKS}: expected one of each of {len(scored)} scored images, got {len(masks)} of others"
@@ -241,9 +219,9 @@ def _of_maps(run: Path, recount: Path) -> Iterator[str]:
             yield f"image_maps.npz: {name}: another map"
 
 
-def _of_summary(run: Path, stored: RunSummary, counted: Summary) -> Iterator[str]:
-    curve, metrics = read_threshold_free(run), {*type(counted).model_fields} - {"protocol"}
-    was = stored.model_dump(mode="json", include={*metrics, "threshold_free"})
+def _of_summary(run: StoredRun, counted: Summary) -> Iterator[str]:
+    curve, metrics = threshold_free_metrics(run.frames), {*type(counted).model_fields}
+    was = run.summary.model_dump(mode="json", include={*metrics, "threshold_free"})
     now = counted.model_dump(mode="json", include=metrics)
     now["threshold_free"] = None if curve is None else curve.model_dump(mode="json")
     other = [line for name in was for line in _unequal(name, was[name], now[name])]

@@ -9,9 +9,10 @@ import pandas as pd
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import read_sums, write_sums
-from bench.harness import read_protocol, read_run
+from bench.harness import read_run
+from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_manifest
-from bench.harness.stored import SUMMARY, SUMS, refuse_unscored, sums_digest
+from bench.harness.stored import SUMMARY, SUMS, refuse_other_sums, refuse_unscored
 from bench.recordings.cards import shipped_folder
 
 BASELINES = Path("reports/baselines")
@@ -55,15 +56,14 @@ def read_run_sums(run: Path) -> RunSums:
         DataError: a file of the run is missing or damaged, or they are not of one run.
         UsageError: its data are not annotated.
     """
-    summary = read_run(run)
-    read_protocol(run, summary)
-    refuse_unscored(summary, run)
+    stored = read_run(run)
+    refuse_unscored(stored.summary, run)
     return RunSums(
-        manifest=summary.manifest,
-        sums=read_sums(run / SUMS),
-        failures=summary.failures,
-        unrepeatable=summary.provenance.unrepeatable,
-        unreviewed=summary.unreviewed,
+        manifest=stored.manifest,
+        sums=stored.sums,
+        failures=stored.summary.failures,
+        unrepeatable=stored.summary.provenance.unrepeatable,
+        unreviewed=stored.summary.unreviewed,
     )
 
 
@@ -94,9 +94,8 @@ def read_baseline(folder: Path) -> RunSums:
         hint = "name the folder of a baseline or of a run"
         raise DataError(folder, expected=f"a folder with {SUMS} and {MANIFEST}", got=f"no {MANIFEST}", hint=hint)
     sums = read_sums(folder / SUMS)
-    if manifest.sums is not None and manifest.sums != sums_digest(folder):
-        hint = "take both files from one commit, or make the baseline again with --update"
-        raise DataError(folder / SUMS, expected=f"the file that {MANIFEST} is of", got="another one", hint=hint)
+    hint = "take both files from one commit, or make the baseline again with --update"
+    refuse_other_sums(folder, manifest, hint=hint)
     return RunSums(manifest=manifest, sums=sums)
 
 
@@ -115,8 +114,8 @@ def write_baseline(run: RunSums, folder: Path, *, allow_dirty: bool = False) -> 
     commit = run.manifest.code.commit
     if commit is not None and commit.endswith("+") and not allow_dirty:
         raise UsageError(
-            f"when it ran, there were changed files on top of commit {commit[:12]}, which nobody can repeat; "
-            "commit them and run again, or say --allow-dirty"
+            f"when it ran, there were changed files on top of commit {short_digest(commit.rstrip('+'))}, which nobody "
+            "can repeat; commit them and run again, or say --allow-dirty"
         )
     if run.unrepeatable and not allow_dirty:
         more = f" and {len(run.unrepeatable) - 1} more" if len(run.unrepeatable) > 1 else ""

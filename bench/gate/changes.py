@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.evaluation.protocol import known_protocols
+from bench.harness.digests import short_digest
 from bench.harness.manifest import Aspect, Manifest, differences
 
-SHOWN_DIGEST = 12  # characters of a digest that are shown
 LISTED = 4  # differences that a message lists
 BASELINE_RUN = "reports/runs/baseline"
 OF_ITSELF = ("method", "settings", "protocol", "code", "data", "reference")  # in the order that they are told
@@ -53,7 +53,8 @@ def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[
     words += ["--split", baseline.dataset.split] if baseline.dataset.split is not None else []
     again = shlex.join([*words, "--out", BASELINE_RUN, "--no-pictures"])
     commit = baseline.code.commit
-    place = f", the first in a checkout of {commit[:SHOWN_DIGEST]}" if commit and commit != run.code.commit else ""
+    other = "" if commit is None or commit == run.code.commit else short_digest(commit.rstrip("+"))
+    place = f", the first in a checkout of {other}" if other else ""
     return f"compare image by image{place}:", again, shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])
 
 
@@ -65,7 +66,7 @@ def _why_not_again(baseline: Manifest, run: Manifest) -> str:
     if (was.commit is None and now.commit is not None) or (was.commit is None and was.version != now.version):
         return f"it is of version {was.version}, of an unknown commit"
     if was.commit is not None and was.commit.endswith("+") and was.commit != now.commit:
-        return f"it is of changed files on top of commit {was.commit[:SHOWN_DIGEST].rstrip('+')}"
+        return f"it is of changed files on top of commit {short_digest(was.commit).rstrip('+')}"
     one, two = baseline.method, run.method
     own_code = one.place is not None and not one.place.startswith("bench.")
     if own_code and one.name == two.name and one.code_digest != two.code_digest:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 import bench
 from bench.evaluation.summary import ProtocolOfRun
 from bench.harness.code_state import package_commit
-from bench.harness.digests import code_digest
+from bench.harness.digests import code_digest, short_digest
 from bench.harness.digests.content import METRIC_CODE
 from bench.harness.method_of_run import MethodOfRun, flat_settings
 from bench.harness.provenance import combined_digest, library_versions
@@ -21,7 +21,6 @@ from bench.plain_text import listed
 from bench.recordings.checked_json import read_checked, write_checked
 
 MANIFEST = "manifest.json"
-SHOWN_DIGEST = 12  # characters of a digest that are shown
 RECORDING_DIGEST_CHARS = 16  # characters of the digest of a recording's data that say whether it changed
 LISTED = 4  # recordings that a sentence lists
 PREDICTIONS_DIGEST = "digest"  # a setting of predictions from disk: their content, which is data
@@ -86,7 +85,7 @@ class CodeOfRun(_Part):
         if self.commit is None:
             return f"version {self.version} of an unknown commit"
         dirty = " with changed files" if self.commit.endswith("+") else ""
-        return f"commit {self.commit[:SHOWN_DIGEST].rstrip('+')}{dirty}"
+        return f"commit {short_digest(self.commit).rstrip('+')}{dirty}"
 
 
 class Manifest(_Part):
@@ -217,7 +216,7 @@ def all_settings(method: MethodOfRun) -> dict[str, object]:
 
 def protocol_text(protocol: ProtocolOfRun) -> str:
     """For example "paper-v1 version 1 (075012207d4a)"."""
-    return f"{protocol.name} version {protocol.version} ({protocol.digest[:SHOWN_DIGEST]})"
+    return f"{protocol.name} version {protocol.version} ({short_digest(protocol.digest)})"
 
 
 def write_manifest(run: Path, manifest: Manifest) -> None:
@@ -258,7 +257,7 @@ def _each(
 def _digest(aspect: Aspect, before: str | None, after: str | None, *, lead: str = "") -> Iterator[Difference]:
     """Compare digests that both runs know."""
     if before is not None and after is not None and before != after:
-        was, now = before[:SHOWN_DIGEST], after[:SHOWN_DIGEST]
+        was, now = short_digest(before), short_digest(after)
         yield Difference(aspect=aspect, before=was, after=now, lead=f"{lead}digest ")
 
 

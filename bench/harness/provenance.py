@@ -41,8 +41,9 @@ class Work(BaseModel):
         workers: processes.
         units_computed: units of work that were scored.
         units_reused: units whose stored result was right already.
-        changed: of the scored units, how many were stored with another content of what decides them, by its name, and
-            how many were not stored, as `NOT_STORED`.
+        changed: of the scored units, how many were stored with another content of what decides them, by its name (of
+            code with those of its modules, as "code: bench/geometry/rigid.py"), and how many were not stored, as
+            `NOT_STORED`.
         images_computed: images of the scored units.
         steps_found: images of which a step was found in the cache, by step.
         steps_computed: images of which a step was looked for in the cache and had to be computed, by step.

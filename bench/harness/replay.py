@@ -10,11 +10,10 @@ from functools import lru_cache
 from pathlib import Path
 
 from bench.errors import DataError
-from bench.evaluation import Protocol
 from bench.evaluation.counts import count_frame
 from bench.harness.frames import FramePipeline, ProcessedFrame, UnscorableFrame
-from bench.harness.masks import MASKS, read_mask
-from bench.harness.stored import RunSummary, open_tables
+from bench.harness.masks import read_mask
+from bench.harness.stored import StoredRun
 from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
 from bench.recordings import DatasetCard, load_card, open_dataset
 
@@ -38,6 +37,15 @@ class StoredMasks(Method):
         self.masks, self.history = masks, history
         self.files = (masks,)
 
+    @classmethod
+    def of(cls, run: StoredRun) -> StoredMasks:
+        """The masks of a run.
+
+        Raises:
+            DataError: it holds none.
+        """
+        return cls(str(run.masks), run.manifest.method.history)
+
     def segment(self, frame: MethodInput) -> Segmentation:
         """The mask of the current image."""
         found = read_mask(
@@ -54,25 +62,18 @@ class StoredFrames:
     """The images of a run.
 
     Args:
-        run: folder of the results.
-        summary: of the run.
-        protocol: its rules.
-        card: the data set; None for the card that the summary names.
+        run: whose images they are.
+        card: the data set; None for the card that the run names.
 
     Raises:
         DataError: the run holds no masks, or its card or data set is not there.
     """
 
-    def __init__(self, run: Path, summary: RunSummary, protocol: Protocol, *, card: DatasetCard | None = None) -> None:
-        self._protocol = protocol
-        masks = run / MASKS
-        if not masks.is_file():
-            hint = "run again: pictures are drawn from stored masks, and the method of a stored run is never called"
-            raise DataError(masks, expected="the masks that were scored", got="no such file", hint=hint)
-        self._method = StoredMasks(str(masks), summary.manifest.method.history)
-        self._card = card or load_card(summary.manifest.dataset.card)
-        self._handles = {handle.name: handle for handle in open_dataset(self._card, summary.manifest.dataset.split)}
-        self._frames = open_tables(run)[1]
+    def __init__(self, run: StoredRun, *, card: DatasetCard | None = None) -> None:
+        self._run, self._method = run, StoredMasks.of(run)
+        dataset = run.manifest.dataset
+        self._card = card or load_card(dataset.card)
+        self._handles = {handle.name: handle for handle in open_dataset(self._card, dataset.split)}
         self._pipelines: dict[tuple[str, str], FramePipeline] = {}
         self._counts = lru_cache(maxsize=1)(self._read_counts)
 
@@ -93,7 +94,7 @@ class StoredFrames:
                 got = ", ".join(opened.cameras)
                 raise DataError(opened.root, expected=f"the camera {camera!r} of the run", got=got)
             self._pipelines.clear()  # a recording at a time, or memory would grow with their number
-            self._pipelines[key] = FramePipeline(opened, camera, method=self._method, protocol=self._protocol)
+            self._pipelines[key] = FramePipeline(opened, camera, method=self._method, protocol=self._run.protocol)
         return self._pipelines[key]
 
     def process(self, recording: str, camera: str, timestamp_ns: int) -> ProcessedFrame:
@@ -123,7 +124,7 @@ class StoredFrames:
         return frame
 
     def _read_counts(self, recording: str) -> dict[tuple[str, int], tuple[int, ...]]:
-        rows = self._frames.read([recording], [*_KEY, *COUNTS]).to_dict("records")
+        rows = self._run.frames.read([recording], [*_KEY, *COUNTS]).to_dict("records")
         return {(row["camera"], row["timestamp_ns"]): tuple(row[name] for name in COUNTS) for row in rows}
 
 

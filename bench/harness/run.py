@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
@@ -22,18 +23,7 @@ from bench.harness.provenance import Provenance, Work, largest_resident_mb, prov
 from bench.harness.reference_files import ReferenceFolder
 from bench.harness.run_folder import begin_run, held_run_folder, new_results
 from bench.harness.stages import Progress, add_up
-from bench.harness.stored import (
-    IMAGE_MAPS,
-    SUMS,
-    RunSummary,
-    file_digests,
-    open_tables,
-    read_threshold_free,
-    reference_digest,
-    sums_digest,
-    write_protocol,
-    write_summary,
-)
+from bench.harness.stored import IMAGE_MAPS, SUMS, StoredRun, open_tables, write_run
 from bench.harness.tasks import PlannedRecording, RunSpec, ScoredUnit, UnitTask, plan_recording, score_unit
 from bench.harness.unit import Part, Unit
 from bench.harness.unit_files import UnitStore
@@ -45,8 +35,9 @@ from bench.recordings.openlabel import NOT_REVIEWED
 
 SERIAL = SerialExecutor()
 LARGEST_BATCH = 16  # recordings a worker
+LISTED = 3  # modules that are named
 
-Finish = Callable[[Path, RunSummary], None]
+Finish = Callable[[StoredRun], object]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,7 +91,7 @@ class RunRequest:
         ).as_read()
 
 
-def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> dict[Path, RunSummary]:
+def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> dict[Path, StoredRun]:
     """Score a method on a data set by one or several protocols, in one pass over the images, and store each run.
 
     Units that are stored in the folder of a run are done: what an interrupted run, or parts of this one, computed is
@@ -110,12 +101,12 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> dict[
 
     Args:
         request: the runs.
-        finish: called for each run with the folder of the new results, before they take their place, and the summary;
+        finish: called for each run before its new results take their place, while they lie in a folder of their own;
             writes what else belongs to them, for example tables and pictures.
 
     Returns:
-        The summaries by folder, also stored as `summary.json`. Recordings, units and images that could not be used are
-        listed in `failures`; the metrics are of the rest.
+        The runs by folder. Recordings, units and images that could not be used are listed in `summary.failures`; the
+        metrics are of the rest.
 
     Raises:
         DataError: the data set is not there, nothing of it could be used, a folder holds another run or something that
@@ -123,7 +114,7 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> dict[
         UsageError: the method cannot be copied for each unit, or other processes cannot import it.
     """
     handles = request.recordings()  # before anything is written
-    summaries = {}
+    stored = {}
     with _begun(request, shared=False) as (spec, manifests):
         with ExitStack() as replaced:
             folders = {run: replaced.enter_context(new_results(run)) for run in request.runs}
@@ -133,12 +124,13 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> dict[
                 "method_commit": method_commit(spec.method_code),
             }
             for run, results in folders.items():
-                summaries[run] = _write_results(results, request, run, scored, manifests[run], origin)
+                found = _write_results(results, request, run, scored, manifests[run], origin)
                 if finish is not None:
-                    finish(results, summaries[run])
+                    finish(found)
+                stored[run] = replace(found, folder=run)
         for run in request.runs:
-            UnitStore(run=run).keep_only(scored.digests(run))
-    return summaries
+            UnitStore(run=run).keep_only(scored.digests(run), spec.parts.values())
+    return stored
 
 
 def score_part(request: RunRequest, part: Part) -> ScoredPart:
@@ -170,10 +162,12 @@ class ScoredPart:
         images: of these units.
         images_done: of those that have a result, or failed.
         workers: processes.
+        parts: what the code and the method are made of; see `RunSpec.parts`.
         start_s: when it began, by `time.perf_counter`.
     """
 
     workers: int
+    parts: Mapping[str, Mapping[str, str]]
     recordings: list[PlannedRecording] = field(default_factory=list)
     units_of_run: int = 0
     units: list[Unit] = field(default_factory=list)
@@ -206,12 +200,21 @@ class ScoredPart:
                 units_computed=len(computed),
                 units_reused=len(self.digests(run)) - len(computed),
                 images_computed=sum(unit.images for unit in computed),
-                changed=add_up(dict.fromkeys(result.changed, 1) for result in results),
+                changed=self._changed(run),
                 steps_found=add_up(result.steps_found for result in results),
                 steps_computed=add_up(result.steps_computed for result in results),
             ),
             peak_memory_mb=max([largest_resident_mb(), *(result.peak_memory_mb for result in results)]),
         )
+
+    def _changed(self, run: Path) -> dict[str, int]:
+        """How many units were computed again, by what changed; of code with the names of modules."""
+        count: Counter[str] = Counter()
+        for result in self.results.values():
+            for name, digest in result.changed.items():
+                changed = UnitStore(run=run).changed_parts(digest, self.parts[name]) if name in self.parts else []
+                count[f"{name}: {listed(changed, LISTED)}" if changed else name] += 1
+        return dict(sorted(count.items()))
 
 
 @contextmanager
@@ -242,6 +245,8 @@ def _begun(request: RunRequest, *, shared: bool) -> Iterator[tuple[RunSpec, dict
         for run, manifest in manifests.items():
             held.enter_context(held_run_folder(run, shared=shared))
             begin_run(run, manifest, overwrite=request.overwrite)
+            for parts in spec.parts.values():
+                UnitStore(run=run).write_parts(parts)
         yield spec, manifests
 
 
@@ -249,7 +254,7 @@ def _score(request: RunRequest, spec: RunSpec, handles: Sequence[RecordingHandle
     """Open recordings, score the units of a part and store them."""
     if request.cache is not None:
         request.cache.prepare()
-    scored = ScoredPart(workers=request.executor.workers)
+    scored = ScoredPart(workers=request.executor.workers, parts=spec.parts)
 
     def tell() -> None:
         """Recordings that are not open yet count as large as those that are."""
@@ -333,7 +338,7 @@ def _write_results(
     scored: ScoredPart,
     manifest: Manifest,
     origin: Mapping[str, object],
-) -> RunSummary:
+) -> StoredRun:
     """Reduce the stored units of a run to its tables, its sums and its summary; `origin` is where its code is from.
 
     Raises:
@@ -345,32 +350,25 @@ def _write_results(
         got = "; ".join(failures) or "no image to score"
         raise DataError(request.card.file, expected="a recording that can be used", got=got)
     problems = UnitStore(run=run).join(units, results, maps_name=IMAGE_MAPS)
-    objects, frames = open_tables(results)
-    sums = sum_run(objects, frames, protocol=protocol)
+    sums = sum_run(*open_tables(results), protocol=protocol)
     write_sums(sums, results / SUMS)
     metrics = summary_of(sums, protocol=protocol)
-    write_protocol(results, protocol)
     outlines = [recording.vehicle_outline_m for recording in scored.recordings if recording.vehicle_outline_m]
     digests = {one.name: one.digest for one in scored.recordings if one.digest is not None}
     if not (metrics.images.evaluated or metrics.images.not_annotated or problems):
         reasons = [f"{problem} ({count})" for problem, count in metrics.images.problems.items()]
         failures.append(f"no image was scored; {listed(reasons)}" if reasons else "no image was scored")
-    finished = {"reference": reference_digest(objects, frames), "sums": sums_digest(results)}
-    summary = RunSummary(
-        **{name: getattr(metrics, name) for name in type(metrics).model_fields},
-        schema_version=1,
-        manifest=manifest.with_data(digests).model_copy(update=finished),
-        provenance=scored.provenance(run, images=metrics.images.evaluated + metrics.images.not_annotated).model_copy(
-            update=origin
-        ),
-        vehicle_outline_m=outlines[-1] if outlines else (),
-        failures=(*failures, *problems),
+    images = metrics.images.evaluated + metrics.images.not_annotated
+    return write_run(
+        results,
+        metrics,
+        manifest=manifest.with_data(digests),
+        protocol=protocol,
+        provenance=scored.provenance(run, images=images).model_copy(update=origin),
+        failures=[*failures, *problems],
         caveats=_caveats(request, metrics, scored.recordings),
-        threshold_free=read_threshold_free(results),
-        files=file_digests(results),
+        vehicle_outline_m=outlines[-1] if outlines else (),
     )
-    write_summary(results, summary)
-    return summary
 
 
 def _caveats(request: RunRequest, metrics: Summary, recordings: Sequence[PlannedRecording]) -> str:

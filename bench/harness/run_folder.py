@@ -3,7 +3,7 @@
 ```
 <run>/manifest.json                          of what run all this is; there as soon as one begins
 <run>/summary.json, tables, pictures, ...    results: they take the place of older ones when all of them are there
-<run>/units/*.unit                           work: results of units; what is there is done
+<run>/units/                                 work: results of units; what is there is done
 <run>/files.json                             the names of the files above but for units
 <run>/.results.<32 digits>/                  new results that are not whole yet
 ```
@@ -26,7 +26,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict
 from bench.atomic import folder_lock, is_temporary, temporary_name
 from bench.errors import DataError, OutputError
 from bench.harness.manifest import MANIFEST, Manifest, differences, read_manifest, write_manifest
-from bench.harness.unit_files import FOLDER, UNIT_NAME
+from bench.harness.unit_files import FOLDER, STORED_NAME
 from bench.plain_text import listed
 from bench.recordings.checked_json import read_checked, write_checked
 
@@ -207,7 +207,7 @@ def _is_work(name: str) -> bool:
     return (
         is_temporary(first)
         or is_temporary(PurePosixPath(name).name)
-        or (first == FOLDER and len(rest) == 1 and UNIT_NAME.fullmatch(rest[0]) is not None)
+        or (first == FOLDER and len(rest) == 1 and STORED_NAME.fullmatch(rest[0]) is not None)
     )
 
 

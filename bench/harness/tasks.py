@@ -13,7 +13,7 @@ from bench.errors import BenchError, DataError, OutputError
 from bench.evaluation import Protocol
 from bench.harness.cache import CacheFolder, StepCache
 from bench.harness.digests import MethodCode, RecordingInputs, code_digest, digest_of
-from bench.harness.digests.content import UNIT_CODE
+from bench.harness.digests.content import UNIT_CODE, code_parts
 from bench.harness.method_of_run import flat_settings
 from bench.harness.provenance import NOT_STORED, largest_resident_mb, recording_digest
 from bench.harness.reference_files import RecordingReference, ReferenceFolder
@@ -49,6 +49,11 @@ class RunSpec:
     exported: ReferenceFolder | None = None
     code: str = field(default_factory=lambda: code_digest(UNIT_CODE))
     run_id: str = field(default_factory=lambda: uuid.uuid4().hex)
+
+    @property
+    def parts(self) -> dict[str, dict[str, str]]:
+        """What the code and the method are made of: digests and versions by name, see `deciding_digests`."""
+        return {"code": code_parts(UNIT_CODE), "method": {"name": self.method.name, **self.method_code.parts}}
 
     @property
     def unreported_settings(self) -> dict[str, object]:
@@ -114,7 +119,8 @@ class ScoredUnit:
     Attributes:
         digests: names of its results by folder of the run; none where it failed.
         computed: folders for which it was computed, not found done.
-        changed: what made it be computed again where another result was stored, by name; see `deciding_digests`.
+        changed: what made it be computed again where another result was stored, by name as in `deciding_digests`, with
+            the digest that it had; `NOT_STORED` where there was none.
         contents: of the files to store, by folder; empty where the worker has stored them.
         failure: why there is no result; None where there is one.
         seconds: by stage, of the pass that the protocols share.
@@ -125,7 +131,7 @@ class ScoredUnit:
 
     digests: Mapping[Path, str] = field(default_factory=dict)
     computed: Set[Path] = frozenset()
-    changed: Set[str] = frozenset()
+    changed: Mapping[str, str] = field(default_factory=dict)
     contents: Mapping[Path, bytes] = field(default_factory=dict)
     failure: str | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -167,7 +173,7 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
     digests: dict[Path, str] = {}
     contents: dict[Path, bytes] = {}
     computed: list[Path] = []
-    changed: frozenset[str] = frozenset()
+    changed: dict[str, str] = {}
     failure = None
     try:
         with clock.stage("open"):
@@ -183,7 +189,8 @@ def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
             digests = {run: digest for run, digest in names.items() if digest in stored[run]}
         due = [run for run in names if run not in digests]
         if due:
-            changed = frozenset().union(*(_changed(decided_by[run], stored[run].values()) for run in due))
+            for run in due:
+                changed |= _changed(decided_by[run], stored[run].values())
             steps = None
             if spec.cache is not None:
                 steps = StepCache(
@@ -242,7 +249,7 @@ def deciding_digests(
     shared = {
         "format": digest_of(UNIT_FORMAT),
         "code": spec.code,
-        "method": digest_of(spec.method.name, spec.method_code.digest),
+        "method": digest_of(spec.parts["method"]),
         "settings": digest_of(spec.settings),
         "unit": digest_of(unit, recording.frame_interval_ns),
         "input errors": digest_of(inputs.input_errors),
@@ -259,10 +266,12 @@ def deciding_digests(
     return found
 
 
-def _changed(decided_by: Mapping[str, str], stored: Collection[Mapping[str, str]]) -> frozenset[str]:
-    """Names of what was another when the most similar stored result came about; `NOT_STORED` without any."""
-    changed = [frozenset(name for name in decided_by if other.get(name) != decided_by[name]) for other in stored]
-    return min(changed, key=len, default=frozenset({NOT_STORED}))
+def _changed(decided_by: Mapping[str, str], stored: Collection[Mapping[str, str]]) -> dict[str, str]:
+    """What was another when the most similar stored result came about, and its digest; `NOT_STORED` without any."""
+    changed = [
+        {name: other.get(name, "") for name in decided_by if other.get(name) != decided_by[name]} for other in stored
+    ]
+    return min(changed, key=len, default={NOT_STORED: ""})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -2,6 +2,9 @@
 
 `<run>/units/<recording>-<camera>-<first image>-<digest>.unit` is a ZIP archive without compression of
 `objects.parquet`, `frames.parquet`, `masks.parquet`, `maps.npz` (none without a scored image) and `status.json`.
+
+Beside the units `parts-<digest>.json` lists what a digest of code that decided some of them is of, so that a run can
+say which module changed.
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ import io
 import json
 import re
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,15 +25,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from bench.atomic import is_temporary, read_regular, replacing, write_bytes
+from bench.atomic import is_temporary, read_regular, replacing, write_bytes, write_text
 from bench.errors import DataError, OutputError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, add_image_maps
-from bench.harness.digests import digest_of
+from bench.harness.digests import digest_of, short_digest
 from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.harness.unit import Unit, UnitTables
 
 FOLDER, SUFFIX = "units", ".unit"
-UNIT_NAME = re.compile(r"[A-Za-z0-9_.-]+-[0-9]{8,}-[0-9a-f]{64}\.unit")
+STORED_NAME = re.compile(r"[A-Za-z0-9_.-]+-[0-9]{8,}-[0-9a-f]{64}\.unit|parts-[0-9a-f]{64}\.json")
 OBJECTS, FRAMES, MAPS, STATUS = "objects.parquet", "frames.parquet", "maps.npz", "status.json"
 TABLES = {OBJECTS: OBJECTS_SCHEMA, FRAMES: FRAMES_SCHEMA, MASKS: MASKS_SCHEMA}
 ROW_GROUP_ROWS = {OBJECTS: 64_000, FRAMES: 64_000, MASKS: 128}  # a mask is looked up alone, and takes some kB
@@ -102,12 +105,39 @@ class UnitStore:
             hint = "free some disk space, then run the same command again: units that are stored are not computed again"
             raise OutputError(file, got=error.got, hint=hint) from error
 
-    def keep_only(self, units: Mapping[Unit, str]) -> None:
-        """Remove other units, and what a killed process left half written."""
+    def write_parts(self, parts: Mapping[str, str]) -> None:
+        """Store what a digest is of, for `changed_parts`.
+
+        Args:
+            parts: digests and versions by name.
+        """
+        short = {name: short_digest(part) if len(part) == 64 else part for name, part in parts.items()}
+        write_text(self._parts_file(digest_of(dict(parts))), json.dumps(short, indent=1) + "\n")
+
+    def changed_parts(self, digest: str, parts: Mapping[str, str]) -> list[str]:
+        """Names of the parts that are others than those of an older digest; none where nobody knows its parts.
+
+        Args:
+            digest: of the older parts.
+            parts: as they are now.
+        """
+        older, now = self._parts_file(digest), self._parts_file(digest_of(dict(parts)))
+        try:
+            was, found = (json.loads(read_regular(file)) for file in (older, now))
+            return sorted(name for name in {*was, *found} if was.get(name) != found.get(name))
+        except (OSError, ValueError, AttributeError):
+            return []
+
+    def keep_only(self, units: Mapping[Unit, str], parts: Collection[Mapping[str, str]]) -> None:
+        """Remove other units and lists of parts, and what a killed process left half written."""
         names = {self.file(unit, digest).name for unit, digest in units.items()}
+        names |= {self._parts_file(digest_of(dict(one))).name for one in parts}
         for file in (self.run / FOLDER).iterdir():
-            if file.name not in names and (UNIT_NAME.fullmatch(file.name) or is_temporary(file.name)):
+            if file.name not in names and (STORED_NAME.fullmatch(file.name) or is_temporary(file.name)):
                 file.unlink(missing_ok=True)
+
+    def _parts_file(self, digest: str) -> Path:
+        return self.run / FOLDER / f"parts-{digest}.json"
 
     def join(self, units: Mapping[Unit, str], out: Path, *, maps_name: str) -> tuple[str, ...]:
         """Write the tables and image maps of a run, with one unit in memory at a time.

@@ -6,8 +6,7 @@ outside is escaped there), and numbers for programs (CSV, JSON). A figure is one
 The functions `write_*` store files; equal input gives equal bytes.
 
 - `document` (blocks, reports and their writers), `formats` (how values and intervals are written everywhere), `canvas`
-  (colours, figures), `overlay` (masks, polygons and the areas that a frame is scored by, over images), `stored_run` (a
-  run as it is read);
+  (colours, figures), `overlay` (masks, polygons and the areas that a frame is scored by, over images);
 - `tables`, `table_files` (ours beside the paper's), `verdict` (of the gate), `totals` (of a run), `findings` (what is
   wrong with data or predictions), `citation` (BibTeX);
 - `range_maps`, `panels` (the paper's figures), `side_by_side` (of one or several methods on one image),

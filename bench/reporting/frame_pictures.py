@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from bench.atomic import write_bytes
 from bench.errors import BenchError
-from bench.evaluation import Protocol, Rows
-from bench.evaluation.rows import EVALUATED, IMAGE, read_parts
-from bench.harness import FramePipeline, ProcessedFrame, RunSummary, open_tables
+from bench.evaluation import Rows
+from bench.evaluation.rows import EVALUATED, IMAGE, pick, read_parts
+from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.harness.stages import Progress
+from bench.harness.stored import StoredRun
 from bench.recordings import DatasetCard, ImageRef, read_image
 from bench.records.reference import ObjectGeometry, Outline, ReferenceFrame
 from bench.reference import Category
@@ -30,7 +31,6 @@ from bench.reporting.formats import file_name, frame_name
 from bench.reporting.overlay import draw_outline, outlined
 from bench.reporting.panels import draw_panels
 from bench.reporting.side_by_side import ImageKey, Side, draw_side_by_side
-from bench.reporting.stored_run import pick
 from bench.reporting.video import draw_frame, draw_reference
 
 _WIDTH_IN, _LEFT_IN, _BOTTOM_IN, _TOP_IN, _GAP_IN, _RIGHT_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
@@ -220,12 +220,7 @@ def example_frames(objects: Rows) -> dict[Category, ImageKey]:
 
 
 def write_example_pictures(
-    results: Path,
-    summary: RunSummary,
-    *,
-    card: DatasetCard | None,
-    protocol: Protocol,
-    progress: Progress,
+    run: StoredRun, *, card: DatasetCard | None, progress: Progress
 ) -> tuple[list[Path], list[str]]:
     """Write, as it was scored, the frame of every category in which an object fills most pixels, into `pictures`.
 
@@ -234,14 +229,14 @@ def write_example_pictures(
     """
     files, remarks = list[Path](), list[str]()
     try:
-        stored = StoredFrames(results, summary, protocol, card=card)
+        stored = StoredFrames(run, card=card)
     except BenchError as error:
         return [], [str(error)]
-    frames = example_frames(open_tables(results)[0])
-    made = formats.made_by(summary.manifest.method.name, protocol.name)
+    frames = example_frames(run.objects)
+    made = formats.made_by(run.manifest.method.name, run.protocol.name)
     for number, (category, key) in enumerate(frames.items(), start=1):
         try:
-            folder = results / "pictures" / category.value
+            folder = run.folder / "pictures" / category.value
             pipeline = stored.pipeline(*key[:2])
             files += write_frame_pictures(stored.process(*key), pipeline, folder, made_by=made)
         except (BenchError, UnscorableFrame) as error:

@@ -23,7 +23,9 @@ from matplotlib.figure import Figure
 from bench.errors import DataError
 from bench.evaluation import Metric, find_metric
 from bench.harness.code_state import commit_time
+from bench.harness.digests import short_digest
 from bench.harness.manifest import Aspect, differences
+from bench.harness.stored import StoredRun
 from bench.reporting import canvas, document
 from bench.reporting.compare.changes import HEADLINES, RunComparison, Shown, changes_over_everything, compare_runs
 from bench.reporting.compare.runs import why_apart
@@ -37,7 +39,6 @@ from bench.reporting.formats import (
     points_interval,
 )
 from bench.reporting.leaderboard.reading import Group, group_of, read_runs, readable
-from bench.reporting.stored_run import StoredRun
 
 NOTE = (
     "In percent, over all moving object-frames and, of false positives, over all images that the runs of a table "
@@ -146,7 +147,7 @@ def read_history(folders: Sequence[Path], *, checkout: Path) -> History:
 
 def _title(run: StoredRun) -> str:
     """Name of a series: another default of a method, or another state of a protocol, is a change within it."""
-    manifest = run.summary.manifest
+    manifest = run.manifest
     data, method = manifest.dataset, manifest.method
     asked = [f"{name}={value}" for name, value in sorted({**method.asked, **data.input_errors}.items())]
     named = f"{method.name} ({', '.join(asked)})" if asked else method.name
@@ -169,7 +170,7 @@ def _series(runs: Sequence[StoredRun], *, checkout: Path) -> Series:
         entries = {entry.folder: entry for entry in group.entries}
         pairs = [None, *(compare_runs(pair)[0] for pair in pairwise(stretch))]
         for run, since in zip(stretch, pairs, strict=True):
-            values, commit = entries[run.folder].metrics, run.summary.commit or ""
+            values, commit = entries[run.folder].metrics, run.commit or ""
             points.append(
                 Point(
                     run=run,
@@ -186,7 +187,7 @@ def _series(runs: Sequence[StoredRun], *, checkout: Path) -> Series:
 
 
 def _time(run: StoredRun, checkout: Path) -> datetime:
-    commit = run.summary.commit
+    commit = run.commit
     return (commit and commit_time(commit, checkout)) or _started(run)
 
 
@@ -196,12 +197,12 @@ def _started(run: StoredRun) -> datetime:
 
 
 def _is_changed(run: StoredRun) -> bool:
-    return (run.summary.commit or "").endswith("+")
+    return (run.commit or "").endswith("+")
 
 
 def _break(stretch: Sequence[StoredRun], run: StoredRun) -> str:
     """Reason that a run does not compare with those before it; "" where it does."""
-    before, after = stretch[-1].summary.manifest, run.summary.manifest
+    before, after = stretch[-1].manifest, run.manifest
     apart = [str(difference) for difference in differences(before, after) if not difference.comparable]
     if apart:
         return "; ".join(apart)
@@ -243,7 +244,9 @@ def _blocks(series: Series) -> Iterator[Block]:
         unreviewed = f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
         yield Table(
             name=f"values-{number}",
-            title=f"{group.images} images that all scored, reference {group.reference_digest[:12]}{unreviewed}",
+            title=(
+                f"{group.images} images that all scored, reference {short_digest(group.reference_digest)}{unreviewed}"
+            ),
             columns=["Commit", "Run", "Date", *(Column(label, metric_cell) for label in shown.values())],
             rows=[
                 [one.commit or "unknown", one.run.label, f"{one.time:%Y-%m-%d}", *map(one.metrics.get, shown)]
@@ -370,7 +373,7 @@ def _records(found: History) -> Iterator[dict[str, object]]:
             of_run = {
                 "series": title, "stretch": point.stretch, "break_before": point.break_before,
                 "protocol_digest": group.protocol_digest, "reference_digest": group.reference_digest,
-                "images_compared": group.images, "run": point.run.label, "commit": point.run.summary.commit,
+                "images_compared": group.images, "run": point.run.label, "commit": point.run.commit,
                 "time_utc": point.time.isoformat(timespec="seconds"),
             }  # fmt: skip
             for metric in _shown(series):

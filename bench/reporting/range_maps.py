@@ -14,9 +14,9 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
+from bench.harness.stored import StoredRun
 from bench.records.reference import Direction
 from bench.reporting.canvas import draw_rings, draw_vehicle, new_figure, plan_axes, styled
-from bench.reporting.stored_run import StoredRun
 
 CLASSES = ("pedestrian", "cyclist", "vehicle")
 COLOUR_MAP = "viridis"

@@ -19,6 +19,7 @@ from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.frames import UnscorableFrame
 from bench.harness.replay import StoredFrames
 from bench.harness.stages import Progress
+from bench.harness.stored import StoredRun
 from bench.records.reference import ReferenceFrame
 from bench.reporting import canvas
 from bench.reporting.formats import frame_name, shortened
@@ -35,7 +36,6 @@ from bench.reporting.overlay import (
     pixel_classes,
     place_labels,
 )
-from bench.reporting.stored_run import StoredRun
 
 ImageKey = tuple[str, str, int]  # recording, camera, timestamp_ns
 Drawn = TypeVar("Drawn")
@@ -178,7 +178,7 @@ def draw_images(
     """
     keys, drawn, problems = sorted(set(images)), dict[ImageKey, Drawn](), dict[str, None]()  # a recording at a time
     try:
-        stored = [StoredFrames(run.folder, run.summary, run.protocol) for run in runs if keys]
+        stored = [StoredFrames(run) for run in runs if keys]
     except BenchError as error:
         return {}, [str(error)]
     for number, key in enumerate(keys, start=1):

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from bench.harness.stored import StoredRun
 from bench.reporting.canvas import write_picture
 from bench.reporting.document import Paragraph, Report, latex_label, to_latex
 from bench.reporting.formats import annotations_field, metric_record, shortened
 from bench.reporting.range_maps import draw_run_maps
-from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.tables import TableRow, table_note, table_rows, text_tables, threshold_free_line
 
 SCHEMA_VERSION = 1
@@ -51,16 +51,15 @@ def report(
 
 def _about(run: StoredRun) -> str:
     """Method, data set and protocol; settings that are not the method's defaults; annotations that nobody reviewed."""
-    summary = run.summary
-    method, data = summary.manifest.method, summary.manifest.dataset
+    method, data = run.manifest.method, run.manifest.dataset
     settings = [f"{name} = {value}" for name, value in method.changed_settings().items()]
     shown = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
     split = f", split {data.split}" if data.split else ""
     told = f"method {method.name} ({shown}), data set {data.name}{split}, {run.protocol.name}"
-    return ", ".join(part for part in (told, summary.unreviewed.rstrip(".")) if part)
+    return ", ".join(part for part in (told, run.summary.unreviewed.rstrip(".")) if part)
 
 
-def write_report_files(run: Path) -> tuple[list[TableRow], tuple[Path, ...]]:
+def write_report_files(run: StoredRun) -> tuple[list[TableRow], tuple[Path, ...]]:
     """Write `table.md`, `.csv`, `.json`, `.tex` and `range_map.png`, `.svg` into the folder of a run.
 
     Returns:
@@ -68,17 +67,16 @@ def write_report_files(run: Path) -> tuple[list[TableRow], tuple[Path, ...]]:
         files: paths, tables first.
 
     Raises:
-        DataError: a stored result is missing or damaged, or the files are not of one run.
+        DataError: a table of the run is damaged.
     """
-    stored = read_stored_run(run)
-    summary, rows = stored.summary, table_rows(stored.summary)
+    summary, rows = run.summary, table_rows(run.summary)
     over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
     caveats = f"The data: {' '.join(summary.caveats.split())}" if summary.caveats.strip() else ""
     tables = report(
         rows,
         notes=[over_all, caveats],
         unreviewed=summary.unreviewed,
-        label=latex_label(stored.label),
-        about=_about(stored),
+        label=latex_label(run.label),
+        about=_about(run),
     )
-    return rows, (*tables.write(run, "table"), *write_picture(run / "range_map", draw_run_maps(stored)))
+    return rows, (*tables.write(run.folder, "table"), *write_picture(run.folder / "range_map", draw_run_maps(run)))

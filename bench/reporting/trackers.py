@@ -14,7 +14,7 @@ from pathlib import Path
 from shlex import quote
 
 from bench.errors import UnknownNameError, UsageError
-from bench.harness import RunSummary, read_run, run_name
+from bench.harness import RunSummary, read_run
 from bench.harness.manifest import Manifest, all_settings
 from bench.harness.method_of_run import flat_settings
 from bench.plug_ins import describe_error
@@ -85,13 +85,12 @@ def require_tracker(name: str) -> None:
 
 
 def _record(folder: Path) -> Record:
-    summary = read_run(folder)
-    manifest = summary.manifest
-    every = flat_settings(manifest.model_dump(mode="json"))
+    run = read_run(folder)
+    every = flat_settings(run.manifest.model_dump(mode="json"))
     return Record(
-        name=run_name(folder),
-        metrics=_metrics(summary),
-        parameters=_parameters(manifest),
+        name=run.label,
+        metrics=_metrics(run.summary),
+        parameters=_parameters(run.manifest),
         tags={name: value for name, value in every.items() if not name.startswith(NO_TAGS)},
         files={
             file.relative_to(folder).as_posix(): file

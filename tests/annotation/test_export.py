@@ -85,7 +85,7 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     ended = called_here("run", card, "--out", run, "--no-cache", "--no-pictures")
     said = f"{NOT_REVIEWED} (1 of 1 recordings)"
     assert said in ended.stdout + ended.stderr
-    assert read_run(run).caveats.startswith(said)
+    assert read_run(run).summary.caveats.startswith(said)
     assert all(said in (run / f"table.{kind}").read_text() for kind in ("md", "tex"))
     lines = pd.read_csv(run / "table.csv")
     assert set(lines["annotations"]) == {said.removeprefix("annotations: ")}

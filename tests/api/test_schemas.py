@@ -98,7 +98,7 @@ def example(schema):
         ("protocol", "based_on", "paper-v9", "$.based_on"),
         ("tolerances", "suspect", "maybe", "$.suspect"),
         ("tolerances", "metrics", {"iou": {"absolut": 0.1}}, "$.metrics.iou"),
-        ("summary", "manifest.code.version", None, "$.manifest.code"),
+        ("manifest", "code.version", None, "$.code"),
         ("summary", "all_moving.iou.value", "high", "$.all_moving.iou.value"),
         ("manifest", "sha256", None, "$"),
     ],

@@ -116,7 +116,7 @@ CHANGES = {
     "a file more": (lambda files: files.update(mine=b"x"), f"mine: {ONE_OF}"),
     "a file less": (without("sums.csv"), "sums.csv: expected a file of the run, got no such file"),
     "no summary": (without("summary.json"), "summary.json: expected the summary of a run"),
-    "no manifest": (without("manifest.json"), "manifest.json: expected a file of the run, got no such file"),
+    "no manifest": (without("manifest.json"), "manifest.json: expected the manifest of a run, got no such file"),
     "no protocol": (without("protocol.json"), "protocol.json: expected the protocol of a run, got no such file"),
     "other tables": (other_content("objects.parquet"), "objects.parquet: expected the file that summary.json is of"),
     "another summary": (other_content("summary.json"), "summary.json: expected the summary of a run"),
@@ -181,4 +181,7 @@ def test_a_compressed_or_cut_bundle_and_what_is_none_are_refused(bundle, tmp_pat
 
 
 def test_the_sent_run_is_a_run(bundle, run, tmp_path):
-    assert unpack_bundle(bundle, tmp_path / "out") == read_run(run) == read_run(tmp_path / "out")
+    sent, unpacked = read_run(run), unpack_bundle(bundle, tmp_path / "out")
+    assert (unpacked.folder, unpacked.label) == (tmp_path / "out", "out")
+    for found in (unpacked, read_run(tmp_path / "out")):
+        assert (found.manifest, found.summary, found.protocol) == (sent.manifest, sent.summary, sent.protocol)

@@ -46,7 +46,7 @@ def test_a_quick_look_scores_some_images_of_some_recordings(monkeypatch, tiny_ca
     look = ("run", tiny_card, "--method", "nothing", "--no-cache", "--no-pictures", "--out", out)
     assert call(monkeypatch, *look, "--recording", "crossing", "--recording", "standing", "--limit", 3) == 0
     found = bench.load_run(out)
-    assert found.summary.manifest.dataset.split == "crossing,standing[:3]"
+    assert found.manifest.dataset.split == "crossing,standing[:3]"
     assert sorted(found.frames["recording"].unique()) == ["crossing", "standing"]
     assert found.summary.images.images == 4, "of three images the first has none before it"
     assert call(monkeypatch, "verify", out) == 0

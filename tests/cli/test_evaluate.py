@@ -74,25 +74,23 @@ def counts_of(run) -> list[str]:
 
 def test_the_reference_scores_perfectly(evaluate, masks, capsys):
     run = evaluate(masks)
-    summary = read_run(run)
+    summary = read_run(run).summary
     moving = summary.all_moving
     assert moving.object_frames == 12
     for name in ("detection_rate", "detection_rate_50", "tpr", "tpr_all", "iou", "iou_detected"):
         assert moving.metric(name).value == 1.0
     assert summary.false_positives.coverage.value == summary.false_positives.frame_rate.value == 0.0
     assert summary.threshold_free is None
-    assert (summary.manifest.method.name, summary.manifest.method.settings["folder"]) == (
-        "predictions-masks",
-        str(masks),
-    )
+    method = read_run(run).manifest.method
+    assert (method.name, method.settings["folder"]) == ("predictions-masks", str(masks))
     assert "12 of 12 images have a usable mask" in capsys.readouterr().out
 
 
 def test_empty_and_full_masks(evaluate, images, tmp_path):
-    empty = read_run(evaluate(write_maps(tmp_path / "empty", images, lambda image: image.moving * 0)))
+    empty = read_run(evaluate(write_maps(tmp_path / "empty", images, lambda image: image.moving * 0))).summary
     assert (empty.all_moving.detection_rate.value, empty.false_positives.coverage.value) == (0.0, 0.0)
     assert (empty.all_moving.iou.value, empty.all_moving.tpr.cases) == (0.0, 0)
-    full = read_run(evaluate(write_maps(tmp_path / "full", images, lambda image: image.moving | 255)))
+    full = read_run(evaluate(write_maps(tmp_path / "full", images, lambda image: image.moving | 255))).summary
     assert (full.all_moving.detection_rate.value, full.all_moving.tpr_all.value) == (1.0, 1.0)
     outside = [
         np.mean(image.reference.valid & (image.reference.labels == 0) & ~image.reference.ignored) for image in images
@@ -131,7 +129,7 @@ def test_names_of_others_do_not_shift_a_pairing(evaluate, images, tmp_path):
     for image in images:
         write_map(tmp_path / "frames", image.place, image.frame, image.moving)
         write_map(tmp_path / "frames", image.place, 0, image.moving | 255)
-    summary = read_run(evaluate(tmp_path / "frames"))
+    summary = read_run(evaluate(tmp_path / "frames")).summary
     assert summary.all_moving.iou.value == 1.0
     report = json.loads((tmp_path / "run" / "predictions.json").read_text())
     assert (report["unscored"], report["usable"], report["faults"]["extra"]) == (3, 12, [])
@@ -183,7 +181,7 @@ def test_one_recording_needs_no_folder_of_its_own(evaluate, images, tiny_card, t
     (tmp_path / "lists").mkdir()
     (tmp_path / "lists" / f"{CAMERA}.json").write_text(json.dumps([entry(image, image.moving) for image in own]))
     for number, folder in enumerate((tmp_path / "maps", tmp_path / "lists")):
-        summary = read_run(evaluate(folder, card=card, out=str(number)))
+        summary = read_run(evaluate(folder, card=card, out=str(number))).summary
         assert (summary.images.evaluated, summary.all_moving.iou.value) == (4, 1.0)
 
 
@@ -231,7 +229,7 @@ def test_everything_wrong_is_listed_at_once_and_nothing_scored(evaluate, images,
 def test_skip_leaves_missing_images_unscored_and_faulty_ones_failed(evaluate, images, masks, tmp_path):
     spoil(masks, images)
     run = evaluate(masks, "--missing", "skip", status=2)
-    summary = read_run(run)
+    summary = read_run(run).summary
     assert (summary.images.evaluated, summary.images.skipped, summary.images.failed) == (6, 1, 5)
     assert summary.all_moving.iou.value == 1.0
     assert sum(f"{images[1].place}/{images[1].timestamp_ns}.png" in failure for failure in summary.failures) == 1
@@ -241,12 +239,13 @@ def test_skip_leaves_missing_images_unscored_and_faulty_ones_failed(evaluate, im
 def test_empty_counts_missing_images_as_nothing(evaluate, images, masks):
     for image in images[:3]:
         (masks / image.place / f"{image.timestamp_ns}.png").unlink()
-    summary = read_run(evaluate(masks, "--missing", "empty"))
+    summary = read_run(evaluate(masks, "--missing", "empty")).summary
     assert (summary.images.evaluated, summary.images.failed) == (12, 0)
     assert (summary.all_moving.detection_rate.value, summary.all_moving.tpr.value) == (9 / 12, 1.0)
-    skipped = read_run(evaluate(masks, "--missing", "skip"))
+    run = read_run(evaluate(masks, "--missing", "skip"))
+    skipped = run.summary
     assert (skipped.images.evaluated, skipped.images.skipped, skipped.failures) == (9, 3, ())
-    assert skipped.manifest.method.settings["missing"] == "skip"
+    assert run.manifest.method.settings["missing"] == "skip"
 
 
 def test_files_beside_the_run_are_neither_written_nor_removed(evaluate, masks, images, tmp_path, capsys):
@@ -287,7 +286,7 @@ def test_another_run_takes_the_list_of_predictions_away(evaluate, masks, monkeyp
 
 def test_a_split_needs_its_own_predictions_only(evaluate, images, masks, tmp_path):
     run = evaluate(masks, "--split", "moving")
-    assert read_run(run).images.evaluated == 8
+    assert read_run(run).summary.images.evaluated == 8
     report = json.loads((run / "predictions.json").read_text())
     assert (report["expected"], report["elsewhere"], report["faults"]["extra"]) == (8, 4, [])
     shutil.rmtree(masks / "standing")
@@ -304,8 +303,8 @@ def probability(image) -> np.ndarray:
 def test_scores_give_figures_over_all_thresholds(evaluate, images, tmp_path, capsys):
     sixteen = write_maps(tmp_path / "p", images, lambda image: np.round(65535 * probability(image)).astype(np.uint16))
     run = evaluate(sixteen, out="a", tables=True)
-    summary = read_run(run)
-    assert summary.manifest.method.settings["threshold"] == 0.5
+    summary = read_run(run).summary
+    assert read_run(run).manifest.method.settings["threshold"] == 0.5
     free = summary.threshold_free
     assert "Over all thresholds: AUPRC" in capsys.readouterr().out
     assert "Over all thresholds: AUPRC" in (run / "table.md").read_text()
@@ -319,10 +318,12 @@ def test_scores_give_figures_over_all_thresholds(evaluate, images, tmp_path, cap
         (tmp_path / "q" / image.place).mkdir(parents=True, exist_ok=True)
         np.savez(tmp_path / "q" / image.place / f"{image.timestamp_ns}.npz", score=probability(image))
     exact = evaluate(tmp_path / "q", out="b")
-    assert read_run(exact).threshold_free.auprc.value == pytest.approx(free.auprc.value, abs=2e-3)
+    assert read_run(exact).summary.threshold_free.auprc.value == pytest.approx(free.auprc.value, abs=2e-3)
     other = evaluate(tmp_path / "q", "--threshold", "0.9", out="c")
-    assert read_run(other).threshold_free == read_run(exact).threshold_free
-    assert read_run(other).false_positives.coverage.value < read_run(exact).false_positives.coverage.value
+    assert read_run(other).summary.threshold_free == read_run(exact).summary.threshold_free
+    assert (
+        read_run(other).summary.false_positives.coverage.value < read_run(exact).summary.false_positives.coverage.value
+    )
 
 
 def by_pixel(images, values_of) -> tuple[float, float]:
@@ -345,17 +346,17 @@ def by_pixel(images, values_of) -> tuple[float, float]:
 
 def test_a_run_of_a_method_with_a_likelihood_has_them_too(monkeypatch, tiny_card, tmp_path):
     assert call(monkeypatch, "run", tiny_card, "--out", tmp_path / "a", "--no-pictures") == 0
-    assert read_run(tmp_path / "a").threshold_free.images == 12
+    assert read_run(tmp_path / "a").summary.threshold_free.images == 12
     assert call(monkeypatch, "run", tiny_card, "--method", "nothing", "--out", tmp_path / "b", "--no-pictures") == 0
-    assert read_run(tmp_path / "b").threshold_free is None
+    assert read_run(tmp_path / "b").summary.threshold_free is None
 
 
 def test_missing_scores_may_count_as_empty(evaluate, images, tmp_path):
     folder = write_maps(tmp_path / "p", images, lambda image: image.moving.astype(np.uint16) * 257)
-    assert read_run(evaluate(folder)).threshold_free.auprc.value == 1.0
-    assert read_run(evaluate(folder)).threshold_free.fpr95.value == 0.0
+    assert read_run(evaluate(folder)).summary.threshold_free.auprc.value == 1.0
+    assert read_run(evaluate(folder)).summary.threshold_free.fpr95.value == 0.0
     (folder / images[0].place / f"{images[0].timestamp_ns}.png").unlink()
-    found = read_run(evaluate(folder, "--missing", "empty")).threshold_free
+    found = read_run(evaluate(folder, "--missing", "empty")).summary.threshold_free
     assert found.images == 12
     assert 0.0 < found.auprc.value < 1.0
 
@@ -435,7 +436,7 @@ def test_images_are_not_read_for_masks(evaluate, masks, tiny_card, tmp_path):
     for handle in open_dataset(load_card(str(card))):
         for image in handle.open().images[CAMERA]:
             image.path.write_bytes(b"")
-    summary = read_run(evaluate(masks, card=card))
+    summary = read_run(evaluate(masks, card=card)).summary
     assert (summary.images.evaluated, summary.all_moving.iou.value) == (12, 1.0)
 
 
@@ -475,8 +476,8 @@ exclusions:
     report = json.loads((run / "predictions.json").read_text())
     # crossing 2, 3, 4 and overtaking 1, 4; 3 comes after the hole.
     assert (report["expected"], report["usable"], report["unscored"], report["elsewhere"]) == (5, 5, 3, 4)
-    assert (report["faults"]["extra"], read_run(run).all_moving.iou.value) == ([], 1.0)
-    assert read_run(run).images.evaluated == 5
+    assert (report["faults"]["extra"], read_run(run).summary.all_moving.iou.value) == ([], 1.0)
+    assert read_run(run).summary.images.evaluated == 5
     # Frame numbers are those of the data set, whatever the card leaves out.
     for image in images:
         write_map(tmp_path / "frames", image.place, image.frame, image.moving)

@@ -12,15 +12,15 @@ from junitparser import JUnitXml
 
 from bench.evaluation import load_protocol
 from bench.gate import find_baseline, read_run_sums, write_baseline
-from bench.harness import code_state, read_run
+from bench.harness import code_state
 from bench.harness.digests import MethodCode
-from bench.harness.stored import write_summary
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
 from tests.support.commands import call, error_line
 from tests.support.manifests import manifest
 from tests.support.runs import run_one
+from tests.support.stored_files import change_manifest
 
 
 @pytest.fixture(scope="module")
@@ -177,10 +177,7 @@ def test_update_refuses_a_plug_in_that_is_not_committed_as_it_is(monkeypatch, ca
         out = tmp_path / f"run-{number}"
         options = ("--method", "own_for_the_gate:Own", "--out", out, "--workers", 1, "--no-pictures", "--no-cache")
         assert call(monkeypatch, "run", tiny_card, *options) == 0
-        patched = read_run(out)
-        code = patched.manifest.code.model_copy(update={"commit": "c0ffee"})
-        manifest = patched.manifest.model_copy(update={"code": code})
-        write_summary(out, patched.model_copy(update={"manifest": manifest}))
+        change_manifest(out, lambda content: content["code"].update(commit="c0ffee"))
         capsys.readouterr()
         status = call(monkeypatch, "gate", out, *baseline)
         assert status in (0, 2)
@@ -218,12 +215,10 @@ def test_an_installed_file_that_was_edited_is_no_installed_one(tmp_path, monkeyp
 def test_update_refuses_changed_code_unless_told(monkeypatch, capsys, runs, tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
-    for name in ("objects.parquet", "frames.parquet", "sums.csv", "protocol.json"):
+    names = ("objects.parquet", "frames.parquet", "sums.csv", "protocol.json", "summary.json", "manifest.json")
+    for name in names:
         (folder / name).write_bytes((runs["spherical"] / name).read_bytes())
-    summary = read_run(runs["spherical"])
-    code = summary.manifest.code.model_copy(update={"commit": "0123456789abcdef+"})
-    manifest = summary.manifest.model_copy(update={"code": code})
-    write_summary(folder, summary.model_copy(update={"manifest": manifest}))
+    change_manifest(folder, lambda content: content["code"].update(commit="0123456789abcdef+"))
     assert call(monkeypatch, "gate", folder, "--baseline", tmp_path / "b", "--update") == 2
     assert "--allow-dirty" in capsys.readouterr().err
     assert not (tmp_path / "b").exists()

@@ -39,7 +39,7 @@ def unlabelled(tiny_card, tmp_path_factory):
 def test_a_run_has_masks_and_no_scores(unlabelled):
     _, run, ended = unlabelled
     assert ended.returncode == 0
-    summary = read_run(run)
+    summary = read_run(run).summary
     images = summary.images.images
     assert (summary.images.evaluated, summary.images.not_annotated) == (0, images)
     assert images > 1
@@ -99,11 +99,11 @@ def test_an_empty_file_still_says_that_nothing_moves(unlabelled, tiny_card, tmp_
         '{"openlabel": {"metadata": {"schema_version": "1.0.0"}, "objects": {}, "frames": {}}}'
     )
     ended = called_here("run", card, "--out", tmp_path / "run", *RUN)
-    summary = read_run(tmp_path / "run")
+    summary = read_run(tmp_path / "run").summary
     assert ended.returncode == 0
     assert summary.images.not_annotated == 0
     assert summary.false_positives.coverage.value > 0
-    assert summary.manifest.reference != read_run(unlabelled[1]).manifest.reference
+    assert read_run(tmp_path / "run").manifest.reference != read_run(unlabelled[1]).manifest.reference
     told = called_here("validate", card)
     assert told.returncode == 1
     assert "expected objects, as all of the recording is said to be annotated; got none" in told.stdout
@@ -121,7 +121,7 @@ def test_a_part_that_is_annotated_is_scored_alone(unlabelled, tiny_card, tmp_pat
     found = read_tables(tmp_path / "some")[1].to_pylist()
     kept = [row for row in found if row["status"] == "evaluated"]
     assert kept == [row for row in rows if row["timestamp_ns"] >= first_ns]
-    images = read_run(tmp_path / "some").images
+    images = read_run(tmp_path / "some").summary.images
     assert images.not_annotated == len(found) - len(kept) > 0
     assert (
         f"{images.not_annotated} of {images.images} images are not annotated: no scores" in ended.stdout + ended.stderr
@@ -133,5 +133,5 @@ def test_stored_references_of_unannotated_images_stay_without_scores(tiny_card, 
     words = ("--no-pictures", "--cache", tmp_path / "cache")
     for name in ("first", "second"):
         called_here("run", card, "--out", tmp_path / name, *words)
-    assert read_run(tmp_path / "second").provenance.work.steps_found["reference"] > 0
-    assert read_run(tmp_path / "second").images == read_run(tmp_path / "first").images
+    assert read_run(tmp_path / "second").summary.provenance.work.steps_found["reference"] > 0
+    assert read_run(tmp_path / "second").summary.images == read_run(tmp_path / "first").summary.images

@@ -88,7 +88,7 @@ def test_the_score_by_it_is_that_by_the_data_to_the_count(
     for by_data, by_files in zip(*(read_tables(tmp_path / name) for name in ("data", "files")), strict=True):
         assert [*map(repr, by_data.to_pylist())] == [*map(repr, by_files.to_pylist())]
     assert read_run(tmp_path / "files").manifest.reference == read_run(tmp_path / "data").manifest.reference
-    assert f"The reference was read from {export.name}." in read_run(tmp_path / "files").caveats
+    assert f"The reference was read from {export.name}." in read_run(tmp_path / "files").summary.caveats
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -108,7 +108,7 @@ def test_a_recording_is_parsed_once_whatever_its_length_and_a_changed_image_is_s
     common = ("evaluate", tiny_card, "--predictions", masks, "--protocol", "surface-v1", "--no-pictures", "--no-cache")
     words = (*common, "--out", tmp_path / "run", "--reference", export)
     assert call(monkeypatch, *words) == 0
-    work = read_run(tmp_path / "run").provenance.work
+    work = read_run(tmp_path / "run").summary.provenance.work
     assert work.units_computed == 12
     assert sorted(parsed) == sorted({*parsed})
 
@@ -117,7 +117,7 @@ def test_a_recording_is_parsed_once_whatever_its_length_and_a_changed_image_is_s
 
     changed_json(export / "crossing.json", faster)
     assert call(monkeypatch, *words) == 0
-    work = read_run(tmp_path / "run").provenance.work
+    work = read_run(tmp_path / "run").summary.provenance.work
     assert (work.units_computed, work.units_reused, work.changed) == (1, 11, {"exported reference": 1})
 
 
@@ -329,7 +329,7 @@ def test_another_protocol_and_an_export_of_other_data_are_refused(
     assert "expected a reference by paper-v1, got one by surface-v1; say --protocol surface-v1" in line
     bench.export_reference(tiny_card, tmp_path / "one", protocol="paper-v1", recording="crossing")
     assert call(monkeypatch, *common, "--reference", tmp_path / "one") == 2
-    failures = read_run(tmp_path / "run").failures
+    failures = read_run(tmp_path / "run").summary.failures
     assert failures
     assert all("recordings: expected recording" in line for line in failures)
 

@@ -14,14 +14,15 @@ from bench.errors import BenchError
 from bench.evaluation import read_sums, sum_run, summary_of, write_sums
 from bench.exchange.verify import VERIFIED, is_verified, verify_run
 from bench.execution import SerialExecutor
-from bench.harness import open_tables, read_image_maps, read_protocol, read_run
+from bench.harness import open_tables, read_image_maps, read_run
 from bench.harness.masks import MASKS
-from bench.harness.stored import IMAGE_MAPS, SUMMARY, SUMS, file_digests, sums_digest, write_summary
+from bench.harness.stored import IMAGE_MAPS, SUMMARY, SUMS, sums_digest
 from bench.harness.unit_files import image_maps_bytes
 from bench.recordings import load_card
 from bench.recordings.checked_json import with_digest
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
+from tests.support.stored_files import change_manifest, change_summary
 
 OBJECTS, FRAMES = "objects.parquet", "frames.parquet"
 
@@ -69,7 +70,7 @@ def test_images_that_cannot_be_read_fail_again_and_a_mask_that_is_left_out_is_to
     image.write_bytes(b"damaged")
     run = tmp_path / "run"
     assert call(monkeypatch, "run", card, "--out", run, "--no-pictures", "--no-cache") == 2
-    assert read_run(run).images.failed == 2  # and the one after it
+    assert read_run(run).summary.images.failed == 2  # and the one after it
     assert call(monkeypatch, "verify", run) == 0
     leave_out(run)
     told = verify_run(run, load_card(card), executor=SerialExecutor()).differences
@@ -77,26 +78,19 @@ def test_images_that_cannot_be_read_fail_again_and_a_mask_that_is_left_out_is_to
 
 
 def reseal(run: Path, change=lambda _: None) -> None:
-    """Make a run's summary fit its files, as one who forges it would, and then change it."""
-    file = run / SUMMARY
-    content = json.loads(file.read_text())
-    content["files"] = file_digests(run)
-    content["manifest"]["sums"] = sums_digest(run)
-    change(content)
-    file.write_text(json.dumps(with_digest(content)))
-    (run / "manifest.json").write_text(json.dumps(with_digest(content["manifest"])))
+    """Make a run's manifest and summary fit its files, as one who forges it would, and then change the summary."""
+    change_manifest(run, lambda manifest: manifest.update(sums=sums_digest(run)))
+    change_summary(run, change)
 
 
 def recount(run: Path) -> None:
     """Bring sums and summary in line with forged tables."""
     reseal(run)
-    summary = read_run(run)
-    protocol = read_protocol(run, summary)
+    protocol = read_run(run).protocol
     sums = sum_run(*open_tables(run), protocol=protocol)
     write_sums(sums, run / SUMS)
     metrics = summary_of(sums, protocol=protocol)
-    write_summary(run, summary.model_copy(update={name: getattr(metrics, name) for name in type(metrics).model_fields}))
-    reseal(run)
+    reseal(run, lambda summary: summary.update(metrics.model_dump(mode="json")))
 
 
 def forged(run: Path, name: str, change) -> None:
@@ -125,6 +119,10 @@ def of_masks(change):
 
 def of_summary(change):
     return lambda run: reseal(run, change)
+
+
+def of_manifest(change):
+    return lambda run: change_manifest(run, change)
 
 
 def flip(rows) -> None:
@@ -210,12 +208,7 @@ def easier_protocol(run: Path) -> None:
     from bench.evaluation import load_protocol
 
     digest = load_protocol(run / "protocol.json").digest
-
-    def change(summary) -> None:
-        for part in (summary["protocol"], summary["manifest"]["protocol"]):
-            part["digest"] = digest
-
-    reseal(run, change)
+    change_manifest(run, lambda manifest: manifest["protocol"].update(digest=digest))
 
 
 def other_manifest(run: Path) -> None:
@@ -231,8 +224,8 @@ def careless(run: Path) -> None:
     (run / SUMMARY).write_text((run / SUMMARY).read_text().replace('"tracks": 3', '"tracks": 4'))
 
 
-def first_recording(summary) -> str:
-    return next(iter(summary["manifest"]["dataset"]["recordings"]))
+def first_recording(manifest) -> str:
+    return next(iter(manifest["dataset"]["recordings"]))
 
 
 FORGED = {
@@ -261,13 +254,15 @@ FORGED = {
     "summary: an interval": of_summary(lambda s: s["all_moving"]["iou"].update(ci95=[0.4, 0.5])),
     "summary: better at all thresholds": of_summary(lambda s: s["threshold_free"]["auprc"].update(value=0.999)),
     "summary: without a digest": careless,
-    "manifest: other data": of_summary(lambda s: s["manifest"]["dataset"].update(data="0" * 64)),
-    "manifest: another recording's data": of_summary(
-        lambda s: s["manifest"]["dataset"]["recordings"].update({first_recording(s): "0" * 16})
+    "manifest: other data": of_manifest(lambda m: m["dataset"].update(data="0" * 64)),
+    "manifest: another recording's data": of_manifest(
+        lambda m: m["dataset"]["recordings"].update({first_recording(m): "0" * 16})
     ),
-    "manifest: another data set": of_summary(lambda s: s["manifest"]["dataset"].update(name="demo")),
-    "manifest: another reference": of_summary(lambda s: s["manifest"].update(reference="0" * 64)),
-    "manifest: more history": of_summary(lambda s: s["manifest"]["method"].update(history=2)),
+    "manifest: another data set": of_manifest(lambda m: m["dataset"].update(name="demo")),
+    "manifest: another reference": of_manifest(lambda m: m.update(reference="0" * 64)),
+    "manifest: more history": of_manifest(lambda m: m["method"].update(history=2)),
+    "manifest: no digest of the sums": of_manifest(lambda m: m.update(sums=None)),
+    "manifest: sums of another run": of_manifest(lambda m: m.update(sums="0" * 64)),
     "manifest: two methods": other_manifest,
     "protocol: other rules": easier_protocol,
 }

@@ -18,11 +18,12 @@ from bench.evaluation import load_protocol, read_sums, sum_run, write_sums
 from bench.evaluation.definitions import COUNTS
 from bench.gate import Outcome, Verdict, judge, load_tolerances, read_run_sums, write_baseline
 from bench.harness import open_tables, read_run
-from bench.harness.stored import SUMS, file_digests, write_summary
+from bench.harness.stored import SUMS, sums_digest
 from bench.methods import build_method
 from tests.gate.conftest import run
 from tests.gate.regressions import CalibrationShifted, YawSignFlipped
 from tests.support.commands import called_here
+from tests.support.stored_files import change_manifest
 
 pytestmark = pytest.mark.slow
 
@@ -99,7 +100,7 @@ def test_calibration_shifted_by_5_px_in_the_data(gated_card, good_run, baseline,
 
 def test_a_run_that_drops_its_hardest_objects(good_run, baseline, tmp_path):
     folder = copied(good_run, tmp_path)
-    summary, objects = read_run(folder), pq.read_table(folder / "objects.parquet")
+    objects = pq.read_table(folder / "objects.parquet")
     kept = _well_covered(objects)
     dropped = objects.num_rows - kept.num_rows
     assert dropped > 0
@@ -107,7 +108,7 @@ def test_a_run_that_drops_its_hardest_objects(good_run, baseline, tmp_path):
     with pytest.raises(DataError, match=r"objects.parquet: expected the file that summary.json is of"):
         read_run(folder)
     write_sums(sum_run(*open_tables(folder), protocol=load_protocol("paper-v1")), folder / SUMS)
-    write_summary(folder, summary.model_copy(update={"files": file_digests(folder)}))  # as if it had been run like this
+    change_manifest(folder, lambda content: content.update(sums=sums_digest(folder)))  # as if it had been run like this
     found = verdict(good_run, folder)
     (counts,) = [check for check in found.failed_checks if check.name == "counts"]
     assert counts.message.startswith(f"reference changed: {dropped} object-frames fewer in all_moving")
@@ -123,7 +124,7 @@ def test_a_metric_that_drops_objects(good_run, baseline, tmp_path):
     partial = sum_run(_well_covered(objects.table()), frames, protocol=load_protocol("paper-v1"))
     sums = pd.concat([whole[whole["metric"] != "tpr_all"], partial[partial["metric"] == "tpr_all"]])
     write_sums(sums, folder / SUMS)
-    write_summary(folder, read_run(good_run).model_copy(update={"files": file_digests(folder)}))
+    change_manifest(folder, lambda content: content.update(sums=sums_digest(folder)))
     found = verdict(good_run, folder)
     assert [check.name for check in found.failed_checks] == ["cases"]
     assert "tpr_all: " in found.failed_checks[0].message

@@ -3,6 +3,7 @@
 import pytest
 
 from bench.errors import UnknownNameError, UsageError
+from bench.harness import read_run
 from bench.recordings import InputErrors, load_card
 from bench.recordings.input_errors import named_input_errors
 from tests.support import runs
@@ -19,13 +20,16 @@ def score(tiny_card, tmp_path):
     return scored
 
 
-def test_a_run_with_errors_is_none_without(tiny_card, score):
+def test_a_run_with_errors_is_none_without(tiny_card, tmp_path, score):
     """Units, cached steps and data are told apart, and a reader is told of the errors."""
-    plain = score("run")
-    wrong = [score("run", yaw_rate_bias_degps=3.0), score("run", yaw_rate_bias_degps=2.0)]
+    data, found = set(), []
+    for errors in ({}, {"yaw_rate_bias_degps": 3.0}, {"yaw_rate_bias_degps": 2.0}):
+        found.append(score("run", **errors))
+        data.add(read_run(tmp_path / "run").manifest.dataset.data)
+    plain, *wrong = found
     assert [run.provenance.work.units_reused for run in wrong] == [0, 0]
     assert [run.provenance.work.steps_found for run in wrong] == [{"flow": PAIRS, "reference": PAIRS}] * 2
-    assert len({run.manifest.dataset.data for run in (plain, *wrong)}) == 3
+    assert len(data) == 3
     assert len({run.all_moving.model_dump_json() for run in (plain, *wrong)}) == 3
     assert wrong[1].caveats.endswith("The method was told errors of its input: yaw_rate_bias_degps 2.")
     assert plain.caveats == load_card(str(tiny_card)).content.caveats
@@ -33,13 +37,13 @@ def test_a_run_with_errors_is_none_without(tiny_card, score):
     assert score("run").model_dump_json(exclude={"provenance"}) == plain.model_dump_json(exclude={"provenance"})
 
 
-def test_errors_reach_the_method_and_not_the_reference(score):
+def test_errors_reach_the_method_and_not_the_reference(score, tmp_path):
     true, wrong = score("true"), score("wrong", pitch_rate_degps=4)
     assert wrong.false_positives.coverage.value > true.false_positives.coverage.value + 0.1
     assert {name: row.object_frames for name, row in true.categories.items()} == {
         name: row.object_frames for name, row in wrong.categories.items()
     }
-    assert wrong.manifest.method == true.manifest.method
+    assert read_run(tmp_path / "wrong").manifest.method == read_run(tmp_path / "true").manifest.method
 
 
 def test_another_method_can_be_told_errors(score):

@@ -72,14 +72,14 @@ def test_more_parts_than_units_are_no_fault(tiny_card, tmp_path):
     scored = [score_of_part(tiny_card, tmp_path, number, count=5) for number in range(1, 6)]
     assert [len(one.units) for one in scored] == [1, 1, 1, 0, 0]
     assert {one.units_of_run for one in scored} == {COUNT}
-    assert len(list((tmp_path / "units").iterdir())) == COUNT
+    assert len(list((tmp_path / "units").glob("*.unit"))) == COUNT
 
 
 def test_a_part_that_is_scored_again_computes_nothing_and_leaves_the_others(tiny_card, out):
     scored = score_of_part(tiny_card, out, 2)
     work = scored.provenance(out, images=0).work
     assert (work.units_computed, work.units_reused) == (0, 1)
-    assert len(list((out / "units").iterdir())) == COUNT
+    assert len(list((out / "units").glob("*.unit"))) == COUNT
 
 
 def test_a_run_computes_what_is_missing_or_damaged(whole, out, tiny_card):
@@ -113,7 +113,8 @@ def test_a_part_of_another_run_is_refused_in_the_folder_or_its_units_are_not_use
     shutil.copytree(tmp_path / "other" / "units", out / "units", dirs_exist_ok=True)
     assert work_of(score(tiny_card, out)) == (COUNT - 1, 1)
     assert bytes_of(out) == bytes_of(whole)
-    assert len(list((out / "units").iterdir())) == COUNT, "what is not of the run does not stay"
+    assert len(list((out / "units").glob("*.unit"))) == COUNT, "what is not of the run does not stay"
+    assert len(list((out / "units").iterdir())) == COUNT + 2, "the lists of its code and its method do"
 
 
 def test_parts_before_and_after_a_change_of_data_do_not_mix(own_card, out, tmp_path):

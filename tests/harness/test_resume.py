@@ -1,7 +1,12 @@
 """A run goes on where it stopped, and a stored result is used only while all that it depends on is the same."""
 
+import os
+import shutil
+import subprocess
 import sys
 from importlib import invalidate_caches, reload
+from pathlib import Path
+from shutil import ignore_patterns
 
 import pyarrow.parquet as pq
 import pytest
@@ -11,6 +16,7 @@ from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.harness.digests import content as code
 from bench.harness.masks import MASKS
+from bench.harness.provenance import NOT_STORED
 from tests.support.changed_data import (
     DAMAGES,
     change_annotation,
@@ -102,6 +108,25 @@ def test_other_libraries_recompute_everything(own_card, tmp_path, monkeypatch, f
     assert score(own_card, tmp_path / "run").provenance.work.units_computed == ALL
 
 
+def test_a_module_of_this_package_that_changed_is_named(tiny_card, tmp_path):
+    """As an edited checkout does it: the same command, once before and once after the edit."""
+    copied = shutil.copytree(Path(bench.__file__).parent, tmp_path / "copy" / "bench", ignore=ignore_patterns("*.pyc"))
+    words = ("run", tiny_card, "--method", "nothing", "--no-cache", "--no-pictures", "--out", tmp_path / "run")
+
+    def told() -> str:
+        done = subprocess.run(
+            [sys.executable, "-m", "bench", *map(str, words)],
+            check=True, capture_output=True, text=True, cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(copied.parent)},
+        )  # fmt: skip
+        return " ".join(done.stdout.split())
+
+    assert "computed again" not in told()
+    for name in ("geometry/plane.py", "cameras/unified.py", "cli/bundle.py"):  # the last is no part of a result
+        (copied / name).write_text((copied / name).read_text() + "\n# edited\n")
+    assert f"changed: code: bench/cameras/unified.py, bench/geometry/plane.py ({ALL})" in told()
+
+
 METHOD = """
 from pathlib import Path
 
@@ -127,12 +152,17 @@ def test_code_and_files_of_a_method_from_elsewhere_count(own_card, tmp_path, mon
     (place / "weights.txt").write_text("200")
     monkeypatch.syspath_prepend(str(place))
 
+    changed = []
+
     def computed() -> int:
-        return score(own_card, tmp_path / "run", method="bright_method:Bright").provenance.work.units_computed
+        work = score(own_card, tmp_path / "run", method="bright_method:Bright").provenance.work
+        changed.append(work.changed)
+        return work.units_computed
 
     assert (computed(), computed()) == (ALL, NONE)
     (place / "weights.txt").write_text("100")
     assert (computed(), computed()) == (ALL, NONE)
+    assert changed == [{NOT_STORED: ALL}, {}, {"method: weights.txt": ALL}, {}]
     (place / "bright_method.py").write_text(METHOD.replace("> level", "< level"))
     invalidate_caches()
     reload(sys.modules["bright_method"])

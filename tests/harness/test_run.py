@@ -11,7 +11,6 @@ from bench.evaluation import load_protocol
 from bench.harness import (
     RunRequest,
     plan_units,
-    read_protocol,
     read_run,
     read_tables,
     run_benchmark,
@@ -39,11 +38,16 @@ def test_run_stores_rows_of_every_image_and_object(tiny_card, tmp_path):
     assert summary.categories["overtaking"].object_frames == 4
     assert summary.categories["approaching"].object_frames == 0
     assert summary.failures == ()
-    assert read_run(tmp_path / "run") == summary
+    assert read_run(tmp_path / "run").summary == summary
     stored = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert stored["categories"]["approaching"]["tpr"]["value"] is None
-    assert {"schema_version", "manifest", "protocol", "false_positives", "provenance"} <= set(stored)
-    assert Manifest.model_validate(stored["manifest"]) == read_manifest(tmp_path / "run") == summary.manifest
+    assert {"schema_version", "false_positives", "provenance", "files"} <= set(stored)
+    told = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert set(told) & set(stored) == {"sha256"}, "what the run is is told once"
+    del told["sha256"]
+    manifest = read_run(tmp_path / "run").manifest
+    assert Manifest.model_validate(told) == read_manifest(tmp_path / "run") == manifest
+    assert manifest.protocol.digest == PAPER.digest
 
 
 def test_moving_objects_are_found(tiny_card, tmp_path):
@@ -53,17 +57,18 @@ def test_moving_objects_are_found(tiny_card, tmp_path):
 
 
 def test_the_reference_digest_is_of_the_reference_alone(tiny_card, own_card, tmp_path):
-    ours, nothing = (score(tiny_card, tmp_path / name, method=name) for name in ("spherical", "nothing"))
-    assert ours.manifest.reference == nothing.manifest.reference
+    for name in ("spherical", "nothing"):
+        score(tiny_card, tmp_path / name, method=name)
+    ours, nothing = (read_run(tmp_path / name).manifest for name in ("spherical", "nothing"))
+    assert ours.reference == nothing.reference
     labels = own_card.parent / "data" / "tiny" / "crossing" / "annotations.json"
     labels.write_text(labels.read_text().replace('"pedestrian"', '"cyclist"'))
-    other = score(own_card, tmp_path / "other", method="nothing")
-    assert other.manifest.reference != ours.manifest.reference
-    before, after = ours.manifest.dataset.recordings, other.manifest.dataset.recordings
+    score(own_card, tmp_path / "other", method="nothing")
+    other = read_run(tmp_path / "other")
+    assert other.manifest.reference != ours.reference
+    before, after = ours.dataset.recordings, other.manifest.dataset.recordings
     assert [name for name in before if after[name] != before[name]] == ["crossing"]
-    assert (
-        read_protocol(tmp_path / "other", read_run(tmp_path / "other")).digest == PAPER.digest == ours.protocol.digest
-    )
+    assert other.protocol.digest == PAPER.digest == ours.protocol.digest
 
 
 def test_everything_and_nothing_bound_the_table(tiny_card, tmp_path):
@@ -171,7 +176,8 @@ def test_what_is_no_summary_is_refused_by_name(tmp_path):
 
 
 def test_what_a_stored_method_is_called(tiny_card, tmp_path):
-    assert score(tiny_card, tmp_path / "ours").manifest.method.called == "spherical"
+    score(tiny_card, tmp_path / "ours")
+    assert read_run(tmp_path / "ours").manifest.method.called == "spherical"
     stranger = method_of_run("stranger", place="bench.methods.baselines:Nothing")
     assert stranger.called == "bench.methods.baselines:Nothing"
 
@@ -185,8 +191,10 @@ def test_several_protocols_in_one_pass_give_the_runs_that_each_gives_alone(tiny_
     monkeypatch.setattr(SphericalMethod, "segment", lambda self, given: asked.append(given) or segment(self, given))
     runs = {tmp_path / "together" / name: load_protocol(name) for name in names}
     together = RunRequest(card=load_card(str(tiny_card)), method=build_method("spherical"), runs=runs)
-    summaries = [*run_benchmark(together).values()]
-    assert [summary.protocol.name for summary in summaries] == list(names)
+    found = [*run_benchmark(together).values()]
+    assert [run.protocol.name for run in found] == list(names)
+    assert [run.folder for run in found] == [*runs]
+    summaries = [run.summary for run in found]
     assert len(asked) == summaries[0].images.evaluated, "the method is asked once for all of them"
     assert all(summary.provenance.stage_seconds["method"] > 0 for summary in summaries), "the stages are of the pass"
     for name in names:
@@ -196,4 +204,4 @@ def test_several_protocols_in_one_pass_give_the_runs_that_each_gives_alone(tiny_
     # A run that is there already is not computed again beside one that is not.
     one_is_new = {**dict([*runs.items()][:1]), tmp_path / "together" / "masks-v1": load_protocol("masks-v1")}
     again = run_benchmark(replace(together, runs=one_is_new))
-    assert [summary.provenance.work.units_reused for summary in again.values()] == [3, 0]
+    assert [run.summary.provenance.work.units_reused for run in again.values()] == [3, 0]

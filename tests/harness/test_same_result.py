@@ -61,7 +61,7 @@ def test_a_setting_that_the_method_forgets_to_report_decides_what_is_found_done(
 
     def computed(*words):
         done = call(tiny_card, run, *options, *words)
-        return done.returncode or read_run(run).provenance.work.units_computed
+        return done.returncode or read_run(run).summary.provenance.work.units_computed
 
     assert computed("--set", "level=50") == ALL
     bright = bytes_of(run)
@@ -77,7 +77,7 @@ def test_a_unit_that_is_gone_is_computed_again_and_told(tiny_card, tmp_path):
     first = call(tiny_card, run, "--workers", 1)
     assert "units computed 3, found done 0" in first.stdout
     assert "stored result" not in first.stdout
-    next((run / "units").iterdir()).unlink()
+    next((run / "units").glob("*.unit")).unlink()
     again = call(tiny_card, run, "--workers", 1)
     assert "units computed 1, found done 2; without a stored result: 1" in again.stdout
 
@@ -92,14 +92,14 @@ def test_a_setting_that_the_method_forgets_to_report_decides_which_cached_steps_
     bright = rows(50, "first")
     assert rows(200, "second") != bright
     assert rows(50, "third") == bright
-    assert read_run(tmp_path / "third").provenance.work.steps_computed == {}
+    assert read_run(tmp_path / "third").summary.provenance.work.steps_computed == {}
 
 
 def test_a_run_without_a_scored_image_is_no_success(tiny_card, tmp_path):
     done = call(tiny_card, tmp_path / "run", "--method", "forgetful:Forgetful", "--set", "level=-1", "--workers", 1)
     assert done.returncode == 2
     assert "failed: no image was scored; it is too dark (12)" in done.stdout
-    assert read_run(tmp_path / "run").images.skipped == 12
+    assert read_run(tmp_path / "run").summary.images.skipped == 12
 
 
 CELL = """

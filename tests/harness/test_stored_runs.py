@@ -11,7 +11,7 @@ import pytest
 from bench.errors import DataError
 from bench.evaluation import Metric, sum_run, summarise, threshold_sweep
 from bench.evaluation.summary import take_ratios
-from bench.harness import open_tables, read_image_maps, read_protocol, read_run, read_tables
+from bench.harness import open_tables, read_image_maps, read_run, read_tables
 from bench.harness.stored import HISTOGRAMS
 
 STORED = Path(__file__).parents[1] / "stored"
@@ -32,9 +32,9 @@ def summary_of(part: object, path: str = "") -> dict[str, Metric]:
 
 
 def test_a_stored_run_reduces_to_its_figures(stored):
-    summary = read_run(stored)
-    protocol = read_protocol(stored, summary)
-    assert protocol.digest == summary.protocol.digest
+    run = read_run(stored)
+    summary, protocol = run.summary, run.protocol
+    assert protocol.digest == run.manifest.protocol.digest
     again = summarise(*read_tables(stored), protocol=protocol)
     assert (again.objects, again.images) == (summary.objects, summary.images)
     then, now = summary_of(summary), summary_of(again)
@@ -47,8 +47,8 @@ def test_a_stored_run_reduces_to_its_figures(stored):
 
 
 def test_a_stored_runs_sums_have_its_figures(stored):
-    summary = read_run(stored)
-    protocol = read_protocol(stored, summary)
+    run = read_run(stored)
+    summary, protocol = run.summary, run.protocol
     found = take_ratios(sum_run(*open_tables(stored), protocol=protocol))
     for category, row in summary.categories.items():
         for metric in row.metric_names() if row.object_frames else ():
@@ -59,9 +59,9 @@ def test_a_stored_runs_sums_have_its_figures(stored):
 
 
 def test_a_stored_runs_curve_and_maps_agree_with_its_figures(stored):
-    summary, (_, frames) = read_run(stored), read_tables(stored)
+    summary, (_, frames) = read_run(stored).summary, read_tables(stored)
     sweep = threshold_sweep(frames)
-    threshold = summary.manifest.method.settings["threshold"]
+    threshold = read_run(stored).manifest.method.settings["threshold"]
     (at,) = [k for k, edge in enumerate(sweep.thresholds.tolist()) if edge == threshold]
     assert sweep.recall[at] == pytest.approx(summary.segmentation.recall.value)
     assert sweep.precision[at] == pytest.approx(summary.segmentation.precision.value)
@@ -94,4 +94,4 @@ def test_a_column_that_is_missing_or_of_another_kind_is_named(stored, tmp_path):
 
 def test_nan_is_compared_as_nan(stored):
     """The comparison above would be empty of meaning if 0/0 were left out."""
-    assert any(math.isnan(figure.value) for figure in summary_of(read_run(stored)).values())
+    assert any(math.isnan(figure.value) for figure in summary_of(read_run(stored).summary).values())

@@ -74,7 +74,7 @@ def test_a_unit_that_crashes_the_interpreter_is_named_and_the_rest_is_done(tiny_
     assert "failed: recording 'standing', camera 'front', images 1 to 4" in ended.stdout
     assert "its process ended without a result, as when memory runs out or a library crashes, 3 times" in ended.stdout
     assert len(set(pids(trouble / "standing.abort-noted"))) == 3
-    summary = read_run(out)
+    summary = read_run(out).summary
     assert (len(summary.failures), summary.provenance.work.units_computed) == (1, UNITS - 1)
     assert {row["recording"] for row in read_tables(out)[1].to_pylist()} == {"crossing", "overtaking"}
     (trouble / "standing.abort").unlink()

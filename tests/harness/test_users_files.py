@@ -85,7 +85,7 @@ def run_once(draw: random.Random, run: Path, *, of_user: Path | None = None) -> 
                     (results / folder / "drawn.png").write_text("result")
                 if of_user is not None:
                     add_of_user(draw, run, of_user)
-            UnitStore(run=run).keep_only({})
+            UnitStore(run=run).keep_only({}, [])
 
 
 def is_of_user(content: bytes | str) -> bool:

@@ -1,14 +1,13 @@
 """Nothing that a stored run says is imported or called."""
 
-import json
 import shutil
 from pathlib import Path
 
 import pytest
 
-from bench.recordings.checked_json import with_digest
 from tests.support.commands import call
 from tests.support.runs import score
+from tests.support.stored_files import change_manifest
 
 pytestmark = pytest.mark.slow
 
@@ -33,12 +32,10 @@ def trap(tmp_path, monkeypatch) -> Path:
     return tmp_path / "plug" / "sprung"
 
 
-def set_trap(file: Path, trap: Path) -> None:
-    """Let a stored file name other code in every place where it names a method."""
-    content = json.loads(file.read_text())
-    method = content["manifest"]["method"] if "manifest" in content else content["method"]
-    method |= {"name": "trap_module:Trap", "place": "trap_module:Trap", "settings": {"args": ["touch", str(trap)]}}
-    file.write_text(json.dumps(with_digest(content)))
+def set_trap(run: Path, trap: Path) -> None:
+    """Let a stored run name other code where it names a method."""
+    named = {"name": "trap_module:Trap", "place": "trap_module:Trap", "settings": {"args": ["touch", str(trap)]}}
+    change_manifest(run, lambda content: content["method"].update(named))
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +52,7 @@ def runs(tiny_card, tmp_path_factory) -> list[Path]:
 def test_commands_that_read_runs(runs, tmp_path, monkeypatch, trap, words):
     folders = [shutil.copytree(run, tmp_path / "runs" / run.name) for run in runs]
     for folder in folders:
-        for name in ("summary.json", "manifest.json"):
-            set_trap(folder / name, trap)
+        set_trap(folder, trap)
     command, *options = words
     given = {
         "report": [folders[0]],

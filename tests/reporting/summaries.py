@@ -10,7 +10,6 @@ from bench.evaluation.summary import (
     Metric,
     ObjectLedger,
     ObjectMetrics,
-    ProtocolOfRun,
     SegmentationMetrics,
     Summary,
 )
@@ -60,7 +59,6 @@ def summary() -> Summary:
     """All categories but the static host, which has no cases."""
     categories = {c.value: object_figures(RATES.get(c, math.nan)) for c in Category if c is not Category.MOVING}
     return Summary(
-        protocol=ProtocolOfRun(name="paper-v1", version=1, digest="0" * 64),
         categories=categories,
         all_moving=object_figures(0.6),
         false_positives=FalsePositiveMetrics(

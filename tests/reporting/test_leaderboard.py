@@ -41,7 +41,7 @@ def test_groups_hold_only_what_compares_best_first(folder):
     assert values == sorted(values, reverse=True)
     assert [entry.method for entry in group.entries] == ["nothing (threshold=1)", "nothing (threshold=2)", "empty"]
     assert (group.entries[0].cost, group.entries[0].kind) == (None, "method")
-    assert (group.entries[0].date, group.entries[0].code) == ("2026-01-02", "0 01234567+")
+    assert (group.entries[0].date, group.entries[0].code) == ("2026-01-02", "0 0123456789+")
 
 
 def test_values_of_a_sweep_are_no_entries_but_of_their_own_folder(tmp_path):
@@ -124,7 +124,7 @@ def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, t
     assert line is not None
     assert line.startswith("best of 2 methods on demo by surface-v1: good, IoU 63.6 % [")
     assert ", ceiling 86.4 %, false positives 1.0 % of the image (" in line
-    assert line.endswith("2026-01-02, 0 01234567+)")
+    assert line.endswith("2026-01-02, 0 0123456789+)")
     assert best_line(tmp_path / "leaderboard.json", dataset="another") is None
     assert best_line(tmp_path / "nowhere.json", dataset="demo") is None
     page = files[0].read_text()

@@ -7,8 +7,7 @@ import pytest
 from bench.errors import DataError, OutputError
 from bench.evaluation import load_protocol, sum_run, summary_of, write_sums
 from bench.evaluation.rows import frames_table, objects_table
-from bench.harness import RunSummary
-from bench.harness.stored import SUMS, file_digests, write_protocol, write_summary
+from bench.harness.stored import SUMS, read_run, write_run
 from bench.reporting.table_files import write_report_files
 from tests.support.manifests import manifest, provenance
 from tests.support.result_rows import frame_row, object_row
@@ -27,20 +26,16 @@ def stored(tmp_path_factory):
     sums = sum_run(objects, frames, protocol=load_protocol("paper-v1"))
     write_sums(sums, run / SUMS)
     metrics = summary_of(sums, protocol=load_protocol("paper-v1"))
-    summary = RunSummary(
-        **{name: getattr(metrics, name) for name in type(metrics).model_fields},
-        schema_version=1, manifest=manifest(method="empty"), provenance=provenance(), failures=(),
-        files=file_digests(run),
+    write_run(
+        run, metrics, protocol=load_protocol("paper-v1"), manifest=manifest(method="empty"), provenance=provenance(),
         caveats="Staged, not the paper's.",
         vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip
-    write_summary(run, summary)
-    write_protocol(run, load_protocol("paper-v1"))
     return run
 
 
 def test_all_files_are_written_from_the_stored_results(stored):
-    rows, files = write_report_files(stored)
+    rows, files = write_report_files(read_run(stored))
     assert [file.name for file in files] == NAMES
     assert all(file.parent == stored and file.stat().st_size > 0 for file in files)
     assert (stored / "table.md").read_text().rstrip().endswith("The data: Staged, not the paper's.")
@@ -52,13 +47,13 @@ def test_all_files_are_written_from_the_stored_results(stored):
 
 
 def test_the_same_bytes_twice(stored):
-    first = {file.name: file.read_bytes() for file in write_report_files(stored)[1]}
-    second = {file.name: file.read_bytes() for file in write_report_files(stored)[1]}
+    first = {file.name: file.read_bytes() for file in write_report_files(read_run(stored))[1]}
+    second = {file.name: file.read_bytes() for file in write_report_files(read_run(stored))[1]}
     assert first == second
 
 
 def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
-    write_report_files(stored)
+    write_report_files(read_run(stored))
     before = (stored / "table.md").read_bytes()
 
     def fail(*_):
@@ -66,7 +61,7 @@ def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
 
     monkeypatch.setattr(os, "replace", fail)
     with pytest.raises(OutputError, match="disk full"):
-        write_report_files(stored)
+        write_report_files(read_run(stored))
     assert (stored / "table.md").read_bytes() == before
     assert sorted(file.name for file in stored.iterdir()) == sorted(
         [*NAMES, "objects.parquet", "frames.parquet", "sums.csv", "manifest.json", "summary.json", "protocol.json"]
@@ -74,11 +69,11 @@ def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
 
 
 def test_files_of_another_run_are_refused(stored):
-    write_protocol(stored, load_protocol("extended-v1"))
-    with pytest.raises(DataError, match=r"protocol\.json: expected the protocol of summary\.json"):
-        write_report_files(stored)
+    (stored / "protocol.json").write_text(load_protocol("extended-v1").model_dump_json())
+    with pytest.raises(DataError, match=r"protocol\.json: expected the protocol of manifest\.json"):
+        read_run(stored)
 
 
 def test_a_folder_without_a_run_is_named(tmp_path):
     with pytest.raises(DataError, match=r"summary\.json"):
-        write_report_files(tmp_path)
+        read_run(tmp_path)

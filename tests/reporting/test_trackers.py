@@ -84,7 +84,8 @@ def test_a_run_is_logged_with_its_headlines_settings_manifest_and_files(installe
     assert "MLflow run" in shown or "W&B run" in shown
     program = READ_MLFLOW if tracker == "mlflow" else READ_WANDB
     project, name, metrics, parameters, tags, files = json.loads(call("-c", program).splitlines()[-1])
-    summary = load_run(run).summary
+    stored = load_run(run)
+    summary, manifest = stored.summary, stored.manifest
     assert (project, name) == ("fisheye-bench", "tiny run")
     overall = {name: metric.value for name, metric in headline_metrics(summary).items()}
     assert overall.items() <= metrics.items()
@@ -92,8 +93,8 @@ def test_a_run_is_logged_with_its_headlines_settings_manifest_and_files(installe
     assert not {name for name in metrics if name.startswith("preceding/")}  # without cases
     asked = {"dataset": "tiny", "split": "moving", "protocol": "paper-v1", "method": "spherical", "method.flow": "dis"}
     assert asked.items() <= parameters.items()
-    assert tags["dataset.data"] == summary.manifest.dataset.data
-    assert tags["code.libraries.numpy"] == summary.manifest.code.libraries["numpy"]
+    assert tags["dataset.data"] == manifest.dataset.data
+    assert tags["code.libraries.numpy"] == manifest.code.libraries["numpy"]
     assert {"index.html", "table.md", "summary.json", "manifest.json", "figures/range_map.pdf"} <= set(files)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from bench.harness.cache.folder import Arrays, CacheFolder
 from bench.harness.digests import MethodCode, RecordingInputs, code_digest, digest_of
 from bench.harness.digests.content import METHOD_PACKAGES, REFERENCE_CODE
-from bench.harness.reference_files import ImageEntry, Label, label_image
+from bench.harness.reference_files import ImageEntry, label_image
 from bench.methods import MethodInput
 from bench.methods.contract import CachedStep, StepOf
 from bench.recordings import ImageRef, Recording
@@ -97,29 +96,32 @@ class StepCache:
 
 
 def _reference_arrays(frame: ReferenceFrame) -> Arrays:
-    """A reference as arrays: its entry of an export, the polygons, the labels, and the object of each core pixel."""
+    """A reference as arrays: its entry of an export, the polygons, and the runs of pixels of one label and object."""
     outlines = [None if item.polygon is None else item.polygon.wkb_hex for item in frame.objects]
-    labels = label_image(frame)
+    labels, instances = label_image(frame).ravel(), frame.labels.ravel()
+    change = (labels[1:] != labels[:-1]) | (instances[1:] != instances[:-1])
+    starts = np.concatenate([[0], np.flatnonzero(change) + 1])
     return {
-        "entry": _packed(ImageEntry.of(frame).model_dump_json().encode()),
-        "outlines": _packed(json.dumps(outlines).encode()),
-        "labels": _packed(labels.tobytes()),
-        "core": frame.labels[labels == Label.CORE],
+        "entry": _bytes(ImageEntry.of(frame).model_dump_json()),
+        "outlines": _bytes(json.dumps(outlines)),
+        "starts": starts.astype(np.int32),
+        "labels": labels[starts],
+        "instances": instances[starts],
     }
 
 
 def _reference(arrays: Arrays, recording: str) -> ReferenceFrame:
     """The reference again, equal in every value."""
-    entry, outlines, pixels = (zlib.decompress(arrays[name].tobytes()) for name in ("entry", "outlines", "labels"))
-    image = ImageEntry.model_validate_json(entry)
-    labels = np.frombuffer(pixels, dtype=np.uint8).reshape(image.height, image.width)
-    instances = np.zeros(labels.shape, dtype=np.int32)
-    instances[labels == Label.CORE] = arrays["core"]
+    image = ImageEntry.model_validate_json(arrays["entry"].tobytes())
+    shape, lengths = (image.height, image.width), np.diff(arrays["starts"], append=image.height * image.width)
+    labels = np.repeat(arrays["labels"].astype(np.uint8, copy=False), lengths).reshape(shape)
+    instances = np.repeat(arrays["instances"].astype(np.int32, copy=False), lengths).reshape(shape)
     frame = image.frame(recording, instances, labels)
-    polygons = [None if outline is None else shapely.from_wkb(outline) for outline in json.loads(outlines)]
+    outlines = json.loads(arrays["outlines"].tobytes())
+    polygons = [None if outline is None else shapely.from_wkb(outline) for outline in outlines]
     drawn = [replace(item, polygon=polygon) for item, polygon in zip(frame.objects, polygons, strict=True)]
     return replace(frame, objects=tuple(drawn))
 
 
-def _packed(content: bytes) -> NDArray[np.generic]:
-    return np.frombuffer(zlib.compress(content, 1), dtype=np.uint8)
+def _bytes(text: str) -> NDArray[np.uint8]:
+    return np.frombuffer(text.encode(), dtype=np.uint8)

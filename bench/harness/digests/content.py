@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache, partial
@@ -24,6 +24,13 @@ from bench.atomic import open_regular
 from bench.errors import DataError
 from bench.harness.provenance import library_versions
 from bench.records.recording import StoredPart
+
+SHORT_DIGEST_CHARS = 12
+
+
+def short_digest(digest: str) -> str:
+    """A digest or a commit as people are shown it; the "+" of a commit with changed files stays."""
+    return digest.rstrip("+")[:SHORT_DIGEST_CHARS] + ("+" if digest.endswith("+") else "")
 
 
 def digest_of(*values: object) -> str:
@@ -167,31 +174,36 @@ METRIC_CODE = (*UNIT_CODE, "evaluation")  # units, and their reduction to metric
 
 @cache
 def code_digest(sources: tuple[str, ...]) -> str:
-    """Digest of source files of this package, of its version, and of the libraries that decide metrics.
+    """Digest of what `code_parts` lists.
 
     Args:
         sources: packages or files below `bench/`.
     """
-    return digest_of(bench.__version__, sys.version_info[:2], library_versions(), source_digest(sources))
+    return digest_of(code_parts(sources))
+
+
+def code_parts(sources: tuple[str, ...]) -> dict[str, str]:
+    """Digests of source files of this package, its version, and those of the libraries that decide metrics, by name.
+
+    Args:
+        sources: packages or files below `bench/`.
+    """
+    python = "{}.{}".format(*sys.version_info[:2])
+    return {"fisheye-bench": bench.__version__, "Python": python, **library_versions(), **source_digests(sources)}
 
 
 @cache
-def source_digest(sources: tuple[str, ...]) -> str:
-    """Digest of source files of this package; see `code_digest`."""
-    digest = hashlib.sha256()
-    for source in sources:
-        for file in _sources(resources.files("bench").joinpath(source)):
-            digest.update(file.name.encode() + hashlib.sha256(file.read_bytes()).digest())
-    return digest.hexdigest()
+def source_digests(sources: tuple[str, ...]) -> dict[str, str]:
+    """SHA-256 of source files of this package by their name, as "bench/geometry/rigid.py"; see `code_parts`."""
+    package = resources.files("bench")
+    files = (found for source in sources for found in _sources(package.joinpath(source), f"bench/{source}"))
+    return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files}
 
 
-def _sources(source: Traversable) -> Iterable[Traversable]:
+def _sources(source: Traversable, name: str) -> Iterator[tuple[str, Traversable]]:
     if source.is_file():
-        return [source]
-    found: list[Traversable] = []
+        yield name, source
+        return
     for entry in sorted(source.iterdir(), key=lambda entry: entry.name):
-        if entry.is_dir():
-            found += _sources(entry)
-        elif entry.name.endswith((".py", ".yaml")):
-            found.append(entry)
-    return found
+        if entry.is_dir() or entry.name.endswith((".py", ".yaml")):
+            yield from _sources(entry, f"{name}/{entry.name}")

@@ -23,7 +23,7 @@ from site import getusersitepackages
 from uuid import uuid4
 
 from bench.errors import DataError, UsageError
-from bench.harness.digests.content import METHOD_PACKAGES, digest_of, source_digest
+from bench.harness.digests.content import METHOD_PACKAGES, digest_of, source_digests
 from bench.harness.digests.loaded_code import changed_here, imported_names, refuse_stale_bytecode
 from bench.methods import Scorable
 from bench.methods.contract import refuse_unfit
@@ -93,7 +93,7 @@ class MethodCode:
             place=f"{kind.__module__}:{kind.__qualname__}",
             files=tuple(files),
             libraries=_libraries(modules),
-            own_code=uuid4().hex if unidentified else source_digest(METHOD_PACKAGES),
+            own_code=uuid4().hex if unidentified else digest_of(source_digests(METHOD_PACKAGES)),
             unidentified=unidentified,
         )
         method_code.refuse_change()
@@ -108,6 +108,13 @@ class MethodCode:
     def steps_digest(self) -> str:
         """SHA-256 for what is cached of the method; those of this package share steps such as flow."""
         return self._digest_at("bench" if self.place.startswith("bench.") else self.place)
+
+    @property
+    def parts(self) -> dict[str, str]:
+        """Digests of its files and versions of its libraries by name; code of this package is not among them."""
+        files = {file.name: file.sha256 for file in self.files}
+        unidentified = {self.unidentified: self.own_code} if self.unidentified else {}
+        return {"class": self.place, **files, **dict(self.libraries), **unidentified}
 
     def _digest_at(self, place: str) -> str:
         files = [(file.name, file.sha256, file.module) for file in self.files]

@@ -18,13 +18,13 @@ from bench.errors import DataError
 from bench.evaluation import changes_in_parts, compare_sums, headlines, holm
 from bench.evaluation.comparison import SIGNIFICANCE, SLICE, excludes_no_change
 from bench.evaluation.definitions import false_share, image_metrics, object_metrics
-from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings, merge_rows
+from bench.evaluation.rows import EVALUATED, IMAGE, group_recordings, merge_rows, pick
 from bench.evaluation.summary import NO_CASES, Ratios, take_ratios
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES
 from bench.harness.manifest import Aspect, differences
+from bench.harness.stored import StoredRun
 from bench.reporting.compare.runs import name_methods, pair_on_common_images
 from bench.reporting.formats import LABELS, chance_of
-from bench.reporting.stored_run import StoredRun, pick
 
 
 class Shown(StrEnum):
@@ -275,7 +275,7 @@ def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) ->
     if len(set(images)) > 1:
         notes[0] = notes[0][:-1] + f": {before.label} scored {images[0]}, {after.label} {images[1]}."
     notes += dict.fromkeys(run.summary.unreviewed for run in (before, after) if run.summary.unreviewed)
-    found = differences(before.summary.manifest, after.summary.manifest)
+    found = differences(before.manifest, after.manifest)
     if any(difference.aspect is Aspect.DATA for difference in found):
         notes.append(
             "The files of the data set changed between the runs, though the reference on these images did not."
@@ -290,7 +290,7 @@ def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
     images = (before.summary.images.evaluated, after.summary.images.evaluated, common)
     categories = [str(category) for category in before.protocol.reference.categories]
     detections, objects = sum_changes(paired_objects(before, after), categories=categories)
-    methods = name_methods([before.summary, after.summary])
+    methods = name_methods([before.manifest, after.manifest])
     return RunComparison(
         before=before,
         after=after,

@@ -9,20 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import UsageError
-from bench.evaluation import sum_run
 from bench.evaluation.rows import (
     IMAGE,
     OBJECT,
     CommonImages,
-    RowsOnImages,
     RowSource,
     group_recordings,
     merge_rows,
 )
-from bench.harness import RunSummary
-from bench.harness.manifest import Aspect, all_settings, differences
+from bench.harness import StoredRun, read_run
+from bench.harness.manifest import Aspect, Manifest, all_settings, differences
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_digest, refuse_unscored
-from bench.reporting.stored_run import StoredRun, read_stored_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,23 +35,23 @@ def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
     if len(folders) < 2:
         raise UsageError(f"compare: expected at least two runs, got {len(folders)}")
     labels = _labels(folders)
-    runs = [read_stored_run(folder, label=label) for folder, label in zip(folders, labels, strict=True)]
+    runs = [read_run(folder, label=label) for folder, label in zip(folders, labels, strict=True)]
     for other in runs[1:]:
         _refuse_different(runs[0], other)
     return runs
 
 
-def name_methods(summaries: Sequence[RunSummary], *, hidden: Collection[str] = ()) -> list[str]:
+def name_methods(manifests: Sequence[Manifest], *, hidden: Collection[str] = ()) -> list[str]:
     """Name the method of each run, with those settings that are not the same in all runs of it, as `--set` takes them.
 
     Args:
-        summaries: of the runs.
+        manifests: of the runs.
         hidden: settings that are not named.
 
     Returns:
         For example "spherical (flow=dis, weights.anti_parallel=0)".
     """
-    manifests, named = [summary.manifest for summary in summaries], []
+    named = []
     for own in manifests:
         names = {d.name for other in manifests for d in differences(own, other) if d.aspect is Aspect.SETTINGS}
         settings = {name: value for name, value in all_settings(own.method).items() if name in names - set(hidden)}
@@ -64,7 +61,7 @@ def name_methods(summaries: Sequence[RunSummary], *, hidden: Collection[str] = (
 
 
 def _refuse_different(first: StoredRun, other: StoredRun) -> None:
-    for difference in differences(first.summary.manifest, other.summary.manifest):
+    for difference in differences(first.manifest, other.manifest):
         if not difference.comparable:
             raise UsageError(f"{first.folder} and {other.folder} do not compare: {difference}")
 
@@ -82,7 +79,7 @@ LEAST_COMMON = 0.5
 
 def reference_of(run: StoredRun) -> str:
     """Digest of the reference of a run, on all its images."""
-    return str(run.summary.manifest.reference)
+    return str(run.manifest.reference)
 
 
 def common_images(runs: Sequence[StoredRun]) -> CommonImages:
@@ -102,12 +99,8 @@ def on_common_images(runs: Sequence[StoredRun]) -> tuple[list[StoredRun], str]:
     """
     if len({reference_of(run) for run in runs}) == 1:
         return list(runs), reference_of(runs[0])
-    images, found = common_images(runs), []
-    for run in runs:
-        objects, frames = _rows_on(run, images)
-        sums = sum_run(objects, frames, protocol=run.protocol)
-        found.append(replace(run, objects=objects, frames=frames, sums=sums, all_rows=False))
-    return found, _digest(runs[0], images)
+    images = common_images(runs)
+    return [replace(run, images=images) for run in runs], _digest(runs[0], images)
 
 
 def why_apart(runs: Sequence[StoredRun], other: StoredRun) -> str:
@@ -152,17 +145,15 @@ def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRu
 
 def _digest(run: StoredRun, images: CommonImages) -> str:
     """Of the reference on some images of a run."""
-    return reference_digest(*_rows_on(run, images))
-
-
-def _rows_on(run: StoredRun, images: CommonImages) -> tuple[RowsOnImages, RowsOnImages]:
-    return RowsOnImages(run.objects, images), RowsOnImages(run.frames, images)
+    on_images = replace(run, images=images)
+    return reference_digest(on_images.objects, on_images.frames)
 
 
 def _differences(one: StoredRun, two: StoredRun, images: CommonImages) -> list[str]:
     """Differences, each with its number and its first example."""
     groups = group_recordings(images.recordings())
-    objects, frames = zip(_rows_on(one, images), _rows_on(two, images), strict=True)
+    one, two = replace(one, images=images), replace(two, images=images)
+    objects, frames = (one.objects, two.objects), (one.frames, two.frames)
     of_objects = _table_differences(objects, OBJECT, REFERENCE_OF_OBJECTS, groups, "object-frames")
     return of_objects or _table_differences(frames, IMAGE, REFERENCE_OF_FRAMES, groups, "images")
 

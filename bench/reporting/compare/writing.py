@@ -15,7 +15,10 @@ import pandas as pd
 from bench.atomic import replacing
 from bench.evaluation import find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.sums import recording_values
+from bench.harness.digests import short_digest
 from bench.harness.stages import Progress
+from bench.harness.stored import StoredRun
 from bench.reporting.compare.changes import (
     HEADLINES,
     LISTED,
@@ -36,7 +39,6 @@ from bench.reporting.formats import (
     points,
     points_interval,
 )
-from bench.reporting.stored_run import StoredRun, recording_values
 
 NOTE = (
     "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs: the "
@@ -176,7 +178,7 @@ _LATEX_NOTE = (
 
 def _latex(comparison: RunComparison) -> str:
     r"""A float for a pair of runs, both in the lines of each row; `\label` "tab:compare-<run>-<run>"."""
-    runs, first = (comparison.before, comparison.after), comparison.before.summary
+    runs, first = (comparison.before, comparison.after), comparison.before.manifest
     judged = comparison.changes.query("frames_before > 0 and metric in @HEADLINES")
     rows: list[list[object]] = []
     for _, part in judged.groupby(["breakdown", "slice"], sort=False):
@@ -192,8 +194,8 @@ def _latex(comparison: RunComparison) -> str:
         words=2,
         note=_LATEX_NOTE,
     )
-    split = first.manifest.dataset.split
-    data = f"data set {first.manifest.dataset.name}{f', split {split}' if split else ''}, {first.protocol.name}"
+    split = first.dataset.split
+    data = f"data set {first.dataset.name}{f', split {split}' if split else ''}, {first.protocol.name}"
     about = f"{comparison.methods[0]} and {comparison.methods[1]}, {data}"
     return to_latex([table], label="-".join(["compare", *(run.label for run in runs)]), about=about)
 
@@ -209,11 +211,11 @@ def report(comparisons: Sequence[RunComparison], *, out: Path) -> Report:
         comparisons: with the same first run.
         out: folder from which links to runs lead.
     """
-    first = comparisons[0].before.summary
-    data = first.manifest.dataset
+    first = comparisons[0].before.manifest
+    data = first.dataset
     about = (
         f"Data set {data.name}, {data.split or 'all recordings'}, protocol {first.protocol.name} "
-        f"({first.protocol.digest[:12]}), reference {str(first.manifest.reference)[:12]}."
+        f"({short_digest(first.protocol.digest)}), reference {short_digest(str(first.reference))}."
     )
     sections = (block for comparison in comparisons for block in _section(comparison, out))
     tables = {(c.before.label, c.after.label): _numbers(c).assign(**_images(c)) for c in comparisons}
@@ -227,7 +229,7 @@ def report(comparisons: Sequence[RunComparison], *, out: Path) -> Report:
             "dataset": data.name,
             "split": data.split,
             "protocol": first.protocol.model_dump(),
-            "reference": first.manifest.reference,
+            "reference": first.reference,
             "comparisons": [_json_comparison(comparison) for comparison in comparisons],
         },
         latex="\n".join(map(_latex, comparisons)),
@@ -266,9 +268,9 @@ def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
 def _json_run(run: StoredRun) -> dict[str, Any]:
     return {
         "run": run.label,
-        "method": run.summary.manifest.method.model_dump(),
-        "version": run.summary.manifest.code.version,
-        "commit": run.summary.manifest.code.commit,
+        "method": run.manifest.method.model_dump(),
+        "version": run.manifest.code.version,
+        "commit": run.manifest.code.commit,
         "started_utc": run.summary.provenance.started_utc,
     }
 

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from bench.errors import BenchError
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.stages import Progress
+from bench.harness.stored import read_run
 from bench.reporting import canvas
 from bench.reporting.formats import LABELS, frame_name
 from bench.reporting.frame_pictures import example_frames
 from bench.reporting.leaderboard.reading import Group
 from bench.reporting.overlay import AREA_COLOURS, detected_pixels, false_positive_text, pixel_classes
 from bench.reporting.side_by_side import ImageKey, draw_images
-from bench.reporting.stored_run import read_stored_run
 
 WIDTH_PX, LAYER_PX = 480, 320
 Example = dict[str, Any]  # an image and what each run made of it, as the page takes it
@@ -53,7 +53,7 @@ def draw_examples(group: Group, *, progress: Progress | None = None) -> tuple[li
 
     for number, entry in enumerate(group.entries, start=1):
         try:
-            run = read_stored_run(entry.folder, label=entry.run)
+            run = read_run(entry.folder, label=entry.run)
             images = images or {key: LABELS[category] for category, key in example_frames(run.objects).items()}
             drawn, failed = draw_images([run], images, draw)
         except BenchError as error:

@@ -16,13 +16,12 @@ from bench.evaluation.summary import Metric, ObjectMetrics
 from bench.evaluation.sums import ALL_MOVING
 from bench.exchange.bundle import is_bundle
 from bench.exchange.verify import is_verified
-from bench.harness import RunSummary
-from bench.harness.manifest import differences
+from bench.harness.digests import short_digest
+from bench.harness.manifest import Manifest, differences
 from bench.harness.perf import MethodCost, read_cost
-from bench.harness.stored import reference_digest, refuse_unscored
+from bench.harness.stored import StoredRun, read_run, reference_digest, refuse_unscored
 from bench.reporting import formats
 from bench.reporting.compare.runs import name_methods, on_common_images, reference_of, why_apart
-from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.sweep import TABLE as TABLE_OF_SWEEP
 
 UNITS = "units"  # a run that did not end has these and no summary
@@ -194,7 +193,7 @@ def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]], tup
     for run in sorted(found):
         name = run.name if run == folder else run.relative_to(folder).as_posix()
         try:
-            stored = read_stored_run(run, label=name)
+            stored = read_run(run, label=name)
             refuse_unscored(stored.summary, run)
             sound.append(stored)
         except BenchError as error:
@@ -226,7 +225,7 @@ def _of_one_protocol(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
     """Runs in groups of one data set, split and protocol, sorted by these."""
     groups: list[list[StoredRun]] = []
     for run in sorted(runs, key=_order):
-        if groups and all(d.comparable for d in differences(groups[-1][0].summary.manifest, run.summary.manifest)):
+        if groups and all(d.comparable for d in differences(groups[-1][0].manifest, run.manifest)):
             groups[-1].append(run)
         else:
             groups.append([run])
@@ -234,7 +233,7 @@ def _of_one_protocol(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
 
 
 def _order(run: StoredRun) -> tuple[str, str, str]:
-    manifest = run.summary.manifest
+    manifest = run.manifest
     return manifest.dataset.name, manifest.dataset.split or "", manifest.protocol.digest
 
 
@@ -253,14 +252,14 @@ def _comparable(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
 def group_of(runs: Sequence[StoredRun]) -> Group:
     """Take runs that compare over the images that all of them scored."""
     compared, reference = on_common_images(runs)
-    first, metrics = runs[0].summary, compared[0].metrics
-    methods = name_methods([run.summary for run in runs], hidden=HIDDEN_SETTINGS)
+    first, metrics = runs[0].manifest, compared[0].metrics
+    methods = name_methods([run.manifest for run in runs], hidden=HIDDEN_SETTINGS)
     entries = [_entry(run, own) for run, own in zip(compared, methods, strict=True)]
     categories = {name: row for name, row in metrics.categories.items() if row.object_frames}
     return Group(
-        dataset=first.manifest.dataset.name,
-        card=first.manifest.dataset.card,
-        split=first.manifest.dataset.split,
+        dataset=first.dataset.name,
+        card=first.dataset.card,
+        split=first.dataset.split,
         protocol=first.protocol.name,
         protocol_digest=first.protocol.digest,
         reference_digest=reference,
@@ -281,15 +280,15 @@ HIDDEN_SETTINGS = (*ORACLE_SETTINGS, "scenario")  # distinguish no methods: a ta
 
 
 def _entry(run: StoredRun, method: str) -> Entry:
-    summary, compared, code = run.summary, run.metrics, run.summary.manifest.code
-    commit = "" if code.commit is None else f" {code.commit[:8]}{'+' if code.commit.endswith('+') else ''}"
+    summary, compared, code = run.summary, run.metrics, run.manifest.code
+    commit = "" if code.commit is None else f" {short_digest(code.commit)}"
     of_images = {FALSE_POSITIVES: compared.false_positives.coverage, OF_PIXELS: compared.segmentation.iou}
     of_rows = {ALL_MOVING: compared.all_moving} | compared.categories
     return Entry(
         run=run.label,
         folder=run.folder,
         method=method,
-        kind=_kind(summary),
+        kind=_kind(run.manifest),
         values={
             row: {name: found.metric(name) for name in found.metric_names()} | of_images
             for row, found in of_rows.items()
@@ -303,9 +302,9 @@ def _entry(run: StoredRun, method: str) -> Entry:
     )
 
 
-def _kind(summary: RunSummary) -> Kind:
-    settings = summary.manifest.method.settings
+def _kind(manifest: Manifest) -> Kind:
+    settings = manifest.method.settings
     if not any(settings.get(name) for name in ORACLE_SETTINGS):
         return Kind.METHOD
     exact = {"cell_size_px": 1, "grow_px": 0, "shift_px": 0, "shape": "exact"}.items() <= settings.items()
-    return Kind.CEILING if exact and summary.manifest.method.name == "truth" else Kind.ORACLE
+    return Kind.CEILING if exact and manifest.method.name == "truth" else Kind.ORACLE

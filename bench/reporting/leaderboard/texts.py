@@ -10,7 +10,7 @@ from pathlib import Path
 from bench.evaluation import load_protocol
 from bench.evaluation.summary import Metric
 from bench.evaluation.sums import ALL_MOVING
-from bench.harness.manifest import SHOWN_DIGEST
+from bench.harness.digests import short_digest
 from bench.harness.perf import MethodCost
 from bench.reporting import formats
 from bench.reporting.compare.runs import LEAST_COMMON
@@ -258,11 +258,11 @@ def best_line(file: Path, *, dataset: str) -> str | None:
 
 def group_title(group: Group) -> str:
     """Return the title of a group: what its runs have in common."""
-    protocol = f"{group.protocol} ({group.protocol_digest[:SHOWN_DIGEST]})"
+    protocol = f"{group.protocol} ({short_digest(group.protocol_digest)})"
     every = group.rows[ALL_MOVING]
     return (
         f"{group.dataset}, {group.split or 'all recordings'}, {protocol}, "
-        f"reference {group.reference_digest[:SHOWN_DIGEST]}: {group.images} images that all scored, "
+        f"reference {short_digest(group.reference_digest)}: {group.images} images that all scored, "
         f"{every.object_frames} object-frames, {every.recordings} recordings{_unreviewed(group)}"
     )
 

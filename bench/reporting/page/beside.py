@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from bench.evaluation import Metric, find_metric
 from bench.evaluation.definitions import OBJECT_FRAMES
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.stages import Progress
+from bench.harness.stored import StoredRun
 from bench.reference import Category
 from bench.reporting.compare.runs import pair_on_common_images, read_comparable
 from bench.reporting.document import Column, Picture, Table
@@ -18,7 +20,6 @@ from bench.reporting.frame_pictures import example_frames
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.page.worst import image_key, worst_objects
 from bench.reporting.side_by_side import ImageKey, Side, draw_images, draw_side_by_side
-from bench.reporting.stored_run import StoredRun, read_stored_run
 
 Beside = tuple[Table, list[Picture], list[str]]  # both values, pictures, why pictures are missing
 
@@ -41,10 +42,7 @@ def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | 
         DataError: the other run is damaged.
         UsageError: they are of different data or protocols, or scored no image in common.
     """
-    both = [
-        read_stored_run(one.folder, label=one.label, category=run.category)
-        for one in read_comparable([run.folder, other])
-    ]
+    both = [replace(one, category=run.category) for one in read_comparable([run.folder, other])]
     one, two, common = pair_on_common_images(*both)
     chosen = _chosen(one, two) if pictures else {}
     uris, problems = draw_images((one, two), chosen, partial(_picture, (one, two)), progress=progress)

@@ -10,6 +10,7 @@ from typing import Any
 from bench.atomic import write_text
 from bench.evaluation import published
 from bench.harness.stages import Progress
+from bench.harness.stored import StoredRun, read_run
 from bench.reference import Category
 from bench.reporting.document import Block, Folded, Paragraph, packaged, render
 from bench.reporting.findings import run_findings
@@ -20,7 +21,6 @@ from bench.reporting.page.charts import draw_charts, inline_svg
 from bench.reporting.page.object_table import table_data
 from bench.reporting.page.summary import breakdowns, kind_tables, remarks, tiles
 from bench.reporting.page.worst import IMAGE_NOTE, OBJECT_NOTE, Card, Gallery, worst_cases
-from bench.reporting.stored_run import StoredRun, read_stored_run
 from bench.reporting.tables import left_out_note, rows_with_cases, table_note, table_rows, text_tables
 
 WORST, WORST_OF_CATEGORY = 3, 12
@@ -62,7 +62,7 @@ def write_page(
         DataError: a stored result is missing or damaged. Missing data for pictures is no error; it is said.
         UsageError: `other` does not compare.
     """
-    run = read_stored_run(folder, category=category)
+    run = read_run(folder, category=category)
     pair = None if other is None else beside(run, other, pictures=pictures, progress=progress)
     most = WORST if category is None else WORST_OF_CATEGORY
     worst, problems = worst_cases(run, most=most, pictures=pictures, progress=progress)
@@ -78,6 +78,7 @@ def _render(run: StoredRun, worst: list[Gallery], problems: list[str], pair: Bes
     of_recordings = "" if recordings is None else f" of {recordings} recordings"
     context: dict[str, Any] = {
         "run": run.summary,
+        "manifest": run.manifest,
         "made": made,
         "found": found,
         "folder": run.label,
@@ -85,7 +86,7 @@ def _render(run: StoredRun, worst: list[Gallery], problems: list[str], pair: Bes
         "category": None if run.category is None else LABELS[run.category],
         "of_recordings": of_recordings,
         "paper": published.SOURCE,
-        "changed_settings": run.summary.manifest.method.changed_settings(),
+        "changed_settings": run.manifest.method.changed_settings(),
         "tiles": tiles(found, category=run.category),
         "kinds": kind_tables(found),
         "remarks": remarks(found),

@@ -18,6 +18,7 @@ from bench.errors import DataError
 from bench.evaluation import ImageMap, threshold_sweep
 from bench.evaluation.maps import THRESHOLDS, CoverageCurve, coverage_curves
 from bench.harness import read_image_maps
+from bench.harness.stored import StoredRun, read_run
 from bench.reference import Category
 from bench.reporting.canvas import (
     GREY,
@@ -31,7 +32,6 @@ from bench.reporting.canvas import (
 )
 from bench.reporting.formats import LABELS
 from bench.reporting.range_maps import draw_run_maps
-from bench.reporting.stored_run import StoredRun, read_stored_run
 
 _INK = re.compile("#000000|#303030")
 
@@ -223,8 +223,6 @@ def write_figures(folder: Path, *, category: Category | None = None) -> tuple[Pa
     Raises:
         DataError: a stored result is missing or damaged.
     """
-    charts = [
-        chart for section in draw_charts(read_stored_run(folder, category=category)).values() for chart in section
-    ]
+    charts = [chart for section in draw_charts(read_run(folder, category=category)).values() for chart in section]
     files = [write_picture(folder / "figures" / chart.name, chart.figure, formats=("pdf", "svg")) for chart in charts]
     return tuple(file for pair in files for file in pair)

@@ -12,8 +12,8 @@ import pandas as pd
 from bench.evaluation import RowSource
 from bench.evaluation.definitions import coverage, intersection_over_union
 from bench.evaluation.protocol import known_protocols
-from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, group_recordings, read_parts, sort_rows
-from bench.reporting.stored_run import StoredRun, pick
+from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, group_recordings, pick, read_parts, sort_rows
+from bench.harness.stored import StoredRun
 
 LISTED = 20_000  # 2 MB of the page
 COLUMNS = (
@@ -124,7 +124,7 @@ def _numbers(values: pd.Series[Any], digits: int) -> list[float | int | None]:
 
 def _image_indices(run: StoredRun, keys: Sequence[ObjectKey]) -> list[int]:
     """Index of each image among those of its camera; the first ones, which have no history, are in no table."""
-    history = 1 if run.summary.manifest.method.history is None else run.summary.manifest.method.history
+    history = 1 if run.manifest.method.history is None else run.manifest.method.history
     wanted = pd.DataFrame(keys, columns=OBJECT)[IMAGE]
     counts = run.frames.recordings()
     found = []
@@ -137,7 +137,7 @@ def _image_indices(run: StoredRun, keys: Sequence[ObjectKey]) -> list[int]:
 
 def view_command(run: StoredRun) -> str:
     """The call of `view` that draws an image of the run, with its method, settings and protocol."""
-    words = ["fisheye-bench", "view", run.summary.manifest.dataset.card, *run.summary.manifest.method.options()]
+    words = ["fisheye-bench", "view", run.manifest.dataset.card, *run.manifest.method.options()]
     known = run.protocol.name in known_protocols()
     words += ["--protocol", run.protocol.name if known else str(run.folder / "protocol.json")]
     return " ".join(map(shlex.quote, words)) + " --recording {recording} --camera {camera} --frame {index}"

@@ -9,10 +9,12 @@ from dataclasses import replace
 
 from bench.evaluation import Metric, find_metric
 from bench.evaluation.summary import ObjectMetrics, Summary
+from bench.evaluation.sums import recording_values
+from bench.harness.digests import short_digest
+from bench.harness.stored import StoredRun
 from bench.reporting.document import Bar, Cell, Column, Table
 from bench.reporting.formats import chance_of, metric_cell, percent
 from bench.reporting.page.worst import Card
-from bench.reporting.stored_run import StoredRun, recording_values
 
 COUNTS = ("object-frames", "objects", "recordings")
 BREAKDOWN_METRICS = ("iou", "tpr_all", "detection_rate_50", "detection_rate", "unknown_share")
@@ -127,9 +129,8 @@ def time_table(stage_seconds: Mapping[str, float], *, images: int) -> Table:
 
 def origin_table(run: StoredRun) -> Table:
     """Table of what made a run: data, method, protocol, code."""
-    manifest, made = run.summary.manifest, run.summary.provenance
+    manifest, made = run.manifest, run.summary.provenance
     data, method, protocol, code = manifest.dataset, manifest.method, manifest.protocol, manifest.code
-    commit = code.commit[:12] + (" with changes" if code.commit.endswith("+") else "") if code.commit else "unknown"
     libraries = [f"{name} {version}" for name, version in code.libraries.items()]
     return Table(
         title="Origin of the run",
@@ -138,10 +139,11 @@ def origin_table(run: StoredRun) -> Table:
             ["data set", f"{data.name} ({data.card}){f', split {data.split}' if data.split else ''}"],
             ["method", method.name],
             ["its settings", json.dumps(method.settings)],
-            ["protocol", f"{protocol.name}, version {protocol.version}, digest {protocol.digest[:16]}"],
-            ["reference", f"digest {str(manifest.reference)[:16]}"],
-            ["data", f"digest {str(data.data)[:16]}"],
-            ["code", f"fisheye-bench {code.version}, commit {commit}"],
+            ["protocol", f"{protocol.name}, version {protocol.version}, digest {short_digest(protocol.digest)}"],
+            ["reference", f"digest {short_digest(str(manifest.reference))}"],
+            ["data", f"digest {short_digest(str(data.data))}"],
+            ["version", code.version],
+            ["code", code.text],
             ["Python and libraries", ", ".join([code.python, *libraries])],
             ["started", made.started_utc],
             ["took", f"{made.seconds:.1f} s for {made.images} images, at most {made.peak_memory_mb:.0f} MB"],

@@ -15,9 +15,10 @@ from shapely import box, get_coordinates, get_parts
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows
 from bench.evaluation.definitions import coverage, false_share
-from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, read_parts, sort_rows
+from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, pick, read_parts, sort_rows
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.stages import Progress
+from bench.harness.stored import StoredRun
 from bench.reference import Category, ReferenceObject, Status
 from bench.reporting.canvas import jpeg_uri
 from bench.reporting.document import Cell, Paragraph, Table
@@ -33,7 +34,6 @@ from bench.reporting.overlay import (
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.panels import draw_panels
 from bench.reporting.side_by_side import ImageKey, Side, draw_images, draw_side_by_side
-from bench.reporting.stored_run import StoredRun, pick
 
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
 Rank = Callable[[pd.DataFrame], pd.DataFrame]

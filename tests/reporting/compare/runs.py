@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol, sum_run, summary_of, write_sums
-from bench.harness import RunSummary
-from bench.harness.stored import SUMS, file_digests, reference_digest, write_protocol, write_summary
+from bench.harness import stored
+from bench.harness.stored import SUMS
 from tests.support.manifests import manifest, provenance
 from tests.support.result_rows import NO_COUNTS
 
@@ -58,18 +58,15 @@ def write_run(
     sums = sum_run(objects, frames, protocol=rules)
     write_sums(sums, folder / SUMS)
     metrics = summary_of(sums, protocol=rules)
-    summary = RunSummary(
-        **{name: getattr(metrics, name) for name in type(metrics).model_fields},
-        schema_version=1, failures=(), files=file_digests(folder),
-        provenance=provenance(images=len(images), started_utc=started_utc),
+    stored.write_run(
+        folder, metrics, protocol=rules,
         manifest=manifest(
             dataset=dataset, card=card, split=split, method=method, settings=settings, protocol=rules,
-            commit=commit, reference=reference_digest(objects, frames), recordings=recordings,
+            commit=commit, recordings=recordings,
         ),
+        provenance=provenance(images=len(images), started_utc=started_utc),
         vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip
-    write_summary(folder, summary)
-    write_protocol(folder, rules)
     return folder
 
 

@@ -76,7 +76,7 @@ def test_latex_sets_both_runs_beside_each_other_with_their_intervals(folders, tm
     text = (tmp_path / "compare.tex").read_text()
     assert r"\label{tab:compare-old-new}" in text
     crossing = comparisons[0].changes.droplevel("breakdown").loc[("crossing", "tpr_all")]
-    stored = [read_run(folder).categories["crossing"].tpr_all for folder in folders[:2]]
+    stored = [read_run(folder).summary.categories["crossing"].tpr_all for folder in folders[:2]]
     shown = [crossing[side].ci95 for side in ("metric_before", "metric_after")]
     assert shown == [pytest.approx(metric.ci95) for metric in stored], "as in each run"
     ours = f"Crossing & new & 8 & 32 & .* & {100 * stored[1].value:.1f} "

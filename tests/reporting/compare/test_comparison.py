@@ -165,5 +165,5 @@ def test_settings_are_named_where_they_differ(tmp_path):
     runs = [write_run(tmp_path / str(n), drawn(50), settings=own) for n, own in enumerate(weights)]
     (found,) = compared(*runs)
     assert found.methods == ("nothing (weights.height=0.2)", "nothing (weights.height=0.0)")
-    assert name_methods([found.before.summary, found.before.summary]) == ["nothing", "nothing"]
+    assert name_methods([found.before.manifest] * 2) == ["nothing", "nothing"]
     assert re.fullmatch("[01]", found.before.label)

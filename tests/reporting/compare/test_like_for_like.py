@@ -23,7 +23,7 @@ from bench.reporting.compare.runs import read_comparable
 from bench.reporting.compare.writing import write_comparison
 from bench.reporting.leaderboard.reading import read_leaderboard
 from tests.support.runs import run_one
-from tests.support.stored_files import change_summary
+from tests.support.stored_files import change_manifest
 
 PROTOCOL = load_protocol("paper-v1")
 SCORED = {"one": 12, "two": 9}  # of three drives of five images
@@ -69,7 +69,7 @@ def _image(row):
 
 
 def test_methods_of_other_history_scored_other_images(runs):
-    assert {name: read_run(folder).images.evaluated for name, folder in runs.items()} == SCORED
+    assert {name: read_run(folder).summary.images.evaluated for name, folder in runs.items()} == SCORED
     digests = {read_run(folder).manifest.reference for folder in runs.values()}
     assert len(digests) == 2
 
@@ -96,7 +96,7 @@ def test_figures_are_those_of_the_images_that_both_scored(runs, order):
             chances = changes.loc[(name, "detection_rate"), ["chance_before", "chance_after"]].tolist()
             assert chances == pytest.approx([of.chance.value for of in of_row], rel=1e-12, nan_ok=True)
         assert (change.before, change.after) == pytest.approx([f.value for f in figures], rel=1e-12, nan_ok=True)
-    whole = read_run(runs["one"]).all_moving
+    whole = read_run(runs["one"]).summary.all_moving
     assert found.detections.loc["all_moving"].object_frames < whole.object_frames, "the first images are left out"
     assert (found.frames["timestamp_ns"] > 100_000_000).all()
 
@@ -170,7 +170,7 @@ def test_no_common_image_is_said(runs, tiny_card, tmp_path):
     moved = pa.array((frames["timestamp_ns"].to_numpy() + 1).tolist(), pa.int64())
     pq.write_table(frames.set_column(frames.schema.get_field_index("timestamp_ns"), "timestamp_ns", moved),
                    standing / "frames.parquet")  # fmt: skip
-    change_summary(standing, lambda content: content["manifest"].update(reference="x"))
+    change_manifest(standing, lambda content: content.update(reference="x"))
     with pytest.raises(UsageError, match="no image was scored by both; the first has 12, the second 12"):
         compare_runs(read_comparable([runs["one"], standing]))
 

@@ -7,7 +7,9 @@ import pyarrow.parquet as pq
 
 from bench.evaluation import load_protocol, sum_run, summary_of, write_sums
 from bench.harness import read_run, read_tables
-from bench.harness.stored import SUMS, file_digests, write_summary
+from bench.harness.stored import SUMMARY, SUMS, sums_digest
+from bench.recordings.checked_json import write_checked
+from tests.support.stored_files import change_manifest
 
 TRACK = "</script><script>window.broken = true</script><!--<img src=x onerror='window.broken = true'> it's & \u2028"
 PLAIN = "walker"
@@ -20,12 +22,13 @@ def hostile_run(run, folder):
     names = [TRACK if name == PLAIN else name for name in objects["track_id"].to_pylist()]
     place = objects.schema.get_field_index("track_id")
     objects = objects.set_column(place, objects.schema.field(place), pa.array(names))
-    summary = read_run(copy)
+    summary = read_run(copy).summary
     pq.write_table(objects, copy / "objects.parquet")
     sums = sum_run(objects, frames, protocol=load_protocol("paper-v1"))
     write_sums(sums, copy / SUMS)
     figures = summary_of(sums, protocol=load_protocol("paper-v1"))
     changed = {name: getattr(figures, name) for name in type(figures).model_fields}
-    changed |= {"failures": ("<b>one & all</b>",), "files": file_digests(copy)}
-    write_summary(copy, summary.model_copy(update=changed))
+    changed["failures"] = ("<b>one & all</b>",)
+    write_checked(copy / SUMMARY, summary.model_copy(update=changed))
+    change_manifest(copy, lambda content: content.update(sums=sums_digest(copy)))
     return copy

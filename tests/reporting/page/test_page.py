@@ -16,9 +16,8 @@ from bench.reporting.document import environment
 from bench.reporting.page.build import write_page
 from bench.reporting.page.charts import write_figures
 from bench.reporting.page.object_table import table_data
-from bench.reporting.stored_run import read_stored_run
 from tests.reporting.page.hostile import TRACK
-from tests.support.stored_files import change_summary
+from tests.support.stored_files import change_manifest, change_summary
 
 SECTIONS = [
     "glance", "results", "splits", "recordings", "around", "plane", "coverage", "threshold", "causes", "worst",
@@ -117,12 +116,12 @@ def test_figures_for_papers_are_vectors_and_the_same_twice(tiny_run):
 def test_every_annotated_object_is_a_row(tiny_run, tiny_page):
     objects, _ = read_tables(tiny_run)
     shown = rows_of(tiny_page.read_text())
-    assert shown["rows"] == objects.num_rows == read_run(tiny_run).objects.annotated
+    assert shown["rows"] == objects.num_rows == read_run(tiny_run).summary.objects.annotated
     assert all(len(values) == objects.num_rows for values in shown["columns"].values())
 
 
 def test_a_row_says_what_is_stored(tiny_run):
-    data = table_data(read_stored_run(tiny_run), pictured={})
+    data = table_data(read_run(tiny_run), pictured={})
     stored = read_tables(tiny_run)[0].to_pandas().sort_values(["recording", "camera", "timestamp_ns", "track_id"])
     for place, (_, row) in enumerate(stored.iterrows()):
         of_row = {name: values[place] for name, values in data["columns"].items()}
@@ -135,7 +134,7 @@ def test_a_row_says_what_is_stored(tiny_run):
 
 
 def test_a_row_opens_its_own_card_or_that_of_its_image(tiny_run):
-    source = read_stored_run(tiny_run)
+    source = read_run(tiny_run)
     one, other = read_tables(tiny_run)[0].to_pylist()[:2]
     keys = [(row["recording"], row["camera"], row["timestamp_ns"]) for row in (one, other)]
     assert keys[0] == keys[1], "two objects of one image"
@@ -147,7 +146,7 @@ def test_a_row_opens_its_own_card_or_that_of_its_image(tiny_run):
 
 
 def test_the_index_of_a_row_is_that_of_its_image(tiny_run, tiny_card):
-    data = table_data(read_stored_run(tiny_run), pictured={})
+    data = table_data(read_run(tiny_run), pictured={})
     images = {handle.name: handle.open().images["front"] for handle in open_dataset(load_card(tiny_card))}
     columns, words = data["columns"], data["words"]["recording"]
     for recording, index, time_s in zip(columns["recording"], columns["index"], columns["time_s"], strict=True):
@@ -177,7 +176,7 @@ def test_names_from_the_data_are_escaped(hostile_page):
 
 def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    change_summary(run, lambda content: content["manifest"]["dataset"].update(card=str(tmp_path / "gone.yaml")))
+    change_manifest(run, lambda content: content["dataset"].update(card=str(tmp_path / "gone.yaml")))
     page = write_page(run)
     text = page.file.read_text()
     assert len(page.problems) == 1
@@ -200,7 +199,7 @@ def test_a_run_without_maps_of_the_image_plane_still_makes_a_page(tiny_run, tmp_
 def test_pictures_show_what_was_scored_and_call_no_method(tiny_run, tmp_path, monkeypatch):
     run = shutil.copytree(tiny_run, tmp_path / "run")
     trap = {"name": "my-own", "place": "subprocess:Popen", "settings": {"args": ["touch", str(tmp_path / "p")]}}
-    change_summary(run, lambda content: content["manifest"]["method"].update(trap))
+    change_manifest(run, lambda content: content["method"].update(trap))
     text = write_page(run).file.read_text()
     assert "<img" in text
     assert not (tmp_path / "p").exists()
