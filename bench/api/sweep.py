@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.api.datasets import as_executor, rendered_card
-from bench.api.runs import DEFAULT_PROTOCOL, as_cache, default_folder, run_request
+from bench.api.runs import DEFAULT_PROTOCOL, Run, as_cache, default_folder, run_request
 from bench.atomic import output_folder
 from bench.errors import UsageError
 from bench.execution import TaskExecutor
-from bench.harness import RunRequest, RunSummary, run_benchmark
+from bench.harness import RunRequest, run_benchmark
 from bench.harness.stages import Progress, part_of
 from bench.recordings import DatasetCard
 from bench.reporting.document import Table
@@ -45,13 +45,13 @@ class Sweep:
 
     Attributes:
         folder: where they are, each in a folder named after its value.
-        runs: summaries by value.
+        runs: by value.
         table: the headline metrics, a row for each value.
         files: of the sweep: table and chart.
     """
 
     folder: Path
-    runs: Mapping[str, RunSummary]
+    runs: Mapping[str, Run]
     table: Table
     files: tuple[Path, ...]
 
@@ -160,7 +160,7 @@ def run_sweep(
     progress: Progress | None = None,
 ) -> Sweep:
     """Score a method for each value, and write table and chart; arguments and errors are those of `sweep`."""
-    first, folder, summaries = next(iter(request.runs.values())), request.folder, {}
+    first, folder, runs = next(iter(request.runs.values())), request.folder, dict[str, Run]()
     (rules,) = first.runs.values()
     with output_folder(folder), as_executor(workers) as executor:  # of all values, so that workers start once
         rendered_card(first.card, first.split, executor=executor)
@@ -169,13 +169,14 @@ def run_sweep(
             places = {folder / (file_name(value).lstrip(".") or "_"): rules}
             run = replace(run, runs=places, executor=executor, cache=as_cache(cache), progress=part)
             (stored,) = run_benchmark(run, finish=write_report_files).values()
-            summaries[value] = stored.summary
+            runs[value] = Run(stored=stored)
     shown = {
         "title": f"{request.setting} of {first.method.name} on {first.card.name} by {rules.name}",
         "note": METHOD_ONLY if any(run.input_errors.named for run in request.runs.values()) else "",
     }
+    summaries = {value: run.summary for value, run in runs.items()}
     files = write_sweep(folder, request.setting, summaries, **shown)
-    return Sweep(folder=folder, runs=summaries, table=table(request.setting, summaries, **shown), files=files)
+    return Sweep(folder=folder, runs=runs, table=table(request.setting, summaries, **shown), files=files)
 
 
 def _assigned(settings: Mapping[str, object], name: str, value: object) -> dict[str, object]:

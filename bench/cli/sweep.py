@@ -76,9 +76,9 @@ def sweep(
             executor = worker_processes(workers)
             swept = run_sweep(request, workers=executor, cache=stored, progress=progress)
     show([swept.table])
-    failures = [f"{value}: {failure}" for value, summary in swept.runs.items() for failure in summary.failures]
+    failures = [f"{value}: {failure}" for value, run in swept.runs.items() for failure in run.summary.failures]
     print_failures(failures, all_in=f"the summary.json of each value in {swept.folder}")
-    works = [summary.provenance.work for summary in swept.runs.values() if summary.provenance.work is not None]
+    works = [run.summary.provenance.work for run in swept.runs.values() if run.summary.provenance.work is not None]
     computed, reused = sum(work.units_computed for work in works), sum(work.units_reused for work in works)
     note(f"{len(swept.runs)} values; units computed {computed}, found done {reused}")
     note_files(swept.files)

@@ -117,9 +117,9 @@ def test_the_page_of_a_run_is_written(runs, tmp_path):
 def test_a_method_is_scored_for_a_leaderboard(tiny_card, tmp_path):
     (competitor,) = bench.competitors(tiny_card, "nothing")
     scored = bench.score_competitor(tiny_card, competitor, protocols=["surface-v1"], runs=tmp_path)
-    ((place, summary),) = scored.items()
+    ((place, run),) = scored.items()
     assert place == tmp_path / "tiny" / "nothing"
-    assert summary.protocol.name == "surface-v1"
+    assert run.protocol.name == "surface-v1"
     assert (place / "index.html").is_file()
 
 
@@ -127,7 +127,7 @@ def test_parts_of_settings_and_errors_of_the_input_are_swept(tiny_card, tmp_path
     chosen = {"method": "spherical", "split": "standing", "cache": tmp_path / "cache"}
     swept = bench.sweep(tiny_card, "weights.epipolar", [0.0, 1.0], out=tmp_path / "a", **chosen)
     assert list(swept.runs) == ["0.0", "1.0"]
-    weights = [summary.manifest.method.settings["weights"] for summary in swept.runs.values()]
+    weights = [run.manifest.method.settings["weights"] for run in swept.runs.values()]
     assert [weight["epipolar"] for weight in weights] == [0.0, 1.0]
     wrong = bench.sweep(tiny_card, "pitch_deg", {"none": 0, "some": 2}, of_input=True, out=tmp_path / "b", **chosen)
     assert list(wrong.runs) == ["none", "some"]
@@ -150,7 +150,7 @@ def test_masks_of_a_folder_are_scored(tiny_card, tmp_path):
     scored = bench.evaluate(tiny_card, str(tmp_path / "masks"), missing="skip", name="mine", **chosen)
     assert (len(scored.found.usable), scored.found.expected) == (3, 4)
     assert scored.run.summary.all_moving.iou.value == 1.0
-    assert scored.run.summary.manifest.method.name == "mine"
+    assert scored.run.manifest.method.name == "mine"
     assert (scored.run.folder / "predictions.json").is_file()
     with pytest.raises(UsageError, match="another name than those of methods"):
         bench.evaluate(tiny_card, tmp_path / "masks", name="spherical", **chosen)
