@@ -1,4 +1,4 @@
-"""Cameras against the static world: flow seen at lidar returns, and flow that calibration and ego-motion predict.
+"""Cameras against the static world: flow and edges seen in images, and those that calibration and lidar predict.
 
 First the calibration as stated; where it predicts little of the flow, readings of it as people confuse them; where it
 predicts most, a least squares for each cause on its own: rotation, focal length, centre, position, clock. A finding
@@ -43,7 +43,7 @@ class CameraLimits:
     doubtful: float = 0.7
     better: float = 0.15
     alike: float = 0.2
-    gain: float = 15.0
+    gain: float = 8.0
     as_well: float = 10.0
     deviations: float = 4.0
     turn_spread_radps: float = 1.5 * DEGREE
@@ -84,7 +84,7 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     causes = [cause for cause in CAUSES if cause != "clock" or _motion_changes(recording, flows)]
     fits = {cause: fit for cause in causes if (fit := stated.fit((cause,), beside=clean)) is not None}
     best = min(fits.values(), key=lambda fit: fit.cost)
-    told = {cause: fit for cause, fit in fits.items() if clean.cost - fit.cost > LIMITS.gain and _is_large(cause, fit)}
+    told = {cause: fit for cause, fit in fits.items() if _explains(fit, clean) and _is_large(cause, fit)}
     if best.share < LIMITS.sure:
         doubt = f"only {100 * best.share:.0f} % of the flow is that of a static world"
         if not _clock_stands_out(told, fits):
@@ -103,6 +103,11 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
         got=first.got + "".join(f"; almost as well: {other.got}" for other in others),
         hint=first.hint + "".join(f"; or, in {other.field}, {other.hint}" for other in others),
     )
+
+
+def _explains(fit: Fit, clean: Fit) -> bool:
+    """A fit is clearly better, and not by edges alone: a fence has many, all wrong in one way."""
+    return clean.cost - fit.cost > LIMITS.gain and float((clean.losses - fit.losses).sum()) > 0
 
 
 def _clock_stands_out(told: Mapping[str, Fit], fits: Mapping[str, Fit]) -> bool:
