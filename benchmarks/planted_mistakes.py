@@ -1,10 +1,10 @@
 """Mistakes that people make with a drive of their own, planted into rendered drives: what `validate` says of each.
 
-python -m benchmarks.planted_mistakes writes the table into docs/your-data.md; with --clean CARD it counts what is found
-in drives without mistakes, with --scores it tells by how much a mistake changes scores. Each mistake goes into a copy
-of each drive of planted.scenario.yaml that it can be told in, and the copy is validated. A mistake is found with the
-right lead where a finding that the clean drive does not have names the cause (`Mistake.lead`), weakly where findings
-name something else, and it is silent where there is none.
+python -m benchmarks.planted_mistakes writes the table into docs/your-data.md, with --only some of its rows; with
+--clean CARD it counts what is found in drives without mistakes, with --scores it tells by how much a mistake changes
+scores. Each mistake goes into a copy of each drive of planted.scenario.yaml that it can be told in, and the copy is
+validated. A mistake is found with the right lead where a finding that the clean drive does not have names the cause
+(`Mistake.lead`), weakly where findings name something else, and it is silent where there is none.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
-from itertools import groupby
 from pathlib import Path
 
 import pandas as pd
@@ -130,19 +129,31 @@ def effects(tasks: Sequence[tuple[int, Path]]) -> Iterator[str]:
         yield f"{MISTAKES[index].name} in {drive.name}: " + ", ".join(f"{name} {x:+.1f}" for name, x in changes.items())
 
 
-def table(outcomes: Sequence[Outcome]) -> Iterator[str]:
+def counted(outcomes: Sequence[Outcome]) -> pd.DataFrame:
+    """In how many drives each mistake is found, by mistake: `part`, and a column for each of `VERDICTS`."""
+    table = pd.DataFrame(outcomes)
+    counts = pd.crosstab(table["mistake"], table["verdict"]).reindex(columns=list(VERDICTS), fill_value=0)
+    parts = table.drop_duplicates("mistake").set_index("mistake")["part"]
+    return counts.reindex(parts.index).assign(part=parts)[["part", *VERDICTS]]
+
+
+def written(page: str) -> pd.DataFrame:
+    """Counts that a page's table has, as `counted`."""
+    rows = re.findall(r"^\| ([^|]+) \| ([a-z-]+) \| (\d+) \| (\d+) \| (\d+) \|$", page, re.MULTILINE)
+    table = pd.DataFrame(rows, columns=["mistake", "part", *VERDICTS]).set_index("mistake")
+    return table.astype(dict.fromkeys(VERDICTS, int))
+
+
+def table(counts: pd.DataFrame, drives: Sequence[str]) -> Iterator[str]:
     """Lines of the table: in how many drives each mistake is found, and the sum."""
-    total = Counter(outcome.verdict for outcome in outcomes)
-    names = ", ".join(sorted({outcome.drive for outcome in outcomes}))
-    counts = ", ".join(f"{total[verdict]} {said}" for verdict, said in VERDICTS.items())
-    yield f"{len(outcomes)} planted mistakes in {names}: {counts}."
+    total = counts[list(VERDICTS)].sum()
+    sums = ", ".join(f"{total[verdict]} {said}" for verdict, said in VERDICTS.items())
+    yield f"{total.sum()} planted mistakes in {', '.join(drives)}: {sums}."
     yield ""
     yield "| mistake | part | right lead | weak | silent |"
     yield "|---|---|---|---|---|"
-    for (part, mistake), of_one in groupby(outcomes, key=lambda outcome: (outcome.part, outcome.mistake)):
-        verdicts = Counter(outcome.verdict for outcome in of_one)
-        numbers = " | ".join(str(verdicts[verdict]) for verdict in VERDICTS)
-        yield f"| {mistake} | {part} | {numbers} |"
+    for mistake, part, *numbers in counts.itertuples():
+        yield f"| {mistake} | {part} | {' | '.join(map(str, numbers))} |"
 
 
 def false_alarms(card: str) -> Iterator[str]:
@@ -164,8 +175,8 @@ def main() -> None:
     """Render the drives, plant the mistakes, write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=HERE.parent / "datasets" / "data" / "planted")
-    parser.add_argument("--only", default="", help="regular expression of mistakes' names or parts; writes no docs")
-    parser.add_argument("--drives", default="", help="regular expression of drives' names")
+    parser.add_argument("--only", default="", help="regular expression of mistakes' names or parts; other rows stay")
+    parser.add_argument("--drives", default="", help="regular expression of drives' names; writes no docs")
     parser.add_argument("--clean", metavar="CARD", help="validate a data set without mistakes instead")
     parser.add_argument("--scores", action="store_true", help="print by how much each mistake changes scores instead")
     parser.add_argument("--workers", type=int, default=2)
@@ -195,8 +206,13 @@ def main() -> None:
             lines = [f"{outcome.mistake} in {outcome.drive}: {outcome.verdict}", *outcome.findings]
             sys.stdout.write("\n    ".join(lines) + "\n")
             sys.stdout.flush()
-    if not asked.only:
-        DOCS.write_text(with_table(DOCS.read_text("utf-8"), list(table(outcomes)), MARKERS), "utf-8")
+    if not asked.drives:
+        page, counts = DOCS.read_text("utf-8"), counted(outcomes)
+        names = [mistake.name for mistake in MISTAKES]
+        before = written(page)
+        counts = pd.concat([counts, before[~before.index.isin(counts.index)]]).loc[lambda rows: rows.index.isin(names)]
+        counts = counts.reindex([name for name in names if name in counts.index])
+        DOCS.write_text(with_table(page, list(table(counts, sorted(drives))), MARKERS), "utf-8")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""Least squares of a camera's calibration and clock on the flow seen at static lidar returns.
+"""Least squares of a camera's calibration and clock on flow seen at static lidar returns, and on edges.
 
 Rotation, focal length, centre of the image, position and clock leave different residual fields. Each has a prior: the
 wide one where it is taken for the cause, the narrow one, what a good calibration leaves, where it is not. What the
-ego-motion does not know (bias of its yaw rate, scale of its speed, springs of the body) is fitted along.
+ego-motion does not know (bias of its yaw rate, scale of its speed, springs of the body) is fitted along: flow cannot
+tell a camera that looks aside from a car that slips, edges can.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory
 from bench.recordings import MountedCamera
+from bench.validation.edges import FARTHEST_PX, SECTORS
 from bench.validation.findings import DEGREE, SECOND_NS
 from bench.validation.static_flow import SeenFlow
 
@@ -49,7 +51,7 @@ TURNS = tuple(sign * size * DEGREE for sign in (-1, 1) for size in (1.0, 2.0, 3.
 PARTS = {
     # rad, camera axes; the flow cannot tell less from springs of the body and slip of the tyres
     "rotation": Part(numbers=3, narrow=0.15 * DEGREE, wide=5.0 * DEGREE, step=0.005, starts=TURNS,
-                     smallest=0.8 * DEGREE),
+                     smallest=0.6 * DEGREE),
     # logarithm of the scale
     "focal": Part(numbers=1, narrow=0.003, wide=0.2, step=0.005, starts=(-0.2, -0.1, -0.05, 0.05, 0.1, 0.2),
                   smallest=0.012),
@@ -82,6 +84,9 @@ AGREES_PX, AGREES = 0.4, 0.15  # residual of flow as predicted, px or part of it
 LEAST_SEEN = 0.3  # of the points: on fewer a fit says nothing
 SCALE_PX = (0.15, 1.0)  # of the residual, for Cauchy's weights
 TOGETHER = 10.0  # points whose flow errs alike: DIS smooths over patches, and lidar returns lie close
+EDGE_CELL_PX, EDGES = 32.0, 5  # of each cell of an image: many in one place are one thing, and likely a fence
+EDGE_PX = 1.0  # of an edge's residual, for Cauchy's weights
+EDGES_TOGETHER = 5.0  # beams that meet one edge
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,7 +99,7 @@ class Fit:
         pair_errors: (pairs, 6) float64, as `PAIR_SIGMAS`.
         losses: (N,) float64, of each point, minus the logarithm of its likelihood; where its flow is not seen, that of
             the fit that this one is compared with.
-        cost: their sum, minus the logarithm of the prior of values and errors.
+        cost: their sum and that of the edges' losses, minus the logarithm of the prior of values and errors.
         share: of the points whose flow is as predicted.
         residual_px: median length of the residual.
         scale_px: of the residual, for Cauchy's weights.
@@ -111,7 +116,7 @@ class Fit:
 
 
 class CameraFit:
-    """A camera's seen flow, and its residual for any calibration.
+    """A camera's seen flow and edges, and their residuals for any calibration.
 
     Args:
         flows: of pairs of images.
@@ -126,6 +131,7 @@ class CameraFit:
         self._seconds = np.diff(self._times_ns[:, ::-1], axis=1)[:, 0] / SECOND_NS
         self._points = np.concatenate([flow.points_world for flow in flows])
         self._pair = np.repeat(np.arange(len(flows)), [len(flow.points_world) for flow in flows])
+        self._edges, self._edge_image = self._chosen_edges()
         self.enough = self._select()
         self.points = len(self._points) if self.enough else 0
 
@@ -140,9 +146,7 @@ class CameraFit:
             residual, flow: (N, 2) float64, px.
         """
         errors = np.zeros((len(self._flows), len(PAIR_SIGMAS))) if pair_errors is None else pair_errors
-        clock_ns = round(float(values[SLICES["clock"]][0]) * SECOND_NS)
-        rotations, positions_m, _ = self._trajectory.at((self._times_ns + clock_ns).ravel())
-        rotations, positions_m = rotations.reshape(-1, 2, 3, 3), positions_m.reshape(-1, 2, 3)
+        rotations, positions_m = self._poses(values)
         now, before = rotations[:, 0], rotations[:, 1]
         back = before.transpose(0, 2, 1) @ now
         path_m = np.einsum("nji,nj->ni", before, positions_m[:, 0] - positions_m[:, 1])
@@ -168,6 +172,42 @@ class CameraFit:
                 one.flow, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(np.nan, np.nan)
             ).reshape(-1, 2)
         return seen + flow - self._pixels(vehicle_before, values), flow
+
+    def edge_residuals(self, values: Floats) -> tuple[Floats, Floats, Floats]:
+        """Distance from the lidar's edges to those of the image, across them.
+
+        Args:
+            values: (14,) float64, as `Fit`.
+
+        Returns:
+            residual: (M,) float64, px; NaN where the image has no edge near. pixels: (M, 2) float64, predicted;
+            across: (M, 2) float64, unit vectors.
+        """
+        rotations, positions_m = self._poses(values)
+        image = self._edge_image
+        vehicle = np.einsum("nji,knj->kni", rotations[image, 0], self._edges - positions_m[image, 0])
+        pixels, ends = self._pixels(vehicle.reshape(-1, 3), values).reshape(2, -1, 2)
+        along = ends - pixels
+        across = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+        sector = np.round(np.arctan2(across[:, 1], across[:, 0]) / np.pi * SECTORS)
+        nearest = np.round(pixels)
+        inside = ((nearest >= 0) & (nearest < (self._model.width, self._model.height))).all(axis=1)
+        inside &= np.isfinite(across).all(axis=1)
+        residual = np.full(len(pixels), np.nan)
+        for i, flow in enumerate(self._flows):
+            rows = np.flatnonzero(inside & (image == i))
+            u, v = nearest[rows].astype(int).T
+            offset = flow.edges.offsets[sector[rows].astype(int) % SECTORS, v, u]
+            away = ((nearest[rows] + offset - pixels[rows]) * across[rows]).sum(axis=1)
+            found = np.linalg.norm(offset.astype(float), axis=1) < FARTHEST_PX
+            residual[rows] = np.where(found, away, np.nan)
+        return residual, pixels, across
+
+    def _poses(self, values: Floats) -> tuple[Floats, Floats]:
+        """Of the vehicle at both images of each pair: rotations (pairs, 2, 3, 3), positions (pairs, 2, 3), m."""
+        clock_ns = round(float(values[SLICES["clock"]][0]) * SECOND_NS)
+        rotations, positions_m, _ = self._trajectory.at((self._times_ns + clock_ns).ravel())
+        return rotations.reshape(-1, 2, 3, 3), positions_m.reshape(-1, 2, 3)
 
     def fit(self, causes: Collection[str], *, beside: Fit | None = None) -> Fit | None:
         """Gauss-Newton with Cauchy's weights, as long as its steps, or half or a quarter of them, lead downhill.
@@ -222,12 +262,14 @@ class CameraFit:
         losses = np.log1p((lengths / scale_px) ** 2) / TOGETHER
         losses = np.where(seen, losses, np.mean(losses, where=seen) if beside is None else beside.losses)
         prior = 0.5 * float(((values / sigmas) ** 2).sum() + ((errors / PAIR_SIGMAS) ** 2).sum())
+        edges, _, _ = self.edge_residuals(values)
+        edge_losses = np.log1p((np.nan_to_num(edges, nan=FARTHEST_PX) / EDGE_PX) ** 2) / EDGES_TOGETHER
         return Fit(
             values=values,
             sigmas=sigmas,
             pair_errors=errors,
             losses=losses,
-            cost=float(losses.sum()) + prior if seen.mean() > LEAST_SEEN else np.inf,
+            cost=float(losses.sum() + edge_losses.sum()) + prior if seen.mean() > LEAST_SEEN else np.inf,
             share=self._seen_share(residual, flow),
             residual_px=median_px,
             scale_px=scale_px,
@@ -260,6 +302,20 @@ class CameraFit:
         self._points, self._pair = self._points[chosen], self._pair[chosen]
         return True
 
+    def _chosen_edges(self) -> tuple[Floats, NDArray[np.intp]]:
+        """Some edges in each part of each image: points and ends (2, M, 3), world frame, m, and number of the image."""
+        edges = [np.stack([flow.edges.points_world, flow.edges.ends_world]) for flow in self._flows]
+        self._edges = np.concatenate(edges, axis=1)
+        self._edge_image = np.repeat(np.arange(len(edges)), [one.shape[1] for one in edges])
+        _, pixels, _ = self.edge_residuals(np.zeros(len(STEPS)))
+        order = np.random.default_rng(0).permutation(np.flatnonzero(np.isfinite(pixels).all(axis=1)))
+        cells = np.column_stack([self._edge_image[order], np.floor(pixels[order] / EDGE_CELL_PX)])
+        _, cell = np.unique(cells, axis=0, return_inverse=True)
+        by_cell = np.argsort(cell, kind="stable")
+        place_in_cell = np.arange(len(order)) - np.searchsorted(cell[by_cell], cell[by_cell])
+        chosen = np.sort(order[by_cell[place_in_cell < EDGES]])
+        return self._edges[:, chosen], self._edge_image[chosen]
+
     def _slopes(self, values: Floats, errors: Floats) -> tuple[Floats, Floats, Floats]:
         """Residual (N, 2), and its slopes by values (N, 2, 14) and by the errors of each point's pair (N, 2, 6)."""
         base, _ = self.residuals(values, errors)
@@ -270,6 +326,14 @@ class CameraFit:
         base = base.copy()
         base[lost], slopes[lost], pair_slopes[lost] = 0.0, 0.0, 0.0
         return base, slopes, pair_slopes
+
+    def _edge_slopes(self, values: Floats) -> tuple[Floats, Floats]:
+        """Residuals of the edges that an image has near, (M,), and their slopes by values, (M, 14)."""
+        residual, pixels, across = self.edge_residuals(values)
+        moved = [(self.edge_residuals(values + step)[1] - pixels) / step.sum() for step in np.diag(STEPS)]
+        slopes = -(np.stack(moved, axis=-1) * across[:, :, None]).sum(axis=1)
+        near = np.isfinite(residual) & np.isfinite(slopes).all(axis=1)
+        return residual[near], slopes[near]
 
     def _step(self, at: Fit, sigmas: Floats) -> tuple[Floats, Floats, Floats]:
         """Solve the normal equations: changes of values and of the errors of pairs, and deviations of the values."""
@@ -282,8 +346,14 @@ class CameraFit:
         design = np.concatenate([slopes, of_pairs.reshape(len(residual), 2, -1)], axis=2).reshape(2 * len(residual), -1)
         weighted = np.repeat(weights, 2)[:, None] * design
         precision = np.concatenate([sigmas, np.tile(PAIR_SIGMAS, pairs)]) ** -2.0
-        covariance = np.linalg.inv(weighted.T @ design + np.diag(precision))
+        information = weighted.T @ design + np.diag(precision)
         stated = np.concatenate([at.values, at.pair_errors.ravel()])
-        change = -covariance @ (weighted.T @ residual.ravel() + precision * stated)
+        gradient = weighted.T @ residual.ravel() + precision * stated
+        edges, edge_slopes = self._edge_slopes(at.values)
+        edge_weights = 1.0 / (1.0 + (edges / EDGE_PX) ** 2) / (EDGE_PX**2 * EDGES_TOGETHER)
+        information[:numbers, :numbers] += edge_slopes.T @ (edge_weights[:, None] * edge_slopes)
+        gradient[:numbers] += edge_slopes.T @ (edge_weights * edges)
+        covariance = np.linalg.inv(information)
+        change = -covariance @ gradient
         deviations = np.sqrt(np.diag(covariance))[:numbers]
         return change[:numbers], change[numbers:].reshape(pairs, -1), deviations

@@ -38,7 +38,15 @@ class Reading:
         """Flow as this reading sees it."""
         if not self.mirrored:
             return list(flows)
-        return [replace(one, flow=one.flow[:, ::-1] * np.array([-1, 1], np.float32)) for one in flows]
+        mirror = np.array([-1, 1])
+        return [
+            replace(
+                one,
+                flow=one.flow[:, ::-1] * mirror.astype(np.float32),
+                edges=replace(one.edges, offsets=one.edges.offsets[[0, 3, 2, 1], :, ::-1] * mirror.astype(np.int16)),
+            )
+            for one in flows
+        ]
 
 
 def readings(camera: MountedCamera, others: Sequence[MountedCamera]) -> Iterator[Reading]:

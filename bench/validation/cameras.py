@@ -1,4 +1,4 @@
-"""Cameras against the static world: flow seen at lidar returns, and flow that calibration and ego-motion predict.
+"""Cameras against the static world: flow and edges seen in images, and those that calibration and lidar predict.
 
 First the calibration as stated; where it predicts little of the flow, readings of it as people confuse them; where it
 predicts most, a least squares for each cause on its own: rotation, focal length, centre, position, clock. A finding
@@ -26,8 +26,8 @@ class CameraLimits:
 
     Attributes:
         predicted: share of the flow that a calibration must predict for anything to be said.
-        sure: share that the best fit must predict; else the drive cannot tell, but for a clock, see `doubtful`.
-        doubtful: share that the fit of a clock must predict to be told as a doubt, if it stands out.
+        sure: share that the best fit must predict; else the drive cannot tell, but for what is doubted, see `doubtful`.
+        doubtful: share that the fit of one of `TOLD_AS_DOUBT` must predict to be told as a doubt, if it stands out.
         better: share that another reading predicts more than the stated one.
         alike: of the returns that the stated calibration sees in the image, as many another reading must see.
         gain: by how much a cause must raise the logarithm of the posterior.
@@ -43,7 +43,7 @@ class CameraLimits:
     doubtful: float = 0.7
     better: float = 0.15
     alike: float = 0.2
-    gain: float = 15.0
+    gain: float = 8.0
     as_well: float = 10.0
     deviations: float = 4.0
     turn_spread_radps: float = 1.5 * DEGREE
@@ -51,6 +51,7 @@ class CameraLimits:
 
 
 LIMITS = CameraLimits()
+TOLD_AS_DOUBT = ("clock", "rotation")  # light that moves along with the vehicle looks like a position, not like these
 INTERVAL = 1.96
 EXPECTED = "flow of the static world as camera calibration, lidar and ego-motion predict it ({})"
 
@@ -84,13 +85,14 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     causes = [cause for cause in CAUSES if cause != "clock" or _motion_changes(recording, flows)]
     fits = {cause: fit for cause in causes if (fit := stated.fit((cause,), beside=clean)) is not None}
     best = min(fits.values(), key=lambda fit: fit.cost)
-    told = {cause: fit for cause, fit in fits.items() if clean.cost - fit.cost > LIMITS.gain and _is_large(cause, fit)}
+    told = {cause: fit for cause, fit in fits.items() if _explains(fit, clean) and _is_large(cause, fit)}
     if best.share < LIMITS.sure:
         doubt = f"only {100 * best.share:.0f} % of the flow is that of a static world"
-        if not _clock_stands_out(told, fits):
+        cause = next((cause for cause in TOLD_AS_DOUBT if _stands_out(cause, told, fits)), None)
+        if cause is None:
             return undecided(doubt)
-        late = _deviation(recording, camera, "clock", clean, fits["clock"])
-        return replace(late, severity=Severity.WARNING, got=f"perhaps {late.got}; {doubt}")
+        likely = _deviation(recording, camera, cause, clean, fits[cause])
+        return replace(likely, severity=Severity.WARNING, got=f"perhaps {likely.got}; {doubt}")
     if not told:
         return None
     if (found := _best_reading(recording, seen, flows, best, better=0.0)) is not None:
@@ -105,11 +107,16 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     )
 
 
-def _clock_stands_out(told: Mapping[str, Fit], fits: Mapping[str, Fit]) -> bool:
-    """A clock explains clearly more than any other cause; light that moves along with the vehicle looks like none."""
-    others = min(fit.cost for cause, fit in fits.items() if cause != "clock")
-    late = told.get("clock")
-    return late is not None and late.share > LIMITS.doubtful and late.cost < others - LIMITS.as_well
+def _explains(fit: Fit, clean: Fit) -> bool:
+    """A fit is clearly better, and not by edges alone: a fence has many, all wrong in one way."""
+    return clean.cost - fit.cost > LIMITS.gain and float((clean.losses - fit.losses).sum()) > 0
+
+
+def _stands_out(cause: str, told: Mapping[str, Fit], fits: Mapping[str, Fit]) -> bool:
+    """A cause explains clearly more than any other."""
+    others = min(fit.cost for other, fit in fits.items() if other != cause)
+    fit = told.get(cause)
+    return fit is not None and fit.share > LIMITS.doubtful and fit.cost < others - LIMITS.as_well
 
 
 def _motion_changes(recording: Recording, flows: Sequence[SeenFlow]) -> bool:

@@ -20,6 +20,7 @@ from bench.flow import DisFlow
 from bench.recordings import MountedCamera, Recording, read_image
 from bench.reference.sweeps import pose_sweep
 from bench.validation.drive import distance_to, sweep_times, times_of
+from bench.validation.edges import Edges, image_edges, lidar_edges
 from bench.validation.ego_motion import on_objects
 
 
@@ -71,12 +72,14 @@ class SeenFlow:
         previous_ns: time of the one before it.
         flow: (H, W, 2) float32, px, from the image to the one before it; NaN where it is not seen.
         points_world: (N, 3) float64, m, returns of the static world.
+        edges: of them and of the image.
     """
 
     current_ns: int
     previous_ns: int
     flow: NDArray[np.float32]
     points_world: NDArray[np.float64]
+    edges: Edges
 
 
 def reduced(camera: MountedCamera) -> MountedCamera:
@@ -115,12 +118,18 @@ def seen_flow(recording: Recording, camera: MountedCamera, row: int) -> SeenFlow
         DataError: an image or the sweep cannot be read.
     """
     previous, current = recording.images[camera.name][row - 1 : row + 1]
-    flow = _seen(read_image(current, camera), read_image(previous, camera), camera)
-    points_world = None if flow is None else _static_points(recording, current.timestamp_ns, camera)
-    if flow is None or points_world is None:
+    image = read_image(current, camera)
+    flow = _seen(image, read_image(previous, camera), camera)
+    static = None if flow is None else _static_world(recording, current.timestamp_ns, camera)
+    if flow is None or static is None:
         return None
+    points_world, edges_world, ends_world = static
     return SeenFlow(
-        current_ns=current.timestamp_ns, previous_ns=previous.timestamp_ns, flow=flow, points_world=points_world
+        current_ns=current.timestamp_ns,
+        previous_ns=previous.timestamp_ns,
+        flow=flow,
+        points_world=points_world,
+        edges=Edges(points_world=edges_world, ends_world=ends_world, offsets=image_edges(image, camera)),
     )
 
 
@@ -158,29 +167,31 @@ def _seen(current: NDArray[np.uint8], previous: NDArray[np.uint8], camera: Mount
     return np.where(followed[..., None], flow, np.float32(np.nan))
 
 
-def _static_points(recording: Recording, time_ns: int, camera: MountedCamera) -> NDArray[np.float64] | None:
-    """Returns of the nearest sweep that lie on no annotated object and that the camera sees, too.
+def _static_world(
+    recording: Recording, time_ns: int, camera: MountedCamera
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+    """Returns of the nearest sweep that lie on no annotated object and that the camera sees, too, and their edges.
 
     Returns:
-        (N, 3), m, world frame; None where no sweep is near.
+        (N, 3), m, world frame, some of the returns, and `lidar_edges` of all; None where no sweep is near.
     """
     sweeps_ns = sweep_times(recording)
     if not len(sweeps_ns) or np.abs(sweeps_ns - time_ns).min() > SAMPLING.nearest_sweep_ns:
         return None
     sweep = recording.sweeps[int(np.argmin(np.abs(sweeps_ns - time_ns)))].read()
-    placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
+    placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar, recording.lidar_from_sensor)
     if placed is None:
         return None
     points_vehicle = recording.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64))
     away_m = np.linalg.norm(points_vehicle, axis=1)
     points_world = placed.points_world()
     place_m = recording.trajectory.world_from_vehicle(time_ns).apply(camera.vehicle_from_camera.translation_m)
-    in_sight = _in_sight(points_world - place_m)
-    rows = np.flatnonzero((away_m > SAMPLING.span_m[0]) & (away_m < SAMPLING.span_m[1]) & in_sight)
+    usable = _in_sight(points_world - place_m) & ~on_objects(points_vehicle, sweep.timestamp_ns, recording)
+    rows = np.flatnonzero(usable & (away_m > SAMPLING.span_m[0]) & (away_m < SAMPLING.span_m[1]))
     # Some at random, or the beams' pattern would choose.
-    rows = np.random.default_rng(0).permutation(rows)[: 3 * SAMPLING.points]
-    rows = rows[~on_objects(points_vehicle[rows], sweep.timestamp_ns, recording)][: SAMPLING.points]
-    return points_world[rows] if len(rows) else None
+    rows = np.random.default_rng(0).permutation(rows)[: SAMPLING.points]
+    heights_m = points_vehicle[:, 2] - recording.ground_m
+    return (points_world[rows], *lidar_edges(placed, heights_m, usable)) if len(rows) else None
 
 
 def _in_sight(points_m: NDArray[np.float64]) -> NDArray[np.bool_]:

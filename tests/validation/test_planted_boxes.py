@@ -10,7 +10,7 @@ from bench.validation.box_fit import BoxFit
 from bench.validation.boxes import check_boxes
 from bench.validation.motion import check_motion
 from benchmarks.mistakes import OF_BOXES
-from benchmarks.planted_mistakes import Outcome, table, text_of
+from benchmarks.planted_mistakes import Outcome, counted, table, text_of, written
 
 # No check tells of an object without a box; of the other the small drive's lidar sees one side with few beams.
 UNTOLD = {"the fastest object's boxes half a metre to its left", "the fastest object left out"}
@@ -48,6 +48,7 @@ def test_the_table_counts_drives():
         Outcome(mistake="half", part="boxes", drive=str(i), verdict=verdict, findings=())
         for i, verdict in enumerate(["right lead", "right lead", "silent"])
     ]
-    total, _, _, _, row = table(outcomes)
+    total, *lines, row = table(counted(outcomes), ["0", "1", "2"])
     assert total == "3 planted mistakes in 0, 1, 2: 2 found with the right lead, 0 with another, 1 silent."
     assert row == "| half | boxes | 2 | 0 | 1 |"
+    assert written("\n".join([total, *lines, row])).loc["half"].tolist() == ["boxes", 2, 0, 1]
