@@ -149,6 +149,8 @@ def _hand_over(verdict: Verdict, *, junit: Path | None, json: Path | None, githu
 
 
 def _origin(run: Manifest) -> str:
+    from bench.harness.digests import short_digest
+
     commit = run.code.commit
-    made = f"commit {commit[:12]}{'+' if commit.endswith('+') else ''}" if commit else "an unknown commit"
+    made = f"commit {short_digest(commit)}" if commit else "an unknown commit"
     return f"{run.method.name} on {run.dataset.name} by {run.protocol.name}, version {run.code.version}, {made}"
