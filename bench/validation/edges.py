@@ -105,10 +105,12 @@ def image_edges(image: NDArray[np.uint8], camera: MountedCamera) -> NDArray[np.i
     right, down = (cv2.Sobel(smooth, cv2.CV_32F, *way, scale=1 / 8) for way in ((1, 0), (0, 1)))
     noise = float(np.median(np.hypot(right, down)[scene])) if scene.any() else 0.0
     strong = CANNY_STEPS * max(LEAST_GRADIENT, OVER_NOISE * noise)
-    steps = [(CANNY_STEPS * slope).round().astype(np.int16) for slope in (right, down)]  # Canny takes whole numbers
-    edges = (cv2.Canny(*steps, strong / 2, strong, L2gradient=True) > 0) & scene
+    # Canny takes whole numbers.
+    right_steps, down_steps = ((CANNY_STEPS * slope).round().astype(np.int16) for slope in (right, down))
+    edges = (cv2.Canny(right_steps, down_steps, strong / 2, strong, L2gradient=True) > 0) & scene
     direction = np.arctan2(down, right)
-    places = np.dstack(np.indices((height, width), dtype=np.int32)[::-1])
+    v, u = np.indices((height, width), dtype=np.int32)
+    places = np.dstack([u, v])
     offsets = np.full((SECTORS, height, width, 2), int(FARTHEST_PX), np.int16)
     for sector in range(SECTORS):
         away = np.abs((direction - sector * np.pi / SECTORS + np.pi / 2) % np.pi - np.pi / 2)
