@@ -30,7 +30,7 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.dataset
 
-from bench.atomic import write_text
+from bench.atomic import read_regular, write_text
 from bench.errors import DataError, UsageError
 from bench.evaluation import (
     FRAMES_SCHEMA,
@@ -406,8 +406,16 @@ def file_digests(folder: Path) -> dict[NamedFile, str]:
 
 
 def sums_digest(folder: Path) -> str:
-    """SHA-256 of `sums.csv`, whatever ends its lines, which a checkout may change."""
-    return hashlib.sha256((folder / SUMS).read_bytes().replace(b"\r\n", b"\n")).hexdigest()
+    """SHA-256 of `sums.csv`, whatever ends its lines, which a checkout may change.
+
+    Raises:
+        DataError: missing, or no regular file.
+    """
+    file = folder / SUMS
+    try:
+        return hashlib.sha256(read_regular(file).replace(b"\r\n", b"\n")).hexdigest()
+    except OSError as error:
+        raise DataError(file, expected="a table of sums", got=error.strerror or str(error)) from error
 
 
 def _read_protocol(folder: Path, manifest: Manifest, summary: RunSummary) -> Protocol:

@@ -51,7 +51,8 @@ class CameraLimits:
 
 
 LIMITS = CameraLimits()
-TOLD_AS_DOUBT = ("clock", "rotation")  # light that moves along with the vehicle looks like a position, not like these
+# Light that moves along with the vehicle looks like a position, not like these; and what looks much like each of them.
+TOLD_AS_DOUBT = {"clock": (), "rotation": ("centre",)}
 INTERVAL = 1.96
 EXPECTED = "flow of the static world as camera calibration, lidar and ego-motion predict it ({})"
 
@@ -113,8 +114,8 @@ def _explains(fit: Fit, clean: Fit) -> bool:
 
 
 def _stands_out(cause: str, told: Mapping[str, Fit], fits: Mapping[str, Fit]) -> bool:
-    """A cause explains clearly more than any other."""
-    others = min(fit.cost for other, fit in fits.items() if other != cause)
+    """A cause explains clearly more than any other that does not look the same."""
+    others = min(fit.cost for other, fit in fits.items() if other != cause and other not in TOLD_AS_DOUBT[cause])
     fit = told.get(cause)
     return fit is not None and fit.share > LIMITS.doubtful and fit.cost < others - LIMITS.as_well
 
@@ -172,12 +173,10 @@ def _misread(recording: Recording, camera: MountedCamera, clean: Fit | None, rea
 
 
 def _is_large(cause: str, fit: Fit) -> bool:
-    """The number of a cause that deviates most, in standard deviations, is large, and certainly not small."""
-    sizes, sigmas = np.abs(fit.values[SLICES[cause]]), fit.sigmas[SLICES[cause]]
-    i = int(np.argmax(sizes / sigmas))
-    smallest = PARTS[cause].smallest
-    least = max(smallest, LIMITS.deviations * sigmas[i])
-    return bool(sizes[i] > least and sizes[i] - INTERVAL * sigmas[i] > smallest / 2)
+    """A number of a cause is large, and certainly not small."""
+    sizes, sigmas, smallest = np.abs(fit.values[SLICES[cause]]), fit.sigmas[SLICES[cause]], PARTS[cause].smallest
+    large = sizes > np.maximum(smallest, LIMITS.deviations * sigmas)
+    return bool((large & (sizes - INTERVAL * sigmas > smallest / 2)).any())
 
 
 def _deviation(recording: Recording, camera: MountedCamera, cause: str, clean: Fit, best: Fit) -> Finding:

@@ -186,8 +186,9 @@ def _static_world(
     away_m = np.linalg.norm(points_vehicle, axis=1)
     points_world = placed.points_world()
     place_m = recording.trajectory.world_from_vehicle(time_ns).apply(camera.vehicle_from_camera.translation_m)
-    usable = _in_sight(points_world - place_m) & ~on_objects(points_vehicle, sweep.timestamp_ns, recording)
-    rows = np.flatnonzero(usable & (away_m > SAMPLING.span_m[0]) & (away_m < SAMPLING.span_m[1]))
+    usable = _in_sight(points_world - place_m) & (away_m > SAMPLING.span_m[0]) & (away_m < SAMPLING.span_m[1])
+    usable[usable] = ~on_objects(points_vehicle[usable], sweep.timestamp_ns, recording)
+    rows = np.flatnonzero(usable)
     # Some at random, or the beams' pattern would choose.
     rows = np.random.default_rng(0).permutation(rows)[: SAMPLING.points]
     heights_m = points_vehicle[:, 2] - recording.ground_m
