@@ -230,6 +230,6 @@ def test_run_by_two_protocols_prints_two_tables_and_stores_two_runs(monkeypatch,
     printed = capsys.readouterr().out
     assert printed.index(str(out / "table.md")) < printed.index(f"{out}-surface-v1/table.md")
     for folder, protocol in ((out, "paper-v1"), (tmp_path / "run-surface-v1", "surface-v1")):
-        assert json.loads((folder / "summary.json").read_text())["protocol"]["name"] == protocol
+        assert json.loads((folder / "manifest.json").read_text())["protocol"]["name"] == protocol
     assert call(monkeypatch, "run", tiny_card, "--protocol", "paper-v1,paper-v1", "--out", tmp_path / "twice") == 2
     assert "expected each protocol once" in capsys.readouterr().err

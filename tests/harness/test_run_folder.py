@@ -138,8 +138,8 @@ def test_the_working_folder_itself_may_be_that_of_the_run(tiny_card, tmp_path, m
 def test_results_that_cannot_be_finished_do_not_appear(finished, tiny_card):
     before = everything_in(finished)
 
-    def finish(results, _):
-        (results / "table.md").write_text("half")
+    def finish(run):
+        (run.folder / "table.md").write_text("half")
         raise OSError("the disk is full")
 
     with pytest.raises(OSError, match="the disk is full"):

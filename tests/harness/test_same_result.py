@@ -32,7 +32,7 @@ def test_what_a_method_remembers_ends_with_its_unit(tiny_card, tmp_path):
         score(tiny_card, tmp_path / str(workers), method=method, executor=ProcessExecutor(workers=workers))
         assert bytes_of(tmp_path / str(workers)) == expected
     for number in range(3):
-        units = sorted((tmp_path / "one/units").iterdir())
+        units = sorted(file for file in (tmp_path / "one/units").iterdir() if not file.name.startswith("parts-"))
         units[number].unlink()
         summary = score(tiny_card, tmp_path / "one", method=method, executor=SerialExecutor())
         assert summary.provenance.work.units_computed == 1

@@ -127,7 +127,7 @@ def test_a_fault_of_ours_is_no_verdict(whole, monkeypatch, capsys):
     def fault(*_, **__):
         raise KeyError("crossing")
 
-    monkeypatch.setattr(import_module("bench.gate.judge"), "judge", fault)  # the package has a function of that name
+    monkeypatch.setattr(import_module("bench.api.gate"), "judge_sums", fault)
     assert call(monkeypatch, *COMMANDS["gate"](whole)) == 70
     assert "KeyError" in capsys.readouterr().err
 
