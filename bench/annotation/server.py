@@ -86,7 +86,7 @@ class ReviewServer(ThreadingHTTPServer):
             return self._open(self.names[index])
 
     def work(self, index: int) -> dict[str, Any]:
-        """What is left to do in the drive of an index, as its file says; drives that are open stay so."""
+        """Count what is left to do in the drive of an index, as its file says; drives that are open stay so."""
         if index >= len(self.names):
             raise IndexError(index)
         return self._open_anew(self.names[index]).work()

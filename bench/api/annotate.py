@@ -13,7 +13,7 @@ from bench.annotation.export import refuse_unfinished, to_tracks, write_reviewed
 from bench.annotation.store import read_review, review_file
 from bench.api.datasets import Dataset, as_card, as_executor, rendered_card
 from bench.execution import TaskExecutor
-from bench.harness.stages import Progress
+from bench.harness.stages import Progress, no_progress
 from bench.labels import LabelOptions, LabelSet, label_format, open_unannotated
 from bench.labels import export_labels as write_labels
 from bench.labels import import_labels as read_labels
@@ -51,7 +51,7 @@ class ExportedDrive:
 
     Attributes:
         name: of the recording.
-        place: file or folder; None where nothing was proposed, and nobody has looked.
+        place: file or folder; None where nothing was proposed and nothing reviewed.
         lost: one line for each thing that a format cannot hold.
     """
 
@@ -105,7 +105,7 @@ def propose(
     """
     executor = as_executor(workers)
     card, handles, folder = open_drives(dataset, split=split, reviews=reviews, executor=executor)
-    return propose_drives(card.name, handles, folder, executor=executor, progress=progress or _unseen)
+    return propose_drives(card.name, handles, folder, executor=executor, progress=progress or no_progress)
 
 
 def evaluate_proposals(
@@ -134,7 +134,7 @@ def evaluate_proposals(
     """
     executor = as_executor(workers)
     card, handles, folder = open_drives(dataset, split=split, reviews=reviews, executor=executor)
-    frames, minutes = evaluate_drives(handles, folder, executor=executor, progress=progress or _unseen)
+    frames, minutes = evaluate_drives(handles, folder, executor=executor, progress=progress or no_progress)
     table, confusion, worst = proposal_scores(frames, minutes=minutes), class_confusion(frames), worst_tracks(frames)
     files: tuple[Path, ...] = ()
     if out is not None:
@@ -213,7 +213,7 @@ def export_projects(
         place = Path(out) / recording.name
 
         def report(share: float, before: int = number) -> None:
-            (progress or _unseen)(before + share, len(opened))
+            (progress or no_progress)(before + share, len(opened))
 
         lost = write_project(recording, place, tool=tool, points=points, progress=report)
         written.append(ExportedDrive(name=recording.name, place=place, lost=lost))
@@ -316,7 +316,3 @@ def _reviewed(
         if not unreviewed:
             refuse_unfinished(stored, opened, file)
         yield replace(opened, tracks=to_tracks(stored, opened, unreviewed=unreviewed))
-
-
-def _unseen(_done: float, _total: int) -> None:
-    """Progress that nobody looks at."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from bench.atomic import write_text
 from bench.harness import RunRequest, StoredRun, run_benchmark
 from bench.harness.run import Finish
-from bench.harness.stages import Progress
+from bench.harness.stages import Progress, no_progress
 from bench.reporting.findings import VALIDATION
 from bench.reporting.frame_pictures import write_example_pictures
 from bench.reporting.table_files import write_report_files
@@ -41,7 +41,7 @@ def score_with_reports(
     pictures: bool = False,
     validation: ValidationReport | None = None,
     finish: Finish | None = None,
-    drawing: Callable[[], AbstractContextManager[Progress]] = lambda: nullcontext(lambda _done, _total: None),
+    drawing: Callable[[], AbstractContextManager[Progress]] = lambda: nullcontext(no_progress),
 ) -> dict[Path, tuple[StoredRun, RunReport]]:
     """Score runs and write the report of each beside its results.
 

@@ -16,7 +16,7 @@ from bench.errors import UnknownNameError, UsageError
 from bench.evaluation import load_protocol
 from bench.harness import FramePipeline, build_scorable
 from bench.harness.frames import InputOnly, UnscorableFrame
-from bench.harness.stages import Progress
+from bench.harness.stages import Progress, no_progress
 from bench.methods import Scorable
 from bench.recordings import DatasetCard, ImageRef, Recording, open_dataset
 from bench.records.reference import IgnoreReason
@@ -107,7 +107,7 @@ def view(
             lidar=lidar,
             made_by=made,
             with_method=with_method,
-            progress=progress or (lambda _done, _total: None),
+            progress=progress or no_progress,
         )
     if out is not None or not filmed:
         for index in indices:
@@ -163,7 +163,7 @@ def view_calibration(
         {name: choose(opened.images[name]) for name in (cameras if camera is None else [camera])},
         out=_path(out) or PICTURES,
         rrd=_path(rrd),
-        progress=progress or (lambda _done, _total: None),
+        progress=progress or no_progress,
     )
     return View(files=tuple(files))
 

@@ -133,7 +133,7 @@ def excludes_no_change(ci95: tuple[float, float] | None) -> bool:
 
 
 def improvements_by_recording(pairs: pd.DataFrame) -> pd.DataFrame:
-    """What each recording with cases in both runs adds to a change.
+    """Give what each recording with cases in both runs adds to a change.
 
     Args:
         pairs: as `pair_sums` gives them.

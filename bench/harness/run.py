@@ -208,7 +208,7 @@ class ScoredPart:
         )
 
     def _changed(self, run: Path) -> dict[str, int]:
-        """How many units were computed again, by what changed; of code with the names of modules."""
+        """Count the units that were computed again, by what changed; of code with the names of modules."""
         count: Counter[str] = Counter()
         for result in self.results.values():
             for name, digest in result.changed.items():

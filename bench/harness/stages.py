@@ -48,6 +48,10 @@ def add_up(counted: Iterable[Mapping[str, Number]]) -> dict[str, Number]:
 Progress = Callable[[float, int], None]
 
 
+def no_progress(_done: float, _total: int) -> None:
+    """Progress that is not shown."""
+
+
 def part_of(progress: Progress | None, *, number: int, total: int) -> Progress | None:
     """Takes the progress of one of several parts that follow each other, and tells that of the whole in parts.
 

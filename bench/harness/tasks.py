@@ -52,8 +52,13 @@ class RunSpec:
 
     @property
     def parts(self) -> dict[str, dict[str, str]]:
-        """What the code and the method are made of: digests and versions by name, see `deciding_digests`."""
-        return {"code": code_parts(UNIT_CODE), "method": {"name": self.method.name, **self.method_code.parts}}
+        """Parts of the code and of the method: digests and versions by name, see `deciding_digests`."""
+        return {"code": code_parts(UNIT_CODE), "method": self.method_parts}
+
+    @property
+    def method_parts(self) -> dict[str, str]:
+        """Name of the method, and its code by name."""
+        return {"name": self.method.name, **self.method_code.parts}
 
     @property
     def unreported_settings(self) -> dict[str, object]:
@@ -249,7 +254,7 @@ def deciding_digests(
     shared = {
         "format": digest_of(UNIT_FORMAT),
         "code": spec.code,
-        "method": digest_of(spec.parts["method"]),
+        "method": digest_of(spec.method_parts),
         "settings": digest_of(spec.settings),
         "unit": digest_of(unit, recording.frame_interval_ns),
         "input errors": digest_of(inputs.input_errors),
@@ -267,7 +272,7 @@ def deciding_digests(
 
 
 def _changed(decided_by: Mapping[str, str], stored: Collection[Mapping[str, str]]) -> dict[str, str]:
-    """What was another when the most similar stored result came about, and its digest; `NOT_STORED` without any."""
+    """Names that were others when the most similar stored result came about, with digests; `NOT_STORED` without any."""
     changed = [
         {name: other.get(name, "") for name in decided_by if other.get(name) != decided_by[name]} for other in stored
     ]

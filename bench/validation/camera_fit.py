@@ -131,7 +131,10 @@ class CameraFit:
         self._seconds = np.diff(self._times_ns[:, ::-1], axis=1)[:, 0] / SECOND_NS
         self._points = np.concatenate([flow.points_world for flow in flows])
         self._pair = np.repeat(np.arange(len(flows)), [len(flow.points_world) for flow in flows])
-        self._edges, self._edge_image = self._chosen_edges()
+        edges = [np.stack([flow.edges.points_world, flow.edges.ends_world]) for flow in flows]
+        self._edges = np.concatenate(edges, axis=1)
+        self._edge_image = np.repeat(np.arange(len(flows)), [one.shape[1] for one in edges])
+        self._select_edges()
         self.enough = self._select()
         self.points = len(self._points) if self.enough else 0
 
@@ -173,26 +176,21 @@ class CameraFit:
             ).reshape(-1, 2)
         return seen + flow - self._pixels(vehicle_before, values), flow
 
-    def edge_residuals(self, values: Floats) -> tuple[Floats, Floats, Floats]:
+    def edge_residuals(self, values: Floats) -> tuple[Floats, Floats]:
         """Distance from the lidar's edges to those of the image, across them.
 
         Args:
             values: (14,) float64, as `Fit`.
 
         Returns:
-            residual: (M,) float64, px; NaN where the image has no edge near. pixels: (M, 2) float64, predicted;
-            across: (M, 2) float64, unit vectors.
+            residual: (M,) float64, px; NaN where the image has no edge near. across: (M, 2) float64, unit vectors.
         """
-        rotations, positions_m = self._poses(values)
-        image = self._edge_image
-        vehicle = np.einsum("nji,knj->kni", rotations[image, 0], self._edges - positions_m[image, 0])
-        pixels, ends = self._pixels(vehicle.reshape(-1, 3), values).reshape(2, -1, 2)
+        image, (pixels, ends) = self._edge_image, self.edge_pixels(values)
         along = ends - pixels
         across = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
         sector = np.round(np.arctan2(across[:, 1], across[:, 0]) / np.pi * SECTORS)
         nearest = np.round(pixels)
-        inside = ((nearest >= 0) & (nearest < (self._model.width, self._model.height))).all(axis=1)
-        inside &= np.isfinite(across).all(axis=1)
+        inside = self._model.contains(nearest) & np.isfinite(across).all(axis=1)
         residual = np.full(len(pixels), np.nan)
         for i, flow in enumerate(self._flows):
             rows = np.flatnonzero(inside & (image == i))
@@ -201,7 +199,14 @@ class CameraFit:
             away = ((nearest[rows] + offset - pixels[rows]) * across[rows]).sum(axis=1)
             found = np.linalg.norm(offset.astype(float), axis=1) < FARTHEST_PX
             residual[rows] = np.where(found, away, np.nan)
-        return residual, pixels, across
+        return residual, across
+
+    def edge_pixels(self, values: Floats) -> Floats:
+        """Pixels at which the lidar's edges and their ends are predicted, (2, M, 2) float64; `values` as in `Fit`."""
+        rotations, positions_m = self._poses(values)
+        image = self._edge_image
+        vehicle = np.einsum("nji,knj->kni", rotations[image, 0], self._edges - positions_m[image, 0])
+        return self._pixels(vehicle.reshape(-1, 3), values).reshape(2, -1, 2)
 
     def _poses(self, values: Floats) -> tuple[Floats, Floats]:
         """Of the vehicle at both images of each pair: rotations (pairs, 2, 3, 3), positions (pairs, 2, 3), m."""
@@ -262,7 +267,7 @@ class CameraFit:
         losses = np.log1p((lengths / scale_px) ** 2) / TOGETHER
         losses = np.where(seen, losses, np.mean(losses, where=seen) if beside is None else beside.losses)
         prior = 0.5 * float(((values / sigmas) ** 2).sum() + ((errors / PAIR_SIGMAS) ** 2).sum())
-        edges, _, _ = self.edge_residuals(values)
+        edges, _ = self.edge_residuals(values)
         edge_losses = np.log1p((np.nan_to_num(edges, nan=FARTHEST_PX) / EDGE_PX) ** 2) / EDGES_TOGETHER
         return Fit(
             values=values,
@@ -302,19 +307,16 @@ class CameraFit:
         self._points, self._pair = self._points[chosen], self._pair[chosen]
         return True
 
-    def _chosen_edges(self) -> tuple[Floats, NDArray[np.intp]]:
-        """Some edges in each part of each image: points and ends (2, M, 3), world frame, m, and number of the image."""
-        edges = [np.stack([flow.edges.points_world, flow.edges.ends_world]) for flow in self._flows]
-        self._edges = np.concatenate(edges, axis=1)
-        self._edge_image = np.repeat(np.arange(len(edges)), [one.shape[1] for one in edges])
-        _, pixels, _ = self.edge_residuals(np.zeros(len(STEPS)))
+    def _select_edges(self) -> None:
+        """Take some of the edges in each part of each image."""
+        pixels, _ = self.edge_pixels(np.zeros(len(STEPS)))
         order = np.random.default_rng(0).permutation(np.flatnonzero(np.isfinite(pixels).all(axis=1)))
         cells = np.column_stack([self._edge_image[order], np.floor(pixels[order] / EDGE_CELL_PX)])
         _, cell = np.unique(cells, axis=0, return_inverse=True)
         by_cell = np.argsort(cell, kind="stable")
         place_in_cell = np.arange(len(order)) - np.searchsorted(cell[by_cell], cell[by_cell])
         chosen = np.sort(order[by_cell[place_in_cell < EDGES]])
-        return self._edges[:, chosen], self._edge_image[chosen]
+        self._edges, self._edge_image = self._edges[:, chosen], self._edge_image[chosen]
 
     def _slopes(self, values: Floats, errors: Floats) -> tuple[Floats, Floats, Floats]:
         """Residual (N, 2), and its slopes by values (N, 2, 14) and by the errors of each point's pair (N, 2, 6)."""
@@ -329,8 +331,8 @@ class CameraFit:
 
     def _edge_slopes(self, values: Floats) -> tuple[Floats, Floats]:
         """Residuals of the edges that an image has near, (M,), and their slopes by values, (M, 14)."""
-        residual, pixels, across = self.edge_residuals(values)
-        moved = [(self.edge_residuals(values + step)[1] - pixels) / step.sum() for step in np.diag(STEPS)]
+        (residual, across), (pixels, _) = self.edge_residuals(values), self.edge_pixels(values)
+        moved = [(self.edge_pixels(values + step)[0] - pixels) / step.sum() for step in np.diag(STEPS)]
         slopes = -(np.stack(moved, axis=-1) * across[:, :, None]).sum(axis=1)
         near = np.isfinite(residual) & np.isfinite(slopes).all(axis=1)
         return residual[near], slopes[near]

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.cameras import ray_grid
 from bench.recordings import MountedCamera
 from bench.reference.grid import DOWN, LEFT, RIGHT, UP, find_grid
 from bench.reference.sweeps import PosedSweep
@@ -127,9 +128,7 @@ def image_edges(image: NDArray[np.uint8], camera: MountedCamera) -> NDArray[np.i
 
 def _scene(camera: MountedCamera) -> NDArray[np.bool_]:
     """Pixels, (H, W), that show the scene, not near the own body or the end of the lens."""
-    size = camera.model.height, camera.model.width
-    pixels = np.column_stack([grid.ravel() for grid in np.indices(size)[::-1]]).astype(np.float64)
-    shown = camera.model.unproject(pixels)[1].reshape(size)
+    shown = ray_grid(camera.model).valid
     if camera.ego_body is not None:
-        shown &= ~camera.ego_body
+        shown = shown & ~camera.ego_body
     return np.asarray(cv2.erode(shown.astype(np.uint8), np.ones((2 * MARGIN_PX + 1,) * 2, np.uint8)) > 0)

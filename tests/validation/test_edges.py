@@ -116,10 +116,10 @@ def test_a_degree_moves_edges_by_what_it_moves_the_image(turning):
     camera = reduced(drive.cameras["front"])
     fit = CameraFit(list(seen_flows(drive, camera)), drive.trajectory, camera)
     values = np.zeros(14)
-    residual, pixels, across = fit.edge_residuals(values)
+    (residual, across), (pixels, _) = fit.edge_residuals(values), fit.edge_pixels(values)
     assert np.median(np.abs(residual[np.isfinite(residual)])) < 1.0
     values[1] = np.radians(1.0)
-    turned, moved, _ = fit.edge_residuals(values)
+    (turned, _), (moved, _) = fit.edge_residuals(values), fit.edge_pixels(values)
     near = np.isfinite(residual) & np.isfinite(turned) & (np.abs(residual) < 1)
     expected = -((moved - pixels) * across).sum(axis=1)
     assert np.median(np.abs((turned - residual - expected)[near])) < 1.0

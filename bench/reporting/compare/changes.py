@@ -28,7 +28,7 @@ from bench.reporting.formats import LABELS, chance_of
 
 
 class Shown(StrEnum):
-    """What the data show of a change; what a loss may cost before it fails is the gate's to say (`bench.gate`)."""
+    """Evidence of a change in the data; what a loss may cost before it fails is the gate's to say (`bench.gate`)."""
 
     BETTER = "better"
     WORSE = "worse"
