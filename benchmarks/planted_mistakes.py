@@ -27,6 +27,7 @@ import bench
 from bench.recordings import load_card, open_dataset
 from bench.recordings.native import native_recordings
 from bench.synthesis import synthesize
+from bench.threads import use_one_thread
 from bench.validation import Finding, validate_recording
 from benchmarks.false_alarms import with_table
 from benchmarks.mistakes import MISTAKES, Mistake
@@ -199,7 +200,7 @@ def main() -> None:
             sys.stdout.write(f"{line}\n")
             sys.stdout.flush()
         return
-    with ProcessPoolExecutor(asked.workers) as pool:
+    with ProcessPoolExecutor(asked.workers, initializer=use_one_thread) as pool:
         outcomes = []
         for outcome in pool.map(judged, *zip(*tasks, strict=True)):
             outcomes.append(outcome)

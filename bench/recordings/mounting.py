@@ -49,8 +49,22 @@ def mounted_camera(
     Raises:
         DataError: a camera that is not above the road.
     """
-    with located(file, field):
-        road = RoadPlane.below(vehicle_from_camera, ground_height_m=ground_height_m)
+    height_m, inverse_m = (
+        float(mounting.translation_m[2]) - ground_height_m
+        for mounting in (vehicle_from_camera, vehicle_from_camera.inverse())
+    )
+    if not height_m > 0.0:
+        raise DataError(
+            file,
+            field=field,
+            expected="a camera above the road",
+            got=f"a height of {height_m:.2f} m",
+            hint=f"the inverse of the mounting stands {inverse_m:.2f} m above it: give vehicle_from_camera, not "
+            "camera_from_vehicle"
+            if inverse_m > 0.0
+            else "",
+        )
+    road = RoadPlane.below(vehicle_from_camera, ground_height_m=ground_height_m)
     camera = MountedCamera(
         name=name,
         model=model,

@@ -21,6 +21,7 @@ from bench.egomotion import Trajectory
 from bench.recordings import MountedCamera
 from bench.validation.edges import FARTHEST_PX, SECTORS
 from bench.validation.findings import DEGREE, SECOND_NS
+from bench.validation.measured_motion import MeasuredMotion
 from bench.validation.static_flow import SeenFlow
 
 Floats = NDArray[np.float64]
@@ -37,6 +38,8 @@ class Part:
         step: of the numeric derivative, about a pixel.
         starts: values of each number at which a fit begins; none for what is never the cause.
         smallest: that is told.
+        gain: by how much it must raise the logarithm of the posterior to be told.
+        measured: as `narrow`, where the lidar measures the motion.
     """
 
     numbers: int
@@ -45,6 +48,8 @@ class Part:
     step: float
     starts: tuple[float, ...] = ()
     smallest: float = np.inf
+    gain: float = 8.0
+    measured: float | None = None
 
 
 TURNS = tuple(sign * size * DEGREE for sign in (-1, 1) for size in (1.0, 2.0, 3.5, 5.0))
@@ -58,16 +63,16 @@ PARTS = {
     # px, right and down
     "centre": Part(numbers=2, narrow=0.5, wide=20.0, step=1.0, starts=(-20.0, -10.0, -5.0, 5.0, 10.0, 20.0),
                    smallest=5.0),
-    # m, vehicle axes
+    # m, vehicle axes; by what is near, whose edges the lidar sees too far out, and by light that moves along
     "position": Part(numbers=3, narrow=0.02, wide=0.3, step=0.02, starts=(-0.5, -0.3, -0.15, 0.15, 0.3, 0.5),
-                     smallest=0.15),
+                     smallest=0.2, gain=20.0),
     # s, that the stated times are early
     "clock": Part(numbers=1, narrow=0.001, wide=0.1, step=0.004, starts=(-0.1, -0.05, -0.02, 0.02, 0.05, 0.1),
                   smallest=0.004),
     # What the ego-motion gets wrong, the same in the whole drive; never the cause here.
-    "yaw bias": Part(numbers=1, narrow=0.2 * DEGREE, wide=0.0, step=0.01),  # rad/s
-    "speed scale": Part(numbers=1, narrow=0.01, wide=0.0, step=0.01),
-    "direction": Part(numbers=2, narrow=0.3 * DEGREE, wide=0.0, step=0.01),  # rad, left and up
+    "yaw bias": Part(numbers=1, narrow=0.2 * DEGREE, measured=0.05 * DEGREE, wide=0.0, step=0.01),  # rad/s
+    "speed scale": Part(numbers=1, narrow=0.01, measured=0.003, wide=0.0, step=0.01),
+    "direction": Part(numbers=2, narrow=0.3 * DEGREE, measured=0.08 * DEGREE, wide=0.0, step=0.01),  # rad, left and up
 }  # fmt: skip
 CAUSES = tuple(name for name, part in PARTS.items() if part.starts)
 _FIRST = np.cumsum([0, *(part.numbers for part in PARTS.values())])
@@ -122,13 +127,24 @@ class CameraFit:
         flows: of pairs of images.
         trajectory: ego-motion.
         camera: as stated.
+        measured: what the lidar says of the ego-motion.
     """
 
-    def __init__(self, flows: Sequence[SeenFlow], trajectory: Trajectory, camera: MountedCamera) -> None:
+    def __init__(
+        self, flows: Sequence[SeenFlow], trajectory: Trajectory, camera: MountedCamera, measured: MeasuredMotion
+    ) -> None:
         self._flows, self._trajectory = flows, trajectory
         self._model, self._stated = camera.model, camera.vehicle_from_camera
         self._times_ns = np.array([[f.current_ns, f.previous_ns] for f in flows], dtype=np.int64)
         self._seconds = np.diff(self._times_ns[:, ::-1], axis=1)[:, 0] / SECOND_NS
+        middle_ns = self._times_ns.mean(axis=1).astype(np.int64)
+        self._measured = bool(measured.at(middle_ns).all())
+        self._errors, self._error_sigmas = (
+            np.zeros((len(flows), len(PAIR_SIGMAS))),
+            np.tile(PAIR_SIGMAS, (len(flows), 1)),
+        )
+        if self._measured:
+            self._errors, self._error_sigmas = measured.between(middle_ns)
         self._points = np.concatenate([flow.points_world for flow in flows])
         self._pair = np.repeat(np.arange(len(flows)), [len(flow.points_world) for flow in flows])
         edges = [np.stack([flow.edges.points_world, flow.edges.ends_world]) for flow in flows]
@@ -148,7 +164,7 @@ class CameraFit:
         Returns:
             residual, flow: (N, 2) float64, px.
         """
-        errors = np.zeros((len(self._flows), len(PAIR_SIGMAS))) if pair_errors is None else pair_errors
+        errors = self._errors if pair_errors is None else pair_errors
         rotations, positions_m = self._poses(values)
         now, before = rotations[:, 0], rotations[:, 1]
         back = before.transpose(0, 2, 1) @ now
@@ -227,9 +243,9 @@ class CameraFit:
         """
         if not self.enough:
             return None
-        sigmas = np.concatenate([np.full(p.numbers, p.wide if n in causes else p.narrow) for n, p in PARTS.items()])
+        sigmas = np.concatenate([np.full(part.numbers, self._sigma(name, causes)) for name, part in PARTS.items()])
         if beside is None:
-            best = self._at(np.zeros(len(STEPS)), np.zeros((len(self._flows), len(PAIR_SIGMAS))), sigmas, None)
+            best = self._at(np.zeros(len(STEPS)), self._errors, sigmas, None)
         else:
             best = min(self._starts(causes, sigmas, beside), key=lambda one: one.cost)
         for _ in range(MOST_STEPS):
@@ -244,6 +260,12 @@ class CameraFit:
                 break
             best = replace(found, sigmas=deviations)
         return best
+
+    def _sigma(self, name: str, causes: Collection[str]) -> float:
+        part = PARTS[name]
+        if name in causes:
+            return part.wide
+        return part.measured if self._measured and part.measured is not None else part.narrow
 
     def share(self) -> float:
         """Share of the points whose flow is as predicted, without any fit."""
@@ -266,7 +288,8 @@ class CameraFit:
         scale_px = float(np.clip(median_px, *SCALE_PX)) if beside is None else beside.scale_px
         losses = np.log1p((lengths / scale_px) ** 2) / TOGETHER
         losses = np.where(seen, losses, np.mean(losses, where=seen) if beside is None else beside.losses)
-        prior = 0.5 * float(((values / sigmas) ** 2).sum() + ((errors / PAIR_SIGMAS) ** 2).sum())
+        off = (errors - self._errors) / self._error_sigmas
+        prior = 0.5 * float(((values / sigmas) ** 2).sum() + (off**2).sum())
         edges, _ = self.edge_residuals(values)
         edge_losses = np.log1p((np.nan_to_num(edges, nan=FARTHEST_PX) / EDGE_PX) ** 2) / EDGES_TOGETHER
         return Fit(
@@ -347,10 +370,10 @@ class CameraFit:
         of_pairs[np.arange(len(residual)), :, self._pair] = pair_slopes
         design = np.concatenate([slopes, of_pairs.reshape(len(residual), 2, -1)], axis=2).reshape(2 * len(residual), -1)
         weighted = np.repeat(weights, 2)[:, None] * design
-        precision = np.concatenate([sigmas, np.tile(PAIR_SIGMAS, pairs)]) ** -2.0
+        precision = np.concatenate([sigmas, self._error_sigmas.ravel()]) ** -2.0
         information = weighted.T @ design + np.diag(precision)
-        stated = np.concatenate([at.values, at.pair_errors.ravel()])
-        gradient = weighted.T @ residual.ravel() + precision * stated
+        off = np.concatenate([at.values, (at.pair_errors - self._errors).ravel()])
+        gradient = weighted.T @ residual.ravel() + precision * off
         edges, edge_slopes = self._edge_slopes(at.values)
         edge_weights = 1.0 / (1.0 + (edges / EDGE_PX) ** 2) / (EDGE_PX**2 * EDGES_TOGETHER)
         information[:numbers, :numbers] += edge_slopes.T @ (edge_weights[:, None] * edge_slopes)

@@ -17,6 +17,8 @@ from bench.validation.camera_fit import CAUSES, PARTS, SLICES, CameraFit, Fit
 from bench.validation.camera_readings import Reading, readings
 from bench.validation.drive import calibration_file
 from bench.validation.findings import DEGREE, Finding, Severity, Undecided
+from bench.validation.measured_motion import MeasuredMotion, measured_motion
+from bench.validation.scan_matching import scan_steps
 from bench.validation.static_flow import SeenFlow, reduced, seen_flows
 
 
@@ -30,7 +32,7 @@ class CameraLimits:
         doubtful: share that the fit of one of `TOLD_AS_DOUBT` must predict to be told as a doubt, if it stands out.
         better: share that another reading predicts more than the stated one.
         alike: of the returns that the stated calibration sees in the image, as many another reading must see.
-        gain: by how much a cause must raise the logarithm of the posterior.
+        against: what the flow may lose to the edges, part of what a cause gains.
         as_well: causes that raise it by so much less may be the one as well.
         deviations: standard deviations that it must differ from 0.
         turn_spread_radps: standard deviation of the yaw rate over the drive, from which on it tells a clock; on a
@@ -39,11 +41,11 @@ class CameraLimits:
     """
 
     predicted: float = 0.6
-    sure: float = 0.83
+    sure: float = 0.84
     doubtful: float = 0.7
     better: float = 0.15
     alike: float = 0.2
-    gain: float = 8.0
+    against: float = 0.2
     as_well: float = 10.0
     deviations: float = 4.0
     turn_spread_radps: float = 1.5 * DEGREE
@@ -73,20 +75,21 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     seen = reduced(camera)
     if not recording.sweeps:
         return undecided("no lidar")
-    flows = list(seen_flows(recording, seen))
+    measured = measured_motion(recording, scan_steps(recording))
+    flows = list(seen_flows(recording, seen, measured))
     if not flows:
         return undecided("no flow is seen: too dark, too little texture, or the vehicle stands")
-    stated = CameraFit(flows, recording.trajectory, seen)
+    stated = CameraFit(flows, recording.trajectory, seen, measured)
     clean = stated.fit(())
     wrong = clean is None or clean.share < LIMITS.predicted
-    if wrong and (found := _best_reading(recording, seen, flows, clean, better=LIMITS.better)) is not None:
+    if wrong and (found := _best_reading(recording, seen, flows, measured, clean, better=LIMITS.better)) is not None:
         return _misread(recording, camera, clean, *found)
     if clean is None:
         return undecided("too few lidar returns on texture in the image")
     causes = [cause for cause in CAUSES if cause != "clock" or _motion_changes(recording, flows)]
     fits = {cause: fit for cause in causes if (fit := stated.fit((cause,), beside=clean)) is not None}
     best = min(fits.values(), key=lambda fit: fit.cost)
-    told = {cause: fit for cause, fit in fits.items() if _explains(fit, clean) and _is_large(cause, fit)}
+    told = {cause: fit for cause, fit in fits.items() if _explains(cause, fit, clean) and _is_large(cause, fit)}
     if best.share < LIMITS.sure:
         doubt = f"only {100 * best.share:.0f} % of the flow is that of a static world"
         cause = next((cause for cause in TOLD_AS_DOUBT if _stands_out(cause, told, fits)), None)
@@ -96,7 +99,7 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
         return replace(likely, severity=Severity.WARNING, got=f"perhaps {likely.got}; {doubt}")
     if not told:
         return None
-    if (found := _best_reading(recording, seen, flows, best, better=0.0)) is not None:
+    if (found := _best_reading(recording, seen, flows, measured, best, better=0.0)) is not None:
         return _misread(recording, camera, clean, *found)
     ranked = sorted(told.items(), key=lambda entry: entry[1].cost)
     enough = ranked[0][1].cost + LIMITS.as_well
@@ -108,9 +111,10 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     )
 
 
-def _explains(fit: Fit, clean: Fit) -> bool:
-    """A fit is clearly better, and not by edges alone: a fence has many, all wrong in one way."""
-    return clean.cost - fit.cost > LIMITS.gain and float((clean.losses - fit.losses).sum()) > 0
+def _explains(cause: str, fit: Fit, clean: Fit) -> bool:
+    """A fit is clearly better, and not by edges against flow: a fence has many, all wrong in one way."""
+    gain, of_flow = clean.cost - fit.cost, float((clean.losses - fit.losses).sum())
+    return gain > PARTS[cause].gain and of_flow > -LIMITS.against * gain
 
 
 def _stands_out(cause: str, told: Mapping[str, Fit], fits: Mapping[str, Fit]) -> bool:
@@ -137,6 +141,7 @@ def _best_reading(
     recording: Recording,
     camera: MountedCamera,
     flows: Sequence[SeenFlow],
+    measured: MeasuredMotion,
     fitted_before: Fit | None,
     better: float,
 ) -> tuple[Reading, Fit] | None:
@@ -146,7 +151,7 @@ def _best_reading(
     tried: list[tuple[float, Reading, CameraFit]] = []
     most = 0
     for reading in readings(camera, same_size):
-        fit = CameraFit(reading.flows(flows), recording.trajectory, reading.camera)
+        fit = CameraFit(reading.flows(flows), recording.trajectory, reading.camera, measured)
         if fit.enough:
             most = max(most, fit.points)
             tried.append((fit.share(), reading, fit))

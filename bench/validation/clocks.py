@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.recordings import ImageRef, Recording, SweepRef
-from bench.validation.drive import annotated_times, calibration_file, distance_to, sensor_times, sweep_times, times_of
+from bench.validation.drive import (
+    annotated_times,
+    calibration_file,
+    distance_to,
+    nearest_to,
+    sensor_times,
+    sweep_times,
+    times_of,
+)
 from bench.validation.findings import Finding, Severity, occurrences
 
 OFF_RATE = 0.02  # of the stated time between images
@@ -85,6 +93,7 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
             hint="check the unit and the epoch of the clock; annotations of another recording?",
             **occurrences(outside, annotated_ns),
         )
+    sweeps_ns = sweep_times(recording)
     unseen = (distance_to(annotated_ns, sensors_ns) > MATCHED_NS) & ~outside
     if unseen.any():
         yield Finding(
@@ -93,9 +102,9 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
             field="timestamp",
             expected="the time of an image or of a sweep",
             got=f"{int(unseen.sum())} of {len(annotated_ns)} annotated times at neither",
+            hint=_apart(annotated_ns[~outside], sweeps_ns),
             **occurrences(unseen, annotated_ns),
         )
-    sweeps_ns = sweep_times(recording)
     if not len(sweeps_ns):
         return
     without_sweep = distance_to(annotated_ns, sweeps_ns) > MATCHED_NS
@@ -110,6 +119,21 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
             hint=OLDER_POINTS,
             **occurrences(lost, annotated_ns),
         )
+
+
+def _apart(annotated_ns: NDArray[np.int64], sweeps_ns: NDArray[np.int64]) -> str:
+    """Hint where all annotated times are as far from the nearest sweep: one of the two clocks is wrong."""
+    if not len(sweeps_ns) or not len(annotated_ns):
+        return ""
+    late_ns = nearest_to(annotated_ns, sweeps_ns) - annotated_ns
+    if np.ptp(late_ns) > MATCHED_NS:
+        return ""
+    late_ms = float(np.median(late_ns)) / 1e6
+    sweeps, boxes = ("late", "early") if late_ms > 0 else ("early", "late")
+    return (
+        f"each is {abs(late_ms):.1f} ms from the nearest sweep: the clock of the sweeps is {sweeps} by that, or the "
+        f"boxes are {boxes}"
+    )
 
 
 def _rate(recording: Recording, camera: str) -> Iterator[Finding]:

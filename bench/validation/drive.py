@@ -39,11 +39,14 @@ def times_of(recording: Recording, camera: str) -> NDArray[np.int64]:
     return np.array([image.timestamp_ns for image in recording.images[camera]], dtype=np.int64)
 
 
+def nearest_to(times_ns: NDArray[np.int64], known_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) int64, of sorted times the one nearest to each time."""
+    return np.asarray(known_ns[np.searchsorted((known_ns[:-1] + known_ns[1:]) // 2, times_ns)])
+
+
 def distance_to(times_ns: NDArray[np.int64], known_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """(N,) int64, from each time to the nearest of sorted times."""
-    after = np.clip(np.searchsorted(known_ns, times_ns), 0, len(known_ns) - 1)
-    before = np.maximum(after - 1, 0)
-    return np.asarray(np.minimum(np.abs(known_ns[after] - times_ns), np.abs(known_ns[before] - times_ns)))
+    return np.abs(nearest_to(times_ns, known_ns) - times_ns)
 
 
 def sensor_times(recording: Recording) -> dict[str, NDArray[np.int64]]:

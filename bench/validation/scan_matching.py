@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +103,11 @@ class Step:
         return (self.last_ns - self.first_ns) / SECOND_NS
 
     @property
+    def tells_all(self) -> bool:
+        """Every part of the motion is measured; along a plain wall the way is not."""
+        return int(np.linalg.matrix_rank(self.information)) == len(self.information)
+
+    @property
     def twist(self) -> Array:
         """(6,) float64, rotation vector and path per second."""
         return np.concatenate([self.turn_rad, self.path_m]) / self.seconds
@@ -126,7 +132,8 @@ class _Scan:
     normals: Array  # NaN where neighbours make no surface
 
 
-def scan_steps(recording: Recording) -> list[Step]:
+@lru_cache(maxsize=1)  # its lidar's motion and every camera ask for those of one recording
+def scan_steps(recording: Recording) -> tuple[Step, ...]:
     """Match neighbouring sweeps.
 
     Args:
@@ -150,7 +157,7 @@ def scan_steps(recording: Recording) -> list[Step]:
                 twist = None if step is None else step.twist
                 steps += [step] if step is not None else []
             before = scan if twist is None else _recompensated(scan, twist)
-    return steps
+    return tuple(steps)
 
 
 def _runs(recording: Recording) -> Iterator[Sequence[int]]:

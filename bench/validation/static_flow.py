@@ -22,6 +22,7 @@ from bench.reference.sweeps import pose_sweep
 from bench.validation.drive import distance_to, sweep_times, times_of
 from bench.validation.edges import Edges, image_edges, lidar_edges
 from bench.validation.ego_motion import on_objects
+from bench.validation.measured_motion import MeasuredMotion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +31,7 @@ class FlowSampling:
 
     Attributes:
         pairs: of neighbouring images, spread over the drive.
+        measured: of pairs whose motion the lidar measures; with fewer all pairs are taken, and ego-motion as stated.
         points: returns of each pair, before a camera sees some of them.
         largest_width_px: larger images are reduced to this: flow takes 50 ms a pair then.
         span_m: of returns from the camera: nearer ones are hidden from it by the car itself, farther ones hardly move.
@@ -45,6 +47,7 @@ class FlowSampling:
     """
 
     pairs: int = 16
+    measured: int = 10
     points: int = 6000
     largest_width_px: int = 640
     span_m: tuple[float, float] = (1.5, 40.0)
@@ -92,14 +95,15 @@ def reduced(camera: MountedCamera) -> MountedCamera:
     return replace(camera, model=camera.model.scaled(*size), ego_body=body)
 
 
-def seen_flows(recording: Recording, camera: MountedCamera) -> Iterator[SeenFlow]:
+def seen_flows(recording: Recording, camera: MountedCamera, measured: MeasuredMotion) -> Iterator[SeenFlow]:
     """Flow of the chosen pairs of a camera's images.
 
     Args:
         recording: the drive.
         camera: one of its cameras, `reduced`.
+        measured: what the lidar says of the ego-motion.
     """
-    for row in chosen_pairs(recording, camera.name):
+    for row in chosen_pairs(recording, camera.name, measured):
         with suppress(DataError):  # reported by the checks of images and sweeps
             found = seen_flow(recording, camera, row)
             if found is not None:
@@ -133,8 +137,11 @@ def seen_flow(recording: Recording, camera: MountedCamera, row: int) -> SeenFlow
     )
 
 
-def chosen_pairs(recording: Recording, camera: str) -> list[int]:
-    """Indices of images, not the first, in whose time the camera moves: the middle one of each part of the drive."""
+def chosen_pairs(recording: Recording, camera: str, measured: MeasuredMotion) -> list[int]:
+    """Indices of images, not the first, in whose time the camera moves: the middle one of each part of the drive.
+
+    Where the lidar measures the motion of enough of them, only those.
+    """
     times_ns, sweeps_ns = times_of(recording, camera), sweep_times(recording)
     if len(times_ns) < 2 or not len(sweeps_ns):
         return []
@@ -144,7 +151,9 @@ def chosen_pairs(recording: Recording, camera: str) -> list[int]:
     usable &= distance_to(times_ns[1:], sweeps_ns) < SAMPLING.nearest_sweep_ns
     moved = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
     turned = np.linalg.norm(np.diff(rotations, axis=0), axis=(1, 2))
-    rows = np.flatnonzero(usable & (moved + 10.0 * turned > SAMPLING.moved_m)) + 1
+    usable &= moved + 10.0 * turned > SAMPLING.moved_m
+    known = usable & measured.at((times_ns[1:] + times_ns[:-1]) // 2)
+    rows = np.flatnonzero(known if known.sum() >= SAMPLING.measured else usable) + 1
     parts = np.linspace(0, len(rows), min(SAMPLING.pairs, len(rows)) + 1).astype(int)
     return [int(rows[(first + last) // 2]) for first, last in pairwise(parts)]
 

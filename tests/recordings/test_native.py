@@ -186,6 +186,11 @@ HEAD_FAULTS = [
         "quaternion_wxyz: expected a quaternion w, x",
     ),
     ("cameras.front.vehicle_from_camera.translation_m", [0.0, 0.0, -1.0], "expected a camera above the road"),
+    (
+        "cameras.front.vehicle_from_camera",
+        {"quaternion_wxyz": [0.5, 0.5, -0.5, 0.5], "translation_m": [0.0, 0.7, -3.6]},
+        "got a height of -3.60 m; the inverse of the mounting stands 0.70 m above it: give vehicle_from_camera",
+    ),
     ("lidar.vehicle_from_lidar.translation_m", [0.0, 1.0], "lidar.vehicle_from_lidar.translation_m"),
     (
         "lidar.lidar_from_sensor",

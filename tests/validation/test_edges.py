@@ -13,6 +13,8 @@ from bench.reference.sweeps import pose_sweep
 from bench.validation import cameras
 from bench.validation.camera_fit import CameraFit, Fit
 from bench.validation.edges import FARTHEST_PX, MARGIN_PX, SECTORS, image_edges, lidar_edges
+from bench.validation.measured_motion import measured_motion
+from bench.validation.scan_matching import scan_steps
 from bench.validation.static_flow import reduced, seen_flows
 from tests.support.tiny import HEIGHT, WIDTH, front_camera
 from tests.validation.drive import cast
@@ -94,8 +96,8 @@ def test_the_outline_of_the_own_body_is_no_edge():
     assert np.abs(offsets[:, 2 * HEIGHT // 3 - MARGIN_PX]).max(axis=-1).min() >= FARTHEST_PX
 
 
-def test_edges_alone_tell_nothing():
-    """A fit by which flow is worse is no cause, however well edges meet."""
+def test_edges_against_flow_tell_nothing():
+    """A fit by which flow is clearly worse is no cause, however well edges meet."""
     clean = Fit(
         values=np.zeros(14),
         sigmas=np.ones(14),
@@ -106,15 +108,17 @@ def test_edges_alone_tell_nothing():
         residual_px=0.1,
         scale_px=0.2,
     )
-    assert cameras._explains(replace(clean, losses=np.array([0.9]), cost=80.0), clean)
-    assert not cameras._explains(replace(clean, losses=np.array([1.1]), cost=80.0), clean)
-    assert not cameras._explains(replace(clean, losses=np.array([0.9]), cost=95.0), clean)
+    assert cameras._explains("rotation", replace(clean, losses=np.array([4.0]), cost=80.0), clean)
+    assert not cameras._explains("rotation", replace(clean, losses=np.array([6.0]), cost=80.0), clean)
+    assert not cameras._explains("rotation", replace(clean, losses=np.array([0.9]), cost=95.0), clean)
+    assert not cameras._explains("position", replace(clean, losses=np.array([0.9]), cost=85.0), clean)
 
 
 def test_a_degree_moves_edges_by_what_it_moves_the_image(turning):
     drive = open_native(turning)
     camera = reduced(drive.cameras["front"])
-    fit = CameraFit(list(seen_flows(drive, camera)), drive.trajectory, camera)
+    measured = measured_motion(drive, scan_steps(drive))
+    fit = CameraFit(list(seen_flows(drive, camera, measured)), drive.trajectory, camera, measured)
     values = np.zeros(14)
     (residual, across), (pixels, _) = fit.edge_residuals(values), fit.edge_pixels(values)
     assert np.median(np.abs(residual[np.isfinite(residual)])) < 1.0

@@ -175,7 +175,17 @@ def test_annotations_between_the_sensors(root):
 
     change_json(root / "annotations.json", later)
     (told,) = found(root)
-    assert (told.check, told.severity, told.times) == ("annotation-time", Severity.WARNING, 1)
+    assert (told.check, told.severity, told.times, told.hint) == ("annotation-time", Severity.WARNING, 1, "")
+
+
+def test_sweeps_on_a_clock_that_is_a_little_late(root):
+    """Annotated times are those of the sweeps, so all are as far from the nearest one."""
+    for path in sorted((root / "lidar").iterdir(), reverse=True):
+        path.rename(path.with_stem(str(int(path.stem) + 7_000_000)))
+    told = next(finding for finding in found(root) if finding.check == "annotation-time")
+    assert told.hint == (
+        "each is 7.0 ms from the nearest sweep: the clock of the sweeps is late by that, or the boxes are early"
+    )
 
 
 # ---------------------------------------------------------------- images
