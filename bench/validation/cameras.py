@@ -38,6 +38,7 @@ class CameraLimits:
         turn_spread_radps: standard deviation of the yaw rate over the drive, from which on it tells a clock; on a
             steady drive a wrong clock looks like a wrong position.
         speed_spread: the same of the speed, part of its mean.
+        known_s: standard deviation up to which a clock counts as known.
     """
 
     predicted: float = 0.6
@@ -50,6 +51,7 @@ class CameraLimits:
     deviations: float = 4.0
     turn_spread_radps: float = 1.5 * DEGREE
     speed_spread: float = 0.08
+    known_s: float = 0.005
 
 
 LIMITS = CameraLimits()
@@ -98,7 +100,7 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
         likely = _deviation(recording, camera, cause, clean, fits[cause])
         return replace(likely, severity=Severity.WARNING, got=f"perhaps {likely.got}; {doubt}")
     if not told:
-        return None
+        return _unknown_clock(camera, fits.get("clock"))
     if (found := _best_reading(recording, seen, flows, measured, best, better=0.0)) is not None:
         return _misread(recording, camera, clean, *found)
     ranked = sorted(told.items(), key=lambda entry: entry[1].cost)
@@ -109,6 +111,16 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
         got=first.got + "".join(f"; almost as well: {other.got}" for other in others),
         hint=first.hint + "".join(f"; or, in {other.field}, {other.hint}" for other in others),
     )
+
+
+def _unknown_clock(camera: MountedCamera, fit: Fit | None) -> Undecided | None:
+    """Why the drive cannot tell the clock of the images; None where it can."""
+    sigma_s = np.inf if fit is None else float(fit.sigmas[SLICES["clock"]][0])
+    if sigma_s < LIMITS.known_s:
+        return None
+    known = "" if fit is None else f": known to {1e3 * INTERVAL * sigma_s:.0f} ms only"
+    why = f"the drive hardly brakes, speeds up or turns in and out{known}"
+    return Undecided(about=f"clock of the images of camera {camera.name}", why=why)
 
 
 def _explains(cause: str, fit: Fit, clean: Fit) -> bool:

@@ -46,7 +46,7 @@ def nearest_to(times_ns: NDArray[np.int64], known_ns: NDArray[np.int64]) -> NDAr
 
 def distance_to(times_ns: NDArray[np.int64], known_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """(N,) int64, from each time to the nearest of sorted times."""
-    return np.abs(nearest_to(times_ns, known_ns) - times_ns)
+    return np.asarray(np.abs(nearest_to(times_ns, known_ns) - times_ns))
 
 
 def sensor_times(recording: Recording) -> dict[str, NDArray[np.int64]]:
