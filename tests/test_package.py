@@ -63,11 +63,17 @@ def test_data_of_shipped_cards_go_to_a_cache_folder(installed, tmp_path):
     assert not list(installed.rglob("data"))
 
 
+def test_other_versions_of_python_are_refused():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert not {"3.10.9", "3.15.0"} & {*SpecifierSet(project["requires-python"]).filter(["3.10.9", "3.15.0"])}
+
+
 @pytest.mark.parametrize("python", ["3.11.0", "3.12.0", "3.13.0", "3.14.0"])
 def test_pinned_versions_can_be_installed_by_every_python_that_is_promised(python):
     """By what the pinned versions themselves ask for; 3.11.0, since Debian 12 has 3.11.2."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert python in SpecifierSet(project["requires-python"])
+    assert f"Programming Language :: Python :: {python.removesuffix('.0')}" in project["classifiers"]
     asked = [*project["dependencies"], *(line for extra in project["optional-dependencies"].values() for line in extra)]
     unwanted = {
         one.name
