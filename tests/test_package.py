@@ -21,6 +21,7 @@ from bench.recordings.cards import shipped_folder
 card = load_card("demo")
 assert card.file.is_relative_to(sys.argv[1]), card.file
 assert card.scenario.is_file()
+assert card.address == "demo", "the same on each machine"
 assert (shipped_folder("baselines") / "demo" / "sums.csv").is_file()
 print(card.root)
 os.environ["FISHEYE_BENCH_DATA"] = "mine"

@@ -191,7 +191,7 @@ Block = Heading | Paragraph | Items | Code | Picture | Table | Folded
 
 
 CONSOLE_COLUMNS = 108  # letters of a line of a table; in wider ones headings of numbers stand a word a line
-LONGEST_WORD = 24  # letters; longer words of a narrow table are broken
+LONGEST_WORD = 30  # letters, as of the longest metric; longer words of a narrow table are broken
 _RICH = {"": "", "strong": "bold", "dim": "dim", "good": "green", "warn": "yellow", "bad": "red"}
 
 
