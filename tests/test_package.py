@@ -18,11 +18,13 @@ import os
 import sys
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
+from bench.reporting.leaderboard.texts import best_line
 card = load_card("demo")
 assert card.file.is_relative_to(sys.argv[1]), card.file
 assert card.scenario.is_file()
 assert card.address == "demo", "the same on each machine"
 assert (shipped_folder("baselines") / "demo" / "sums.csv").is_file()
+assert best_line(shipped_folder("leaderboard") / "leaderboard.json", dataset="demo").startswith("best of ")
 print(card.root)
 os.environ["FISHEYE_BENCH_DATA"] = "mine"
 print(card.root)
@@ -43,7 +45,11 @@ def installed(tmp_path_factory):
 
 
 def test_cards_baselines_and_templates_ship(installed):
-    for place, pattern in (("datasets", "*.yaml"), ("reports/baselines", "*/*")):
+    for place, pattern in (
+        ("datasets", "*.yaml"),
+        ("reports/baselines", "*/*"),
+        ("reports/leaderboard", "leaderboard.json"),
+    ):
         folder = installed / "bench/shipped" / Path(place).name
         shipped = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
         assert shipped == {path.relative_to(ROOT / place) for path in (ROOT / place).glob(pattern)}

@@ -170,11 +170,11 @@ class DatasetCard:
         return self.file.parent / place
 
 
-def shipped_folder(kind: Literal["datasets", "baselines"] = "datasets") -> Path:
-    """Folder of the cards, or of the baselines, that ship with the package: inside of it, or in the checkout."""
+def shipped_folder(kind: Literal["datasets", "baselines", "leaderboard"] = "datasets") -> Path:
+    """Folder of cards, baselines or leaderboard that ship with the package: inside of it, or in the checkout."""
     package = Path(__file__).parents[1]
     installed = package / "shipped" / kind
-    return installed if installed.is_dir() else package.parent / {"baselines": "reports/baselines"}.get(kind, kind)
+    return installed if installed.is_dir() else package.parent / (kind if kind == "datasets" else f"reports/{kind}")
 
 
 def data_folder() -> Path | None:
