@@ -11,6 +11,7 @@ COPY pyproject.toml README.md LICENSE constraints.txt ./
 COPY bench ./bench
 COPY datasets ./datasets
 COPY reports/baselines ./reports/baselines
+COPY reports/leaderboard/leaderboard.json ./reports/leaderboard/
 # The second command removes what open3d asks for to draw in browsers and notebooks, which nothing here does.
 RUN python -m venv /opt/fisheye-bench \
     && /opt/fisheye-bench/bin/pip install --no-cache-dir --constraint constraints.txt . \

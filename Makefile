@@ -100,8 +100,8 @@ clean: ## remove the environment, rendered data, runs and the built documentatio
 	rm -rf $(VENV) $(FRESH) datasets/data reports/runs reports/audit site dist
 
 $(BIN)/python:
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-		{ echo "expected Python 3.11 or newer, got $$($(PYTHON) --version 2>&1); call make PYTHON=python3.11 ..." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' || \
+		{ echo "expected Python 3.11 to 3.14, got $$($(PYTHON) --version 2>&1); call make PYTHON=python3.11 ..." >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
 $(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python

@@ -18,10 +18,13 @@ import os
 import sys
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
+from bench.reporting.leaderboard.texts import best_line
 card = load_card("demo")
 assert card.file.is_relative_to(sys.argv[1]), card.file
 assert card.scenario.is_file()
+assert card.address == "demo", "the same on each machine"
 assert (shipped_folder("baselines") / "demo" / "sums.csv").is_file()
+assert best_line(shipped_folder("leaderboard") / "leaderboard.json", dataset="demo").startswith("best of ")
 print(card.root)
 os.environ["FISHEYE_BENCH_DATA"] = "mine"
 print(card.root)
@@ -42,7 +45,11 @@ def installed(tmp_path_factory):
 
 
 def test_cards_baselines_and_templates_ship(installed):
-    for place, pattern in (("datasets", "*.yaml"), ("reports/baselines", "*/*")):
+    for place, pattern in (
+        ("datasets", "*.yaml"),
+        ("reports/baselines", "*/*"),
+        ("reports/leaderboard", "leaderboard.json"),
+    ):
         folder = installed / "bench/shipped" / Path(place).name
         shipped = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
         assert shipped == {path.relative_to(ROOT / place) for path in (ROOT / place).glob(pattern)}
@@ -63,11 +70,17 @@ def test_data_of_shipped_cards_go_to_a_cache_folder(installed, tmp_path):
     assert not list(installed.rglob("data"))
 
 
+def test_other_versions_of_python_are_refused():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert not {"3.10.9", "3.15.0"} & {*SpecifierSet(project["requires-python"]).filter(["3.10.9", "3.15.0"])}
+
+
 @pytest.mark.parametrize("python", ["3.11.0", "3.12.0", "3.13.0", "3.14.0"])
 def test_pinned_versions_can_be_installed_by_every_python_that_is_promised(python):
     """By what the pinned versions themselves ask for; 3.11.0, since Debian 12 has 3.11.2."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert python in SpecifierSet(project["requires-python"])
+    assert f"Programming Language :: Python :: {python.removesuffix('.0')}" in project["classifiers"]
     asked = [*project["dependencies"], *(line for extra in project["optional-dependencies"].values() for line in extra)]
     unwanted = {
         one.name

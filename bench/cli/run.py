@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bench.harness import Part, RunRequest
     from bench.validation import ValidationReport
 
-LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # of this checkout, as `make leaderboard` wrote it
+LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # as `make leaderboard` wrote it; else the one that ships
 
 
 def run(
@@ -60,6 +60,7 @@ def run(
     from bench.cli.runs import score
     from bench.harness import Part
     from bench.methods.settings import parse_settings
+    from bench.recordings.cards import shipped_folder
     from bench.reporting.leaderboard.texts import best_line
     from bench.reporting.trackers import require_tracker
 
@@ -89,7 +90,8 @@ def run(
         failed = any(run.summary.failures for run in runs)
         if request.card.scenario is None and validation is None:
             note(f"a run does not validate its data; check them with: fisheye-bench validate {dataset}")
-        if best := best_line(LEADERBOARD, dataset=request.card.name):
+        board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
+        if best := best_line(board, dataset=request.card.name):
             say(best)
         for folder in request.runs if log is not None else ():
             report(str(folder), pictures=pictures, log=log)

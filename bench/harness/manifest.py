@@ -35,7 +35,7 @@ class DatasetOfRun(_Part):
 
     Attributes:
         name: of the data set.
-        card: file of its card, as it was named; it may be named in several ways.
+        card: path or name of its card, as `DatasetCard.address`; it may be named in several ways.
         split: of it; None for all.
         input_errors: injected into what the method is told, by name; empty for none.
         data: digest of all recordings' data; None until they were opened.

@@ -84,7 +84,7 @@ class RunRequest:
         """
         errors = dict(self.input_errors.named)
         return Manifest(
-            dataset=DatasetOfRun(name=self.card.name, card=str(self.card.file), split=self.split, input_errors=errors),
+            dataset=DatasetOfRun(name=self.card.name, card=self.card.address, split=self.split, input_errors=errors),
             method=MethodOfRun.of(self.method, method_code, asked=self.settings),
             protocol=ProtocolOfRun(name=rules.name, version=rules.version, digest=rules.digest),
             code=CodeOfRun.here(),

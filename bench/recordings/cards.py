@@ -123,6 +123,14 @@ class DatasetCard:
         return place if isinstance(place, RemoteUrl) else None
 
     @property
+    def address(self) -> str:
+        """What results and commands call the card: its path; its name where it ships with an installed package.
+
+        The folder of a package is another one on each machine, and the name leads to the card on all of them.
+        """
+        return self.file.stem if _installed() and _same(self.file.parent, shipped_folder()) else str(self.file)
+
+    @property
     def scenario(self) -> Path | None:
         """Scenario file that is rendered into `root` when that is missing; None where the data is recorded."""
         return None if self.content.scenario is None else self._beside_card(self.content.scenario, "scenario")
@@ -162,11 +170,11 @@ class DatasetCard:
         return self.file.parent / place
 
 
-def shipped_folder(kind: Literal["datasets", "baselines"] = "datasets") -> Path:
-    """Folder of the cards, or of the baselines, that ship with the package: inside of it, or in the checkout."""
+def shipped_folder(kind: Literal["datasets", "baselines", "leaderboard"] = "datasets") -> Path:
+    """Folder of cards, baselines or leaderboard that ship with the package: inside of it, or in the checkout."""
     package = Path(__file__).parents[1]
     installed = package / "shipped" / kind
-    return installed if installed.is_dir() else package.parent / {"baselines": "reports/baselines"}.get(kind, kind)
+    return installed if installed.is_dir() else package.parent / (kind if kind == "datasets" else f"reports/{kind}")
 
 
 def data_folder() -> Path | None:
@@ -177,8 +185,11 @@ def data_folder() -> Path | None:
     named = os.environ.get(OWN_DATA)
     if named:
         return Path(named).expanduser()
-    installed = shipped_folder().parent.name == "shipped"
-    return user_cache_path("fisheye-bench", appauthor=False) / "data" if installed else None
+    return user_cache_path("fisheye-bench", appauthor=False) / "data" if _installed() else None
+
+
+def _installed() -> bool:
+    return shipped_folder().parent.name == "shipped"
 
 
 def card_folders() -> tuple[Path, ...]:

@@ -13,7 +13,7 @@ import math
 import mimetypes
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -82,6 +82,7 @@ class Column:
 
 
 Heads = Column | Cell | str
+Tags = Mapping[str, str]  # what filters of a page find a row or a picture by; "" is found by no choice
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -96,6 +97,7 @@ class Table:
         words: how many columns from the left hold words; the others hold numbers.
         name: of letters, digits and dashes, ends the label of LaTeX.
         look: classes of HTML.
+        tags: of each row, by which a page's filters find it; none for no row at all.
     """
 
     columns: Sequence[Heads] | Mapping[str, Heads]
@@ -105,6 +107,7 @@ class Table:
     words: int = 1
     name: str = ""
     look: str = ""
+    tags: Sequence[Tags] = ()
 
     def headings(self) -> list[Cell]:
         """Headings of the columns."""
@@ -173,6 +176,7 @@ class Picture:
     address: str
     text: str
     caption: str = ""
+    tags: Tags = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +191,7 @@ Block = Heading | Paragraph | Items | Code | Picture | Table | Folded
 
 
 CONSOLE_COLUMNS = 108  # letters of a line of a table; in wider ones headings of numbers stand a word a line
-LONGEST_WORD = 24  # letters; longer words of a narrow table are broken
+LONGEST_WORD = 30  # letters, as of the longest metric; longer words of a narrow table are broken
 _RICH = {"": "", "strong": "bold", "dim": "dim", "good": "green", "warn": "yellow", "bad": "red"}
 
 
@@ -313,10 +317,19 @@ def to_html(blocks: Iterable[Block]) -> Markup:
     return Markup("").join(parts)
 
 
-def to_page(title: str, blocks: Iterable[Block], *, folder: Path) -> str:
-    """A whole page of HTML in one file, without scripts; pictures are read from `folder` and become part of it."""
+def to_page(title: str, blocks: Iterable[Block], *, folder: Path, filters: Mapping[str, str] | None = None) -> str:
+    """A whole page of HTML in one file; pictures are read from `folder` and become part of it.
+
+    Args:
+        title: of the page.
+        blocks: of the report.
+        folder: of the pictures.
+        filters: label by the tag that it chooses from; without filters the page has no script.
+    """
+    script = packaged("filters.js") if filters else None
     blocks = [_with_picture(block, folder) for block in blocks]
-    return render("document_page.html.j2", title=title, blocks=blocks, style=packaged("page/page.css"))
+    style = packaged("page/page.css")
+    return render("document_page.html.j2", title=title, blocks=blocks, style=style, filters=filters, script=script)
 
 
 def packaged(name: str) -> Markup:
@@ -474,6 +487,7 @@ class Report:
         content: of the JSON file; None for no such file.
         latex: of the LaTeX file; "" for no such file.
         page: also write the blocks as a page.
+        filters: of the page, label by tag.
     """
 
     title: str
@@ -482,6 +496,7 @@ class Report:
     content: Mapping[str, object] | None = None
     latex: str = ""
     page: bool = False
+    filters: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, folder: Path, name: str) -> tuple[Path, ...]:
         """Write `<name>.html`, `.md`, `.csv`, `.json` and `.tex`, each whole or not at all; paths of those that it has.
@@ -491,7 +506,7 @@ class Report:
         """
         heading = [Heading(self.title, 1)] if self.title else []
         texts = {
-            "html": to_page(self.title, self.blocks, folder=folder) if self.page else "",
+            "html": to_page(self.title, self.blocks, folder=folder, filters=self.filters) if self.page else "",
             "md": to_markdown([*heading, *self.blocks]),
             "csv": to_csv(self.numbers),
             "json": "" if self.content is None else to_json(self.content),

@@ -110,7 +110,7 @@ def _value(ratios: Ratios, key: tuple[str, str, str], metric: str) -> float:
     return ratios.get((*key[:2], metric), NO_CASES).value
 
 
-LISTED = 10  # of each kind, one per track
+LISTED = 50  # of each kind, one per track: enough for the page's filters to leave some of each recording
 
 
 class Kind(StrEnum):
@@ -124,9 +124,10 @@ class Kind(StrEnum):
     FEWER_FALSE = "fewer false positives"
 
 
-# Columns of the frames that changed: `track_id` missing and `what`, the object in words, empty for false positives;
-# the coverage of the object, or the false-positive coverage of the image, in both runs, and the object's IoU.
-CHANGED = ["kind", *IMAGE, "track_id", "what", "before", "after", "iou_before", "iou_after"]
+IMPROVEMENTS = {Kind.GAINED, Kind.ROSE, Kind.FEWER_FALSE}
+# Columns of the frames that changed: `track_id` and `category` missing and `what`, the object in words, empty for false
+# positives; in both runs the coverage of the object, or the false-positive coverage of the image, and the object's IoU.
+CHANGED = ["kind", *IMAGE, "track_id", "category", "what", "before", "after", "iou_before", "iou_after"]
 
 
 def paired_objects(before: StoredRun, after: StoredRun) -> Iterator[pd.DataFrame]:
@@ -239,7 +240,7 @@ class RunComparison:
         detections: gained and lost, by category and of all, as `sum_changes` gives them.
         frames: those that changed most, columns `CHANGED`.
         notes: what a reader should know: on how many images the runs are compared, whether the data's files differ.
-        pictures: of some of the frames, the title by the name of the file.
+        pictures: of some of the frames, by the name of the file the row of `frames`.
         remarks: why other pictures could not be made.
     """
 
@@ -251,7 +252,7 @@ class RunComparison:
     detections: pd.DataFrame
     frames: pd.DataFrame
     notes: tuple[str, ...]
-    pictures: Mapping[str, str] = field(default_factory=dict)
+    pictures: Mapping[str, Mapping[Any, Any]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
 

@@ -43,16 +43,16 @@ def draw_changed_frames(
         name = f"{number:02d}-{ordinal:02d}-{frame['kind'].replace(' ', '-')}.jpg"
         chosen.setdefault((frame["recording"], frame["camera"], frame["timestamp_ns"]), {})[name] = frame
 
-    def draw(key: ImageKey, both: Sequence[ProcessedFrame], _: FramePipeline) -> dict[str, str]:
+    def draw(key: ImageKey, both: Sequence[ProcessedFrame], _: FramePipeline) -> dict[str, Frame]:
         for name, frame in chosen[key].items():
             figure = draw_side_by_side(_sides(frame, both, comparison), title=_headline(frame))
             write_bytes(folder / name, jpeg_bytes(figure_pixels(figure), quality=QUALITY))
-        return {name: frame_title(frame) for name, frame in chosen[key].items()}
+        return chosen[key]
 
     found, problems = draw_images((comparison.before, comparison.after), chosen, draw, progress=progress)
-    titles = {name: title for of_image in found.values() for name, title in of_image.items()}
+    drawn = {name: frame for of_image in found.values() for name, frame in of_image.items()}
     remarks = tuple(f"no picture: {problem}" for problem in problems)
-    return replace(comparison, pictures=dict(sorted(titles.items())), remarks=remarks)
+    return replace(comparison, pictures=dict(sorted(drawn.items())), remarks=remarks)
 
 
 def frame_title(frame: Frame) -> str:

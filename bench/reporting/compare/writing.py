@@ -15,21 +15,35 @@ import pandas as pd
 from bench.atomic import replacing
 from bench.evaluation import find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.sums import recording_values
+from bench.evaluation.sums import ALL_MOVING, FRAMES, recording_values
 from bench.harness.digests import short_digest
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun
 from bench.reporting.compare.changes import (
     HEADLINES,
+    IMPROVEMENTS,
     LISTED,
     RunComparison,
+    Shown,
     compare_runs,
     paired_objects,
     verdict_line,
 )
-from bench.reporting.compare.pictures import draw_changed_frames, frame_title
+from bench.reporting.compare.pictures import Frame, draw_changed_frames, frame_title
 from bench.reporting.compare.runs import read_comparable
-from bench.reporting.document import Block, Cell, Column, Heading, Heads, Paragraph, Picture, Report, Table, to_latex
+from bench.reporting.document import (
+    Block,
+    Cell,
+    Column,
+    Heading,
+    Heads,
+    Paragraph,
+    Picture,
+    Report,
+    Table,
+    Tags,
+    to_latex,
+)
 from bench.reporting.formats import (
     CEILING,
     INTERVALS,
@@ -83,6 +97,20 @@ _COLUMNS: dict[str, Heads] = {
 _CHANGE = ["recordings", "before", "after", "difference", "ci95"]
 
 
+# Tags of rows and pictures, by which the page filters them. What is of all kinds of motion or of all recordings has no
+# such tag, and stays.
+FILTERS = {"motion": "Kind of motion", "recording": "Recording", "change": "Change"}
+
+
+def _frame_tags(frame: Frame) -> Tags:
+    change = Shown.BETTER if frame["kind"] in IMPROVEMENTS else Shown.WORSE
+    return {"motion": LABELS.get(frame["category"], ""), "recording": frame["recording"], "change": change.value}
+
+
+def _motion_tag(name: str) -> Tags:
+    return {} if name in (ALL_MOVING, FRAMES) else {"motion": LABELS[name]}
+
+
 def _section(comparison: RunComparison, out: Path) -> Iterator[Block]:
     before, after = comparison.before.label, comparison.after.label
     yield Heading(f"{after} against {before}")
@@ -102,9 +130,9 @@ def _section(comparison: RunComparison, out: Path) -> Iterator[Block]:
     yield _detection_table(comparison)
     for kind, frames in comparison.frames.groupby("kind", sort=False):
         yield _frame_table(str(kind), frames)
-    for name, title in comparison.pictures.items():
-        yield Paragraph(title, "strong")
-        yield Picture(f"pictures/{name}", title)
+    for name, frame in comparison.pictures.items():
+        title = frame_title(frame)
+        yield Picture(f"pictures/{name}", title, caption=title, tags=_frame_tags(frame))
     yield _further_table(comparison.changes)
     yield from (Paragraph(remark, "dim") for remark in comparison.remarks)
 
@@ -126,11 +154,18 @@ def _recording_table(comparison: RunComparison) -> Table:
     sides = {"before": comparison.before, "after": comparison.after}
     values = pd.concat({side: recording_values(run.sums)[0] for side, run in sides.items()}, axis=1).sort_index()
     columns = [Column(f"{label}: {side}", _bound) for label in HEADLINES.values() for side in sides]
+    gains = values["after", "iou"] - values["before", "iou"]
     return Table(
-        title="By recording, percent, before and after",
+        title=f"By recording, percent, before and after; better or worse by {HEADLINES['iou']}",
         columns=["Recording", *columns],
         rows=values[[(side, name) for name in HEADLINES for side in sides]].reset_index(),
+        tags=[{"recording": str(name), "change": _direction(gain)} for name, gain in gains.items()],
     )
+
+
+def _direction(gain: float) -> str:
+    """Better or worse; "" for neither."""
+    return Shown.BETTER.value if gain > 0 else Shown.WORSE.value if gain < 0 else ""
 
 
 def _further_table(changes: pd.DataFrame) -> Table:
@@ -146,7 +181,11 @@ def _change_table(
     """For each metric the rows that have it."""
     held = changes[changes["frames_before"] > 0].reset_index()
     rows = pd.concat([held[held["metric"] == metric] for metric in metrics])
-    return Table(title=title, columns={n: _COLUMNS[n] for n in (*words, *numbers)}, rows=rows, words=len(words))
+    tags = [*map(_motion_tag, rows["slice"])]
+    if "verdict" in words:
+        tags = [{**tag, "change": str(verdict)} for tag, verdict in zip(tags, rows["verdict"], strict=True)]
+    columns = {name: _COLUMNS[name] for name in (*words, *numbers)}
+    return Table(title=title, columns=columns, rows=rows, words=len(words), tags=tags)
 
 
 def _detection_table(comparison: RunComparison) -> Table:
@@ -154,6 +193,7 @@ def _detection_table(comparison: RunComparison) -> Table:
         title="Object-frames gained and lost",
         columns=["Type", "Object-frames", "detected before", "after", "newly detected", "newly missed"],
         rows=comparison.detections.rename(index=LABELS).reset_index(),
+        tags=[*map(_motion_tag, comparison.detections.index)],
     )
 
 
@@ -161,12 +201,14 @@ def _frame_table(kind: str, frames: pd.DataFrame) -> Table:
     what, which = "share of the image", "the image with most"
     if frames["track_id"].notna().all():
         what, which = "coverage", f"largest first, one per object, at most {LISTED}"
-    names = [frame_title(frame).removeprefix(kind).lstrip(": ") for frame in frames.to_dict("records")]
+    records = frames.to_dict("records")
+    names = [frame_title(frame).removeprefix(kind).lstrip(": ") for frame in records]
     before = Column(f"{what} before, percent", hundredths)
     return Table(
         title=f"{kind.capitalize()}: {which}",
         columns={"name": "Frame", "before": before, "after": Column("after", hundredths)},
         rows=frames.assign(name=names),
+        tags=[*map(_frame_tags, records)],
     )
 
 
@@ -234,6 +276,7 @@ def report(comparisons: Sequence[RunComparison], *, out: Path) -> Report:
         },
         latex="\n".join(map(_latex, comparisons)),
         page=True,
+        filters=FILTERS,
     )
 
 
@@ -260,7 +303,9 @@ def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
         "rows": _numbers(comparison).to_dict("records"),
         "detections": comparison.detections.reset_index().to_dict("records"),
         "changed_frames": comparison.frames.to_dict("records"),
-        "pictures": [{"file": f"pictures/{name}", "title": title} for name, title in comparison.pictures.items()],
+        "pictures": [
+            {"file": f"pictures/{name}", "title": frame_title(frame)} for name, frame in comparison.pictures.items()
+        ],
         "remarks": comparison.remarks,
     }
 
