@@ -25,6 +25,7 @@ FIRST_SLAB_M, SLAB_M = 0.6, 0.12  # half a slab around the plane, at first and a
 ROUNDS = 6
 LEAST_SHARE = 0.3  # of the cells
 LANE_M, LANE_END_M, LANE_CELL_M = 1.5, 10.0, 0.5  # half its width, how far it is looked at, side of a cell
+LANE_SLOPE = 0.01  # along it; one that climbs by more leads over a kerb
 LANE_SLABS_M = (0.3, 0.15, 0.08, 0.06, 0.06)  # half a slab around the plane, in each round
 
 
@@ -36,7 +37,8 @@ class SeenRoad:
         height_m: of the plane of all that is low around the vehicle, below the vehicle's origin, vehicle frame; some
             centimetres off where there are pavements, or where points scatter.
         tilt_rad: of that plane to the vehicle's xy plane.
-        lane_height_m: the same for the vehicle's own lane, to about a centimetre; NaN where too little of it is seen.
+        lane_height_m: the same for the vehicle's own lane, to about a centimetre; NaN where too little of it is seen,
+            or it leads over a kerb.
     """
 
     height_m: float
@@ -96,7 +98,7 @@ def _lane_height_m(points_vehicle: NDArray[np.float64], plane: NDArray[np.float6
         if len(middle) < LEAST_CELLS:
             return float("nan")
         plane = np.linalg.lstsq(np.column_stack([middle[:, :2], np.ones(len(middle))]), middle[:, 2], rcond=None)[0]
-    return float(plane[2])
+    return float(plane[2]) if abs(plane[0]) < LANE_SLOPE else float("nan")
 
 
 FEW = 0.1  # of the middle number of points

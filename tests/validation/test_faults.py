@@ -303,6 +303,14 @@ def test_a_lane_that_is_not_seen_has_no_height():
     assert np.isnan(seen_road(np.column_stack([x, y, 0.0 * x])[beside]).lane_height_m)
 
 
+def test_a_lane_that_leads_over_a_kerb_tells_no_height():
+    """A plane through the road ahead and the pavement behind a kerb would lie below the road at the vehicle."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(2.6, 13.0, 0.2), np.arange(-6.0, 6.0, 0.2)))
+    kerb = np.where(x > 5.0 + y, 0.12, 0.0)
+    assert seen_road(np.column_stack([x, y, 0.0 * x])).lane_height_m == pytest.approx(0.0, abs=0.005)
+    assert np.isnan(seen_road(np.column_stack([x, y, kerb])).lane_height_m)
+
+
 def test_a_lidar_that_nods(root):
     turned = drive.quaternion_wxyz(tiny.VEHICLE_FROM_LIDAR, Rotation.from_euler("y", 6, degrees=True))
     change_head(root, lambda head: head["lidar"]["vehicle_from_lidar"].update(quaternion_wxyz=turned))
