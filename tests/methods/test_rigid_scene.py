@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import PinholeCamera
+from bench.cameras import BrownConradyCamera, PinholeCamera
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.methods import UnansweredImage, build_method
@@ -21,8 +21,8 @@ from bench.methods.rigid_scene.evidence import CELL, Evidence
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene, at_every_pixel
 from bench.methods.rigid_scene.standing import floating, upright
-from tests.methods.worlds import FORWARD, TwoViews
-from tests.support.board_scene import CAMERA, STEP, crossing, frame, render
+from tests.methods.worlds import FORWARD, TwoViews, pitched_down
+from tests.support.board_scene import CAMERA, LOOK, ROAD, STEP, crossing, frame, render
 
 PINHOLE = PinholeCamera(width=320, height=240, focal=(150.0, 150.0), principal_point=(159.5, 119.5))
 
@@ -47,6 +47,55 @@ def test_static_points_move_as_the_scene_says(camera):
     u, v = np.rint(now[0]).astype(int)
     road = at_every_pixel(scene.road_inverse_depth(scene.fall()).astype(np.float32), camera)
     assert road[v, u] == pytest.approx(1 / depth_m[0], rel=0.02)
+
+
+# Fitted within 60 degrees of its axis and one-to-one up to 90, where it rises with the fifth power of the radius.
+STEEP = BrownConradyCamera(
+    width=640,
+    height=400,
+    focal=(320.0, 320.0),
+    principal_point=(319.5, 199.5),
+    radial=(-0.33, 0.1),
+    tangential=(-0.001, 0.001),
+)
+
+
+def test_rays_far_outside_of_the_image_overflow_nothing():
+    # To the rear while driving forwards: the road beside the camera was ahead of it. Warnings are errors here.
+    back = RigidTransform.from_yaw(np.pi).rotation
+    before, now = (RigidTransform(LOOK @ back, -LOOK @ back @ np.array([x, 0.0, 0.8])) for x in (0.0, 1.5))
+    motion, road = now @ before.inverse(), RoadPlane(LOOK @ np.array([0.0, 0.0, -1.0]), 0.8)
+    scene = RigidScene(camera=STEEP, current_from_previous=motion, road=road)
+    rays = scene.grid.rays_camera.reshape(-1, 3)
+    far = scene.previous_pixels(rays, scene.road_inverse_depth(rays @ road.down))
+    assert np.nanmax(np.abs(far)) > 1e15
+    flow = scene.flow_at(scene.road_inverse_depth(scene.fall()))
+    assert np.nanmax(np.abs(flow)) < 1.001e4
+    within = np.abs(far - scene.grid.pixels.reshape(-1, 2)).max(axis=1) < 1000
+    np.testing.assert_allclose(
+        flow.reshape(-1, 2)[within], (far - scene.grid.pixels.reshape(-1, 2))[within], rtol=1e-5, atol=1e-4
+    )
+    images = tuple(ROAD[at : at + 400, at : at + 640].astype(np.uint8) for at in (0, 8))
+    given = replace(
+        frame(*images, STEP, valid=np.ones((400, 640), bool)), camera=STEEP, road=road, current_from_previous=(motion,)
+    )
+    found = build_method("rigid-scene").segment(given)
+    assert max(np.abs(found.parts["flow_u"]).max(), np.abs(found.parts["flow_v"]).max()) < 3e4
+
+
+def test_a_head_far_outside_of_the_image_overflows_nothing():
+    steep = pitched_down(np.deg2rad(50))
+    scene = RigidScene(
+        camera=STEEP,
+        current_from_previous=RigidTransform(np.eye(3), np.zeros(3)),
+        road=RoadPlane(steep @ np.array([0.0, 0.0, -1.0]), 0.8),
+    )
+    fall = at_every_pixel(scene.fall().astype(np.float32), STEEP)
+    nowhere = np.zeros(fall.shape, dtype=bool)
+    for row in range(60, 380, 2):  # some heads are nearly at a right angle to the axis
+        feet = nowhere.copy()
+        feet[row - 3 : row, 300:340] = True
+        upright(scene, fall, feet, nowhere, height_m=1.6)
 
 
 def test_the_nearest_point_of_a_curve():
