@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -19,6 +20,7 @@ from bench.methods.rigid_scene.deviation import (
 )
 from bench.methods.rigid_scene.evidence import CELL, Evidence
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
+from bench.methods.rigid_scene.own_effects import own_effects
 from bench.methods.rigid_scene.scene import RigidScene, at_every_pixel
 from bench.methods.rigid_scene.standing import floating, upright
 from tests.methods.worlds import FORWARD, TwoViews, pitched_down
@@ -225,6 +227,59 @@ def test_what_crosses_is_found_and_what_stands_is_not():
     after, _ = render(STEP, (5.0, 0.4, 0.0))
     still = build_method("rigid-scene").segment(frame(before, after, STEP)).mask
     assert still.mean() < 0.002
+
+
+def three_images(shade, *, board=False):
+    """Three images of a camera that drives on, below a shade that it carries along, and what moves in the last."""
+    step = np.array([0.12, 0.0, 0.0])
+    rendered = [render(k * step, np.array([3.0, -0.9 + 0.3 * k, 0.0]) if board else None) for k in range(3)]
+    images = tuple(np.rint(image * shade).astype(np.uint8) for image, _ in rendered)
+    given = frame(*images[1:], step)
+    three = replace(
+        given,
+        images=images,
+        timestamps_ns=(0, 66_666_667, 133_333_334),
+        current_from_previous=2 * given.current_from_previous,
+    )
+    return three, rendered[-1][1]
+
+
+def test_the_own_shadow_is_no_object_and_what_crosses_it_is_one():
+    v, u = np.indices((CAMERA.height, CAMERA.width))
+    shade = cv2.GaussianBlur(np.where((v > 290) & (u > 250 + 0.5 * (v - 330)), 0.25, 1.0), (0, 0), 3)
+
+    def found(given, *, own_effects):
+        return build_method("rigid-scene", {"own_effects": own_effects}).segment(given).mask
+
+    given, _ = three_images(shade)
+    assert found(given, own_effects=False).mean() > 0.02
+    assert found(given, own_effects=True).mean() < 0.002
+    crossed, board = three_images(shade, board=True)
+    assert found(crossed, own_effects=True)[board].mean() > 0.9 * found(crossed, own_effects=False)[board].mean() > 0.5
+
+
+def test_the_road_is_seen_through_what_stands_still_in_the_image_but_not_through_an_object():
+    evidence, _ = obstacle_before_the_camera(1.0, road_px_sigmas=1.0)
+    shape = evidence.fall.shape
+    where = (slice(330, 390), slice(60, 260))  # on the road
+    region = np.zeros(shape, dtype=bool)
+    region[where] = True
+
+    def seen(images, road_px):
+        road = np.zeros((*shape, 2), np.float32)
+        road[..., 0] = road_px
+        three = [image.astype(np.uint8) for image in images]
+        return own_effects(region, three, replace(evidence, road=road))[region].mean()
+
+    def moving(px):  # to the right by so much an image
+        return [np.roll(ROAD, px * (k - 2), axis=1)[: shape[0], : shape[1]] for k in range(3)]
+
+    shade = np.where(np.indices(shape)[1] > 160, 0.4, 1.0)
+    assert seen([image * shade for image in moving(-6)], 6.0) == 1
+    assert seen(moving(0), 6.0) == 0  # a car ahead, at the ego vehicle's speed
+    assert seen(moving(3), 6.0) == 0  # what moves in another way
+    assert seen([image * shade for image in moving(-2)], 2.0) == 0  # not told from what stands still
+    assert own_effects(np.ones(shape, dtype=bool), [np.zeros(shape, np.uint8)] * 3, evidence).sum() == 0
 
 
 def test_switches_change_the_answer_and_an_older_image_may_be_there():
