@@ -46,7 +46,7 @@ def own_effects(
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(region.astype(np.uint8), connectivity=8)
 
     def summed(values: NDArray[np.float32]) -> NDArray[np.float64]:
-        return np.bincount(labels[used], weights=values[used], minlength=count)
+        return np.bincount(labels[used], weights=values[used], minlength=count).astype(np.float64)
 
     pixels = np.bincount(labels[used], minlength=count)
     noise = pixels * evidence.noise**2 / 2

@@ -119,7 +119,7 @@ def shortened(displacements: NDArray[np.float64]) -> NDArray[np.float64]:
     A lens's polynomial is fitted within the image. Rays far outside of it may go to 1e17 px, whose squares overflow.
     """
     length = np.linalg.norm(displacements, axis=-1, keepdims=True)
-    return displacements * (-OUTSIDE_PX / np.maximum(length, -OUTSIDE_PX))
+    return np.asarray(displacements * (-OUTSIDE_PX / np.maximum(length, -OUTSIDE_PX)))
 
 
 def at_every_pixel(values: NDArray[np.float32], camera: CameraModel) -> NDArray[np.float32]:
