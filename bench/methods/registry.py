@@ -20,6 +20,7 @@ ENTRY_POINTS = "fisheye_bench.methods"
 
 METHODS = {
     "spherical": "bench.methods.spherical.method:SphericalMethod",
+    "spherical-guided": "bench.methods.spherical.method:GuidedSphericalMethod",
     "spherical-sparse": "bench.methods.spherical.sparse:SparseSphericalMethod",
     "spherical-visual-odometry": "bench.methods.spherical.visual_odometry:VisualOdometryMethod",
     "epipolar-only": "bench.methods.spherical.method:EpipolarOnly",

@@ -8,6 +8,7 @@ The steps, each in a module and each a setting that can be switched off:
 - `deviation`: how many standard deviations a flow vector lies from all rigid scenes;
 - `evidence`: the same asked of grey values, for every static depth;
 - `standing`: what stands on the road, and what would have to float above it;
+- `own_effects`: shadow and light that move with the ego vehicle are no objects;
 - `objects`: hysteresis, growth, outlines;
 - `method`: all of it, on the last pair of images and on one further apart.
 

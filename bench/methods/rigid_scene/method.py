@@ -40,6 +40,8 @@ class RigidSceneMethod(FlowMethod):
         sigmas: the flow's own uncertainty is the unit of deviations; else `constant_px`.
         photometric: a cell is static where some static depth explains the grey values as well as its flow does.
         light: what shows the road's own texture is static, whatever shadow or headlight moves over it.
+        own_effects: a region through which the road is seen to move is the ego vehicle's own shadow or light; by three
+            images.
         long_baseline: slow objects are also looked for in a pair of images that are further apart, where there is one.
         flow: name of the dense flow, see `bench.flow.DENSE_FLOWS`; it works on half the size.
         flow_parameters: what the flow takes; without any, "dis" is fast and matches up to its image's own size.
@@ -66,6 +68,7 @@ class RigidSceneMethod(FlowMethod):
     sigmas: bool = True
     photometric: bool = True
     light: bool = True
+    own_effects: bool = True
     long_baseline: bool = True
     flow: str = "dis"
     flow_parameters: dict[str, object] = field(default_factory=dict)
@@ -108,7 +111,8 @@ class RigidSceneMethod(FlowMethod):
         if flow is not None:
             flow = _flow_at(flow, views.valid.shape, size=views.valid.shape, was=frame.valid.shape)
         short = self._evidence(views, frame, 1, None, flow)
-        found = find_candidates(short, self.objects)
+        three = views.small[-3:] if self.own_effects and short.moves and len(views.small) > 2 else None
+        found = find_candidates(short, self.objects, images=three)
         pairs = [Pair(previous=views.fine[-2], evidence=short)]
         back = min(self.longest_history, len(frame.images) - 1)
         if self.long_baseline and back > 1 and short.moves:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bench.errors import UsageError
 from bench.methods.rigid_scene.deviation import Image, gradients
 from bench.methods.rigid_scene.evidence import BELOW_HORIZON, CELL, WINDOW_PX, Evidence
+from bench.methods.rigid_scene.own_effects import own_effects
 from bench.methods.rigid_scene.scene import box_mean, pixel_positions, remapped
 from bench.methods.rigid_scene.standing import floating, upright
 
@@ -97,12 +98,19 @@ class Candidates:
         return Candidates(**{field.name: getattr(self, field.name) & mask for field in fields(self)})
 
 
-def find_candidates(evidence: Evidence, settings: ObjectSettings, *, slow_px: float = np.inf) -> Candidates:
+def find_candidates(
+    evidence: Evidence,
+    settings: ObjectSettings,
+    *,
+    images: Sequence[NDArray[np.uint8]] | None = None,
+    slow_px: float = np.inf,
+) -> Candidates:
     """Seeds and regions of objects.
 
     Args:
         evidence: of two images.
         settings: thresholds and switches.
+        images: these two and the one before them, by which own shadow and light are left out; None to leave them in.
         slow_px: only what deviates by less is looked for.
     """
     height, width = evidence.sigmas.shape
@@ -120,13 +128,17 @@ def find_candidates(evidence: Evidence, settings: ObjectSettings, *, slow_px: fl
     region = _moving_together(deviation, blobs) & ~evidence.edge & ~evidence.road_seen
     sure = (region & (evidence.misfit > settings.mark)) | hanging
     region |= hanging
+    seeds = (seeds & blobs) | hanging
+    if images is not None:
+        kept = ~own_effects(region, images, evidence)
+        seeds, sure, region, hanging = seeds & kept, sure & kept, region & kept, hanging & kept
     standing = np.zeros_like(region)
     if settings.grow and evidence.moves:
         standing = _below_road(region, sure, evidence.too_low | hanging, evidence.fall > BELOW_HORIZON)
         grown = upright(evidence.scene, evidence.fall, standing, evidence.edge, height_m=settings.height_m)
         grown &= ~evidence.edge
         region, sure = region | grown, sure | grown
-    return Candidates(seeds=(seeds & blobs) | hanging, sure=sure, region=region, standing=standing, floating=hanging)
+    return Candidates(seeds=seeds, sure=sure, region=region, standing=standing, floating=hanging)
 
 
 def _with_seeds(likely: Mask, seeds: Mask) -> Mask:

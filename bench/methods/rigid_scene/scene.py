@@ -110,7 +110,16 @@ class RigidScene:
         """
         grid = self.grid
         pixels = self.previous_pixels(grid.rays_camera.reshape(-1, 3), inverse_depth)
-        return (pixels.reshape(grid.pixels.shape) - grid.pixels).astype(np.float32)
+        return shortened(pixels.reshape(grid.pixels.shape) - grid.pixels).astype(np.float32)
+
+
+def shortened(displacements: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Displacements, (..., 2), px, of the same direction, but none longer than one that surely ends outside the image.
+
+    A lens's polynomial is fitted within the image. Rays far outside of it may go to 1e17 px, whose squares overflow.
+    """
+    length = np.linalg.norm(displacements, axis=-1, keepdims=True)
+    return np.asarray(displacements * (-OUTSIDE_PX / np.maximum(length, -OUTSIDE_PX)))
 
 
 def at_every_pixel(values: NDArray[np.float32], camera: CameraModel) -> NDArray[np.float32]:

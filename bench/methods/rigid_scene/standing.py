@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.methods.rigid_scene.evidence import BELOW_HORIZON, CELL, Evidence
-from bench.methods.rigid_scene.scene import RigidScene
+from bench.methods.rigid_scene.scene import RigidScene, shortened
 
 Mask = NDArray[np.bool_]
 HIDDEN_PX = 4  # so near to the border of what is seen, a foot is cut off
@@ -44,8 +44,10 @@ def upright(scene: RigidScene, fall: NDArray[np.float32], feet: Mask, hidden: Ma
         ends = hidden[np.minimum(v + HIDDEN_PX, len(hidden) - 1), u] | (v + HIDDEN_PX >= len(hidden))
         stands = ~ends & (fall[v, u] > 2 * BELOW_HORIZON) & (reach < NEAR_FEET * reach.min())
         u, v, reach = u[stands], v[stands], reach[stands]
-        rays, _ = scene.camera.unproject(np.stack([u, v], axis=1).astype(np.float64))
+        pixels = np.stack([u, v], axis=1).astype(np.float64)
+        rays, _ = scene.camera.unproject(pixels)
         heads, seen = scene.camera.project(rays * reach[:, None] - height_m * scene.road.down)
+        heads = pixels + shortened(heads - pixels)
         for k in np.flatnonzero((np.diff(u) <= 2) & seen[:-1] & seen[1:]):
             corners = np.array([[u[k], v[k]], [u[k + 1], v[k + 1]], heads[k + 1], heads[k]])
             cv2.fillConvexPoly(filled, np.rint(corners).astype(np.int32), 1)

@@ -173,6 +173,21 @@ class SphericalMethod(SphericalSettings, FlowMethod):
         )
 
 
+# Larger than OpenCV's usual, so that noise of the flow on a cell is smaller; what is left of the flow is small enough.
+_SMOOTH: dict[str, object] = {"window_px": 21, "neighbourhood_px": 7, "neighbourhood_sigma": 1.5}
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidedSphericalMethod(SphericalMethod):
+    """The paper's constraints on a flow that holds the road, by the motion that this flow corrects."""
+
+    name = "spherical-guided"
+
+    flow_parameters: dict[str, object] = field(default_factory=_SMOOTH.copy)
+    first_guess: bool = True
+    refine_motion: bool = True
+
+
 # Each two-view constraint alone: what the method sees by it and by nothing else. Flow, cells and the stationary camera
 # are as in the method. A constraint's threshold is the one that it has among the others (see `alone`), so these masks
 # are parts of the method's mask.
