@@ -45,7 +45,12 @@ VERDICTS = {
     "silent": "silent",
 }
 # What the report says that it cannot tell, by part of a mistake: regular expressions.
-UNKNOWN = {"clocks": "clock", "camera": "calibration.*camera (front|right)", "ego-motion": "scale|bias"}
+UNKNOWN = {
+    "lidar": "mounting of the lidar",
+    "clocks": "clock",
+    "camera": "calibration.*camera (front|right)",
+    "ego-motion": "ego-motion|scale|bias",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
