@@ -325,7 +325,7 @@ def test_a_camera_in_the_ground(root):
     (told,) = found(root)
     assert told.check == "file"
     assert told.field.startswith("cameras.front.vehicle_from_camera")
-    assert "height of -0.5 m" in told.got
+    assert "height of -0.50 m" in told.got
 
 
 def test_a_camera_in_the_sky(root):
