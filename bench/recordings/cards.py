@@ -124,7 +124,7 @@ class DatasetCard:
 
     @property
     def address(self) -> str:
-        """What results and commands call the card: its path; its name where it ships with an installed package.
+        """Path of the card for results and commands; its name where it ships with an installed package.
 
         The folder of a package is another one on each machine, and the name leads to the card on all of them.
         """

@@ -1,4 +1,4 @@
-"""What ego-motion gets wrong between two images, measured by the lidar where neighbouring sweeps meet.
+"""Errors of the ego-motion between two images, measured by the lidar where neighbouring sweeps meet.
 
 Flow alone cannot tell a camera that looks a degree aside from a vehicle that slips, or whose nose dives. The lidar can:
 how its sweeps meet says where it went, in its own axes, and a camera has to fit the lidar.
@@ -63,7 +63,12 @@ class MeasuredMotion:
 
 
 def measured_motion(recording: Recording, steps: Sequence[Step]) -> MeasuredMotion:
-    """What the lidar's steps say of the ego-motion; those along a wall, or misled, say nothing."""
+    """Compare the ego-motion with the lidar's steps; those along a wall, or misled, are left out.
+
+    Args:
+        recording: with its ego-motion and mounting of the lidar.
+        steps: as the lidar measured them.
+    """
     mounting, steps = recording.vehicle_from_lidar, [step for step in steps if step.tells_all]
     times_ns = np.array([(step.first_ns, step.last_ns) for step in steps], dtype=np.int64).reshape(-1, 2)
     seconds = np.diff(times_ns, axis=1) / SECOND_NS
