@@ -98,14 +98,15 @@ def judged(index: int, drive: Path) -> Outcome:
         mistake.plant(root)
         report = report_of(root)
     new = sorted({text_of(finding) for finding in report.findings} - _clean_texts(drive))
-    unknown = [one.about for one in report.undecided]
+    doubt = UNKNOWN.get(mistake.part)
     if any(re.search(mistake.lead, text, re.IGNORECASE) for text in new):
         verdict = "right lead"
     elif new:
         verdict = "weak"
+    elif doubt is not None and any(re.search(doubt, unknown.about) for unknown in report.undecided):
+        verdict = "cannot tell"
     else:
-        known = not any(re.search(UNKNOWN.get(mistake.part, "^$"), about) for about in unknown)
-        verdict = "silent" if known else "cannot tell"
+        verdict = "silent"
     return Outcome(mistake=mistake.name, part=mistake.part, drive=drive.name, verdict=verdict, findings=tuple(new))
 
 

@@ -49,20 +49,16 @@ def mounted_camera(
     Raises:
         DataError: a camera that is not above the road.
     """
-    height_m, inverse_m = (
-        float(mounting.translation_m[2]) - ground_height_m
-        for mounting in (vehicle_from_camera, vehicle_from_camera.inverse())
-    )
+    height_m = float(vehicle_from_camera.translation_m[2]) - ground_height_m
     if not height_m > 0.0:
+        inverse_m = float(vehicle_from_camera.inverse().translation_m[2]) - ground_height_m
+        inverse = f"the inverse of the mounting stands {inverse_m:.2f} m above it"
         raise DataError(
             file,
             field=field,
             expected="a camera above the road",
             got=f"a height of {height_m:.2f} m",
-            hint=f"the inverse of the mounting stands {inverse_m:.2f} m above it: give vehicle_from_camera, not "
-            "camera_from_vehicle"
-            if inverse_m > 0.0
-            else "",
+            hint=f"{inverse}: give vehicle_from_camera, not camera_from_vehicle" if inverse_m > 0.0 else "",
         )
     road = RoadPlane.below(vehicle_from_camera, ground_height_m=ground_height_m)
     camera = MountedCamera(

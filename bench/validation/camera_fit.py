@@ -137,7 +137,7 @@ class CameraFit:
         self._model, self._stated = camera.model, camera.vehicle_from_camera
         self._times_ns = np.array([[f.current_ns, f.previous_ns] for f in flows], dtype=np.int64)
         self._seconds = np.diff(self._times_ns[:, ::-1], axis=1)[:, 0] / SECOND_NS
-        middle_ns = self._times_ns.mean(axis=1).astype(np.int64)
+        middle_ns = self._times_ns.sum(axis=1) // 2
         self._measured = bool(measured.at(middle_ns).all())
         if self._measured:
             self._errors, self._error_sigmas = measured.between(middle_ns)

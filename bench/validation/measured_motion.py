@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.geometry import twist_between
 from bench.recordings import Recording
+from bench.validation.drive import distance_to
 from bench.validation.findings import DEGREE, SECOND_NS
 from bench.validation.scan_matching import Step
 
@@ -36,7 +37,7 @@ class MeasuredMotion:
     """Errors of the stated ego-motion by the lidar.
 
     Attributes:
-        middle_ns: (K,) int64, of steps that say all of a motion.
+        middle_ns: (K,) int64, sorted, of steps that say all of a motion.
         errors: (K, 6) float64, measured less stated, as `SIGMAS`.
         path_m: (K,) float64, of the step.
     """
@@ -49,7 +50,7 @@ class MeasuredMotion:
         """Times, (N,), at which the motion is measured."""
         if not len(self.middle_ns):
             return np.zeros(len(times_ns), dtype=bool)
-        return np.asarray(np.abs(times_ns[:, None] - self.middle_ns).min(axis=1) < NEAR_NS)
+        return distance_to(times_ns, self.middle_ns) < NEAR_NS
 
     def between(self, times_ns: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Errors of the motion at times (N,), and their standard deviations, (N, 6)."""
