@@ -30,6 +30,7 @@ METHODS = {
     "three-view-only": "bench.methods.spherical.sparse:ThreeViewOnly",
     "rigid-scene": "bench.methods.rigid_scene.method:RigidSceneMethod",
     "learned": "bench.methods.learned.method:LearnedMethod",
+    "followed": "bench.methods.followed:FollowedMethod",
     "flow-magnitude": "bench.methods.baselines:FlowMagnitude",
     "rotation-compensated-flow": "bench.methods.baselines:RotationCompensatedFlow",
     "frame-difference": "bench.methods.baselines:FrameDifference",

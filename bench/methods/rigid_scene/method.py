@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel, ray_grid
+from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.flow import DisFlow, FarnebackFlow, dense_flow
 from bench.methods.contract import FlowMethod, MethodInput, UnansweredImage
@@ -19,10 +19,10 @@ from bench.methods.rigid_scene.first_guess import GuidedFlow, guided_flow, warp
 from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
 from bench.methods.rigid_scene.objects import Candidates, ObjectSettings, Pair, draw_objects, find_candidates
 from bench.methods.rigid_scene.scene import RigidScene
+from bench.methods.rigid_scene.views import Views, fine_cell_px
 from bench.methods.row_times import RowTimes
 from bench.records.segmentation import Segmentation
 
-FINE_PX = 640  # width about which outlines are drawn, and twice that on which all else is computed
 FLOW_PARAMETERS: dict[str, dict[str, object]] = {"dis": {"preset": "fast", "finest_scale": 0}}
 KNOWN_SHARE = 0.2  # a region of the long pair that the short one covers by so much is nothing new
 CAUSES = ("epipolar", "positive_depth", "positive_height", "floating")
@@ -107,16 +107,17 @@ class RigidSceneMethod(FlowMethod):
 
     def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32] | None) -> Segmentation:
         """See `bench.methods.contract.FlowMethod`; of the last pair, the flow of images further apart is its own."""
-        views = _Views.of(frame)
+        views = Views.of(frame)
+        given, shape = views.given, views.given.valid.shape
         if flow is not None:
-            flow = _flow_at(flow, views.valid.shape, size=views.valid.shape, was=frame.valid.shape)
-        short = self._evidence(views, frame, 1, None, flow)
-        three = views.small[-3:] if self.own_effects and short.moves and len(views.small) > 2 else None
+            flow = _flow_at(flow, shape, size=shape, was=frame.valid.shape)
+        short = self.evidence(given, flow=flow)
+        three = given.images[-3:] if self.own_effects and short.moves and len(given.images) > 2 else None
         found = find_candidates(short, self.objects, images=three)
         pairs = [Pair(previous=views.fine[-2], evidence=short)]
         back = min(self.longest_history, len(frame.images) - 1)
         if self.long_baseline and back > 1 and short.moves:
-            long = self._evidence(views, frame, back, short.scene)
+            long = self.evidence(given, back=back, known=short.scene)
             pairs.append(Pair(previous=views.fine[-1 - back], evidence=long))
         mask = self._drawn(found, views, pairs)
         for pair in pairs[1:]:
@@ -134,48 +135,46 @@ class RigidSceneMethod(FlowMethod):
 
     def flow_cell_px(self, width: int) -> int:
         """See `bench.methods.contract.FlowMethod`."""
-        return 2 * _fine_cell_px(width)
+        return 2 * fine_cell_px(width)
 
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
         """See `bench.methods.contract.FlowMethod`."""
-        views = _Views.of(frame)
-        scene = replace(RigidScene.of(frame), camera=views.camera)
-        found = self._guided_flow(views, 1, scene)
+        given = Views.of(frame).given
+        found = self._guided_flow(given, 1, RigidScene.of(given))
         grid = ray_grid(frame.camera, self.flow_cell_px(frame.camera.width)).valid.shape
-        return _flow_at(found.flow, grid, size=frame.valid.shape, was=views.valid.shape)
+        return _flow_at(found.flow, grid, size=frame.valid.shape, was=given.valid.shape)
 
-    def _evidence(
+    def evidence(
         self,
-        views: _Views,
-        frame: MethodInput,
-        back: int,
-        known: RigidScene | None,
-        given: NDArray[np.float32] | None = None,
+        given: MethodInput,
+        *,
+        back: int = 1,
+        known: RigidScene | None = None,
+        flow: NDArray[np.float32] | None = None,
     ) -> Evidence:
-        """Return the evidence of the current image and the one `back` before it.
+        """Evidence of the current image and the one `back` before it.
 
         Args:
-            views: the images.
-            frame: for times and motion.
+            given: images, lens, times and motion at the size at which all is computed, of `Views`.
             back: how many images.
             known: the scene of the last pair, whose motion is better than the recorded one; None if it is not known.
-            given: (H, W, 2) float32, px, flow in place of the estimated one where it is finite; None for none.
+            flow: (h, w, 2) float32, px, in place of the estimated one where it is finite; None for none.
         """
-        current, previous = views.small[-1], views.small[-1 - back]
-        *earlier, last = frame.current_from_previous[-back:]
-        motion, road = (last, frame.road) if known is None else (known.current_from_previous, known.road)
+        current, previous = given.images[-1], given.images[-1 - back]
+        *earlier, last = given.current_from_previous[-back:]
+        motion, road = (last, given.road) if known is None else (known.current_from_previous, known.road)
         for step in reversed(earlier):
             motion = motion @ step
-        row_times = RowTimes.of(frame, back=back)
-        scene = RigidScene(camera=views.camera, current_from_previous=motion, road=road, row_times=row_times)
-        found = self._guided_flow(views, back, scene)
-        if given is not None:
-            found = replace(found, flow=np.where(np.isfinite(given), given, found.flow))
+        row_times = RowTimes.of(given, back=back)
+        scene = RigidScene(camera=given.camera, current_from_previous=motion, road=road, row_times=row_times)
+        found = self._guided_flow(given, back, scene)
+        if flow is not None:
+            found = replace(found, flow=np.where(np.isfinite(flow), flow, found.flow))
         if self.refine_motion:
-            seconds = (frame.timestamps_ns[-1] - frame.timestamps_ns[-1 - back]) / 1e9
-            seen = correspondences(found, current, views.camera)
+            seconds = (given.timestamps_ns[-1] - given.timestamps_ns[-1 - back]) / 1e9
+            seen = correspondences(found, current, given.camera)
             scene = refine_motion(scene, seen, seconds=seconds, accuracy=self.accuracy)
-        guess, warped, neutral = warp(current, previous, valid=views.valid, scene=scene)
+        guess, warped, neutral = warp(current, previous, valid=given.valid, scene=scene)
         found = replace(found, guess=guess, warped=warped, neutral=neutral | found.neutral)
         return gather_evidence(
             current,
@@ -190,59 +189,17 @@ class RigidSceneMethod(FlowMethod):
             photometric=self.photometric,
         )
 
-    def _guided_flow(self, views: _Views, back: int, scene: RigidScene) -> GuidedFlow:
+    def _guided_flow(self, given: MethodInput, back: int, scene: RigidScene) -> GuidedFlow:
         return guided_flow(
-            views.small[-1],
-            views.small[-1 - back],
-            valid=views.valid,
+            given.images[-1],
+            given.images[-1 - back],
+            valid=given.valid,
             scene=scene if self.first_guess else None,
             flow=self._dense_flow(),
         )
 
-    def _drawn(self, found: Candidates, views: _Views, pairs: Sequence[Pair]) -> NDArray[np.bool_]:
+    def _drawn(self, found: Candidates, views: Views, pairs: Sequence[Pair]) -> NDArray[np.bool_]:
         return draw_objects(found, views.fine[-1], pairs, self.objects, floor_px=self.floor_px)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Views:
-    """The images at the two sizes that are worked on.
-
-    Attributes:
-        fine: (H, W) uint8 each, of the size of the answer.
-        small: of half that size.
-        camera: the lens at the small size.
-        valid: at the small size.
-        cell_size_px: pixels of the given images for one of the fine ones.
-    """
-
-    fine: tuple[NDArray[np.uint8], ...]
-    small: tuple[NDArray[np.uint8], ...]
-    camera: CameraModel
-    valid: NDArray[np.bool_]
-    cell_size_px: int
-
-    @classmethod
-    def of(cls, frame: MethodInput) -> _Views:
-        height, width = frame.valid.shape
-        cell = _fine_cell_px(width)
-        fine_size = -(-width // cell), -(-height // cell)
-        small_size = max(fine_size[0] // 2, 1), max(fine_size[1] // 2, 1)
-        fine = tuple(image if cell == 1 else _resized(image, fine_size) for image in frame.images)
-        return cls(
-            fine=fine,
-            small=tuple(_resized(image, small_size) for image in fine),
-            camera=frame.camera.scaled(*small_size),
-            valid=_resized(frame.valid.astype(np.uint8) * 255, small_size) > 250,
-            cell_size_px=cell,
-        )
-
-
-def _fine_cell_px(width: int) -> int:
-    return max(round(width / FINE_PX), 1)
-
-
-def _resized(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _flow_at(

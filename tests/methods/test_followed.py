@@ -1,0 +1,107 @@
+"""Agreement over time: what appears once is doubted, what is followed is completed, and nothing depends on notes."""
+
+import pickle
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from bench.errors import UnknownNameError, UsageError
+from bench.methods import Method, Segmentation, UnansweredImage, build_method
+from tests.support.board_scene import STEP, frame, render
+
+IMAGES = 4
+HERE = f"{__name__}:MarksBoard"
+
+
+def drive(first=0, images=IMAGES):
+    """What a method is given of some images on which a board crosses, and the board in each of them."""
+    steps = [np.array(STEP) * number for number in range(first, first + images)]
+    rendered = [render(step, np.array([3.0, -0.6 + 0.1 * (first + k), 0.0])) for k, step in enumerate(steps)]
+    given = frame(rendered[-2][0], rendered[-1][0], STEP)
+    times = tuple(66_666_667 * (first + number) for number in range(images))
+    motion = given.current_from_previous * (images - 1)
+    found = replace(
+        given, images=tuple(image for image, _ in rendered), timestamps_ns=times, current_from_previous=motion
+    )
+    return found, [board for _, board in rendered]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarksBoard(Method):
+    """Marks the board, but for the images in which it marks something else."""
+
+    wrong: tuple[int, ...] = ()
+    scores: bool = False
+    name = "marks-board"
+
+    def segment(self, given):
+        number = round(given.timestamps_ns[-1] / 66_666_667)
+        _, board = render(np.array(STEP) * number, np.array([3.0, -0.6 + 0.1 * number, 0.0]))
+        if number in self.wrong:
+            board = np.zeros_like(board)
+            board[60:100, 60:120] = True
+        if not self.scores:
+            return Segmentation(cell_size_px=1, mask=board)
+        score = np.where(board, np.float32(0.9), np.float32(0.1))
+        return Segmentation(cell_size_px=1, mask=board, likelihood=score, likelihood_is_score=True, threshold=0.4)
+
+
+def followed(images=3, **parameters):
+    return build_method("followed", {"method": HERE, "parameters": parameters, "images": images})
+
+
+def overlap(one, other):
+    return (one & other).sum() / (one | other).sum()
+
+
+@pytest.mark.parametrize("scores", [False, True])
+def test_what_appears_once_is_doubted_and_what_was_there_before_is_completed(scores):
+    given, boards = drive()
+    method = followed(wrong=[IMAGES - 1], scores=scores)
+    found = method.segment(given)
+    assert not found.mask[60:100, 60:120].any()
+    assert overlap(found.mask, boards[-1]) > 0.8
+    alone = followed(images=1, wrong=[IMAGES - 1], scores=scores).segment(given)
+    assert alone.mask[60:100, 60:120].all()
+    assert (found.likelihood is not None) == scores
+
+
+def test_what_was_marked_once_before_is_forgotten():
+    given, boards = drive()
+    found = followed(wrong=[IMAGES - 2]).segment(given)
+    assert not found.mask[60:100, 60:120].any()
+    assert overlap(found.mask, boards[-1]) > 0.9
+
+
+def test_one_who_has_seen_the_images_before_answers_as_one_who_has_not():
+    method = followed(wrong=[2])
+    later, _ = drive(first=1)
+    method.segment(drive()[0])
+    np.testing.assert_array_equal(method.segment(later).mask, followed(wrong=[2]).segment(later).mask)
+    travelled = pickle.loads(pickle.dumps(method))
+    np.testing.assert_array_equal(travelled.segment(later).mask, method.segment(later).mask)
+
+
+def test_at_the_start_of_a_drive_the_images_that_there_are_agree():
+    given, boards = drive(images=2)
+    found = followed().segment(given)
+    np.testing.assert_array_equal(found.mask, boards[-1])
+
+
+def test_it_looks_as_far_back_as_the_method_does_on_its_earliest_image():
+    assert (followed().history, followed().longest_history) == (1, 3)
+    long = build_method("followed", {"method": "rigid-scene", "images": 4})
+    assert (long.history, long.longest_history) == (1, 6)
+
+
+def test_bad_settings_and_input_are_told():
+    with pytest.raises(UsageError, match="at least 1, got 0"):
+        followed(images=0)
+    with pytest.raises(UnknownNameError, match="nobody"):
+        build_method("followed", {"method": "nobody"})
+    with pytest.raises(UsageError, match="not followed itself"):
+        build_method("followed", {"method": "followed"})
+    given, _ = drive()
+    with pytest.raises(UnansweredImage, match="ego-motion"):
+        followed().segment(replace(given, current_from_previous=()))
