@@ -90,6 +90,7 @@ class Dataset:
         recordings: Sequence[str] | None = None,
         camera: str | None = None,
         history: int = 1,
+        longest_history: int = 0,
         colour: bool = False,
         exact: bool = False,
         reference: str | Path | None = None,
@@ -103,6 +104,7 @@ class Dataset:
             recordings: names; None for all.
             camera: name; None for all.
             history: earlier images that `Frame.input` holds beside the current one.
+            longest_history: earlier images that it holds where there are as many; 0 for no more than `history`.
             colour: read images in colour, BGR.
             exact: read the exact masks of rendered data.
             reference: a folder of `bench.export_reference` to read references from, by its own protocol; None to build
@@ -112,7 +114,8 @@ class Dataset:
             UnknownNameError: no recording, camera or protocol of this name.
             DataError: a recording or image that cannot be read.
         """
-        rules, looks = load_protocol(protocol), InputOnly(history=history, colour=colour)
+        looks = InputOnly(history=history, longest_history=longest_history, colour=colour)
+        rules = load_protocol(protocol)
         exported = None if reference is None else ReferenceFolder.open(Path(reference))
         for name in self.names if recordings is None else recordings:
             recording, read = self[name], None if exported is None else exported.recording(name)

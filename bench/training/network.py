@@ -1,4 +1,4 @@
-"""The network of the method `learned`: a small encoder-decoder over channels of bytes."""
+"""The network of the method `learned`: a small encoder-decoder over channels of bytes of two sizes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from torch.nn.functional import interpolate, pixel_shuffle
 from bench.methods.learned.inputs import ZERO
 from bench.methods.learned.method import MULTIPLE_PX
 
-WIDTHS = (24, 32, 48, 64)  # channels at a half, a quarter, an eighth and a sixteenth of the working size
+FINE_WIDTH = 16  # channels at the size of geometry and flow
+WIDTHS = (24, 48, 64, 96)  # channels at a half, a quarter, an eighth and a sixteenth of it
 DILATIONS = (1, 2, 4)  # at the coarsest size, so that a vehicle beside the camera is seen as a whole
 BYTE_STEPS = 32.0
 
-assert 2 ** len(WIDTHS) == MULTIPLE_PX
+assert 2 ** (len(WIDTHS) + 1) == MULTIPLE_PX
 
 
 def _convolved(before: int, after: int, *, stride: int = 1, dilation: int = 1, side: int = 3) -> nn.Sequential:
@@ -26,34 +27,44 @@ def _convolved(before: int, after: int, *, stride: int = 1, dilation: int = 1, s
 
 
 class MotionNetwork(nn.Module):
-    """Logits of motion at the working size.
+    """Logits of motion at the size of the fine channels.
 
-    Four levels, each half as large as the one before; on the way up each is joined with what was seen on the way down.
-    The last step is by shuffling: four channels at half the size are the four pixels of the whole.
+    The fine channels are brought down to the size of the coarse ones and joined with them. Four levels follow, each
+    half as large as the one before; on the way up each is joined with what was seen on the way down. The last step is
+    by shuffling: four channels are the four fine pixels of a coarse one.
 
     Args:
-        channels: of the input.
+        coarse: channels of the size of geometry and flow.
+        fine: channels of twice that size; may be none.
     """
 
-    def __init__(self, channels: int) -> None:
+    def __init__(self, coarse: int, fine: int) -> None:
         super().__init__()
-        before = (channels, *WIDTHS[:-1])
+        self.fine = _convolved(fine, FINE_WIDTH, stride=2) if fine else None
+        self.stem = nn.Sequential(
+            _convolved(coarse + FINE_WIDTH * bool(fine), FINE_WIDTH, side=1), _convolved(FINE_WIDTH, FINE_WIDTH)
+        )
+        before = (coarse + FINE_WIDTH, *WIDTHS[:-1])
         self.down = nn.ModuleList(
             nn.Sequential(_convolved(a, b, stride=2), _convolved(b, b)) for a, b in zip(before, WIDTHS, strict=True)
         )
         self.context = nn.Sequential(*(_convolved(WIDTHS[-1], WIDTHS[-1], dilation=rate) for rate in DILATIONS))
-        finer = WIDTHS[-2::-1]
+        finer = (*WIDTHS[-2::-1], FINE_WIDTH)
         self.joined = nn.ModuleList(
             nn.Sequential(_convolved(a + b, b, side=1), _convolved(b, b))
-            for a, b in zip(WIDTHS[:0:-1], finer, strict=True)
+            for a, b in zip(WIDTHS[::-1], finer, strict=True)
         )
-        self.head = nn.Conv2d(WIDTHS[0], 4, 1)
+        self.head = nn.Conv2d(FINE_WIDTH, 4, 1)
         nn.init.constant_(self.head.bias, -3.0)  # few pixels move
 
-    def forward(self, given: Tensor) -> Tensor:
-        """(N, C, h, w) uint8, h and w multiples of 16 -> (N, h, w) float32."""
-        values = (given.float() - ZERO) / BYTE_STEPS
-        seen = []
+    def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
+        """(N, C, h, w) and (N, F, 2h, 2w) uint8, h and w multiples of 16 -> (N, 2h, 2w) float32."""
+        values = (coarse.float() - ZERO) / BYTE_STEPS
+        both = (
+            values if self.fine is None else torch.cat([values, self.fine((fine.float() - ZERO) / BYTE_STEPS)], dim=1)
+        )
+        seen = [self.stem(both)]
+        values = torch.cat([values, seen[0]], dim=1)
         for level in self.down:
             values = level(values)
             seen.append(values)
@@ -70,6 +81,6 @@ class ScoredNetwork(nn.Module):
         super().__init__()
         self.network = network
 
-    def forward(self, channels: Tensor) -> Tensor:
-        """(N, C, h, w) uint8 -> (N, h, w) float32."""
-        return torch.sigmoid(self.network(channels))
+    def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
+        """As of `MotionNetwork`."""
+        return torch.sigmoid(self.network(coarse, fine))

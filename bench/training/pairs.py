@@ -1,4 +1,4 @@
-"""Pairs of images with exact masks of what moves, for any network."""
+"""Images with those before them and exact masks of what moves, for any network."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ def training_pairs(
     *,
     part: Part = "training",
     every: int = 1,
+    longest_history: int = 1,
     colour: bool = False,
     workers: int = 1,
     reference: str | Path | None = None,
@@ -30,6 +31,7 @@ def training_pairs(
         dataset: a rendered data set, by name or card; it is rendered first where it is missing.
         part: the drives of the data set's split "validation", all others, or all. A drive is in one part as a whole.
         every: 1 for every pair of a drive and camera, 2 for every second and so on; neighbours differ little.
+        longest_history: earlier images that come with each where a drive has as many; one at least.
         colour: images are BGR instead of grey.
         workers: processes that render.
         reference: a folder of `bench.export_reference`, for data without exact masks: `Frame.reference.labels > 0` is
@@ -44,7 +46,9 @@ def training_pairs(
         DataError: the data cannot be used, or have no exact masks.
     """
     names = drives_of(dataset, part, workers=workers)
-    yield from pairs_of(open_dataset(dataset), names, every=every, colour=colour, reference=reference)
+    yield from pairs_of(
+        open_dataset(dataset), names, every=every, longest_history=longest_history, colour=colour, reference=reference
+    )
 
 
 def drives_of(dataset: str | Path, part: Part, *, workers: int = 1) -> tuple[str, ...]:
@@ -61,11 +65,18 @@ def pairs_of(
     names: Sequence[str],
     *,
     every: int = 1,
+    longest_history: int = 1,
     colour: bool = False,
     reference: str | Path | None = None,
 ) -> Iterator[Frame]:
     """Pairs of some of a data set's drives; see `training_pairs`."""
-    frames = data.frames(recordings=names, colour=colour, exact=reference is None, reference=reference)
+    frames = data.frames(
+        recordings=names,
+        longest_history=longest_history,
+        colour=colour,
+        exact=reference is None,
+        reference=reference,
+    )
     for _, drive in groupby(frames, key=lambda frame: (frame.recording, frame.camera)):
         for number, frame in enumerate(drive):
             if reference is None and frame.exact is None:

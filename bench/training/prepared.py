@@ -1,11 +1,11 @@
-"""Inputs of the network for every pair of a data set, computed once and stored as memory-mapped arrays of bytes."""
+"""Inputs of the network for the images of a data set, computed once and stored as memory-mapped arrays of bytes."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
 from pathlib import Path
@@ -19,37 +19,51 @@ from bench.atomic import make_folder, replacing, write_text
 from bench.errors import DataError
 from bench.execution import FailedTask, local_executor
 from bench.methods.learned import inputs
+from bench.methods.rigid_scene.views import Views
 from bench.recordings import load_card
+from bench.training import appearance
 from bench.training.pairs import Part, drives_of, pairs_of
 
-TARGET = "moving"  # the last channel: share of moving pixels of each cell, 0 to 255
-EVERY = 2  # of a drive's pairs: neighbours teach little that is new
-INDEX = "drives.json"
+EVERY = 2  # of a drive's images: neighbours teach little that is new
+DISTURBED = 0.75  # share of the images that are disturbed before anything is computed from them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreparedDrive:
-    """The pairs of one drive and camera.
+    """The images of one drive and camera.
 
     Attributes:
         recording: name of the drive.
         camera: name of the camera.
-        file: of the arrays.
-        pairs: how many.
+        folder: of the arrays.
+        images: how many.
     """
 
     recording: str
     camera: str
-    file: Path
-    pairs: int
+    folder: Path
+    images: int
 
-    def arrays(self) -> NDArray[np.uint8]:
-        """(pairs, channels + 1, h, w) uint8, read-only, mapped from disk: `inputs.ALL_CHANNELS`, then the target."""
-        return np.asarray(np.load(self.file, mmap_mode="r"))
+    def coarse(self) -> NDArray[np.uint8]:
+        """(images, C, h, w) uint8, read-only, mapped from disk: `inputs.COARSE`."""
+        return self._array("coarse")
+
+    def fine(self) -> NDArray[np.uint8]:
+        """(images, F + 1, 2 h, 2 w) uint8, as above: `inputs.FINE`, then the share of moving pixels, 0 to 255."""
+        return self._array("fine")
+
+    def _array(self, size: str) -> NDArray[np.uint8]:
+        return np.asarray(np.load(self.folder / _arrays(self.recording, self.camera, size), mmap_mode="r"))
 
 
 def prepare(
-    dataset: str | Path, part: Part, folder: Path, *, workers: int, progress: Callable[[int, int], None]
+    dataset: str | Path,
+    part: Part,
+    folder: Path,
+    *,
+    disturbed: bool,
+    workers: int,
+    progress: Callable[[int, int], None],
 ) -> list[PreparedDrive]:
     """Prepare the drives of one part of a data set that are not prepared yet.
 
@@ -57,6 +71,7 @@ def prepare(
         dataset: a rendered data set, by name or card; it is rendered first where it is missing.
         part: of the data set, see `training_pairs`.
         folder: of the arrays; one folder below it for each version of the inputs.
+        disturbed: images are those of worse cameras, see `bench.training.appearance`; else as they were rendered.
         workers: processes.
         progress: called with the numbers of prepared and of all drives.
 
@@ -67,12 +82,13 @@ def prepare(
         DataError: the data cannot be used.
     """
     names = drives_of(dataset, part, workers=workers)
-    place = folder / _version(dataset)
+    place = folder / _version(dataset, disturbed=disturbed)
     make_folder(place)
     missing = [name for name in names if not _index(place, name).is_file()]
     progress(len(names) - len(missing), len(names))
     with local_executor(workers) as executor:
-        done = executor.compute(partial(_prepare_drive, dataset=dataset, place=place), missing)
+        task = partial(_prepare_drive, dataset=dataset, place=place, disturbed=disturbed)
+        done = executor.compute(task, missing)
         for count, (name, outcome) in enumerate(done, start=len(names) - len(missing) + 1):
             if isinstance(outcome, FailedTask):
                 raise DataError(name, expected="a drive that can be prepared", got=outcome.reason)
@@ -80,45 +96,55 @@ def prepare(
     return [drive for name in names for drive in _prepared(place, name)]
 
 
-def _prepare_drive(name: str, *, dataset: str | Path, place: Path) -> None:
+def _prepare_drive(name: str, *, dataset: str | Path, place: Path, disturbed: bool) -> None:
     found = {}
-    for camera, frames in groupby(pairs_of(open_dataset(dataset), [name], every=EVERY), key=lambda frame: frame.camera):
-        arrays = np.stack([_channels_and_target(frame) for frame in frames])
-        with replacing(_arrays(place, name, camera)) as file, file.open("wb") as stream:
-            np.save(stream, arrays)
-        found[camera] = len(arrays)
+    frames = pairs_of(open_dataset(dataset), [name], every=EVERY, longest_history=inputs.BACK)
+    for camera, of_camera in groupby(frames, key=lambda frame: frame.camera):
+        rng = np.random.default_rng(list(f"{name} {camera}".encode())) if disturbed else None
+        coarse, fine = zip(*(_arrays_of(frame, rng) for frame in of_camera), strict=True)
+        for size, arrays in (("coarse", coarse), ("fine", fine)):
+            with replacing(place / _arrays(name, camera, size)) as file, file.open("wb") as stream:
+                np.save(stream, np.stack(arrays))
+        found[camera] = len(coarse)
     write_text(_index(place, name), json.dumps(found) + "\n")
 
 
-def _channels_and_target(frame: Frame) -> NDArray[np.uint8]:
-    pair = inputs.working_pair(frame.input)
-    channels = inputs.network_input(pair, inputs.ALL_CHANNELS)
+def _arrays_of(frame: Frame, rng: np.random.Generator | None) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Coarse channels, and fine ones with the target."""
+    given = frame.input
+    if rng is not None and rng.random() < DISTURBED:
+        given = replace(given, images=appearance.disturbed(given.images, rng))
+    views = Views.of(given)
+    channels = inputs.network_input(views)
     assert frame.exact is not None
-    size = pair.valid.shape[1], pair.valid.shape[0]
-    share = cv2.resize(frame.exact.astype(np.uint8) * 255, size, interpolation=cv2.INTER_AREA)
-    return np.concatenate([channels, share[None]])
+    height, width = views.fine[-1].shape
+    share = cv2.resize(frame.exact.astype(np.uint8) * 255, (width, height), interpolation=cv2.INTER_AREA)
+    fine = np.concatenate([channels.fine, share[None]])
+    rows, columns = channels.coarse.shape[1:]
+    return channels.coarse, fine[:, : 2 * rows, : 2 * columns]
 
 
 def _prepared(place: Path, name: str) -> Iterator[PreparedDrive]:
     content: dict[str, int] = json.loads(_index(place, name).read_text(encoding="utf-8"))
-    for camera, pairs in content.items():
-        yield PreparedDrive(recording=name, camera=camera, file=_arrays(place, name, camera), pairs=pairs)
+    for camera, images in content.items():
+        yield PreparedDrive(recording=name, camera=camera, folder=place, images=images)
 
 
 def _index(place: Path, name: str) -> Path:
     return place / f"{name}.json"
 
 
-def _arrays(place: Path, name: str, camera: str) -> Path:
-    return place / f"{name}-{camera}.npy"
+def _arrays(name: str, camera: str, size: str) -> str:
+    return f"{name}-{camera}-{size}.npy"
 
 
-def _version(dataset: str | Path) -> str:
+def _version(dataset: str | Path, *, disturbed: bool) -> str:
     """Digest of what decides the arrays: the data set's scenario and all code that channels are made of."""
     scenario = load_card(dataset).scenario
     package = Path(inputs.__file__).parents[2]
     parts = [package / part for part in ("cameras", "flow", "geometry", "methods/rigid_scene", "methods/spherical")]
+    files = [Path(inputs.__file__), *sorted(path for part in parts for path in part.rglob("*.py"))]
     digest = hashlib.sha256(f"{dataset} {EVERY}".encode() + (b"" if scenario is None else scenario.read_bytes()))
-    for file in (Path(inputs.__file__), *sorted(path for part in parts for path in part.rglob("*.py"))):
+    for file in files + [Path(appearance.__file__)] * disturbed:
         digest.update(file.read_bytes())
     return digest.hexdigest()[:12]

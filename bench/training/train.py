@@ -19,6 +19,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import cv2
 import matplotlib as mpl
 import numpy as np
 import torch
@@ -32,7 +33,7 @@ from bench.atomic import make_folder, replacing, write_bytes, write_text
 from bench.errors import UsageError
 from bench.evaluation.intervals import ratio_interval
 from bench.execution import usable_cores
-from bench.methods.learned.inputs import ALL_CHANNELS, CHANNELS, INPUT_SETS, MIRRORED, ZERO, InputSet
+from bench.methods.learned.inputs import COARSE, FINE, GROUPS, MIRRORED, ZERO
 from bench.methods.learned.method import MULTIPLE_PX
 from bench.recordings import load_card
 from bench.training.network import MotionNetwork, ScoredNetwork
@@ -40,15 +41,22 @@ from bench.training.pairs import DATASET
 from bench.training.prepared import PreparedDrive, prepare
 
 LOG = logging.getLogger(__name__)
-CROP_PX = (192, 256)  # rows, columns; the smallest image of the training data
 CROPS_ON_MOTION = 0.5  # share of the crops that are put around something that moves, where anything does
+FIRST_IMAGES = 0.4  # how often a drive's first image, which has no earlier one, is drawn against the others
+HARD = 0.5  # share of the draws that go by the loss of an image when it was last seen
 AVERAGED = 0.998  # of the running mean of the weights, which is what is validated and exported
 WARM_UP = 0.05  # of all steps
-MOVING_WEIGHT = 2.0  # of moving cells in the cross-entropy; static ones are fifty times as many
+MOVING_WEIGHT = 2.0  # of moving pixels in the cross-entropy; static ones are fifty times as many
+SMALL_PX, SMALL_WEIGHT = 4000.0, 4.0  # objects of fewer fine pixels count more, by the root of their size, to so much
+SMOOTH_PX = 64.0  # fine pixels, of the soft IoU of a crop
 THRESHOLDS = 100  # that validation tries
+LEAST_PX = 50  # fine pixels that move, for an image to have an IoU in validation
 CHECKPOINT = "checkpoint.pt"
-GREY = ("current", "previous", "rotated", "on_road")
-DIFFERENCES = ("difference", "rotated_difference", "road_difference", "flow_difference")
+GREY = ("current", "fine_current")
+DIFFERENCES = (
+    ("rotated_difference", "road_difference", "flow_difference", "fine_rotated", "fine_road", "fine_flow"),
+    ("earlier_difference", "fine_earlier"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,70 +64,119 @@ class Plan:
     """Everything that decides the weights, beside the data.
 
     Attributes:
-        inputs: what the network sees, see `bench.methods.learned.inputs`.
-        epochs: at most.
+        without: groups of channels that the network is not shown, see `bench.methods.learned.inputs`.
+        disturbed: training images are those of worse cameras, see `bench.training.appearance`.
+        epochs: at most; each draws as many images as there are.
         patience: epochs without a better validation after which training stops.
         batch: crops of a step.
+        crop_px: rows, columns of the coarse channels; multiples of 16, no larger than the smallest images.
         rate: largest learning rate.
         decay: of the weights.
+        bfloat16: computes in 16 bits, which takes half the time on processors that can.
         seed: of everything random.
     """
 
-    inputs: InputSet = "likelihood"
+    without: tuple[str, ...] = ()
+    disturbed: bool = True
     epochs: int = 14
     patience: int = 5
     batch: int = 8
+    crop_px: tuple[int, int] = (192, 256)
     rate: float = 3e-3
     decay: float = 1e-2
+    bfloat16: bool = False
     seed: int = 1
+
+    @property
+    def coarse(self) -> tuple[str, ...]:
+        """Names of the coarse channels that the network is shown."""
+        return self._shown(COARSE)
+
+    @property
+    def fine(self) -> tuple[str, ...]:
+        """Names of the fine ones."""
+        return self._shown(FINE)
+
+    def _shown(self, names: Sequence[str]) -> tuple[str, ...]:
+        hidden = {name for group in self.without for name in GROUPS[group]}
+        return tuple(name for name in names if name not in hidden)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Validation:
-    """Counts on the validation drives at `THRESHOLDS` thresholds.
+    """Counts of fine pixels on the validation images at `THRESHOLDS` thresholds.
 
     Attributes:
-        names: (D,) drive and camera of each row.
-        true, false, missed: (D, THRESHOLDS) cells.
-        cells: (D,) cells that count.
+        names: (N,) drive and camera of each image.
+        true, false, missed: (N, THRESHOLDS) pixels.
+        pixels: (N,) pixels that count.
     """
 
     names: list[tuple[str, str]]
     true: NDArray[np.float64]
     false: NDArray[np.float64]
     missed: NDArray[np.float64]
-    cells: NDArray[np.float64]
+    pixels: NDArray[np.float64]
 
     @property
     def best(self) -> int:
-        """Index of the threshold with the largest IoU over all cells."""
-        return int(np.argmax(self._iou(slice(None))))
+        """Index of the threshold with the largest mean IoU of images in which something moves."""
+        return int(np.argmax(self._image_iou().mean(0)))
 
-    def _iou(self, rows: Any) -> NDArray[np.float64]:
-        true, wrong = self.true[rows].sum(0), self.false[rows].sum(0) + self.missed[rows].sum(0)
-        return np.asarray(true / np.maximum(true + wrong, 1))
+    def _image_iou(self) -> NDArray[np.float64]:
+        """(images in which something moves, THRESHOLDS)."""
+        rows = self._moving
+        return np.asarray(self.true[rows] / (self.true + self.false + self.missed)[rows])
+
+    @property
+    def _moving(self) -> NDArray[np.bool_]:
+        return np.asarray((self.true + self.missed)[:, 0] >= LEAST_PX)
 
     def summary(self) -> dict[str, Any]:
-        """Scores at the best threshold, the interval by drive."""
-        k = self.best
-        drives = sorted({name for name, _ in self.names})
-        rows = [np.array([name == drive for name, _ in self.names]) for drive in drives]
-        true = np.array([self.true[row, k].sum() for row in rows])
-        union = true + np.array([self.false[row, k].sum() + self.missed[row, k].sum() for row in rows])
-        of_camera = {
-            camera: round(float(self._iou([c == camera for _, c in self.names])[k]), 4)
-            for camera in dict.fromkeys(camera for _, camera in self.names)
-        }
-        interval = ratio_interval(true, union)
+        """Scores at the best threshold, intervals by drive."""
+        k, moving = self.best, self._moving
+        true, union = self.true[:, k], (self.true + self.false + self.missed)[:, k]
+        of_image = self._image_iou()[:, k]
+        drives = np.array([drive for drive, _ in self.names])
+        cameras = np.array([camera for _, camera in self.names])
+        shares = {camera: of_image[cameras[moving] == camera] for camera in dict.fromkeys(cameras)}
         return {
-            "drives": len(drives),
-            "iou": round(float(self._iou(slice(None))[k]), 4),
-            "iou_ci95": None if interval is None else [round(end, 4) for end in interval],
-            "iou_by_camera": of_camera,
-            "precision": round(float(self.true[:, k].sum() / max((self.true + self.false)[:, k].sum(), 1)), 4),
-            "recall": round(float(self.true[:, k].sum() / max((self.true + self.missed)[:, k].sum(), 1)), 4),
-            "false_positives": round(float(self.false[:, k].sum() / self.cells.sum()), 5),
+            "drives": len(set(drives)),
+            "iou_of_images": round(float(of_image.mean()), 4),
+            "iou_of_images_ci95": _by_drive(of_image, np.ones_like(of_image), drives[moving]),
+            "iou_of_images_by_camera": {name: round(float(values.mean()), 4) for name, values in shares.items()},
+            "iou": round(float(true.sum() / max(union.sum(), 1)), 4),
+            "iou_ci95": _by_drive(true, union, drives),
+            "precision": round(float(true.sum() / max((self.true + self.false)[:, k].sum(), 1)), 4),
+            "recall": round(float(true.sum() / max((self.true + self.missed)[:, k].sum(), 1)), 4),
+            "false_positives": round(float(self.false[:, k].sum() / self.pixels.sum()), 5),
         }
+
+
+def _by_drive(part: NDArray[np.float64], whole: NDArray[np.float64], drives: NDArray[np.str_]) -> list[float] | None:
+    """Interval of a ratio, 95 %, by drive."""
+    rows = [drives == drive for drive in sorted(set(drives))]
+    found = ratio_interval(np.array([part[row].sum() for row in rows]), np.array([whole[row].sum() for row in rows]))
+    return None if found is None else [round(end, 4) for end in found]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Batch:
+    """Crops of a step.
+
+    Attributes:
+        images: (batch,) index of the image of each crop.
+        coarse: (batch, C, rows, columns) uint8.
+        fine: (batch, F, 2 rows, 2 columns) uint8.
+        target: (batch, 2 rows, 2 columns) float32, share of moving pixels.
+        weight: the same shape, float32; larger for small objects, 0 outside of the valid region.
+    """
+
+    images: NDArray[np.int64]
+    coarse: Tensor
+    fine: Tensor
+    target: Tensor
+    weight: Tensor
 
 
 class Batches:
@@ -127,94 +184,153 @@ class Batches:
 
     Args:
         drives: prepared.
-        channels: that the network sees.
         plan: of the training.
     """
 
-    def __init__(self, drives: Sequence[PreparedDrive], channels: Sequence[str], plan: Plan) -> None:
-        self._pairs = [(drive, number) for drive in drives for number in range(drive.pairs)]
-        self._rows = [ALL_CHANNELS.index(name) for name in channels] + [len(ALL_CHANNELS)]
-        self._mirrored = [k for k, name in enumerate(channels) if name in MIRRORED]
-        self._grey = [k for k, name in enumerate(channels) if name in GREY]
-        self._differences = [k for k, name in enumerate(channels) if name in DIFFERENCES]
+    def __init__(self, drives: Sequence[PreparedDrive], plan: Plan) -> None:
+        self._images = [(drive, number) for drive in drives for number in range(drive.images)]
+        self._often = np.array([FIRST_IMAGES if number == 0 else 1.0 for _, number in self._images])
         self._plan = plan
+        self._sizes = [_Rows.of(COARSE, plan.coarse), _Rows.of(FINE, plan.fine)]
 
     def __len__(self) -> int:
-        return len(self._pairs) // self._plan.batch
+        return len(self._images) // self._plan.batch
 
-    def epoch(self, epoch: int) -> Iterator[Tensor]:
-        """Batches of an epoch, (batch, channels + 1, rows, columns) uint8; the same for the same epoch."""
+    @property
+    def images(self) -> int:
+        """How many images there are to draw from."""
+        return len(self._images)
+
+    def epoch(self, epoch: int, losses: NDArray[np.float64]) -> Iterator[Batch]:
+        """Batches of an epoch, the same for the same epoch and losses.
+
+        Args:
+            epoch: number.
+            losses: (images,) of each image when it was last seen.
+        """
         rng = np.random.default_rng([self._plan.seed, epoch])
-        order = rng.permutation(len(self._pairs))[: len(self) * self._plan.batch]
+        chances = self._often * (1 - HARD + HARD * losses / losses.mean())
+        order = rng.choice(len(chances), len(self) * self._plan.batch, p=chances / chances.sum())
         for chosen in order.reshape(-1, self._plan.batch):
-            pairs = [self._pairs[index] for index in chosen]
-            yield torch.from_numpy(np.stack([self._crop(drive, number, rng) for drive, number in pairs]))
+            crops = [self._crop(drive, number, rng) for drive, number in (self._images[index] for index in chosen)]
+            coarse, fine, target, weight = (torch.from_numpy(np.stack(arrays)) for arrays in zip(*crops, strict=True))
+            yield Batch(images=chosen, coarse=coarse, fine=fine, target=target, weight=weight)
 
-    def _crop(self, drive: PreparedDrive, number: int, rng: np.random.Generator) -> NDArray[np.uint8]:
-        arrays = drive.arrays()[number]
-        v, u = self._corner(arrays[-1], rng)
-        crop = arrays[:, v : v + CROP_PX[0], u : u + CROP_PX[1]][self._rows]
-        if rng.random() < 0.5:
-            crop = crop[:, :, ::-1].copy()
-            mirrored = 2 * ZERO - crop[self._mirrored].astype(np.int16)
-            crop[self._mirrored] = np.clip(mirrored, 0, 255)
+    def _crop(self, drive: PreparedDrive, number: int, rng: np.random.Generator) -> tuple[NDArray[Any], ...]:
+        coarse, fine = drive.coarse()[number], drive.fine()[number]
+        v, u = self._corner(fine[-1], rng)
+        rows, columns = self._plan.crop_px
+        small = coarse[:, v : v + rows, u : u + columns]
+        large = fine[:, 2 * v : 2 * (v + rows), 2 * u : 2 * (u + columns)]
+        valid = small[COARSE.index("valid")].repeat(2, axis=0).repeat(2, axis=1) > ZERO
+        target = large[-1]
+        weight = np.where(valid, small_weight(target), np.float32(0))
+        parts = [small[self._sizes[0].shown], large[self._sizes[1].shown]]
+        mirror = rng.random() < 0.5
+        if mirror:
+            parts, target, weight = [part[:, :, ::-1].copy() for part in parts], target[:, ::-1], weight[:, ::-1]
         gain, shift = rng.uniform(0.8, 1.25), rng.uniform(-12, 12)
-        self._vary(crop, self._grey, gain, shift)
-        self._vary(crop, self._differences, rng.uniform(0.7, 1.4), 0.0)
-        return np.ascontiguousarray(crop)
+        gains = rng.uniform(0.7, 1.4, len(DIFFERENCES))
+        for part, size in zip(parts, self._sizes, strict=True):
+            if mirror:
+                part[size.mirrored] = np.clip(2 * ZERO - part[size.mirrored].astype(np.int16), 0, 255)
+            _vary(part, size.grey, gain, shift)
+            for channels, strength in zip(size.differences, gains, strict=True):
+                _vary(part, channels, strength, 0.0)
+        return *parts, target.astype(np.float32) / 255, np.ascontiguousarray(weight)
 
     def _corner(self, target: NDArray[np.uint8], rng: np.random.Generator) -> tuple[int, int]:
-        spare = np.array(target.shape, dtype=np.int64) - CROP_PX
+        spare = np.array(target.shape, dtype=np.int64) // 2 - self._plan.crop_px
         corner = rng.integers(0, spare + 1)
-        moving = np.flatnonzero(target > 127)
-        if len(moving) and rng.random() < CROPS_ON_MOTION:
-            middle = np.array(divmod(int(rng.choice(moving)), target.shape[1]))
-            corner = np.clip(middle - rng.integers(0, CROP_PX), 0, spare)
+        if rng.random() < CROPS_ON_MOTION:
+            count, _, _, middles = cv2.connectedComponentsWithStats((target > 127).astype(np.uint8))
+            if count > 1:  # any of the objects, as often a small one as a large one
+                middle = middles[rng.integers(1, count)][::-1] / 2
+                corner = np.clip(middle.astype(np.int64) - rng.integers(0, self._plan.crop_px), 0, spare)
         return int(corner[0]), int(corner[1])
 
-    def _vary(self, crop: NDArray[np.uint8], rows: list[int], gain: float, shift: float) -> None:
-        varied = (crop[rows].astype(np.float32) - ZERO) * gain + ZERO + shift
-        crop[rows] = np.clip(np.rint(varied), 0, 255).astype(np.uint8)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Rows:
+    """Which of the prepared channels of a size the network is shown, and which of these are varied together."""
+
+    shown: list[int]
+    mirrored: list[int]
+    grey: list[int]
+    differences: list[list[int]]
+
+    @classmethod
+    def of(cls, prepared: Sequence[str], shown: Sequence[str]) -> _Rows:
+        rows = [[k for k, name in enumerate(shown) if name in names] for names in (MIRRORED, GREY, *DIFFERENCES)]
+        of_all = [prepared.index(name) for name in shown]
+        return cls(shown=of_all, mirrored=rows[0], grey=rows[1], differences=rows[2:])
 
 
-def loss_of(logits: Tensor, target: Tensor, valid: Tensor) -> Tensor:
-    """Cross-entropy of cells, and what the soft IoU of all moving cells lacks of 1.
+def _vary(crop: NDArray[np.uint8], rows: list[int], gain: float, shift: float) -> None:
+    varied = (crop[rows].astype(np.float32) - ZERO) * gain + ZERO + shift
+    crop[rows] = np.clip(np.rint(varied), 0, 255).astype(np.uint8)
+
+
+def small_weight(target: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Weight of each pixel, (H, W) float32: 1, and more on small objects, since each object counts as much as another.
 
     Args:
-        logits: (N, h, w).
-        target: (N, h, w) in [0, 1].
-        valid: (N, h, w) in {0, 1}.
+        target: (H, W) uint8, share of moving pixels; what touches is one object.
     """
-    weight = valid * (1 + (MOVING_WEIGHT - 1) * target)
-    entropy = (binary_cross_entropy_with_logits(logits, target, reduction="none") * weight).sum() / valid.sum()
-    scores = torch.sigmoid(logits) * valid
-    both = (scores * target).sum()
-    return 5 * entropy + 1 - (both + 1) / ((scores + target * valid).sum() - both + 1)
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats((target > 127).astype(np.uint8))
+    weights = np.clip(np.sqrt(SMALL_PX / boxes[:, cv2.CC_STAT_AREA]), 1, SMALL_WEIGHT).astype(np.float32)
+    weights[0] = 1
+    return np.asarray(weights[labels])
 
 
-def validate(network: nn.Module, drives: Sequence[PreparedDrive], channels: Sequence[str], device: str) -> Validation:
-    """Count right and wrong cells on whole images at every threshold."""
-    rows, valid_row = [ALL_CHANNELS.index(name) for name in channels], ALL_CHANNELS.index("valid")
+def loss_of(logits: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    """Cross-entropy of pixels, and what the soft IoU of moving pixels lacks of 1; (N,), of each crop.
+
+    Args:
+        logits: (N, H, W).
+        target: (N, H, W) in [0, 1].
+        weight: (N, H, W), 0 where nothing counts.
+    """
+    of_pixel = weight * (1 + (MOVING_WEIGHT - 1) * target)
+    entropy = (binary_cross_entropy_with_logits(logits, target, reduction="none") * of_pixel).sum((1, 2))
+    scores = torch.sigmoid(logits) * weight
+    both = (scores * target).sum((1, 2))
+    union = (scores + target * weight).sum((1, 2)) - both
+    return 5 * entropy / (weight > 0).sum((1, 2)).clamp(min=1) + 1 - (both + SMOOTH_PX) / (union + SMOOTH_PX)
+
+
+def validate(network: nn.Module, drives: Sequence[PreparedDrive], plan: Plan, device: str) -> Validation:
+    """Count right and wrong pixels on whole images at every threshold."""
+    rows = [COARSE.index(name) for name in plan.coarse], [FINE.index(name) for name in plan.fine]
     edges = np.linspace(0, 1, THRESHOLDS + 1)
     network.eval()
-    moving, static = np.zeros((2, len(drives), THRESHOLDS))
-    for index, drive in enumerate(drives):
-        arrays = np.array(drive.arrays())
-        height, width = arrays.shape[2:]
-        sides = ((0, 0), (0, 0), (0, -height % MULTIPLE_PX), (0, -width % MULTIPLE_PX))
-        given = torch.from_numpy(np.pad(arrays[:, rows], sides, constant_values=ZERO)).to(device)
-        with torch.no_grad():
-            scores = torch.sigmoid(network(given))[:, :height, :width].cpu().numpy()
-        counted = arrays[:, valid_row] > ZERO
-        for sums, chosen in ((moving, arrays[:, -1] > 127), (static, arrays[:, -1] <= 127)):
-            sums[index] = np.histogram(scores[chosen & counted], bins=edges)[0]
-    above = [sums[:, ::-1].cumsum(1)[:, ::-1] for sums in (moving, static)]  # at least the lower edge of each bin
+    names: list[tuple[str, str]] = []
+    moving: list[NDArray[np.int64]] = []
+    static: list[NDArray[np.int64]] = []
+    for drive in drives:
+        for coarse, fine in zip(drive.coarse(), drive.fine(), strict=True):
+            height, width = coarse.shape[1:]
+            sides = ((0, 0), (0, -height % (MULTIPLE_PX // 2)), (0, -width % (MULTIPLE_PX // 2)))
+            twice = (sides[0], *((0, 2 * after) for _, after in sides[1:]))
+            given = (
+                np.pad(coarse[rows[0]], sides, constant_values=ZERO),
+                np.pad(fine[rows[1]], twice, constant_values=ZERO),
+            )
+            with torch.no_grad():
+                logits = network(*(torch.from_numpy(part[None]).to(device) for part in given))
+            scores = torch.sigmoid(logits)[0, : 2 * height, : 2 * width].cpu().numpy()
+            counted = coarse[COARSE.index("valid")].repeat(2, axis=0).repeat(2, axis=1) > ZERO
+            for sums, chosen in ((moving, fine[-1] > 127), (static, fine[-1] <= 127)):
+                sums.append(np.histogram(scores[chosen & counted], bins=edges)[0])
+            names.append((drive.recording, drive.camera))
+    of_moving, of_static = np.array(moving, dtype=np.float64), np.array(static, dtype=np.float64)
+    above = [sums[:, ::-1].cumsum(1)[:, ::-1] for sums in (of_moving, of_static)]  # at least a bin's lower edge
     return Validation(
-        names=[(drive.recording, drive.camera) for drive in drives],
+        names=names,
         true=above[0],
         false=above[1],
-        missed=moving.sum(1, keepdims=True) - above[0],
-        cells=(moving + static).sum(1),
+        missed=of_moving.sum(1, keepdims=True) - above[0],
+        pixels=(of_moving + of_static).sum(1),
     )
 
 
@@ -232,15 +348,15 @@ def train(
     torch.manual_seed(plan.seed)
     torch.use_deterministic_algorithms(mode=True, warn_only=True)
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    channels = CHANNELS[plan.inputs]
-    network = MotionNetwork(len(channels)).to(device, memory_format=torch.channels_last)
+    network = MotionNetwork(len(plan.coarse), len(plan.fine)).to(device, memory_format=torch.channels_last)
     averaged = torch.optim.swa_utils.AveragedModel(network, avg_fn=_running_mean, use_buffers=True)
-    batches = Batches(training, channels, plan)
+    batches = Batches(training, plan)
     optimiser = torch.optim.AdamW(network.parameters(), weight_decay=plan.decay)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, plan.rate, total_steps=plan.epochs * len(batches), pct_start=WARM_UP
     )
     state: dict[str, Any] = {"epoch": 0, "best": -1.0, "best_epoch": 0, "weights": averaged.state_dict(), "log": []}
+    state["losses"] = torch.ones(batches.images, dtype=torch.float64)  # of each image when it was last seen
     parts = {"network": network, "averaged": averaged, "optimiser": optimiser, "schedule": schedule}
     if (out / CHECKPOINT).is_file():
         found = torch.load(out / CHECKPOINT, map_location=device, weights_only=True)
@@ -251,34 +367,37 @@ def train(
         state = found["state"]
         for name, part in parts.items():
             part.load_state_dict(found[name])
-    valid_row = channels.index("valid")
     for epoch in range(state["epoch"], plan.epochs):
         if epoch - state["best_epoch"] > plan.patience:
             break
-        began, losses = time.monotonic(), []
+        began, losses = time.monotonic(), state["losses"].clone()
         network.train()
-        for batch in batches.epoch(epoch):
-            given = batch.to(device)
-            valid = (given[:, valid_row] > ZERO).float()
-            loss = loss_of(network(given[:, :-1]), given[:, -1].float() / 255, valid)
+        for batch in batches.epoch(epoch, state["losses"].numpy()):
+            coarse, fine, target, weight = (
+                part.to(device) for part in (batch.coarse, batch.fine, batch.target, batch.weight)
+            )
+            with torch.autocast(device, dtype=torch.bfloat16, enabled=plan.bfloat16):
+                logits = network(coarse, fine)
+            of_crop = loss_of(logits, target, weight)
             optimiser.zero_grad()
-            loss.backward()
+            of_crop.mean().backward()
             optimiser.step()
             schedule.step()
             averaged.update_parameters(network)
-            losses.append(loss.item())
-        found_now = validate(averaged, held_out, channels, device).summary()
+            losses[batch.images] = of_crop.detach().double().cpu()
+        state["losses"] = losses
+        found_now = validate(averaged, held_out, plan, device).summary()
         line = {
             "epoch": epoch + 1,
-            "loss": float(np.mean(losses)),
+            "loss": float(losses.mean()),
             "seconds": time.monotonic() - began,
-            **{name: found_now[name] for name in ("iou", "precision", "recall", "false_positives")},
+            **{name: found_now[name] for name in ("iou_of_images", "iou", "precision", "recall", "false_positives")},
         }
         state["log"].append(line)
         LOG.info(" ".join(f"{name}={value:.4g}" for name, value in line.items()))
-        if found_now["iou"] > state["best"]:
+        if found_now["iou_of_images"] > state["best"]:
             best_weights = {name: value.clone() for name, value in averaged.state_dict().items()}
-            state |= {"best": found_now["iou"], "best_epoch": epoch + 1, "weights": best_weights}
+            state |= {"best": found_now["iou_of_images"], "best_epoch": epoch + 1, "weights": best_weights}
         state["epoch"] = epoch + 1
         with replacing(out / CHECKPOINT) as file:
             held = {name: part.state_dict() for name, part in parts.items()}
@@ -286,7 +405,7 @@ def train(
         write_log(out, state["log"])
     averaged.load_state_dict(state["weights"])
     best = averaged.module.to("cpu").eval()
-    return best, validate(best, held_out, channels, "cpu"), state["log"]
+    return best, validate(best, held_out, plan, "cpu"), state["log"]
 
 
 def _running_mean(mean: Tensor, now: Tensor, steps: Tensor) -> Tensor:
@@ -309,9 +428,9 @@ def write_log(out: Path, log: Sequence[dict[str, float]]) -> None:
     epochs = [line["epoch"] for line in log]
     left.plot(epochs, [line["loss"] for line in log])
     left.set(xlabel="epoch", ylabel="loss on training drives")
-    for name in ("iou", "precision", "recall"):
-        right.plot(epochs, [100 * line[name] for line in log], label=name if name != "iou" else "IoU")
-    right.set(xlabel="epoch", ylabel="validation drives, cells, %", ylim=(0, 100))
+    for name, label in (("iou_of_images", "IoU, mean of images"), ("iou", "IoU of pixels"), ("recall", "recall")):
+        right.plot(epochs, [100 * line[name] for line in log], label=label)
+    right.set(xlabel="epoch", ylabel="validation drives, %", ylim=(0, 100))
     right.legend()
     with replacing(out / "curves.png") as file:
         figure.savefig(file, dpi=110, format="png")
@@ -328,16 +447,24 @@ def export(
     out: Path,
 ) -> None:
     """Write `learned.onnx` and its card `learned.json`."""
-    channels = CHANNELS[plan.inputs]
-    example = torch.full((1, len(channels), *CROP_PX), ZERO, dtype=torch.uint8)
+    rows, columns = plan.crop_px
+    example = (
+        torch.full((1, len(plan.coarse), rows, columns), ZERO, dtype=torch.uint8),
+        torch.full((1, len(plan.fine), 2 * rows, 2 * columns), ZERO, dtype=torch.uint8),
+    )
+    size = {0: "n", 2: "h", 3: "w"}
     stream = io.BytesIO()
     torch.onnx.export(
         ScoredNetwork(network).eval().to(memory_format=torch.contiguous_format),
-        (example,),
+        example,
         stream,
-        input_names=["channels"],
+        input_names=["coarse", "fine"],
         output_names=["scores"],
-        dynamic_axes={"channels": {0: "n", 2: "h", 3: "w"}, "scores": {0: "n", 1: "h", 2: "w"}},
+        dynamic_axes={
+            "coarse": size,
+            "fine": {axis: name if axis == 0 else f"2{name}" for axis, name in size.items()},
+            "scores": {0: "n", 1: "2h", 2: "2w"},
+        },
         opset_version=17,
         dynamo=False,
     )
@@ -346,7 +473,8 @@ def export(
         "name": "learned",
         "sha256": hashlib.sha256(content).hexdigest(),
         "licence": "Apache-2.0",
-        "channels": list(channels),
+        "coarse": list(plan.coarse),
+        "fine": list(plan.fine),
         "weights": sum(parameter.numel() for parameter in network.parameters()),
         "threshold": found.best / THRESHOLDS,
         "validation": found.summary(),
@@ -364,16 +492,20 @@ def export(
 def main(
     out: Annotated[Path, typer.Option(help="folder of weights, log and checkpoint")],
     dataset: Annotated[str, typer.Option(help="rendered data set, by name or card")] = DATASET,
-    inputs: Annotated[str, typer.Option(help=", ".join(INPUT_SETS))] = "likelihood",
-    epochs: Annotated[int, typer.Option(min=1)] = 14,
+    without: Annotated[
+        list[str] | None, typer.Option(help=f"channels that it is not shown, several times: {', '.join(GROUPS)}")
+    ] = None,
+    disturbed: Annotated[bool, typer.Option(help="train on images of worse cameras, too")] = True,
+    epochs: Annotated[int, typer.Option(min=1, help="at most")] = 14,
+    bfloat16: Annotated[bool, typer.Option(help="compute in 16 bits")] = False,
     seed: Annotated[int, typer.Option(min=0)] = 1,
     workers: Annotated[int, typer.Option(min=1, help="processes that render and prepare; threads that train")] = 0,
     cache: Annotated[Path | None, typer.Option(help="folder of prepared inputs; OUT/inputs without")] = None,
 ) -> None:
     """Train the network of the method `learned`."""
-    if inputs not in CHANNELS:
-        raise UsageError(f"--inputs: expected one of {', '.join(INPUT_SETS)}, got {inputs!r}")
-    plan = Plan(inputs=inputs, epochs=epochs, seed=seed)
+    if unknown := sorted(set(without or ()) - GROUPS.keys()):
+        raise UsageError(f"--without: expected some of {', '.join(GROUPS)}, got {', '.join(unknown)}")
+    plan = Plan(without=tuple(without or ()), disturbed=disturbed, epochs=epochs, bfloat16=bfloat16, seed=seed)
     workers = workers or usable_cores()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     make_folder(out)
@@ -383,8 +515,8 @@ def main(
             LOG.info("inputs of %d of %d drives", done, total)
 
     held = cache or out / "inputs"
-    training = prepare(dataset, "training", held, workers=workers, progress=progress)
-    held_out = prepare(dataset, "validation", held, workers=workers, progress=progress)
+    training = prepare(dataset, "training", held, disturbed=disturbed, workers=workers, progress=progress)
+    held_out = prepare(dataset, "validation", held, disturbed=False, workers=workers, progress=progress)
     torch.set_num_threads(workers)
     network, found, log = train(plan, training, held_out, out)
     scenario = load_card(dataset).scenario
@@ -392,7 +524,7 @@ def main(
         "dataset": dataset,
         "scenario_sha256": None if scenario is None else hashlib.sha256(scenario.read_bytes()).hexdigest(),
         "drives": len({drive.recording for drive in training}),
-        "pairs": sum(drive.pairs for drive in training),
+        "images": sum(drive.images for drive in training),
         "torch": torch.__version__.split("+")[0],
         "fisheye_bench": __version__,
     }

@@ -4,6 +4,7 @@ import hashlib
 import json
 import pickle
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ import pytest
 from bench.errors import DataError, UsageError
 from bench.methods import build_method
 from bench.methods.learned import method as learned
+from bench.methods.learned.inputs import Channels
+from bench.methods.rigid_scene.views import Views
 from tests.support.board_scene import STEP, crossing, frame
 
 
@@ -26,11 +29,11 @@ def test_it_finds_a_board_that_crosses_and_answers_the_same_in_another_process()
     previous, current, board = crossing()
     method, given = build_method("learned"), frame(previous, current, STEP)
     found = method.segment(given)
-    assert (found.cell_size_px, found.likelihood_is_score) == (2, True)
+    assert (found.cell_size_px, found.likelihood_is_score) == (1, True)
     scores = found.likelihood
     assert 0 <= scores.min() <= scores.max() <= 1
     assert not scores[found.undefined].any()
-    assert scores[board[::2, ::2]].mean() > 2 * scores[~board[::2, ::2]].mean()
+    assert scores[board].mean() > 2 * scores[~board].mean()
     travelled = pickle.loads(pickle.dumps(method)).segment(given)
     np.testing.assert_array_equal(travelled.likelihood, scores)
     strict = build_method("learned", {"threshold": 0.999}).segment(given)
@@ -39,16 +42,23 @@ def test_it_finds_a_board_that_crosses_and_answers_the_same_in_another_process()
     np.testing.assert_array_equal(found.mask, scores > found.threshold)
 
 
-def test_images_at_the_working_size_are_answered_for_every_pixel():
-    small = learned.working_pair(frame(*crossing()[:2], STEP)).given
-    found = build_method("learned").segment(small)
-    assert (found.cell_size_px, found.mask.shape) == (1, (240, 320))
+def test_large_images_are_answered_on_cells():
+    small = frame(*crossing()[:2], STEP)
+    large = replace(
+        small,
+        images=tuple(image.repeat(2, axis=0).repeat(2, axis=1) for image in small.images),
+        valid=small.valid.repeat(2, axis=0).repeat(2, axis=1),
+        camera=small.camera.scaled(1280, 960),
+    )
+    found = build_method("learned").segment(large)
+    assert (found.cell_size_px, found.mask.shape) == (2, (480, 640))
 
 
-def test_sides_that_are_no_multiple_of_16():
+def test_sides_that_are_no_multiple_of_32():
     method = build_method("learned")
-    channels = learned.network_input(learned.working_pair(frame(*crossing()[:2], STEP)), method.channels)
-    assert method.scores(channels[:, :235, :309]).shape == (235, 309)
+    channels = learned.network_input(Views.of(frame(*crossing()[:2], STEP)), method.trained.coarse, method.trained.fine)
+    odd = Channels(coarse=channels.coarse[:, :235, :309], fine=channels.fine[:, :471, :619])
+    assert method.scores(odd).shape == (471, 619)
 
 
 def test_the_card_tells_where_the_network_comes_from():
@@ -75,7 +85,7 @@ def test_other_weights_beside_their_card(weights):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"channels": ["current", "taste"]}, "expected channels of this version, got taste"),
+        ({"coarse": ["current", "taste"]}, "expected channels of this version, got taste"),
         ({"threshold": "high"}, "expected the card of a network"),
         ({"sha256": None}, "restore both files"),
     ],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.errors import DataError, UnknownNameError
-from bench.methods.learned.inputs import ALL_CHANNELS, ZERO
+from bench.methods.learned.inputs import COARSE, FINE, ZERO
 from bench.training import training_pairs
 from bench.training.prepared import prepare
 
@@ -51,20 +51,35 @@ def test_data_without_a_split_or_masks_are_refused(card, tiny_card, tmp_path):
         next(training_pairs(tmp_path / "bare.yaml", part="all"))
 
 
-def test_inputs_are_prepared_once(card, tmp_path):
+def test_earlier_images_come_along_where_there_are_some(card):
+    pairs = list(training_pairs(card, longest_history=3))
+    crossing = [len(pair.input.images) for pair in pairs if pair.recording == "crossing"]
+    assert crossing == [2, 3, 4, 4]
+
+
+@pytest.mark.parametrize("disturbed", [False, True])
+def test_inputs_are_prepared_once(card, tmp_path, disturbed):
     told = []
 
     def prepared():
-        return prepare(card, "validation", tmp_path, workers=1, progress=lambda *count: told.append(count))
+        return prepare(
+            card,
+            "validation",
+            tmp_path,
+            disturbed=disturbed,
+            workers=1,
+            progress=lambda *count: told.append(count),
+        )
 
     (drive,) = prepared()
-    arrays = drive.arrays()
-    assert arrays.shape == (2, len(ALL_CHANNELS) + 1, 240, 320)
-    assert arrays.dtype == np.uint8
-    moving = arrays[:, -1] > 127
-    epipolar = arrays[:, ALL_CHANNELS.index("epipolar")].astype(int) - ZERO
+    coarse, fine = drive.coarse(), drive.fine()
+    assert (coarse.shape, fine.shape) == ((2, len(COARSE), 120, 160), (2, len(FINE) + 1, 240, 320))
+    assert coarse.dtype == fine.dtype == np.uint8
+    moving = fine[:, -1] > 127
+    sigmas = coarse[:, COARSE.index("sigmas")].astype(int) - ZERO
+    seen = sigmas.repeat(2, axis=1).repeat(2, axis=2)
     assert 0 < moving.mean() < 0.05
-    assert epipolar[moving].mean() > 5 * epipolar[~moving].mean()  # the ego vehicle stands: what moves has flow
+    assert seen[moving].mean() > 5 * seen[~moving].mean()  # the ego vehicle stands: what moves has flow
     (again,) = prepared()
     assert told == [(0, 1), (1, 1), (1, 1)]
-    np.testing.assert_array_equal(again.arrays(), arrays)
+    np.testing.assert_array_equal(again.coarse(), coarse)

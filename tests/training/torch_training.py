@@ -12,17 +12,18 @@ import torch
 
 from bench.errors import UsageError
 from bench.methods import build_method
-from bench.methods.learned.inputs import ALL_CHANNELS, CHANNELS, INPUT_SETS, MIRRORED
+from bench.methods.learned.inputs import COARSE, FINE, GROUPS, Channels
 from bench.training.network import MotionNetwork
 from bench.training.prepared import prepare
-from bench.training.train import CROP_PX, Batches, Plan, export, loss_of, train
+from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, small_weight, train
 
-PLAN = Plan(epochs=2, batch=4, inputs="likelihood")
+PLAN = Plan(epochs=2, batch=4, crop_px=(96, 128))  # the tiny images are half as large as those of the training data
 
 
 @pytest.fixture(scope="module")
 def drives(tiny_card, tmp_path_factory):
-    return prepare(tiny_card, "all", tmp_path_factory.mktemp("inputs"), workers=1, progress=lambda *_: None)
+    folder = tmp_path_factory.mktemp("inputs")
+    return prepare(tiny_card, "all", folder, disturbed=True, workers=1, progress=lambda *_: None)
 
 
 @pytest.fixture(scope="module")
@@ -31,45 +32,62 @@ def trained(drives, tmp_path_factory):
     return out, train(PLAN, drives, drives[:1], out)
 
 
-@pytest.mark.parametrize("inputs", INPUT_SETS)
-def test_the_network_is_small_and_keeps_the_size(inputs):
-    network = MotionNetwork(len(CHANNELS[inputs]))
+@pytest.mark.parametrize("without", [(), ("fine",), ("earlier", "constraints")])
+def test_the_network_is_small_and_answers_at_the_fine_size(without):
+    plan = replace(PLAN, without=without)
+    assert not {*plan.coarse, *plan.fine} & {name for group in without for name in GROUPS[group]}
+    network = MotionNetwork(len(plan.coarse), len(plan.fine))
     assert sum(parameter.numel() for parameter in network.parameters()) <= 1_000_000
-    assert network(torch.zeros(2, len(CHANNELS[inputs]), 48, 64, dtype=torch.uint8)).shape == (2, 48, 64)
+    coarse = torch.zeros(2, len(plan.coarse), 48, 64, dtype=torch.uint8)
+    fine = torch.zeros(2, len(plan.fine), 96, 128, dtype=torch.uint8)
+    assert network(coarse, fine).shape == (2, 96, 128)
 
 
-def test_batches_follow_from_seed_and_epoch(drives):
-    batches = Batches(drives, CHANNELS["likelihood"], PLAN)
-    (first,), (again,), (other,) = (list(batches.epoch(number)) for number in (0, 0, 1))
-    assert first.shape == (4, len(CHANNELS["likelihood"]) + 1, *CROP_PX)
-    assert torch.equal(first, again)
-    assert not torch.equal(first, other)
+def test_batches_follow_from_seed_epoch_and_losses(drives):
+    batches = Batches(drives, PLAN)
+    same, hard = np.ones(batches.images), np.ones(batches.images)
+    hard[2] = 1e9
+    first, again, other = (next(batches.epoch(number, same)) for number in (0, 0, 1))
+    rows, columns = PLAN.crop_px
+    assert first.coarse.shape == (4, len(COARSE), rows, columns)
+    assert first.fine.shape == (4, len(FINE), 2 * rows, 2 * columns)
+    assert first.target.shape == first.weight.shape == (4, 2 * rows, 2 * columns)
+    assert torch.equal(first.fine, again.fine)
+    assert not torch.equal(first.fine, other.fine)
+    drawn = np.concatenate([next(batches.epoch(number, hard)).images for number in range(20)])
+    assert (drawn == 2).mean() == pytest.approx(0.5, abs=0.2)
 
 
 def test_mirrored_crops_change_the_sign_of_what_points_sideways(drives):
-    channels = (*MIRRORED, "valid")
-    batches = Batches(drives, channels, PLAN)
-    whole = drives[0].arrays()[0][ALL_CHANNELS.index("parallax_u")].astype(int) - 128
-    assert whole[100:200, 40:140].mean() * whole[100:200, 180:280].mean() < 0
+    batches, row = Batches(drives, PLAN), COARSE.index("parallax_u")
+    whole = drives[0].coarse()[0][row].astype(int) - 128
+    assert whole[50:100, 20:70].mean() * whole[50:100, 90:140].mean() < 0
     sides = {
-        np.sign(float(crop[0, :, :60].float().mean() - crop[0, :, -60:].float().mean()))
+        np.sign(float(crop[row, :, :30].float().mean() - crop[row, :, -30:].float().mean()))
         for epoch in range(8)
-        for batch in batches.epoch(epoch)
-        for crop in batch
+        for batch in batches.epoch(epoch, np.ones(batches.images))
+        for crop in batch.coarse
     }
     assert len(sides - {0.0}) == 1  # mirrored or not, points on the left move as points on the left do
 
 
+def test_small_objects_weigh_more():
+    target = np.zeros((200, 200), np.uint8)
+    target[10:14, 10:14] = target[50:150, 50:150] = 255
+    weights = small_weight(target)
+    assert (weights[0, 0], weights[100, 100], weights[12, 12]) == (1, 1, SMALL_WEIGHT)
+
+
 def test_the_loss_is_least_where_everything_is_right():
-    target = torch.zeros(1, 16, 16)
-    target[0, 4:8, 4:8] = 1
+    target = torch.zeros(1, 96, 96)
+    target[0, 24:56, 24:56] = 1
     right, wrong = 20 * (2 * target - 1), torch.zeros_like(target)
     valid = torch.ones_like(target)
     assert loss_of(right, target, valid) < 1e-3 < loss_of(wrong, target, valid)
     outside = valid.clone()
-    outside[0, 12:] = 0
+    outside[0, 72:] = 0
     spoiled = right.clone()
-    spoiled[0, 12:] = 20
+    spoiled[0, 72:] = 20
     assert loss_of(spoiled, target, outside) < 1e-3
 
 
@@ -99,9 +117,10 @@ def test_what_is_exported_answers_as_the_network_does(drives, trained, tmp_path)
     _, (network, found, log) = trained
     export(network, PLAN, found, log, provenance={"dataset": "tiny"}, out=tmp_path)
     card = json.loads((tmp_path / "learned.json").read_text())
-    assert card["channels"] == list(CHANNELS["likelihood"])
+    assert (card["coarse"], card["fine"]) == (list(COARSE), list(FINE))
     method = build_method("bench.methods.learned.method:LearnedMethod", {"weights": str(tmp_path / "learned.onnx")})
-    channels = drives[0].arrays()[0][[ALL_CHANNELS.index(name) for name in CHANNELS["likelihood"]]]
+    channels = Channels(coarse=drives[0].coarse()[0][:, :112], fine=drives[0].fine()[0][:-1, :224])  # multiples of 16
     with torch.no_grad():
-        expected = torch.sigmoid(network(torch.from_numpy(channels[None].copy())))[0].numpy()
+        given = (torch.from_numpy(part[None].copy()) for part in (channels.coarse, channels.fine))
+        expected = torch.sigmoid(network(*given))[0].numpy()
     np.testing.assert_allclose(method.scores(channels), expected, atol=1e-4)

@@ -1,4 +1,4 @@
-"""The method `learned`: the network on ONNX Runtime, from a pair of images to scores of cells."""
+"""The method `learned`: the network on ONNX Runtime, from the last images to scores of cells."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError, UsageError
 from bench.methods.contract import Method, MethodInput
-from bench.methods.learned.inputs import ALL_CHANNELS, ZERO, Bytes, network_input, working_pair
+from bench.methods.learned.inputs import BACK, COARSE, FINE, ZERO, Channels, network_input
+from bench.methods.rigid_scene.views import Views, resized
 from bench.records.segmentation import Segmentation
 
 try:
@@ -23,7 +24,7 @@ except ImportError:
     onnxruntime = None  # told when the method is built
 
 SHIPPED = Path(__file__).with_name("learned.onnx")
-MULTIPLE_PX = 16  # the network takes images whose sides are multiples of it
+MULTIPLE_PX = 32  # the network takes fine images whose sides are multiples of it, and coarse ones of half of that
 INSTALL = "pip install 'fisheye-bench[learned]'"
 
 
@@ -33,13 +34,15 @@ class Weights:
 
     Attributes:
         file: the ONNX file.
-        channels: that it takes, in this order.
+        coarse: names of the channels that it takes, in this order.
+        fine: the same of those of the size of the answer.
         threshold: score above which a cell moves: the best on the validation drives.
         sha256: of the ONNX file, hexadecimal.
     """
 
     file: Path
-    channels: tuple[str, ...]
+    coarse: tuple[str, ...]
+    fine: tuple[str, ...]
     threshold: float
     sha256: str
 
@@ -54,8 +57,8 @@ class Weights:
         try:
             content = json.loads(card.read_text(encoding="utf-8"))
             digest = hashlib.sha256(file.read_bytes()).hexdigest()
-            channels, threshold = tuple(content["channels"]), float(content["threshold"])
-            expected = content["sha256"]
+            coarse, fine = tuple(content["coarse"]), tuple(content["fine"])
+            threshold, expected = float(content["threshold"]), content["sha256"]
         except OSError as error:
             raise DataError(
                 error.filename or file, expected="a network and its card", got=str(error.strerror)
@@ -67,14 +70,15 @@ class Weights:
             raise DataError(
                 file, expected=f"sha256 {expected}, as {card.name} says", got=digest, hint="restore both files"
             )
-        if unknown := [name for name in channels if name not in ALL_CHANNELS]:
-            raise DataError(card, field="channels", expected="channels of this version", got=", ".join(unknown))
-        return cls(file=file, channels=channels, threshold=threshold, sha256=digest)
+        for field, names, known in (("coarse", coarse, COARSE), ("fine", fine, FINE)):
+            if unknown := [str(name) for name in names if name not in known]:
+                raise DataError(card, field=field, expected="channels of this version", got=", ".join(unknown))
+        return cls(file=file, coarse=coarse, fine=fine, threshold=threshold, sha256=digest)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LearnedMethod(Method):
-    """A small encoder-decoder on two images and what geometry knows of them, trained on rendered drives.
+    """A small encoder-decoder on the last images and what geometry knows of them, trained on rendered drives.
 
     Attributes:
         weights: ONNX file, with its card beside it; empty for the one in the package.
@@ -89,6 +93,7 @@ class LearnedMethod(Method):
     """
 
     name = "learned"
+    longest_history = BACK
 
     weights: str = ""
     threshold: float | None = None
@@ -98,7 +103,7 @@ class LearnedMethod(Method):
             raise UsageError(f"learned: threshold: expected a number in [0, 1), got {self.threshold}")
         if onnxruntime is None:
             raise UsageError(f"learned: expected ONNX Runtime, which runs the network; install it: {INSTALL}")
-        self._trained  # noqa: B018 - errors in the files are told when the method is built
+        self.trained  # noqa: B018 - errors in the files are told when the method is built
 
     @property
     def files(self) -> tuple[Path, Path]:  # type: ignore[override]
@@ -106,50 +111,56 @@ class LearnedMethod(Method):
         file = Path(self.weights) if self.weights else SHIPPED
         return file, file.with_suffix(".json")
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of what the network sees; see `bench.methods.learned.inputs`."""
-        return self._trained.channels
-
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the last image; see `bench.methods.contract`.
 
         Raises:
-            UnansweredImage: the network asks for geometry, and there is no ego-motion.
+            UnansweredImage: there is no ego-motion.
         """
-        pair = working_pair(frame)
-        scores = np.where(pair.valid, self.scores(network_input(pair, self.channels)), np.float32(0))
-        threshold = self._trained.threshold if self.threshold is None else self.threshold
+        views, trained = Views.of(frame), self.trained
+        valid = resized(frame.valid.astype(np.uint8) * 255, views.fine[-1].shape[::-1]) > 250
+        scores = self.scores(network_input(views, trained.coarse, trained.fine))
+        scores = np.where(valid, scores, np.float32(0))
+        threshold = trained.threshold if self.threshold is None else self.threshold
         return Segmentation(
-            cell_size_px=pair.cell_size_px,
+            cell_size_px=views.cell_size_px,
             mask=scores > threshold,
             likelihood=scores,
-            undefined=~pair.valid,
+            undefined=~valid,
             likelihood_is_score=True,
             threshold=threshold,
         )
 
-    def scores(self, channels: Bytes) -> NDArray[np.float32]:
-        """Run the network: (C, h, w) uint8 -> (h, w) float32 in [0, 1]."""
-        _, height, width = channels.shape
-        below, right = -height % MULTIPLE_PX, -width % MULTIPLE_PX
-        padded = np.pad(channels, ((0, 0), (0, below), (0, right)), constant_values=ZERO)
-        (found,) = self._session.run(None, {"channels": padded[None]})
+    def scores(self, channels: Channels) -> NDArray[np.float32]:
+        """Run the network; (H, W) float32 in [0, 1], at the size of the fine channels."""
+        height, width = channels.fine.shape[1:]
+        padded = height + -height % MULTIPLE_PX, width + -width % MULTIPLE_PX
+        given = {"coarse": _padded(channels.coarse, (padded[0] // 2, padded[1] // 2))}
+        if len(channels.fine):
+            given["fine"] = _padded(channels.fine, padded)
+        (found,) = self._session.run(None, given)
         return np.asarray(found[0, :height, :width], dtype=np.float32)
 
     @cached_property
-    def _trained(self) -> Weights:
+    def trained(self) -> Weights:
+        """The network's card: what it is shown, and its threshold."""
         return Weights.read(self.files[0])
 
     @property
     def _session(self) -> Any:
-        return _session(self._trained.file, self._trained.sha256)
+        return _session(self.trained.file, self.trained.sha256)
 
     def __getstate__(self) -> dict[str, object]:
         return self.settings()  # a session cannot travel to other processes; they open their own
 
     def __setstate__(self, settings: dict[str, object]) -> None:
         self.__dict__.update(settings)
+
+
+def _padded(channels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """(C, h, w) -> (1, C, *size)."""
+    _, height, width = channels.shape
+    return np.pad(channels, ((0, 0), (0, size[0] - height), (0, size[1] - width)), constant_values=ZERO)[None]
 
 
 @lru_cache(maxsize=1)  # copies of the method for units of work share it
