@@ -1,9 +1,9 @@
-"""Agreement over time, for any method: what it marks is followed through the last images, and the majority holds.
+"""Agreement over time, for any method: what it marks is followed back through the last images.
 
-What appears in one image alone is doubted, and what was there before and after a gap is completed. It looks back only.
-Every pixel of the current image is followed by dense flow to where its content was, image by image, and the answers
-there are averaged: scores where the method has them, else its masks. Pixels that cannot be followed, at the border of
-the lens's field, keep the answers of the images that show them.
+Every pixel of the current image is followed by dense flow to where its content was, image by image. A region that the
+method marks now, and did not mark where it was before, is doubted and left out; one that it marked in every earlier
+image, and not now, is completed. Regions are decided as wholes, so outlines stay as the method draws them. It looks
+back only.
 """
 
 from __future__ import annotations
@@ -26,18 +26,21 @@ from bench.methods.rigid_scene.scene import pixel_positions, remapped
 from bench.records.segmentation import Segmentation
 
 Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 Answer = TypeVar("Answer")
 FLOW = RigidSceneMethod()  # whose flow starts from the motion of a rigid scene
+DOUBTED = 0.25  # a region of which less was marked before
+STEADY = 0.9  # what was marked in so many of the earlier images was marked in all, but for interpolation
 
 
 @dataclass(frozen=True, kw_only=True)
 class FollowedMethod(Method):
-    """Any method, with the majority of its answers on the last images in place of the one on the current image.
+    """Any method, whose regions have to agree with its answers on the images before.
 
     Attributes:
         method: name of the method, or "module:Class".
         parameters: of the method.
-        images: how many images agree, the current one among them; 1 leaves the method as it is.
+        images: how many images are looked at, the current one among them; 1 leaves the method as it is.
 
     Raises:
         UsageError: fewer than one image, or a method that is itself followed.
@@ -85,24 +88,21 @@ class FollowedMethod(Method):
         if not frame.current_from_previous:
             raise UnansweredImage("followed: expected the ego-motion between the images, got none")
         now = self._noted(frame, 0, "answer", self._inner.segment)
-        total, images = _values(now), np.ones(now.mask.shape, np.float32)
-        place, seen = pixel_positions(*total.shape[::-1]), np.ones(total.shape, dtype=bool)
+        shape = now.mask.shape
+        place, inside = pixel_positions(*shape[::-1]), np.ones(shape, dtype=bool)
+        marked, seen = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         last = min(self.images - 1, len(frame.images) - 1 - self._inner.history)
         for back in range(1, last + 1):
             flow = self._noted(frame, back - 1, "flow", FLOW.mean_flow)
             place = place + remapped(_on_cells(flow, now), place, outside=None)
-            seen &= remapped(frame.valid.astype(np.float32), place * now.cell_size_px) > 0.99
+            inside &= remapped(frame.valid.astype(np.float32), place * now.cell_size_px) > 0.99
             try:
                 before = self._noted(frame, back, "answer", self._inner.segment)
             except UnansweredImage:
                 break
-            total += np.where(seen, remapped(_values(before), place, outside=None), np.float32(0))
-            images += seen
-        mean = total / images
-        if now.likelihood_is_score and now.threshold is not None:
-            return replace(now, mask=mean > now.threshold, likelihood=np.clip(mean, 0, 1))
-        tied = np.abs(mean - 0.5) < 1e-3
-        return replace(now, mask=np.where(tied, now.mask, mean > 0.5))
+            marked += np.where(inside, remapped(before.mask.astype(np.float32), place), np.float32(0))
+            seen += inside
+        return replace(now, mask=_agreed(now.mask, marked, seen))
 
     def _noted(self, frame: MethodInput, back: int, kind: str, compute: Callable[[MethodInput], Answer]) -> Answer:
         """What is computed of the image `back` before the current one: noted, if that has been the current one."""
@@ -143,10 +143,23 @@ def _as_of(frame: MethodInput, back: int, *, images: int) -> MethodInput:
     )
 
 
-def _values(answer: Segmentation) -> Image:
-    """Scores, or 1 where something moves and 0 elsewhere; a new array."""
-    scored = answer.likelihood_is_score and answer.threshold is not None and answer.likelihood is not None
-    return np.array(answer.likelihood if scored else answer.mask, dtype=np.float32)
+def _agreed(mask: Mask, marked: Image, seen: Image) -> Mask:
+    """A mask without the regions that are doubted, and with those that are completed.
+
+    Args:
+        mask: (rows, columns), of the current image.
+        marked: (rows, columns), in how many earlier images a cell was marked.
+        seen: (rows, columns), in how many it could be followed.
+    """
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+    of_region = [np.bincount(labels.ravel(), part.ravel(), minlength=count) for part in (marked, seen, seen > 0, mask)]
+    before, possible, followed, cells = of_region
+    doubted = (before < DOUBTED * possible) & (followed > 0.5 * cells)
+    steady = (seen > 1) & (marked > STEADY * seen)
+    count, regions = cv2.connectedComponents(steady.astype(np.uint8), connectivity=8)
+    missed = np.bincount(regions[mask], minlength=count) == 0
+    missed[0] = False
+    return np.asarray((mask & ~doubted[labels]) | missed[regions])
 
 
 def _on_cells(flow: Image, answer: Segmentation) -> Image:
