@@ -105,7 +105,7 @@ class FollowedMethod(Method):
         return replace(now, mask=_agreed(now.mask, marked, seen))
 
     def _noted(self, frame: MethodInput, back: int, kind: str, compute: Callable[[MethodInput], Answer]) -> Answer:
-        """What is computed of the image `back` before the current one: noted, if that has been the current one."""
+        """Compute something of the image `back` before the current one, unless it was noted when that was current."""
         given = _as_of(frame, back, images=self._inner.most_history + 1)
         key = kind, given.timestamps_ns
         if key not in self._notes:
@@ -131,7 +131,7 @@ class FollowedMethod(Method):
 
 
 def _as_of(frame: MethodInput, back: int, *, images: int) -> MethodInput:
-    """What a method that uses so many images is given where the image `back` before is the current one."""
+    """Return the input of a method that uses so many images where the image `back` before is the current one."""
     end = len(frame.images) - back
     start = max(end - images, 0)
     return replace(

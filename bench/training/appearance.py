@@ -1,4 +1,4 @@
-"""What cars' cameras do to images and the simulator does not: noise, tone, compression, dirt, drops, glare, own light.
+"""Disturbances that cars' cameras have and the simulator has not: noise, tone, JPEG, dirt, drops, glare, own light.
 
 Everything is drawn once for the images of one frame, as one camera sees them on one drive: dirt, drops, own light and
 own shadow keep their place in the image while the world moves by; noise is drawn anew for each image. What moves, and

@@ -120,7 +120,13 @@ class Validation:
 
     @property
     def best(self) -> int:
-        """Index of the threshold with the largest mean IoU of images in which something moves."""
+        """Index of the threshold with the largest mean IoU of images in which something moves.
+
+        Raises:
+            UsageError: nothing moves in any of them.
+        """
+        if not self._moving.any():
+            raise UsageError(f"validation: expected an image in which {LEAST_PX} px move, got none; hold out others")
         return int(np.argmax(self._image_iou().mean(0)))
 
     def _image_iou(self) -> NDArray[np.float64]:
@@ -343,7 +349,7 @@ def train(
         The network with the best weights, its validation, and the log.
 
     Raises:
-        UsageError: the checkpoint in `out` is of another plan.
+        UsageError: the checkpoint in `out` is of another plan or other data.
     """
     torch.manual_seed(plan.seed)
     torch.use_deterministic_algorithms(mode=True, warn_only=True)
@@ -365,6 +371,11 @@ def train(
                 f"{out / CHECKPOINT}: expected the plan {asdict(plan)}, got {found['plan']}; use a new --out"
             )
         state = found["state"]
+        state["losses"] = state["losses"].cpu()
+        if len(state["losses"]) != batches.images:
+            raise UsageError(
+                f"{out / CHECKPOINT}: expected {batches.images} images, got {len(state['losses'])}; use a new --out"
+            )
         for name, part in parts.items():
             part.load_state_dict(found[name])
     for epoch in range(state["epoch"], plan.epochs):

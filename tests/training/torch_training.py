@@ -111,6 +111,8 @@ def test_training_goes_on_where_it_was_interrupted(drives, trained, tmp_path):
     assert {path.name for path in out.iterdir()} >= {"checkpoint.pt", "log.csv", "curves.png"}
     with pytest.raises(UsageError, match="use a new --out"):
         train(replace(PLAN, seed=9), *held, out)
+    with pytest.raises(UsageError, match="expected 4 images, got 6"):
+        train(PLAN, drives[:2], drives[:1], out)
 
 
 def test_what_is_exported_answers_as_the_network_does(drives, trained, tmp_path):

@@ -62,7 +62,7 @@ MISFIT_STEPS = 24.0  # per unit of asinh(misfit)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Channels:
-    """What the network is given: an image of bytes of each name.
+    """Input of the network: an image of bytes of each name.
 
     Attributes:
         coarse: (C, h, w) uint8.
@@ -105,7 +105,7 @@ def network_input(views: Views, coarse: Sequence[str] = COARSE, fine: Sequence[s
 
 
 def _ray_channels(scene: RigidScene, valid: NDArray[np.bool_]) -> dict[str, Bytes]:
-    """Where rays point, and how the road and near points move."""
+    """Directions of rays, and motion of the road and of near points."""
     far, near = _flow_of(scene, 0.0), _flow_of(scene, 1 / PARALLAX_M)
     parallax = _without_jumps(near - far)
     road = _without_jumps(_flow_of(scene, scene.road_inverse_depth(scene.fall())) - far)
@@ -216,7 +216,7 @@ def _differences(
     *,
     others: Sequence[Literal["rotated", "flow"]] = (),
 ) -> dict[str, Bytes]:
-    """What is left of the image where an earlier one is moved as the road is, in units of the noise of that.
+    """Differences of the image to an earlier one that is moved as the road is, in units of their noise.
 
     Args:
         current: (H, W) uint8.
