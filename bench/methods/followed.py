@@ -88,6 +88,8 @@ class FollowedMethod(Method):
         if not frame.current_from_previous:
             raise UnansweredImage("followed: expected the ego-motion between the images, got none")
         now = self._noted(frame, 0, "answer", self._inner.segment)
+        if self.images == 1:
+            return now
         shape = now.mask.shape
         place, inside = pixel_positions(*shape[::-1]), np.ones(shape, dtype=bool)
         marked, seen = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
@@ -102,7 +104,7 @@ class FollowedMethod(Method):
                 break
             marked += np.where(inside, remapped(before.mask.astype(np.float32), place), np.float32(0))
             seen += inside
-        return replace(now, mask=_agreed(now.mask, marked, seen))
+        return replace(now, mask=_agreed(now.mask, marked, seen), threshold=None)  # no likelihood alone decides
 
     def _noted(self, frame: MethodInput, back: int, kind: str, compute: Callable[[MethodInput], Answer]) -> Answer:
         """Compute something of the image `back` before the current one, unless it was noted when that was current."""

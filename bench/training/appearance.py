@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.methods.rigid_scene.scene import remapped
+from bench.methods.rigid_scene.scene import pixel_positions, remapped
 
 Bytes = NDArray[np.uint8]
 Image = NDArray[np.float32]
@@ -76,7 +76,7 @@ def glare(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
 def drops(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
     """Drops of water on the lens: small lenses that show what is around them upside down and out of focus."""
     height, width = images[0].shape
-    at = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
+    at = pixel_positions(width, height).copy()
     share = np.zeros((height, width), np.float32)
     for _ in range(rng.integers(1, 10)):
         middle = np.array([rng.uniform(0, width), rng.uniform(0, height)], np.float32)
@@ -153,14 +153,12 @@ def compressed(images: Sequence[Image], rng: np.random.Generator) -> list[Image]
     return found
 
 
-def _ellipse(
-    image: Image, middle: tuple[float, float], radius: float, rng: np.random.Generator, value: float = 1.0
-) -> None:
+def _ellipse(image: Image, middle: tuple[float, float], radius: float, rng: np.random.Generator) -> None:
     axes = int(radius) + 1, int(radius * rng.uniform(0.3, 1.0)) + 1
-    cv2.ellipse(image, (int(middle[0]), int(middle[1])), axes, float(rng.uniform(0, 180)), 0, 360, value, -1)
+    cv2.ellipse(image, (int(middle[0]), int(middle[1])), axes, float(rng.uniform(0, 180)), 0, 360, 1.0, -1)
 
 
-# In the order in which light goes through them, each with its probability: two frames of three are disturbed.
+# In the order in which light goes through them, each with its probability: six frames of seven get any.
 DISTURBANCES: tuple[tuple[Disturbance, float], ...] = (
     (own_light, 0.12),
     (own_shadow, 0.08),

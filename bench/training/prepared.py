@@ -25,7 +25,7 @@ from bench.training import appearance
 from bench.training.pairs import Part, drives_of, pairs_of
 
 EVERY = 2  # of a drive's images: neighbours teach little that is new
-DISTURBED = 0.75  # share of the images that are disturbed before anything is computed from them
+DISTURBED = 0.75  # share of the images for which disturbances are drawn before anything is computed from them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

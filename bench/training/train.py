@@ -33,8 +33,8 @@ from bench.atomic import make_folder, replacing, write_bytes, write_text
 from bench.errors import UsageError
 from bench.evaluation.intervals import ratio_interval
 from bench.execution import usable_cores
-from bench.methods.learned.inputs import COARSE, FINE, GROUPS, MIRRORED, ZERO
-from bench.methods.learned.method import MULTIPLE_PX
+from bench.methods.learned.inputs import COARSE, FINE, GROUPS, MIRRORED, ZERO, Channels
+from bench.methods.learned.method import padded
 from bench.recordings import load_card
 from bench.training.network import MotionNetwork, ScoredNetwork
 from bench.training.pairs import DATASET
@@ -228,7 +228,7 @@ class Batches:
         rows, columns = self._plan.crop_px
         small = coarse[:, v : v + rows, u : u + columns]
         large = fine[:, 2 * v : 2 * (v + rows), 2 * u : 2 * (u + columns)]
-        valid = small[COARSE.index("valid")].repeat(2, axis=0).repeat(2, axis=1) > ZERO
+        valid = _valid(small)
         target = large[-1]
         weight = np.where(valid, small_weight(target), np.float32(0))
         parts = [small[self._sizes[0].shown], large[self._sizes[1].shown]]
@@ -270,6 +270,11 @@ class _Rows:
         rows = [[k for k, name in enumerate(shown) if name in names] for names in (MIRRORED, GREY, *DIFFERENCES)]
         of_all = [prepared.index(name) for name in shown]
         return cls(shown=of_all, mirrored=rows[0], grey=rows[1], differences=rows[2:])
+
+
+def _valid(coarse: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """The valid region of coarse channels, (C, h, w), at the size of the fine ones, (2 h, 2 w)."""
+    return np.asarray(coarse[COARSE.index("valid")].repeat(2, axis=0).repeat(2, axis=1) > ZERO)
 
 
 def _vary(crop: NDArray[np.uint8], rows: list[int], gain: float, shift: float) -> None:
@@ -315,17 +320,12 @@ def validate(network: nn.Module, drives: Sequence[PreparedDrive], plan: Plan, de
     static: list[NDArray[np.int64]] = []
     for drive in drives:
         for coarse, fine in zip(drive.coarse(), drive.fine(), strict=True):
-            height, width = coarse.shape[1:]
-            sides = ((0, 0), (0, -height % (MULTIPLE_PX // 2)), (0, -width % (MULTIPLE_PX // 2)))
-            twice = (sides[0], *((0, 2 * after) for _, after in sides[1:]))
-            given = (
-                np.pad(coarse[rows[0]], sides, constant_values=ZERO),
-                np.pad(fine[rows[1]], twice, constant_values=ZERO),
-            )
+            height, width = fine.shape[1:]
+            given = padded(Channels(coarse=coarse[rows[0]], fine=fine[rows[1]]))
             with torch.no_grad():
-                logits = network(*(torch.from_numpy(part[None]).to(device) for part in given))
-            scores = torch.sigmoid(logits)[0, : 2 * height, : 2 * width].cpu().numpy()
-            counted = coarse[COARSE.index("valid")].repeat(2, axis=0).repeat(2, axis=1) > ZERO
+                logits = network(*(torch.from_numpy(part[None]).to(device) for part in (given.coarse, given.fine)))
+            scores = torch.sigmoid(logits)[0, :height, :width].cpu().numpy()
+            counted = _valid(coarse)
             for sums, chosen in ((moving, fine[-1] > 127), (static, fine[-1] <= 127)):
                 sums.append(np.histogram(scores[chosen & counted], bins=edges)[0])
             names.append((drive.recording, drive.camera))

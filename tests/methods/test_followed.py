@@ -8,23 +8,13 @@ import pytest
 
 from bench.errors import UnknownNameError, UsageError
 from bench.methods import Method, Segmentation, UnansweredImage, build_method
-from tests.support.board_scene import STEP, frame, render
+from tests.support.board_scene import drive
 
 IMAGES = 4
 HERE = f"{__name__}:MarksBoard"
 
 
-def drive(first=0, images=IMAGES):
-    """What a method is given of some images on which a board crosses, and the board in each of them."""
-    steps = [np.array(STEP) * number for number in range(first, first + images)]
-    rendered = [render(step, np.array([3.0, -0.6 + 0.1 * (first + k), 0.0])) for k, step in enumerate(steps)]
-    given = frame(rendered[-2][0], rendered[-1][0], STEP)
-    times = tuple(66_666_667 * (first + number) for number in range(images))
-    motion = given.current_from_previous * (images - 1)
-    found = replace(
-        given, images=tuple(image for image, _ in rendered), timestamps_ns=times, current_from_previous=motion
-    )
-    return found, [board for _, board in rendered]
+BOARD = {"board_m": (3.0, -0.6, 0.0), "sideways_m": 0.1}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +27,7 @@ class MarksBoard(Method):
 
     def segment(self, given):
         number = round(given.timestamps_ns[-1] / 66_666_667)
-        _, board = render(np.array(STEP) * number, np.array([3.0, -0.6 + 0.1 * number, 0.0]))
+        *_, board = drive(range(number - 1, number + 1), **BOARD)[1]
         if number in self.wrong:
             board = np.zeros_like(board)
             board[60:100, 60:120] = True
@@ -57,7 +47,7 @@ def overlap(one, other):
 
 @pytest.mark.parametrize("scores", [False, True])
 def test_what_appears_once_is_doubted_and_what_was_there_before_is_completed(scores):
-    given, boards = drive()
+    given, boards = drive(range(IMAGES), **BOARD)
     method = followed(wrong=[IMAGES - 1], scores=scores)
     found = method.segment(given)
     assert not found.mask[60:100, 60:120].any()
@@ -65,10 +55,12 @@ def test_what_appears_once_is_doubted_and_what_was_there_before_is_completed(sco
     alone = followed(images=1, wrong=[IMAGES - 1], scores=scores).segment(given)
     assert alone.mask[60:100, 60:120].all()
     assert (found.likelihood is not None) == scores
+    assert found.threshold is None
+    assert (alone.threshold is not None) == scores
 
 
 def test_what_was_marked_once_before_is_forgotten():
-    given, boards = drive()
+    given, boards = drive(range(IMAGES), **BOARD)
     found = followed(wrong=[IMAGES - 2]).segment(given)
     assert not found.mask[60:100, 60:120].any()
     assert overlap(found.mask, boards[-1]) > 0.9
@@ -76,15 +68,15 @@ def test_what_was_marked_once_before_is_forgotten():
 
 def test_one_who_has_seen_the_images_before_answers_as_one_who_has_not():
     method = followed(wrong=[2])
-    later, _ = drive(first=1)
-    method.segment(drive()[0])
+    later, _ = drive(range(1, IMAGES + 1), **BOARD)
+    method.segment(drive(range(IMAGES), **BOARD)[0])
     np.testing.assert_array_equal(method.segment(later).mask, followed(wrong=[2]).segment(later).mask)
     travelled = pickle.loads(pickle.dumps(method))
     np.testing.assert_array_equal(travelled.segment(later).mask, method.segment(later).mask)
 
 
 def test_at_the_start_of_a_drive_the_images_that_there_are_agree():
-    given, boards = drive(images=2)
+    given, boards = drive(range(2), **BOARD)
     found = followed().segment(given)
     np.testing.assert_array_equal(found.mask, boards[-1])
 
@@ -95,13 +87,13 @@ def test_it_looks_as_far_back_as_the_method_does_on_its_earliest_image():
     assert (long.history, long.longest_history) == (1, 6)
 
 
-def test_bad_settings_and_input_are_told():
+def test_bad_settings_and_input_are_refused():
     with pytest.raises(UsageError, match="at least 1, got 0"):
         followed(images=0)
-    with pytest.raises(UnknownNameError, match="nobody"):
-        build_method("followed", {"method": "nobody"})
+    with pytest.raises(UnknownNameError, match="no-method"):
+        build_method("followed", {"method": "no-method"})
     with pytest.raises(UsageError, match="not followed itself"):
         build_method("followed", {"method": "followed"})
-    given, _ = drive()
+    given, _ = drive(range(IMAGES), **BOARD)
     with pytest.raises(UnansweredImage, match="ego-motion"):
         followed().segment(replace(given, current_from_previous=()))

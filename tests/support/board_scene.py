@@ -1,5 +1,6 @@
 """A board that crosses in front of a wall and on a road, as a camera that goes straight on sees it."""
 
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -100,6 +101,23 @@ def crossing():
     for image in (previous, current, mask):
         image.flags.writeable = False
     return previous, current, mask
+
+
+def drive(numbers, board_m, sideways_m):
+    """Images of a camera that goes on by `STEP`, on which a board crosses, and the board in each of them.
+
+    Image 0 is taken at the origin, with the board at `board_m`; image by image it moves to the left by `sideways_m`.
+    """
+    start, step = np.array(board_m), np.array([0.0, sideways_m, 0.0])
+    rendered = [render(STEP * number, start + step * number) for number in numbers]
+    given = frame(rendered[-2][0], rendered[-1][0], STEP)
+    found = replace(
+        given,
+        images=tuple(image for image, _ in rendered),
+        timestamps_ns=tuple(66_666_667 * number for number in numbers),
+        current_from_previous=given.current_from_previous * (len(numbers) - 1),
+    )
+    return found, [board for _, board in rendered]
 
 
 def inner(board):

@@ -159,9 +159,8 @@ def _constraint_channels(given: MethodInput, last: Evidence) -> dict[str, Bytes]
 
 def _scene_channels(given: MethodInput, last: Evidence) -> dict[str, Bytes]:
     """Distance from all rigid scenes, and what it rests on: texture carries a flow, a shadow moves over the road's."""
-    tensor = structure_tensor(
-        *gradients(given.images[-1].astype(np.float32)), side_px=TENSOR_PX, noise=max(last.noise, LEAST_NOISE)
-    )
+    slopes = gradients(given.images[-1].astype(np.float32))
+    tensor = structure_tensor(*slopes, side_px=TENSOR_PX, noise=last.noise)
     middle = (tensor[0] + tensor[2]) / 2
     smaller = np.maximum(middle - np.hypot((tensor[0] - tensor[2]) / 2, tensor[1]), 0) / last.noise**2
     return {

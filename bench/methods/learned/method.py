@@ -134,10 +134,8 @@ class LearnedMethod(Method):
     def scores(self, channels: Channels) -> NDArray[np.float32]:
         """Run the network; (H, W) float32 in [0, 1], at the size of the fine channels."""
         height, width = channels.fine.shape[1:]
-        padded = height + -height % MULTIPLE_PX, width + -width % MULTIPLE_PX
-        given = {"coarse": _padded(channels.coarse, (padded[0] // 2, padded[1] // 2))}
-        if len(channels.fine):
-            given["fine"] = _padded(channels.fine, padded)
+        whole = padded(channels)
+        given = {name: part[None] for name, part in (("coarse", whole.coarse), ("fine", whole.fine)) if len(part)}
         (found,) = self._session.run(None, given)
         return np.asarray(found[0, :height, :width], dtype=np.float32)
 
@@ -157,10 +155,15 @@ class LearnedMethod(Method):
         self.__dict__.update(settings)
 
 
-def _padded(channels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """(C, h, w) -> (1, C, *size)."""
-    _, height, width = channels.shape
-    return np.pad(channels, ((0, 0), (0, size[0] - height), (0, size[1] - width)), constant_values=ZERO)[None]
+def padded(channels: Channels) -> Channels:
+    """Channels of sides that the network takes: zeros are added below and on the right."""
+    height, width = (side + -side % MULTIPLE_PX for side in channels.fine.shape[1:])
+    sizes = ((channels.coarse, height // 2, width // 2), (channels.fine, height, width))
+    coarse, fine = (
+        np.pad(part, ((0, 0), (0, rows - part.shape[1]), (0, columns - part.shape[2])), constant_values=ZERO)
+        for part, rows, columns in sizes
+    )
+    return Channels(coarse=coarse, fine=fine)
 
 
 @lru_cache(maxsize=1)  # copies of the method for units of work share it
