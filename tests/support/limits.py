@@ -27,14 +27,20 @@ def at_most(seconds: int) -> Iterator[None]:
 
 
 def peak_bytes(run: Callable[[], Result]) -> tuple[int, Result]:
-    """The most memory that Python holds in a call, and what the call gives."""
-    gc.collect()
-    tracemalloc.start()
-    try:
-        result = run()
-        return tracemalloc.get_traced_memory()[1], result
-    finally:
-        tracemalloc.stop()
+    """The most memory that Python holds in a call, and what the call gives.
+
+    The smaller of two calls counts: servers of other tests in this process can only add to one.
+    """
+    peaks = []
+    for _ in range(2):
+        gc.collect()
+        tracemalloc.start()
+        try:
+            result = run()
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    return min(peaks), result
 
 
 @contextmanager
