@@ -68,7 +68,7 @@ class RigidSceneMethod(FlowMethod):
     sigmas: bool = True
     photometric: bool = True
     light: bool = True
-    own_effects: bool = False
+    own_effects: bool = True
     long_baseline: bool = True
     flow: str = "dis"
     flow_parameters: dict[str, object] = field(default_factory=dict)
