@@ -156,7 +156,7 @@ def _print(shown: Table | Text, *, to_errors: bool = False, wrap: bool = False) 
     """
     console = _console(to_errors=to_errors)
     try:
-        console.print(shown, soft_wrap=not wrap)
+        console.print(shown, soft_wrap=not wrap, crop=False)
     except OSError as error:
         _end(console.file)
         if not to_errors:

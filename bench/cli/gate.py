@@ -151,6 +151,7 @@ def _hand_over(verdict: Verdict, *, junit: Path | None, json: Path | None, githu
 def _origin(run: Manifest) -> str:
     from bench.harness.digests import short_digest
 
-    commit = run.code.commit
+    method, commit = run.method, run.code.commit
     made = f"commit {short_digest(commit)}" if commit else "an unknown commit"
-    return f"{run.method.name} on {run.dataset.name} by {run.protocol.name}, version {run.code.version}, {made}"
+    own = f" of commit {short_digest(method.commit)}" if method.commit else ""
+    return f"{method.name}{own} on {run.dataset.name} by {run.protocol.name}, version {run.code.version}, {made}"

@@ -42,7 +42,7 @@ def new_method(name: NewName) -> None:
     _write(METHOD, "method", name)
     module, kind = _module(name), _class(name)
     say("it runs as it is; then change `segment`:")
-    say(f"  fisheye-bench run tiny --method {module}:{kind}     12 images; rendered first, half a minute of CPU")
+    say(f"  fisheye-bench run tiny --method {module}:{kind}     12 images; rendered first, within a minute")
     say(f"  fisheye-bench run demo --method {module}:{kind}     20 drives")
     say(f"  pytest test_{module}.py")
 

@@ -91,7 +91,7 @@ def run(
         if request.card.scenario is None and validation is None:
             note(f"a run does not validate its data; check them with: fisheye-bench validate {dataset}")
         board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
-        if best := best_line(board, dataset=request.card.name):
+        if best := best_line(board, dataset=request.card.name, beside=runs[-1].protocol.name):
             say(best)
         for folder in request.runs if log is not None else ():
             report(str(folder), pictures=pictures, log=log)

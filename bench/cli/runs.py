@@ -11,7 +11,7 @@ from bench.cli.progress import progress_bar, resumable
 from bench.harness import Provenance, RunRequest, StoredRun
 from bench.harness.run import Finish
 from bench.reporting.tables import terminal_report
-from bench.reporting.totals import cost_lines, total_lines
+from bench.reporting.totals import cost_lines, nothing_scored, total_lines
 from bench.validation import ValidationReport
 
 
@@ -49,7 +49,11 @@ def score(
 def _print(run: StoredRun, report: RunReport) -> None:
     """Print the table, what became of the images, the cost, and where everything is."""
     summary = run.summary
-    show(terminal_report(report.rows))
+    manifest = run.manifest
+    if nothing := nothing_scored(summary):
+        say(nothing, style="bold red")
+    title = f"{manifest.method.name} on {manifest.dataset.name} by {run.protocol.name}, beside the paper, in percent"
+    show(terminal_report(report.rows, title=title))
     for line in total_lines(summary, run.protocol):
         note(line)
     print_cost(summary.provenance)

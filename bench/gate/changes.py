@@ -55,6 +55,8 @@ def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[
     commit = baseline.code.commit
     other = "" if commit is None or commit == run.code.commit else short_digest(commit.rstrip("+"))
     place = f", the first in a checkout of {other}" if other else ""
+    if _of_other_code(baseline, run):
+        place += f", the first with {baseline.method.name!r} as in commit {short_digest(baseline.method.commit or '')}"
     return f"compare image by image{place}:", again, shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])
 
 
@@ -67,8 +69,14 @@ def _why_not_again(baseline: Manifest, run: Manifest) -> str:
         return f"it is of version {was.version}, of an unknown commit"
     if was.commit is not None and was.commit.endswith("+") and was.commit != now.commit:
         return f"it is of changed files on top of commit {short_digest(was.commit).rstrip('+')}"
-    one, two = baseline.method, run.method
-    own_code = one.place is not None and not one.place.startswith("bench.")
-    if own_code and one.name == two.name and one.code_digest != two.code_digest:
-        return f"the code of {one.name!r} is another now; run in the baseline's own commit"
+    method = baseline.method
+    if _of_other_code(baseline, run) and (method.commit is None or method.commit.endswith("+")):
+        kind = "in no commit" if method.commit is None else f"changed since commit {short_digest(method.commit)}"
+        return f"the code of {method.name!r} is another now, and the baseline's was {kind}"
     return ""
+
+
+def _of_other_code(baseline: Manifest, run: Manifest) -> bool:
+    """Both runs are of one method outside this package, whose code has changed."""
+    one, two = baseline.method, run.method
+    return not one.is_own and one.name == two.name and one.code_digest != two.code_digest

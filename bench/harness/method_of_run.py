@@ -9,8 +9,11 @@ from types import MappingProxyType
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.errors import UsageError
+from bench.harness.code_state import method_commit
 from bench.harness.digests import MethodCode
 from bench.methods import METHODS, Scorable, build_method, known_methods
+
+OWN = "bench."  # begins the modules of this package
 
 
 class MethodOfRun(BaseModel):
@@ -23,6 +26,8 @@ class MethodOfRun(BaseModel):
         place: "module:Class" of its class; recorded only, never imported from here.
         history: images that it needs before the one that it segments.
         code_digest: SHA-256 over its own code, the libraries that this imports and the files that it reads.
+        commit: of the checkout that its own code is of, "+" behind it where a file of it is not as committed; None for
+            a method of this package, and for code in no commit. It decides nothing.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -33,6 +38,7 @@ class MethodOfRun(BaseModel):
     place: str
     history: int
     code_digest: str
+    commit: str | None = None
 
     @classmethod
     def of(
@@ -46,7 +52,13 @@ class MethodOfRun(BaseModel):
             place=method_code.place,
             history=method.history,
             code_digest=method_code.digest,
+            commit=None if method_code.place.startswith(OWN) else method_commit(method_code),
         )
+
+    @property
+    def is_own(self) -> bool:
+        """It is of this package."""
+        return self.place.startswith(OWN)
 
     @property
     def called(self) -> str:

@@ -71,8 +71,6 @@ class Provenance(BaseModel):
         peak_memory_mb: largest resident size of a process.
         work: what had to be computed; None of an audit.
         unrepeatable: code that cannot be had again, one line a file; see `code_state`.
-        method_commit: of the checkout that the method's own code is of, "+" behind it where a file of it is not as
-            committed; None for a method of this package, and for code in no commit.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -84,7 +82,6 @@ class Provenance(BaseModel):
     peak_memory_mb: float
     work: Work | None = None
     unrepeatable: tuple[str, ...] = ()
-    method_commit: str | None = None
 
 
 def provenance_since(

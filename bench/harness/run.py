@@ -15,7 +15,7 @@ from bench.evaluation import Protocol, sum_run, summary_of, write_sums
 from bench.evaluation.summary import ProtocolOfRun, Summary, not_annotated
 from bench.execution import FailedTask, SerialExecutor, TaskExecutor
 from bench.harness.cache import CacheFolder
-from bench.harness.code_state import method_commit, unrepeatable_code
+from bench.harness.code_state import unrepeatable_code
 from bench.harness.digests import MethodCode
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, all_settings
 from bench.harness.method_of_run import MethodOfRun
@@ -119,12 +119,9 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> dict[
         with ExitStack() as replaced:
             folders = {run: replaced.enter_context(new_results(run)) for run in request.runs}
             scored = _score(request, spec, handles, Part())
-            origin = {
-                "unrepeatable": unrepeatable_code(spec.method_code),
-                "method_commit": method_commit(spec.method_code),
-            }
+            unrepeatable = unrepeatable_code(spec.method_code)
             for run, results in folders.items():
-                found = _write_results(results, request, run, scored, manifests[run], origin)
+                found = _write_results(results, request, run, scored, manifests[run], unrepeatable)
                 if finish is not None:
                     finish(found)
                 stored[run] = replace(found, folder=run)
@@ -337,9 +334,9 @@ def _write_results(
     run: Path,
     scored: ScoredPart,
     manifest: Manifest,
-    origin: Mapping[str, object],
+    unrepeatable: tuple[str, ...],
 ) -> StoredRun:
-    """Reduce the stored units of a run to its tables, its sums and its summary; `origin` is where its code is from.
+    """Reduce the stored units of a run to its tables, its sums and its summary.
 
     Raises:
         DataError: a unit is damaged, or nothing could be used.
@@ -364,7 +361,7 @@ def _write_results(
         metrics,
         manifest=manifest.with_data(digests),
         protocol=protocol,
-        provenance=scored.provenance(run, images=images).model_copy(update=origin),
+        provenance=scored.provenance(run, images=images).model_copy(update={"unrepeatable": unrepeatable}),
         failures=[*failures, *problems],
         caveats=_caveats(request, metrics, scored.recordings),
         vehicle_outline_m=outlines[-1] if outlines else (),

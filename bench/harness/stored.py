@@ -296,8 +296,7 @@ class StoredRun:
         method = self.manifest.method
         if PREDICTIONS_DIGEST in method.settings:
             return None
-        own = method.place.startswith("bench.")
-        return self.manifest.code.commit if own else self.summary.provenance.method_commit
+        return self.manifest.code.commit if method.is_own else method.commit
 
     @property
     def _is_whole(self) -> bool:

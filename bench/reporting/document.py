@@ -231,13 +231,16 @@ def _rich_table(table: Table, clean: Callable[[str], str]) -> RichTable:
     widths = [max(map(_width, column)) for column in zip(headings, *rows, strict=True)]
     too_wide = sum(widths) + 2 * len(widths) > CONSOLE_COLUMNS
     for place, heading in enumerate(headings):
-        of_words = place < table.words
-        words = [word for cells in (headings, *rows) for word in cells[place].text.split()]
+        of_words, cells = place < table.words, [row[place] for row in rows]
+        if too_wide and not of_words and len(heading.text) > max(map(_width, cells), default=0):
+            heading = _a_word_a_line(heading)
+        words = [word for cell in (heading, *cells) for word in cell.text.split()]
+        least = min(max(map(len, words), default=1), LONGEST_WORD) if of_words else max(map(_width, (heading, *cells)))
         shown.add_column(
-            _rich_text(heading if of_words or not too_wide else _a_word_a_line(heading), clean),
+            _rich_text(heading, clean),
             justify="left" if of_words else "right",
             no_wrap=not of_words,
-            min_width=min(max(map(len, words), default=1), LONGEST_WORD) if of_words else None,
+            min_width=least,
             overflow="fold",
         )
     above = None
@@ -398,6 +401,8 @@ def _float(table: Table, *, label: str, about: str) -> str:
     every = [line for lines in (head, *body) for line in lines]
     letters = sum(max(map(len, column)) for column in zip(*every, strict=True))
     bold = [[rf"\textbf{{{escape_latex(text)}}}" if text else "" for text in line] for line in head]
+    kinds = "l " * table.words, " ".join("r" * (len(table.columns) - table.words))
+    columns = "| ".join(kind for kind in kinds if kind)
     return "\n".join(
         [
             r"\begin{table*}",
@@ -407,7 +412,7 @@ def _float(table: Table, *, label: str, about: str) -> str:
             r"\fontsize{6}{7}\selectfont" if letters > _SCRIPT_SIZE_HOLDS else r"\scriptsize",
             r"\setlength{\tabcolsep}{2.5pt}",
             r"\renewcommand{\arraystretch}{1.2}",
-            rf"\begin{{tabular}}{{{'l ' * table.words}| {' '.join('r' * (len(table.columns) - table.words))}}}",
+            rf"\begin{{tabular}}{{{columns}}}",
             r"\hline",
             _latex_row(bold),
             *(_latex_row([list(map(_latex_value, line)) for line in lines]) for lines in body),

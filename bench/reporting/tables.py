@@ -148,8 +148,8 @@ def threshold_free_line(found: ThresholdFreeMetrics) -> str:
     )
     return (
         f"Over all thresholds: AUPRC {with_interval(found.auprc)}, false-positive rate at 95 % recall "
-        f"{with_interval(found.fpr95)}; over the pixels of {found.images} images, from histograms: without bins "
-        f"AUPRC lies in {auprc}, the rate in {rate}."
+        f"{with_interval(found.fpr95)}; over the pixels of {found.images} images, from histograms"
+        + (f": without bins AUPRC lies in {auprc}, the rate in {rate}." if found.auprc.cases else ".")
     )
 
 
@@ -256,10 +256,12 @@ _SHORT = {"detection_rate": Cell("Detec-", ("tion",)), "tpr": Cell("TPR", ("det.
           "unknown_share": Cell("Un-", ("known",))}  # fmt: skip
 
 
-def terminal_report(rows: Sequence[TableRow]) -> list[Block]:
+def terminal_report(rows: Sequence[TableRow], *, title: str) -> list[Block]:
     """For 100 columns: the value of each metric over its 95 % interval, its chance level, the paper's, the difference.
 
-    Kinds of motion without cases are left out.
+    Args:
+        rows: of the table; kinds of motion without cases are left out.
+        title: says what run it is of.
     """
     shown = {**COVERAGES, **detection_columns(rows), **further_columns(rows)}
     lines = []
@@ -274,7 +276,7 @@ def terminal_report(rows: Sequence[TableRow]) -> list[Block]:
         lines.append([*head, row.tracks, *cells])
     headings = [_SHORT.get(name) or _label(heading, before=" ") for name, heading in shown.items()]
     table = Table(
-        title="Ours beside the paper's, in percent",
+        title=title,
         columns=["Type", "", "Recs", "Cases", "Objects", *headings],
         rows=lines,
         words=2,

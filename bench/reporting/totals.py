@@ -30,6 +30,18 @@ def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
         yield summary.unreviewed
 
 
+def nothing_scored(summary: RunSummary) -> str:
+    """Warn that no object was evaluated though some move; "" otherwise."""
+    ledger = summary.objects
+    moving = ledger.annotated - ledger.static
+    if ledger.evaluated or not moving:
+        return ""
+    return (
+        f"no object was scored: all {moving} moving object-frames are ignored, for the reasons below; if these surprise "
+        "you, calibration, ego-motion or boxes may be wrong: see `fisheye-bench validate` and `fisheye-bench view`"
+    )
+
+
 def cost_lines(made: Provenance) -> Iterator[str]:
     """Work of a run, and the time and memory that it took."""
     work = made.work

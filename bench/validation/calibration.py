@@ -8,7 +8,14 @@ import numpy as np
 import shapely
 
 from bench.recordings import MountedCamera, Recording
-from bench.validation.findings import CAMERA_HEIGHT_M, LIDAR_HEIGHT_M, SENSOR_OUTSIDE_M, Finding, Severity
+from bench.validation.findings import (
+    CAMERA_HEIGHT_M,
+    DEGREE,
+    LIDAR_HEIGHT_M,
+    SENSOR_OUTSIDE_M,
+    Finding,
+    Severity,
+)
 
 UP = np.array([0.0, 0.0, 1.0])
 STEEPEST_DEG = 75.0  # a camera that looks down more steeply, or up by half of it, was mounted in other axes
@@ -103,7 +110,9 @@ def _lens(camera: MountedCamera, field: str) -> Iterator[Finding]:
     again, back = model.project(rays)
     error_px = np.abs(again[seen & back] - pixels[seen & back]).max(initial=0.0)
     if seen.mean() < LEAST_SEEN or (seen & ~back).any() or error_px > 0.1:
-        got = f"{100 * seen.mean():.0f} % of them have one"
+        nearby, _ = model.project(np.array([[0.0, 0.0, 1.0], [np.sin(DEGREE), 0.0, np.cos(DEGREE)]]))
+        degree_px = float(np.linalg.norm(nearby[1] - nearby[0]))
+        got = f"{100 * seen.mean():.0f} % of them have one; a degree beside the axis lies {degree_px:.2g} px from it"
         if error_px > 0.1 or (seen & ~back).any():
             got += f", up to {error_px:.2f} px off on the way back"
         yield Finding(
@@ -111,7 +120,7 @@ def _lens(camera: MountedCamera, field: str) -> Iterator[Finding]:
             field=f"{field}.model",
             expected="a ray for most pixels, and the pixel for each ray",
             got=got,
-            hint="check the model's name, the order of its parameters, and their unit",
+            hint="check the model's name, the order of its parameters, and their unit: px, of angles in radians",
         )
 
 

@@ -36,7 +36,7 @@ class Quantity:
         expected: of a finding.
         unit: in which it is reported.
         scale: of these units in one.
-        why: it is not known where it is not.
+        why: what the drive may lack where it is not known, beside sweeps that match; "" for nothing.
     """
 
     stated: float = 0.0
@@ -55,18 +55,18 @@ QUANTITIES = {
     "late_s": Quantity(
         usual=0.001, tolerated=0.004, small=0.3, known=0.005, unit="ms", scale=1e3,
         field="clock of lidar sweeps against ego-motion", expected="sweeps and ego-motion on one clock",
-        why="the drive hardly brakes, speeds up or turns in and out"),
+        why="it hardly brakes, speeds up or turns in and out"),
     "speed": Quantity(
         stated=1.0, usual=0.01, tolerated=0.03, small=0.2, known=0.01, unit="%", scale=1e2,
         field="scale of the speed", expected="the speed at which neighbouring sweeps meet",
-        why="it stands, or sees nothing across its way"),
+        why="it hardly drives, or sees little across its way"),
     "turn": Quantity(
         stated=1.0, usual=0.02, tolerated=0.06, small=0.5, known=0.03, unit="%", scale=1e2,
         field="scale of the yaw rate", expected="the yaw rate with which neighbouring sweeps meet",
         why="it hardly turns"),
     "bias_radps": Quantity(
         usual=0.0017, tolerated=0.007, small=0.09, known=0.005, unit="deg/s", scale=1 / DEGREE,
-        field="bias of the yaw rate", expected="no yaw rate when driving straight", why="too few sweeps match"),
+        field="bias of the yaw rate", expected="no yaw rate when driving straight", why=""),
     "yaw_rad": Quantity(
         usual=0.009, tolerated=0.021, small=0.5, known=0.009, unit="degrees", scale=1 / DEGREE,
         field="lidar.vehicle_from_lidar, yaw", expected="a lidar that is mounted as its motion says",

@@ -296,11 +296,13 @@ class _Verdict:
         return odometry, f"the clock of one of them: {sweeps}, or {ego}"
 
     def _unknown(self, tried: Sequence[tuple[Hypothesis, Fit]]) -> Iterator[Undecided]:
+        few = f"too few pairs of sweeps match ({len(self._compared.steps.motion)})"
         for one, fit in tried:
             about, (_, sigma) = one.quantity, fit.of(one.free[0])
             if len(one.free) == 1 and one.mounting is self._mounting and sigma > about.known:
                 known = f": known to {1.96 * about.scale * sigma:.2g} {about.unit} only"
-                yield Undecided(about=about.field, why=about.why + (known if sigma < about.small else ""))
+                why = f"{about.why}, or {few}" if about.why else few
+                yield Undecided(about=about.field, why=why + (known if sigma < about.small else ""))
 
 
 def _penalised(pair: tuple[Hypothesis, Fit]) -> float:

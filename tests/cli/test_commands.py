@@ -41,6 +41,15 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
         assert (out / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_run_that_scores_no_object_says_so_above_its_table(monkeypatch, capsys, tiny_card, tmp_path):
+    rules = tmp_path / "near.yaml"
+    rules.write_text("{based_on: paper-v1, name: near, version: 1, reference: {range_limit_m: 0.01}}")
+    run = ("run", tiny_card, "--method", "nothing", "--protocol", rules, "--no-pictures", "--out", tmp_path / "run")
+    assert call(monkeypatch, *run) == 0
+    _, first, *_ = capsys.readouterr().out.splitlines()
+    assert first.startswith("no object was scored: all 12 moving object-frames are ignored")
+
+
 def test_a_quick_look_scores_some_images_of_some_recordings(monkeypatch, tiny_card, tmp_path):
     out = tmp_path / "look"
     look = ("run", tiny_card, "--method", "nothing", "--no-cache", "--no-pictures", "--out", out)

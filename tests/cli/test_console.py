@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 
 from bench.cli import console, progress
+from bench.reporting.document import Table
 
 
 def watched(monkeypatch, *, terminal: bool, now=lambda: 0.0) -> io.StringIO:
@@ -65,6 +66,16 @@ def test_the_time_left_is_told_when_three_are_done_that_were_not_there_before(mo
         "rendering: 6/20 recordings after 60 s",
         "rendering: 7/20 recordings after 90 s, about 390 s left",
     ]
+
+
+def test_no_number_of_a_wide_table_is_cut_where_there_is_no_terminal(capsys):
+    numbers = [f"{k}.123456789" for k in range(9)]
+    rows = [["a slice with a long name", "false_positive_coverage_valid", *numbers]]
+    columns = ["Slice", "Metric", "95 %", *(f"{k} of all" for k in range(8))]
+    console.show([Table(columns=columns, rows=rows, words=2)])
+    heading, *_, row = capsys.readouterr().out.splitlines()
+    assert row.split()[-9:] == numbers
+    assert "95 %" in heading
 
 
 def test_of_many_files_a_few_are_named(capsys):

@@ -109,7 +109,10 @@ def test_latex_stands_values_over_their_intervals_and_escapes_text():
     assert escape_latex("50 % of a_b & #1 {x} $ ~ ^ \\") == (
         r"50 \% of a\_b \& \#1 \{x\} \$ \textasciitilde{} \textasciicircum{} \textbackslash{}"
     )
-    assert "$-$6.3" in to_latex([Table(columns=["a"], rows=[["-6.3"]])], label="a", about="")
+    numbers = to_latex([Table(columns=["a"], rows=[["-6.3"]], words=0)], label="a", about="")
+    assert "$-$6.3" in numbers
+    assert r"\begin{tabular}{r}" in numbers
+    assert r"\begin{tabular}{l | r" in text
 
 
 def test_the_terminal_shows_all_blocks_and_no_character_acts():

@@ -122,7 +122,7 @@ def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, t
     assert {file.name for file in files} >= {"index.html", "quality-and-cost.png", "quality-and-cost.svg"}
     line = best_line(tmp_path / "leaderboard.json", dataset="demo")
     assert line is not None
-    assert line.startswith("best of 2 methods on demo by surface-v1: good, IoU 63.6 % [")
+    assert line.startswith("best of 2 methods on all of demo by surface-v1: good, IoU 63.6 % [")
     assert ", ceiling 86.4 %, false positives 1.0 % of the image (" in line
     assert line.endswith("2026-01-02, 0 0123456789+)")
     assert best_line(tmp_path / "leaderboard.json", dataset="another") is None
@@ -167,7 +167,9 @@ def test_no_best_method_is_named_of_another_state_of_the_protocol_or_too_few_rec
     runs = write_run(tmp_path / "runs" / "few", few, protocol="surface-v1").parent
     write_leaderboard(read_leaderboard(runs), tmp_path)
     line = best_line(stored, dataset="demo")
-    assert line.startswith("first of 1 methods on demo by surface-v1: nothing, IoU 45.5 % (too few recordings for an ")
+    assert line.startswith(
+        "first of 1 methods on all of demo by surface-v1: nothing, IoU 45.5 % (too few recordings for an "
+    )
     assert '<span class="mark">first</span>' in (tmp_path / "index.html").read_text()
     stored.write_text('{"best": [{"dataset": "demo"}]}')
     assert best_line(stored, dataset="demo") is None

@@ -43,11 +43,11 @@ def table_json(rows):
 
 
 def on_terminal(rows):
-    return printed(terminal_report(rows), width=100)
+    return printed(terminal_report(rows, title="any"), width=100)
 
 
 def table_lines(rows):
-    return printed(terminal_report(rows)[:1], width=100).splitlines()
+    return printed(terminal_report(rows, title="any")[:1], width=100).splitlines()
 
 
 def one_line(text):

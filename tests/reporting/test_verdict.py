@@ -165,8 +165,19 @@ def test_the_first_lines_say_what_changed_what_was_lost_and_where(one_fault):
         (
             {"method": method_of_run("own", code_digest="1")},
             {"method": method_of_run("own", code_digest="2")},
-            "no command makes the baseline's run again: the code of 'own' is another now; "
-            "run in the baseline's own commit",
+            "no command makes the baseline's run again: the code of 'own' is another now, "
+            "and the baseline's was in no commit",
+        ),
+        (
+            {"method": method_of_run("own", code_digest="1", commit="feed12+")},
+            {"method": method_of_run("own", code_digest="2", commit="feed34")},
+            "no command makes the baseline's run again: the code of 'own' is another now, "
+            "and the baseline's was changed since commit feed12+",
+        ),
+        (
+            {"method": method_of_run("own", code_digest="1", commit="feed12")},
+            {"method": method_of_run("own", code_digest="2", commit="feed34")},
+            "compare image by image, the first with 'own' as in commit feed12:",
         ),
     ],
 )

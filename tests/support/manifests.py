@@ -13,10 +13,17 @@ def provenance(*, images: int = 9, started_utc: str = "2026-01-02T03:04") -> Pro
 
 
 def method_of_run(
-    name: str, *, settings: dict[str, object] | None = None, place: str = "", code_digest: str = "0" * 64
+    name: str,
+    *,
+    settings: dict[str, object] | None = None,
+    place: str = "",
+    code_digest: str = "0" * 64,
+    commit: str | None = None,
 ) -> MethodOfRun:
     place = place or known_methods().get(name, "own:Own")
-    return MethodOfRun(name=name, settings=settings or {}, place=place, history=1, code_digest=code_digest)
+    return MethodOfRun(
+        name=name, settings=settings or {}, place=place, history=1, code_digest=code_digest, commit=commit
+    )
 
 
 def manifest(

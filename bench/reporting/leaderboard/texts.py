@@ -236,7 +236,7 @@ def best_methods(found: Leaderboard) -> Iterator[dict[str, object]]:
             }
 
 
-def best_line(file: Path, *, dataset: str) -> str | None:
+def best_line(file: Path, *, dataset: str, beside: str = RANKING_PROTOCOL) -> str | None:
     """The best method of a stored leaderboard on a data set, in one line.
 
     None where it has none, or one by an earlier state of the protocol, whose scores do not compare with today's.
@@ -244,14 +244,15 @@ def best_line(file: Path, *, dataset: str) -> str | None:
     Args:
         file: `leaderboard.json`.
         dataset: name of the data set.
+        beside: protocol of the scores that the line stands beside; with another one they do not compare.
     """
     try:
         best = next(best for best in json.loads(file.read_bytes())["best"] if best["dataset"] == dataset)
         if best["protocol_digest"] != load_protocol(RANKING_PROTOCOL).digest:
             return None
-        return "{rank} of {of} methods on {dataset} by {protocol}: {method}, {score} ({file}, {date}, {code})".format(
-            file=file, **best
-        )
+        line = "{rank} of {of} methods on all of {dataset} by {protocol}: {method}, {score} ({file}, {date}, {code})"
+        other = "" if beside == RANKING_PROTOCOL else f"; scores by {beside} do not compare with it"
+        return line.format(file=file, **best) + other
     except (OSError, ValueError, LookupError, TypeError, StopIteration, RecursionError):
         return None
 
