@@ -37,7 +37,7 @@ def nothing_scored(summary: RunSummary) -> str:
     if ledger.evaluated or not moving:
         return ""
     return (
-        f"no object was scored: all {moving} moving object-frames are ignored, for the reasons below; if these surprise "
+        f"no object was scored: all {moving} moving object-frames are ignored, for the reasons below; if they surprise "
         "you, calibration, ego-motion or boxes may be wrong: see `fisheye-bench validate` and `fisheye-bench view`"
     )
 
