@@ -7,6 +7,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 
@@ -16,6 +17,7 @@ from bench.methods.learned.inputs import COARSE, FINE, GROUPS, Channels
 from bench.training.network import MotionNetwork
 from bench.training.prepared import prepare
 from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, small_weight, train
+from benchmarks.ablation import Drives, score, table, variants
 
 PLAN = Plan(epochs=2, batch=4, crop_px=(96, 128))  # the tiny images are half as large as those of the training data
 
@@ -126,3 +128,18 @@ def test_what_is_exported_answers_as_the_network_does(drives, trained, tmp_path)
         given = (torch.from_numpy(part[None].copy()) for part in (channels.coarse, channels.fine))
         expected = torch.sigmoid(network(*given))[0].numpy()
     np.testing.assert_allclose(method.scores(channels), expected, atol=1e-4)
+
+
+def test_an_ablation_trains_without_each_group_and_tells_what_it_lacks(drives, tmp_path):
+    held = Drives(training={True: drives, False: drives}, rendered=drives, disturbed=drives)
+    plans = variants(replace(PLAN, epochs=1))
+    assert [*plans] == ["nothing", *GROUPS, "worse cameras"]
+    assert plans["fine"].without == ("fine",)
+    assert not plans["worse cameras"].disturbed
+    rows = []
+    for name in ("nothing", "scene"):
+        (tmp_path / name).mkdir()
+        rows.append({"left out": name, "seed": 1, **score(plans[name], held, tmp_path / name)})
+    whole, less = rows[0]["IoU of images, as rendered"], rows[1]["IoU of images, as rendered"]
+    last = table(pd.DataFrame(rows)).splitlines()[-1]
+    assert last.startswith(f"| scene | {100 * less:.1f} | {100 * (less - whole):+.1f} |")

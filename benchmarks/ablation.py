@@ -1,0 +1,108 @@
+"""What each group of channels of `learned`, and training images of worse cameras, are worth: short trainings without.
+
+python -m benchmarks.ablation --cache DIR --out DIR (extra `train`; hours; continues where it was interrupted). The
+network is trained whole, without each group of channels, and on images as they were rendered, from several seeds. All
+trainings are alike and shorter than that of the shipped weights, on smaller crops, so their scores compare with each
+other alone. A third of the validation drives chooses the epoch; the others are scored, as they were rendered and as
+worse cameras would have taken them. `DIR/ablation.csv` has every training, the table that is printed the means.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import pandas as pd
+import torch
+import typer
+
+from bench.atomic import make_folder, write_text
+from bench.execution import usable_cores
+from bench.methods.learned.inputs import GROUPS
+from bench.training.pairs import DATASET
+from bench.training.prepared import PreparedDrive, prepare
+from bench.training.train import Plan, train, validate
+
+WHOLE, AS_RENDERED = "nothing", "worse cameras"
+METRICS = {"iou_of_images": "IoU of images", "false_positives": "false positives"}
+CHOOSES = 3  # every third validation drive chooses the epoch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drives:
+    """Prepared inputs: of training, disturbed or not, and of validation as it was rendered and disturbed."""
+
+    training: dict[bool, list[PreparedDrive]]
+    rendered: list[PreparedDrive]
+    disturbed: list[PreparedDrive]
+
+
+def variants(plan: Plan) -> dict[str, Plan]:
+    """The whole network, and what is left out, by name."""
+    without = {name: replace(plan, without=(name,)) for name in GROUPS}
+    return {WHOLE: plan, **without, AS_RENDERED: replace(plan, disturbed=False)}
+
+
+def score(plan: Plan, drives: Drives, out: Path) -> dict[str, float]:
+    """Train by a plan, and the mean IoU of images on validation drives that had no part in it."""
+    choosing = drives.rendered[::CHOOSES]
+    network, _, log = train(plan, drives.training[plan.disturbed], choosing, out)
+    seen = {(drive.recording, drive.camera) for drive in choosing}
+    found = {"minutes": sum(line["seconds"] for line in log) / 60}
+    for name, scored in (("as rendered", drives.rendered), ("worse cameras", drives.disturbed)):
+        others = [drive for drive in scored if (drive.recording, drive.camera) not in seen]
+        summary = validate(network, others, plan, "cpu").summary()
+        found |= {f"{label}, {name}": summary[metric] for metric, label in METRICS.items()}
+    return found
+
+
+def table(rows: pd.DataFrame) -> str:
+    """Markdown: means over the seeds in percent, and each seed's change against the whole network of that seed."""
+    scores = rows.set_index(["left out", "seed"]).drop(columns="minutes") * 100
+    lost = scores - scores.xs(WHOLE).reindex(scores.index, level="seed")
+    lines = ["| left out | " + " | ".join(f"{name} | change by seed" for name in scores) + " |"]
+    lines.append("|---|" + "---:|---|" * len(scores.columns))
+    for name in dict.fromkeys(rows["left out"]):
+        cells = []
+        for metric in scores:
+            changes = ", ".join(f"{change:+.1f}" for change in lost.loc[name, metric])
+            cells += [f"{scores.loc[name, metric].mean():.1f}", "" if name == WHOLE else changes]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main(
+    cache: Annotated[Path, typer.Option(help="folder of prepared inputs, as of bench.training.train")],
+    out: Annotated[Path, typer.Option(help="folder of checkpoints and of ablation.csv")],
+    epochs: Annotated[int, typer.Option(min=1)] = 4,
+    seeds: Annotated[int, typer.Option(min=1)] = 2,
+    crop_px: Annotated[tuple[int, int], typer.Option(help="rows, columns; multiples of 16")] = (96, 128),
+    only: Annotated[list[str] | None, typer.Option(help="variants; all without")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="processes that prepare; threads that train")] = usable_cores(),
+) -> None:
+    """Train all variants from all seeds and tabulate them."""
+    torch.set_num_threads(workers)
+    plans = variants(Plan(epochs=epochs, patience=epochs, crop_px=crop_px, bfloat16=True))
+    chosen = {name: plan for name, plan in plans.items() if not only or name in only}
+    ready = partial(prepare, DATASET, folder=cache, workers=workers, progress=lambda *_: None)
+    kinds = {plan.disturbed for plan in chosen.values()}
+    drives = Drives(
+        training={disturbed: ready("training", disturbed=disturbed) for disturbed in kinds},
+        rendered=ready("validation", disturbed=False),
+        disturbed=ready("validation", disturbed=True),
+    )
+    rows = []
+    for seed in range(1, seeds + 1):
+        for name, plan in chosen.items():
+            folder = out / f"{name.replace(' ', '-')}-{seed}"
+            make_folder(folder)
+            rows.append({"left out": name, "seed": seed, **score(replace(plan, seed=seed), drives, folder)})
+            write_text(out / "ablation.csv", pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
+            typer.echo(rows[-1])
+    typer.echo(table(pd.DataFrame(rows)))
+
+
+if __name__ == "__main__":
+    typer.run(main)
