@@ -1,4 +1,4 @@
-"""What each group of channels of `learned`, and training images of worse cameras, are worth: short trainings without.
+"""Worth of each group of channels of `learned`, and of training images of worse cameras, by short trainings without.
 
 python -m benchmarks.ablation --cache DIR --out DIR (extra `train`; hours; continues where it was interrupted). The
 network is trained whole, without each group of channels, and on images as they were rendered, from several seeds. All
