@@ -46,13 +46,13 @@ def variants(plan: Plan) -> dict[str, Plan]:
 
 
 def score(plan: Plan, drives: Drives, out: Path) -> dict[str, float]:
-    """Train by a plan, and the mean IoU of images on validation drives that had no part in it."""
-    choosing = drives.rendered[::CHOOSES]
+    """Train by a plan, and score on validation drives that had no part in it."""
+    names = sorted({drive.recording for drive in drives.rendered})[::CHOOSES]
+    choosing = [drive for drive in drives.rendered if drive.recording in names]
     network, _, log = train(plan, drives.training[plan.disturbed], choosing, out)
-    seen = {(drive.recording, drive.camera) for drive in choosing}
     found = {"minutes": sum(line["seconds"] for line in log) / 60}
     for name, scored in (("as rendered", drives.rendered), ("worse cameras", drives.disturbed)):
-        others = [drive for drive in scored if (drive.recording, drive.camera) not in seen]
+        others = [drive for drive in scored if drive.recording not in names]
         summary = validate(network, others, plan, "cpu").summary()
         found |= {f"{label}, {name}": summary[metric] for metric, label in METRICS.items()}
     return found

@@ -151,7 +151,7 @@ def _hand_over(verdict: Verdict, *, junit: Path | None, json: Path | None, githu
 def _origin(run: Manifest) -> str:
     from bench.harness.digests import short_digest
 
-    method, commit = run.method, run.code.commit
+    commit, own = run.code.commit, run.method.commit
     made = f"commit {short_digest(commit)}" if commit else "an unknown commit"
-    own = f" of commit {short_digest(method.commit)}" if method.commit else ""
-    return f"{method.name}{own} on {run.dataset.name} by {run.protocol.name}, version {run.code.version}, {made}"
+    of_method = f", the method of commit {short_digest(own)}" if own else ""
+    return f"{run.title}, version {run.code.version}, {made}{of_method}"

@@ -49,11 +49,9 @@ def score(
 def _print(run: StoredRun, report: RunReport) -> None:
     """Print the table, what became of the images, the cost, and where everything is."""
     summary = run.summary
-    manifest = run.manifest
     if nothing := nothing_scored(summary):
         say(nothing, style="bold red")
-    title = f"{manifest.method.name} on {manifest.dataset.name} by {run.protocol.name}, beside the paper, in percent"
-    show(terminal_report(report.rows, title=title))
+    show(terminal_report(report.rows, title=f"{run.manifest.title}, beside the paper, in percent"))
     for line in total_lines(summary, run.protocol):
         note(line)
     print_cost(summary.provenance)

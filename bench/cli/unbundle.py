@@ -19,6 +19,4 @@ def unbundle(
 
     manifest = unpack_bundle(file, out).manifest
     say(str(out))
-    note(
-        f"{manifest.method.name} on {manifest.dataset.name} by {manifest.protocol.name}; nothing of it is verified yet"
-    )
+    note(f"{manifest.title}; nothing of it is verified yet")

@@ -55,8 +55,8 @@ def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[
     commit = baseline.code.commit
     other = "" if commit is None or commit == run.code.commit else short_digest(commit.rstrip("+"))
     place = f", the first in a checkout of {other}" if other else ""
-    if _of_other_code(baseline, run):
-        place += f", the first with {baseline.method.name!r} as in commit {short_digest(baseline.method.commit or '')}"
+    if (own := baseline.method.commit) and _of_other_code(baseline, run):
+        place += f", the first with {baseline.method.name!r} as in commit {short_digest(own)}"
     return f"compare image by image{place}:", again, shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])
 
 

@@ -107,6 +107,11 @@ class Manifest(_Part):
     reference: str | None = None
     sums: str | None = None
 
+    @property
+    def title(self) -> str:
+        """For example "spherical on demo by paper-v1"."""
+        return f"{self.method.name} on {self.dataset.name} by {self.protocol.name}"
+
     def as_read(self) -> Manifest:
         """The manifest as it reads from a file: lists, not tuples."""
         return Manifest.model_validate_json(self.model_dump_json())

@@ -13,8 +13,6 @@ from bench.harness.code_state import method_commit
 from bench.harness.digests import MethodCode
 from bench.methods import METHODS, Scorable, build_method, known_methods
 
-OWN = "bench."  # begins the modules of this package
-
 
 class MethodOfRun(BaseModel):
     """Method that made the metrics.
@@ -52,13 +50,13 @@ class MethodOfRun(BaseModel):
             place=method_code.place,
             history=method.history,
             code_digest=method_code.digest,
-            commit=None if method_code.place.startswith(OWN) else method_commit(method_code),
+            commit=method_commit(method_code),
         )
 
     @property
     def is_own(self) -> bool:
         """It is of this package."""
-        return self.place.startswith(OWN)
+        return self.place.startswith("bench.")
 
     @property
     def called(self) -> str:

@@ -232,10 +232,14 @@ def _rich_table(table: Table, clean: Callable[[str], str]) -> RichTable:
     too_wide = sum(widths) + 2 * len(widths) > CONSOLE_COLUMNS
     for place, heading in enumerate(headings):
         of_words, cells = place < table.words, [row[place] for row in rows]
-        if too_wide and not of_words and len(heading.text) > max(map(_width, cells), default=0):
-            heading = _a_word_a_line(heading)
-        words = [word for cell in (heading, *cells) for word in cell.text.split()]
-        least = min(max(map(len, words), default=1), LONGEST_WORD) if of_words else max(map(_width, (heading, *cells)))
+        if of_words:
+            words = [word for cell in (heading, *cells) for word in cell.text.split()]
+            least = min(max(map(len, words), default=1), LONGEST_WORD)
+        else:
+            widest = max(map(_width, cells), default=0)
+            if too_wide and len(heading.text) > widest:
+                heading = _a_word_a_line(heading)
+            least = max(_width(heading), widest)
         shown.add_column(
             _rich_text(heading, clean),
             justify="left" if of_words else "right",
