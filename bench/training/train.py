@@ -289,7 +289,7 @@ def small_weight(target: NDArray[np.uint8]) -> NDArray[np.float32]:
         target: (H, W) uint8, share of moving pixels; what touches is one object.
     """
     _, labels, boxes, _ = cv2.connectedComponentsWithStats((target > 127).astype(np.uint8))
-    weights = np.clip(np.sqrt(SMALL_PX / boxes[:, cv2.CC_STAT_AREA]), 1, SMALL_WEIGHT).astype(np.float32)
+    weights = np.clip(np.sqrt(SMALL_PX / np.maximum(boxes[:, cv2.CC_STAT_AREA], 1)), 1, SMALL_WEIGHT).astype(np.float32)
     weights[0] = 1
     return np.asarray(weights[labels])
 

@@ -7,13 +7,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from bench.synthesis.bodies import Body, make_body
 from bench.synthesis.bodies.gait import STANCE, hip_heights, walking_leg
 from tests.support.meshes import of_joint
 
-WALKERS = ["adult", "short_adult", "tall_adult", "stout_adult", "child"]
+WALKERS = ["adult", "short_adult", "tall_adult", "stout_adult", "child", "small_child", "large_adult"]
 CYCLISTS = ["cyclist", "tall_cyclist", "short_cyclist", "racing_cyclist", "child_cyclist"]
+MOTORCYCLISTS = ["motorcyclist", "scooter_rider"]
 STEP_M = 0.004
 
 
@@ -28,7 +30,7 @@ def over_a_cycle(body: Body, joint: str, count: int = 120) -> tuple[NDArray[np.f
     return corners + ways_m[:, None, None] * [1.0, 0.0, 0.0], ways_m
 
 
-@pytest.mark.parametrize("kind", WALKERS)
+@pytest.mark.parametrize("kind", [*WALKERS, "with_pram"])
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_foot_on_the_ground_does_not_slide(kind: str, side: str) -> None:
     body = body_of(kind)
@@ -126,6 +128,27 @@ def test_hands_are_on_the_grips_and_do_not_move(kind: str) -> None:
     assert np.abs(hands - hands[0]).max() < 1e-9
     thigh = np.array([of_joint(body, "left_thigh", body.corners_at(float(w))) for w in ways_m])
     assert np.ptp(thigh[..., 2], axis=0).max() > 0.15 * body.size_m[2]
+
+
+@pytest.mark.parametrize("kind", MOTORCYCLISTS)
+def test_a_motorcyclist_sits_still_and_stops_with_the_feet_on_the_ground(kind: str) -> None:
+    body = body_of(kind)
+    riding, later, standing = body.corners_at(0.1), body.corners_at(0.5), body.corners_at(0.5, speed_mps=0.0)
+    for joint in ("head", "left_forearm", "right_foot"):
+        assert np.array_equal(of_joint(body, joint, riding), of_joint(body, joint, later))
+    for foot in ("left_foot", "right_foot"):
+        assert of_joint(body, foot, riding)[:, 2].min() > 0.2
+        assert of_joint(body, foot, standing)[:, 2].min() == pytest.approx(0.0, abs=0.003)
+
+
+@pytest.mark.parametrize("kind", [*MOTORCYCLISTS, "with_pram"])
+def test_hands_are_on_the_bar(kind: str) -> None:
+    body = body_of(kind)
+    hands = [of_joint(body, f"{side}_forearm", body.corners_at(0.2)) for side in ("left", "right")]
+    bar = body.mesh.corners_m[: body.linkage.parts[0][0]].reshape(-1, 3)  # on no joint
+    for hand in hands:
+        ahead = hand[hand[:, 0] > hand[:, 0].max() - 0.12]  # the hand, without the forearm
+        assert cdist(ahead[:, [0, 2]], bar[:, [0, 2]]).min() < 0.02
 
 
 @pytest.mark.parametrize("leg", ["left_hind", "right_front"])

@@ -1,4 +1,4 @@
-"""Bodies that move, by the names that a scenario gives them: vehicles, cyclists, pedestrians, a dog."""
+"""Bodies that move, by the names that a scenario gives them: vehicles, riders, pedestrians, a dog."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 from bench.synthesis.bodies.body import Body, Built, assemble_body
 from bench.synthesis.bodies.cyclists import RACING, UPRIGHT, cyclist
 from bench.synthesis.bodies.dog import dog
-from bench.synthesis.bodies.fleet import BUS, CITY_CAR, ESTATE, HATCHBACK, LORRY, MINIBUS, SALOON, SUV, VAN
+from bench.synthesis.bodies.fleet import BUS, CITY_CAR, ESTATE, HATCHBACK, LORRY, MINIBUS, PICKUP, SALOON, SUV, VAN
+from bench.synthesis.bodies.motorcycles import ROADSTER, SCOOTER, motorcyclist
 from bench.synthesis.bodies.people import Stature, pedestrian
+from bench.synthesis.bodies.pram import with_pram
 from bench.synthesis.bodies.vehicles import vehicle
 
 Builder = Callable[[np.random.Generator], Built]
@@ -26,16 +28,22 @@ BODIES: dict[str, tuple[str, Builder]] = {
     "minibus": ("vehicle", partial(vehicle, MINIBUS)),
     "lorry": ("vehicle", partial(vehicle, LORRY)),
     "bus": ("vehicle", partial(vehicle, BUS)),
+    "pickup": ("vehicle", partial(vehicle, PICKUP)),
     "cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.75), UPRIGHT)),
     "tall_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.88), UPRIGHT)),
     "short_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.62), UPRIGHT)),
     "racing_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.78, girth=0.95), RACING)),
     "child_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.30, girth=0.95, head=1.25), UPRIGHT)),
+    "motorcyclist": ("cyclist", partial(motorcyclist, Stature(height_m=1.80), ROADSTER)),
+    "scooter_rider": ("cyclist", partial(motorcyclist, Stature(height_m=1.70), SCOOTER)),
     "adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.75))),
     "short_adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.60))),
     "tall_adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.90, girth=0.95))),
     "stout_adult": ("pedestrian", partial(pedestrian, Stature(height_m=1.70, girth=1.30))),
     "child": ("pedestrian", partial(pedestrian, Stature(height_m=1.20, girth=0.95, head=1.3))),
+    "small_child": ("pedestrian", partial(pedestrian, Stature(height_m=0.98, girth=1.05, head=1.45))),
+    "large_adult": ("pedestrian", partial(pedestrian, Stature(height_m=2.00, girth=1.25))),
+    "with_pram": ("pedestrian", partial(with_pram, Stature(height_m=1.68))),
     "dog": ("animal", dog),
 }
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform, cross
-from bench.synthesis.bodies.body import STEPS, Built, Joint, Part, still, wheel
+from bench.synthesis.bodies.body import STEPS, Built, Joint, Part, wheel
 from bench.synthesis.bodies.gait import ANKLE, BALL, SHANK, THIGH, rotate_xz, two_links
 from bench.synthesis.bodies.looks import (
     ALLOY,
@@ -27,24 +27,9 @@ from bench.synthesis.bodies.looks import (
     drawn_paint,
     for_riding,
 )
-from bench.synthesis.bodies.people import (
-    CHIN,
-    ELBOW,
-    FOREARM,
-    HAND,
-    HIP,
-    HIP_Y,
-    KNEE,
-    NECK,
-    SHOULDER,
-    SHOULDER_Y,
-    SIDES,
-    UPPER_ARM,
-    WAIST,
-    Stature,
-    person_parts,
-)
-from bench.synthesis.mesh import Mesh, Surface, box, prism, ring, rounded, tube
+from bench.synthesis.bodies.people import HIP, SIDES, Stature, person_parts
+from bench.synthesis.bodies.riders import Leg, helmet, moved_to, rider_joints
+from bench.synthesis.mesh import Mesh, Surface, box, prism, ring, tube
 
 SPOKES = 10  # three times as thick as real ones, a third of their number: the same share of what lies behind is hidden
 SPOKE_M, FRAME_M = 0.006, 0.018  # width; radius
@@ -239,17 +224,11 @@ def cyclist(stature: Stature, riding: Riding, rng: np.random.Generator) -> Built
     hip_x, hip_z = _hip(stature.height_m, bicycle)
     clothes = for_riding(drawn_clothes(rng))
     parts = bicycle_parts(bicycle, drawn_paint(rng), saddle_xz_m=(hip_x, hip_z - SADDLE_BELOW_HIP * stature.height_m))
-    parts += [(_shifted(mesh, hip_x), joint) for mesh, joint in person_parts(stature, clothes)]
+    parts += moved_to(hip_x, person_parts(stature, clothes))
     if rng.random() < (0.5 if upright else 1.0):
-        size = np.array([0.070, 0.056, 0.050]) * stature.head * stature.height_m
-        crown = rounded((hip_x + 0.002, 0, (CHIN + 0.092) * stature.height_m), size, HELMET)
-        parts.append((crown, "head"))
+        parts.append((helmet(stature, hip_x, HELMET), "head"))
     joints = [*bicycle_joints(bicycle), *_rider_joints(stature.height_m, riding.lean_rad, bicycle, (hip_x, hip_z))]
     return parts, joints, bicycle.development_m
-
-
-def _shifted(mesh: Mesh, x_m: float) -> Mesh:
-    return mesh.moved(RigidTransform(np.eye(3), np.array([x_m, 0.0, 0.0])))
 
 
 def _hip(height_m: float, bicycle: Bicycle) -> tuple[float, float]:
@@ -274,55 +253,16 @@ def _foot(crank_rad: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _rider_joints(height_m: float, lean_rad: float, bicycle: Bicycle, hip: tuple[float, float]) -> list[Joint]:
-    h, (hip_x, hip_z) = height_m, hip
-    ride = (0.0, 0.0, hip_z - HIP * h)  # from the build posture, whose feet stand on the ground
-    # Astride in front of the saddle.
-    stand = (min(0.16 * h, -hip_x + 0.08), 0.0, 0.0)
-    lean = {"ride": lean_rad, "stand": 0.5 * lean_rad}
-
-    def joint(
-        name: str, parent: str | None, x: float, y: float, z: float, angles_rad: NDArray[np.float64],
-        stationary_rad: float,
-    ) -> Joint:  # fmt: skip
-        return Joint(
-            name=name, parent=parent, pivot_m=(hip_x + x * h, y * h, z * h), cycle_m=bicycle.development_m,
-            angles_rad=angles_rad, stationary_rad=stationary_rad,
-        )  # fmt: skip
-
-    root = replace(
-        joint("root", None, 0, 0, 0, still(), 0.0), shifts_m=np.tile(ride, (STEPS + 1, 1)), stationary_shift_m=stand
-    )
-    joints = [
-        root,
-        joint("hips", "root", 0, 0, HIP, still(0.6 * lean_rad), 0.3 * lean_rad),
-        joint("chest", "hips", 0, 0, WAIST, still(0.4 * lean_rad), 0.2 * lean_rad),
-        joint("head", "chest", 0, 0, NECK, still(-0.8 * lean_rad), -0.4 * lean_rad),
-    ]
-    arms = {
-        posture: _arm(h, lean[posture], (hip_x + shift[0], HIP * h + shift[2]), bicycle)
-        for posture, shift in (("ride", ride), ("stand", stand))
-    }
-    for side, sign in SIDES.items():
+    """Of who pedals, and at speed 0 stands over the frame in front of the saddle."""
+    hip_x, hip_z = hip
+    legs = {}
+    for side in SIDES:
         crank = np.linspace(0, 2 * np.pi, STEPS + 1) + (0.0 if side == "left" else np.pi)
-        thigh, shank = two_links(_ankle(h, bicycle, crank) - np.array(hip), THIGH * h, SHANK * h, bends_forward=True)
-        y, shoulder_y = sign * HIP_Y, sign * SHOULDER_Y
-        joints += [
-            joint(f"{side}_thigh", "root", 0, y, HIP, -thigh, 0.0),
-            joint(f"{side}_shank", f"{side}_thigh", 0, y, KNEE, thigh - shank, 0.0),
-            joint(f"{side}_foot", f"{side}_shank", 0, y, ANKLE, shank - _foot(crank), 0.0),
-            joint(f"{side}_toes", f"{side}_foot", BALL, y, 0, still(), 0.0),
-            joint(f"{side}_upper_arm", "chest", 0, shoulder_y, SHOULDER, still(arms["ride"][0]), arms["stand"][0]),
-            joint(
-                f"{side}_forearm", f"{side}_upper_arm", 0, shoulder_y, ELBOW, still(arms["ride"][1]), arms["stand"][1]
-            ),
-        ]
-    return joints
-
-
-def _arm(height_m: float, lean_rad: float, hip: tuple[float, float], bicycle: Bicycle) -> tuple[float, float]:
-    """Angles of shoulder and elbow of hands on the grips, about the y axis, from a trunk that leans."""
-    waist = np.array(hip) + (WAIST - HIP) * height_m * np.array([np.sin(0.6 * lean_rad), np.cos(0.6 * lean_rad)])
-    shoulder = waist + (SHOULDER - WAIST) * height_m * np.array([np.sin(lean_rad), np.cos(lean_rad)])
-    reach = np.array(bicycle.grip_xz_m) - shoulder
-    upper, lower = two_links(reach, UPPER_ARM * height_m, (FOREARM + HAND / 2) * height_m, bends_forward=False)
-    return float(-upper[0] - lean_rad), float(upper[0] - lower[0])
+        reach = _ankle(height_m, bicycle, crank) - np.array(hip)
+        thigh, shank = two_links(reach, THIGH * height_m, SHANK * height_m, bends_forward=True)
+        legs[side] = Leg(thigh_rad=thigh, shank_rad=shank, foot_rad=_foot(crank))
+    ahead = (min(0.16 * height_m, -hip_x + 0.08), 0.0, HIP * height_m - hip_z)
+    return rider_joints(
+        height_m, hip, lean_rad=lean_rad, grip_xz_m=bicycle.grip_xz_m, legs=legs, cycle_m=bicycle.development_m,
+        stands_m=ahead, stands_lean_rad=0.5 * lean_rad,
+    )  # fmt: skip

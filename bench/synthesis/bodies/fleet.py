@@ -81,6 +81,31 @@ SUV = Vehicle(
 )  # fmt: skip
 
 
+def _open_bed(_: Surface, rng: np.random.Generator) -> list[Mesh]:
+    """The lining of a pickup's bed, a bar behind the cabin, and at times a load."""
+    bed = [
+        box([1.62, 1.46, 0.03], [-1.72, 0, 1.02], UNDERSIDE),
+        *(box([1.70, 0.09, 0.16], [-1.72, s * 0.80, 1.07], PLASTIC) for s in (-1, 1)),
+        box([0.09, 1.60, 0.16], [-2.56, 0, 1.07], PLASTIC),
+        *(box([0.09, 0.09, 0.62], [-0.96, s * 0.66, 1.28], PLASTIC) for s in (-1, 1)),
+        box([0.09, 1.40, 0.09], [-0.96, 0, 1.58], PLASTIC),
+    ]
+    crate = Surface(albedo=float(rng.choice([0.15, 0.35, 0.60])), contrast=0.4, texel_m=0.03)
+    return [*bed, box([0.80, 1.00, 0.55], [-1.75, 0, 1.30], crate)] if rng.random() < 0.5 else bed
+
+
+PICKUP = Vehicle(
+    hull=Hull(
+        top_xz_m=((-2.66, 0.90), (-2.62, 1.02), (1.10, 1.06), (1.60, 1.04), (2.35, 0.98), (2.58, 0.88), (2.66, 0.70)),
+        plan_xy_m=_blunt_plan(-2.66, 2.66, 0.93), ground_m=0.28, axles_x_m=(-1.60, 1.62), wheel_radius_m=0.37,
+        seams_x_m=(-0.82, 0.15, 1.10), headlamps_x_m=(2.20, 2.58), tail_lamps_x_m=(-2.62, -2.50),
+    ),
+    cabin=Cabin(belt_m=(-0.88, 1.30, 0.82, 1.03), roof_m=(-0.74, 0.50, 0.64, 1.80),
+                panes=((0.08, 0.44), (0.50, 0.93))),
+    tyre_m=(0.37, 0.25), plate_m=0.58, handles_x_m=(-0.60, 0.28), extras=_open_bed,
+)  # fmt: skip
+
+
 def _rear_doors(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
     """The gap between a van's rear doors, and often the name of its firm on both sides."""
     gap = box([0.03, 0.014, 1.70], [-2.69, 0, 1.40], UNDERSIDE)
