@@ -198,9 +198,9 @@ def obstacle_before_the_camera(share, *, road_px_sigmas):
     small, image = np.zeros((rows, columns)), np.zeros(fall.shape, np.float32)
     pixels, flow = image > 0, np.zeros((*fall.shape, 2), np.float32)
     evidence = Evidence(
-        scene=scene, moves=True, noise=1.0, flow=flow, nearest=flow, static=flow, sigmas=image, misfit=image,
-        edge=pixels, road_seen=pixels, fall=fall, too_low=pixels, beyond=pixels, inverse_depth=inverse_depth,
-        from_road_px=from_road_px, from_road_sigmas=from_road_sigmas, road=flow,
+        scene=scene, moves=True, noise=1.0, tensor=(image, image, image), flow=flow, nearest=flow, static=flow,
+        sigmas=image, misfit=image, edge=pixels, road_seen=pixels, fall=fall, too_low=pixels, beyond=pixels,
+        inverse_depth=inverse_depth, from_road_px=from_road_px, from_road_sigmas=from_road_sigmas, road=flow,
     )  # fmt: skip
     expected = small > 0
     expected[block] = True

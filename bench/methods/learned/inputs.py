@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -19,8 +18,8 @@ from numpy.typing import NDArray
 from bench.cameras import CameraModel
 from bench.flow import cell_mean
 from bench.methods.contract import MethodInput, UnansweredImage
-from bench.methods.rigid_scene.deviation import LEAST_NOISE, gradients, noise_of, structure_tensor
-from bench.methods.rigid_scene.evidence import TENSOR_PX, Evidence
+from bench.methods.rigid_scene.deviation import LEAST_NOISE, noise_of
+from bench.methods.rigid_scene.evidence import Evidence
 from bench.methods.rigid_scene.method import RigidSceneMethod
 from bench.methods.rigid_scene.scene import OUTSIDE_PX, RigidScene, at_every_pixel, sampled
 from bench.methods.rigid_scene.views import Views
@@ -90,24 +89,24 @@ def network_input(views: Views, coarse: Sequence[str] = COARSE, fine: Sequence[s
     last = RIGID_SCENE.evidence(given)
     back = min(BACK, len(given.images) - 1)
     earlier = RIGID_SCENE.evidence(given, back=back, known=last.scene) if back > 1 else None
+    far = _flow_of(last.scene, 0.0)
     small = (
-        _ray_channels(last.scene, given.valid)
-        | _image_channels(given, last)
+        _ray_channels(last.scene, given.valid, far)
+        | _image_channels(given, last, far)
         | _constraint_channels(given, last)
-        | _scene_channels(given, last)
+        | _scene_channels(last)
         | _earlier_channels(given, earlier, back)
     )
-    large = _fine_channels(views, last, earlier, back)
+    large = _fine_channels(views, last, earlier, back, far)
     return Channels(
         coarse=np.stack([small[name] for name in coarse]),
         fine=np.stack([large[name] for name in fine]) if fine else np.empty((0, *views.fine[-1].shape), np.uint8),
     )
 
 
-def _ray_channels(scene: RigidScene, valid: NDArray[np.bool_]) -> dict[str, Bytes]:
+def _ray_channels(scene: RigidScene, valid: NDArray[np.bool_], far: Image) -> dict[str, Bytes]:
     """Directions of rays, and motion of the road and of near points."""
-    far, near = _flow_of(scene, 0.0), _flow_of(scene, 1 / PARALLAX_M)
-    parallax = _without_jumps(near - far)
+    parallax = _without_jumps(_flow_of(scene, 1 / PARALLAX_M) - far)
     road = _without_jumps(_flow_of(scene, scene.road_inverse_depth(scene.fall())) - far)
     angle = np.nan_to_num(np.arccos(np.clip(scene.grid.rays_camera[..., 2], -1, 1))).astype(np.float32)
     return {
@@ -120,11 +119,9 @@ def _ray_channels(scene: RigidScene, valid: NDArray[np.bool_]) -> dict[str, Byte
     }
 
 
-def _image_channels(given: MethodInput, last: Evidence) -> dict[str, Bytes]:
+def _image_channels(given: MethodInput, last: Evidence, far: Image) -> dict[str, Bytes]:
     """The image, what is left of its difference to the last one, and flow beyond the road's."""
-    found = _differences(
-        given.images[-1], given.images[-2], given.valid, last, given.camera, others=("rotated", "flow")
-    )
+    found = _differences(given.images[-1], given.images[-2], given.valid, last, given.camera, far=far)
     rest = np.where(last.edge[..., None], np.float32(0), last.flow - last.road)
     return {
         "current": _grey(given.images[-1], given.valid),
@@ -157,12 +154,10 @@ def _constraint_channels(given: MethodInput, last: Evidence) -> dict[str, Bytes]
     return channels
 
 
-def _scene_channels(given: MethodInput, last: Evidence) -> dict[str, Bytes]:
+def _scene_channels(last: Evidence) -> dict[str, Bytes]:
     """Distance from all rigid scenes, and what it rests on: texture carries a flow, a shadow moves over the road's."""
-    slopes = gradients(given.images[-1].astype(np.float32))
-    tensor = structure_tensor(*slopes, side_px=TENSOR_PX, noise=last.noise)
-    middle = (tensor[0] + tensor[2]) / 2
-    smaller = np.maximum(middle - np.hypot((tensor[0] - tensor[2]) / 2, tensor[1]), 0) / last.noise**2
+    uu, uv, vv = last.tensor
+    smaller = np.maximum((uu + vv) / 2 - np.hypot((uu - vv) / 2, uv), 0) / last.noise**2
     return {
         "sigmas": _as_bytes(np.log1p(last.sigmas), DEVIATION_STEPS),
         "misfit": _as_bytes(np.arcsinh(last.misfit), MISFIT_STEPS),
@@ -187,13 +182,13 @@ def _earlier_channels(given: MethodInput, earlier: Evidence | None, back: int) -
     }
 
 
-def _fine_channels(views: Views, last: Evidence, earlier: Evidence | None, back: int) -> dict[str, Bytes]:
+def _fine_channels(views: Views, last: Evidence, earlier: Evidence | None, back: int, far: Image) -> dict[str, Bytes]:
     """The image and its differences, at the size of the answer."""
     current = views.fine[-1]
     height, width = current.shape
     camera = views.given.camera.scaled(width, height)
     valid = cv2.resize(views.given.valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
-    found = _differences(current, views.fine[-2], valid, last, camera, others=("rotated", "flow"))
+    found = _differences(current, views.fine[-2], valid, last, camera, far=far)
     before = np.full(current.shape, ZERO, dtype=np.uint8)
     if earlier is not None:
         before = _differences(current, views.fine[-1 - back], valid, earlier, camera)["road"]
@@ -213,7 +208,7 @@ def _differences(
     evidence: Evidence,
     camera: CameraModel,
     *,
-    others: Sequence[Literal["rotated", "flow"]] = (),
+    far: Image | None = None,
 ) -> dict[str, Bytes]:
     """Differences of the image to an earlier one that is moved as the road is, in units of their noise.
 
@@ -223,16 +218,16 @@ def _differences(
         valid: (H, W) bool.
         evidence: of both images, of this size or a smaller one.
         camera: the lens at this size.
-        others: also where it is moved by the rotation alone, or as the flow says.
+        far: motion of what is infinitely far, at the size of the evidence; with it, "rotated" and "flow" are told too.
 
     Returns:
         By what moves it, "road" among them.
     """
+    moves = {"road": evidence.road} | ({} if far is None else {"rotated": far, "flow": evidence.flow})
     now, then, outside = current.astype(np.float32), before.astype(np.float32), (~valid).astype(np.float32)
     left, noise = {}, 1.0
-    for name in ("road", *others):
-        flow = {"road": evidence.road, "flow": evidence.flow}.get(name)
-        flow = _at_size(_flow_of(evidence.scene, 0.0) if flow is None else flow, camera)
+    for name, move in moves.items():
+        flow = _at_size(move, camera)
         difference = now - sampled(then, flow)
         seen = (sampled(outside, flow, outside=1.0) < 0.01) & valid
         if name == "road":
@@ -251,8 +246,8 @@ def _at_size(flow: Image, camera: CameraModel) -> Image:
     height, width = flow.shape[:2]
     if (width, height) == (camera.width, camera.height):
         return flow
-    larger = cv2.resize(flow, (camera.width, camera.height), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(larger * np.array((camera.width / width, camera.height / height), np.float32))
+    scaled = flow * np.array((camera.width / width, camera.height / height), np.float32)
+    return np.asarray(cv2.resize(scaled, (camera.width, camera.height), interpolation=cv2.INTER_LINEAR))
 
 
 def _grey(image: Bytes, valid: NDArray[np.bool_]) -> Bytes:

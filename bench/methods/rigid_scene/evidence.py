@@ -41,6 +41,7 @@ class Evidence:
         scene: the rigid scene that was tried.
         moves: the camera moved, so that depth matters.
         noise: standard deviation of the difference of the two registered images, grey values.
+        tensor: uu, uv, vv of the current image's structure tensor, (H, W) float32 each.
         flow: (H, W, 2) float32, px, from the current to the previous image.
         nearest: (H, W, 2) float32, px, what of a rigid scene lies nearest to it.
         static: (H, W, 2) float32, px, motion at the depth that explains the grey values best.
@@ -61,6 +62,7 @@ class Evidence:
     scene: RigidScene
     moves: bool
     noise: float
+    tensor: tuple[Image, Image, Image]
     flow: Image
     nearest: Image
     static: Image
@@ -140,6 +142,7 @@ def gather_evidence(
         scene=scene,
         moves=moves,
         noise=noise,
+        tensor=tensor,
         flow=found.flow,
         nearest=nearest,
         static=static,
