@@ -51,6 +51,7 @@ class Machine:
         foot_xz_m: where the heels are.
         foot_rad: toes up.
         apart_m: by so much each thigh is further out than a pedestrian's.
+        fork_xyz_m: upper end of the fork's left leg.
         grip_xz_m: where the hands are.
         bar_half_m: half width of the handlebar.
         lean_rad: of the rider's trunk, forward.
@@ -66,6 +67,7 @@ class Machine:
     foot_xz_m: tuple[float, float]
     foot_rad: float
     apart_m: float
+    fork_xyz_m: tuple[float, float, float]
     grip_xz_m: tuple[float, float]
     bar_half_m: float
     lean_rad: float
@@ -76,7 +78,7 @@ class Machine:
 def motorcyclist(stature: Stature, machine: Machine, rng: np.random.Generator) -> Built:
     """A rider with a full-face helmet on a motorcycle."""
     height_m, paint = stature.height_m, drawn_paint(rng)
-    parts: list[Part] = [(mesh, None) for mesh in [*machine.solids(paint, rng), *_handlebar(machine)]]
+    parts: list[Part] = [(mesh, None) for mesh in [*machine.solids(paint, rng), *_fork(machine), *_handlebar(machine)]]
     for name, x in (("rear_wheel", machine.rear_x_m), ("front_wheel", machine.front_x_m)):
         parts += [(mesh, name) for mesh in _wheel(x, machine)]
     hip = (machine.saddle_xz_m[0], machine.saddle_xz_m[1] + HIP_ABOVE_SADDLE * height_m)
@@ -154,9 +156,11 @@ def _tail(x: float, z: float, plate_z: float) -> list[Mesh]:
     ]
 
 
-def _forks(x: float, wheel_m: float, top_xz_m: tuple[float, float], y: float) -> list[Mesh]:
-    """Both legs of a fork, from its bridge to the front axle."""
-    return [tube([top_xz_m[0], s * y, top_xz_m[1]], [x, s * y, wheel_m], 0.028, STEEL, sides=6) for s in (-1, 1)]
+def _fork(machine: Machine) -> list[Mesh]:
+    """Both legs of the fork, down to the front axle."""
+    x, y, z = machine.fork_xyz_m
+    ends = [([x, side * y, z], [machine.front_x_m, side * y, machine.wheel_m]) for side in (-1, 1)]
+    return [tube(top, axle, 0.028, STEEL, sides=6) for top, axle in ends]
 
 
 def _roadster(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
@@ -171,7 +175,6 @@ def _roadster(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
         tube([-0.10, -0.17, 0.30], [-0.68, -0.20, 0.42], 0.055, STEEL, sides=9),
         tube([0.0, -0.26, 0.33], [0.0, 0.26, 0.33], 0.016, RUBBER, sides=6),  # foot rests
         tube([0.53, 0, 0.66], [0.48, 0, 1.00], 0.05, PLASTIC, sides=7),
-        *_forks(0.80, 0.305, (0.51, 1.00), 0.10),
         box([0.10, 0.26, 0.05], [0.52, 0, 0.99], ALLOY),
         rounded((0.62, 0, 0.91), (0.07, 0.10, 0.10), PLASTIC, sides=9, rows=6),
         rounded((0.655, 0, 0.91), (0.05, 0.085, 0.085), HEADLAMP, sides=9, rows=6),
@@ -193,7 +196,6 @@ def _scooter(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
         tube([0.50, 0, 0.90], [0.46, 0, 1.02], 0.06, PLASTIC, sides=8),
         rounded((0.50, 0, 1.02), (0.11, 0.16, 0.07), paint, sides=10, rows=6),
         rounded((0.565, 0, 1.02), (0.06, 0.08, 0.05), HEADLAMP, sides=9, rows=6),
-        *_forks(0.80, 0.24, (0.62, 0.55), 0.075),
         slab([(0.58, 0.46), (0.80, 0.55), (0.98, 0.40), (0.96, 0.37), (0.80, 0.50), (0.60, 0.42)], 0.075, paint),
         box([0.42, 0.14, 0.20], [-0.42, 0.12, 0.30], UNDERSIDE),
         tube([-0.20, -0.14, 0.28], [-0.66, -0.17, 0.34], 0.05, STEEL, sides=8),
@@ -207,11 +209,11 @@ def _scooter(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
 
 ROADSTER = Machine(
     wheel_m=0.305, tyre_m=0.055, rear_x_m=-0.62, front_x_m=0.80, saddle_xz_m=(-0.18, 0.79), foot_xz_m=(-0.04, 0.35),
-    foot_rad=np.radians(-8.0), apart_m=0.075, grip_xz_m=(0.40, 1.06), bar_half_m=0.37, lean_rad=np.radians(22.0),
-    stops_ahead_m=0.0, solids=_roadster,
+    foot_rad=np.radians(-8.0), apart_m=0.075, fork_xyz_m=(0.51, 0.10, 1.00), grip_xz_m=(0.40, 1.06),
+    bar_half_m=0.37, lean_rad=np.radians(22.0), stops_ahead_m=0.0, solids=_roadster,
 )  # fmt: skip
 SCOOTER = Machine(
     wheel_m=0.24, tyre_m=0.05, rear_x_m=-0.50, front_x_m=0.80, saddle_xz_m=(-0.28, 0.77), foot_xz_m=(0.20, 0.26),
-    foot_rad=0.0, apart_m=0.03, grip_xz_m=(0.38, 1.04), bar_half_m=0.34, lean_rad=np.radians(6.0),
-    stops_ahead_m=0.24, solids=_scooter,
+    foot_rad=0.0, apart_m=0.03, fork_xyz_m=(0.62, 0.075, 0.55), grip_xz_m=(0.38, 1.04), bar_half_m=0.34,
+    lean_rad=np.radians(6.0), stops_ahead_m=0.24, solids=_scooter,
 )  # fmt: skip

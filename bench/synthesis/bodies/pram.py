@@ -7,18 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from bench.synthesis.bodies.body import Built, Part, still, wheel
-from bench.synthesis.bodies.gait import STRIDE, two_links
+from bench.synthesis.bodies.gait import STRIDE
 from bench.synthesis.bodies.looks import ALLOY, PLASTIC, RUBBER, STEEL, cloth, drawn_clothes
-from bench.synthesis.bodies.people import (
-    FOREARM,
-    HAND,
-    SHOULDER,
-    SIDES,
-    UPPER_ARM,
-    Stature,
-    person_parts,
-    walking_joints,
-)
+from bench.synthesis.bodies.people import HIP, SIDES, Stature, person_parts, walking_joints
+from bench.synthesis.bodies.riders import arm_angles
 from bench.synthesis.mesh import Mesh, box, ring, rounded, slab, tube
 
 BAR_XZ_M, BAR_HALF_M = (0.42, 1.02), 0.25
@@ -29,11 +21,8 @@ TRACK_M = 0.27  # half of it
 def with_pram(stature: Stature, rng: np.random.Generator) -> Built:
     """A person who pushes a pram along x."""
     parts = person_parts(stature, drawn_clothes(rng)) + _pram(rng)
-    reach = np.array(BAR_XZ_M) - [0.0, SHOULDER * stature.height_m]
-    lengths = UPPER_ARM * stature.height_m, (FOREARM + HAND / 2) * stature.height_m
-    (upper,), (lower,) = two_links(reach, *lengths, bends_forward=False)
-    held = {f"{side}_upper_arm": -float(upper) for side in SIDES}
-    held |= {f"{side}_forearm": float(upper - lower) for side in SIDES}
+    shoulder, elbow = arm_angles(stature.height_m, 0.0, (0.0, HIP * stature.height_m), BAR_XZ_M)
+    held = {f"{side}_{part}": angle for side in SIDES for part, angle in (("upper_arm", shoulder), ("forearm", elbow))}
     joints = [
         replace(joint, angles_rad=still(held[joint.name]), stationary_rad=held[joint.name])
         if joint.name in held

@@ -103,7 +103,7 @@ def rider_joints(
         joint("head", "chest", 0, 0, NECK, still(-0.8 * lean[0]), -0.8 * lean[1]),
     ]
     hips = (hip_x, HIP * h + saddle[2]), (hip_x + stands[0], HIP * h + stands[2])
-    arms = [_arm(h, angle, hip, grip_xz_m) for angle, hip in zip(lean, hips, strict=True)]
+    arms = [arm_angles(h, angle, hip, grip_xz_m) for angle, hip in zip(lean, hips, strict=True)]
     for side, sign in SIDES.items():
         leg, y, shoulder_y = legs[side], sign * HIP_Y, sign * SHOULDER_Y
         thigh, shank, foot = leg.stands_rad
@@ -119,7 +119,7 @@ def rider_joints(
     return joints
 
 
-def _arm(
+def arm_angles(
     height_m: float, lean_rad: float, hip: tuple[float, float], grip_xz_m: tuple[float, float]
 ) -> tuple[float, float]:
     """Angles of shoulder and elbow of hands on the grips, about the y axis, from a trunk that leans."""
