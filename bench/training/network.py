@@ -9,8 +9,8 @@ from torch.nn.functional import interpolate, pixel_shuffle
 from bench.methods.learned.inputs import ZERO
 from bench.methods.learned.method import MULTIPLE_PX
 
-FINE_WIDTH = 16  # channels at the size of geometry and flow
-WIDTHS = (24, 48, 64, 96)  # channels at a half, a quarter, an eighth and a sixteenth of it
+FIRST_WIDTH = 16  # channels at the size of geometry and flow; multiples of 16 are what processors compute at once
+WIDTHS = (32, 48, 64, 96)  # channels at a half, a quarter, an eighth and a sixteenth of it
 DILATIONS = (1, 2, 4)  # at the coarsest size, so that a vehicle beside the camera is seen as a whole
 BYTE_STEPS = 32.0
 
@@ -40,21 +40,21 @@ class MotionNetwork(nn.Module):
 
     def __init__(self, coarse: int, fine: int) -> None:
         super().__init__()
-        self.fine = _convolved(fine, FINE_WIDTH, stride=2) if fine else None
+        self.fine = _convolved(fine, FIRST_WIDTH, stride=2) if fine else None
         self.stem = nn.Sequential(
-            _convolved(coarse + FINE_WIDTH * bool(fine), FINE_WIDTH, side=1), _convolved(FINE_WIDTH, FINE_WIDTH)
+            _convolved(coarse + FIRST_WIDTH * bool(fine), FIRST_WIDTH, side=1), _convolved(FIRST_WIDTH, FIRST_WIDTH)
         )
-        before = (coarse + FINE_WIDTH, *WIDTHS[:-1])
+        before = (FIRST_WIDTH, *WIDTHS[:-1])
         self.down = nn.ModuleList(
             nn.Sequential(_convolved(a, b, stride=2), _convolved(b, b)) for a, b in zip(before, WIDTHS, strict=True)
         )
         self.context = nn.Sequential(*(_convolved(WIDTHS[-1], WIDTHS[-1], dilation=rate) for rate in DILATIONS))
-        finer = (*WIDTHS[-2::-1], FINE_WIDTH)
+        finer = (*WIDTHS[-2::-1], FIRST_WIDTH)
         self.joined = nn.ModuleList(
             nn.Sequential(_convolved(a + b, b, side=1), _convolved(b, b))
             for a, b in zip(WIDTHS[::-1], finer, strict=True)
         )
-        self.head = nn.Conv2d(FINE_WIDTH, 4, 1)
+        self.head = nn.Conv2d(FIRST_WIDTH, 4, 1)
         nn.init.constant_(self.head.bias, -3.0)  # few pixels move
 
     def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
@@ -63,8 +63,8 @@ class MotionNetwork(nn.Module):
         both = (
             values if self.fine is None else torch.cat([values, self.fine((fine.float() - ZERO) / BYTE_STEPS)], dim=1)
         )
-        seen = [self.stem(both)]
-        values = torch.cat([values, seen[0]], dim=1)
+        values = self.stem(both)
+        seen = [values]
         for level in self.down:
             values = level(values)
             seen.append(values)

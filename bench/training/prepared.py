@@ -98,7 +98,7 @@ def prepare(
 
 def _prepare_drive(name: str, *, dataset: str | Path, place: Path, disturbed: bool) -> None:
     found = {}
-    frames = pairs_of(open_dataset(dataset), [name], every=EVERY, longest_history=inputs.BACK)
+    frames = pairs_of(open_dataset(dataset), [name], every=EVERY)
     for camera, of_camera in groupby(frames, key=lambda frame: frame.camera):
         rng = np.random.default_rng(list(f"{name} {camera}".encode())) if disturbed else None
         coarse, fine = zip(*(_arrays_of(frame, rng) for frame in of_camera), strict=True)

@@ -42,7 +42,6 @@ from bench.training.prepared import PreparedDrive, prepare
 
 LOG = logging.getLogger(__name__)
 CROPS_ON_MOTION = 0.5  # share of the crops that are put around something that moves, where anything does
-FIRST_IMAGES = 0.4  # how often a drive's first image, which has no earlier one, is drawn against the others
 HARD = 0.5  # share of the draws that go by the loss of an image when it was last seen
 AVERAGED = 0.998  # of the running mean of the weights, which is what is validated and exported
 WARM_UP = 0.05  # of all steps
@@ -53,10 +52,7 @@ THRESHOLDS = 100  # that validation tries
 LEAST_PX = 50  # fine pixels that move, for an image to have an IoU in validation
 CHECKPOINT = "checkpoint.pt"
 GREY = ("current", "fine_current")
-DIFFERENCES = (
-    ("rotated_difference", "road_difference", "flow_difference", "fine_rotated", "fine_road", "fine_flow"),
-    ("earlier_difference", "fine_earlier"),
-)
+DIFFERENCES = ("rotated_difference", "road_difference", "flow_difference", "fine_rotated", "fine_road", "fine_flow")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,7 +191,6 @@ class Batches:
 
     def __init__(self, drives: Sequence[PreparedDrive], plan: Plan) -> None:
         self._images = [(drive, number) for drive in drives for number in range(drive.images)]
-        self._often = np.array([FIRST_IMAGES if number == 0 else 1.0 for _, number in self._images])
         self._plan = plan
         self._sizes = [_Rows.of(COARSE, plan.coarse), _Rows.of(FINE, plan.fine)]
 
@@ -215,7 +210,7 @@ class Batches:
             losses: (images,) of each image when it was last seen.
         """
         rng = np.random.default_rng([self._plan.seed, epoch])
-        chances = self._often * (1 - HARD + HARD * losses / losses.mean())
+        chances = 1 - HARD + HARD * losses / losses.mean()
         order = rng.choice(len(chances), len(self) * self._plan.batch, p=chances / chances.sum())
         for chosen in order.reshape(-1, self._plan.batch):
             crops = [self._crop(drive, number, rng) for drive, number in (self._images[index] for index in chosen)]
@@ -236,13 +231,12 @@ class Batches:
         if mirror:
             parts, target, weight = [part[:, :, ::-1].copy() for part in parts], target[:, ::-1], weight[:, ::-1]
         gain, shift = rng.uniform(0.8, 1.25), rng.uniform(-12, 12)
-        gains = rng.uniform(0.7, 1.4, len(DIFFERENCES))
+        strength = rng.uniform(0.7, 1.4)
         for part, size in zip(parts, self._sizes, strict=True):
             if mirror:
                 part[size.mirrored] = np.clip(2 * ZERO - part[size.mirrored].astype(np.int16), 0, 255)
             _vary(part, size.grey, gain, shift)
-            for channels, strength in zip(size.differences, gains, strict=True):
-                _vary(part, channels, strength, 0.0)
+            _vary(part, size.differences, strength, 0.0)
         return *parts, target.astype(np.float32) / 255, np.ascontiguousarray(weight)
 
     def _corner(self, target: NDArray[np.uint8], rng: np.random.Generator) -> tuple[int, int]:
@@ -263,13 +257,13 @@ class _Rows:
     shown: list[int]
     mirrored: list[int]
     grey: list[int]
-    differences: list[list[int]]
+    differences: list[int]
 
     @classmethod
     def of(cls, prepared: Sequence[str], shown: Sequence[str]) -> _Rows:
-        rows = [[k for k, name in enumerate(shown) if name in names] for names in (MIRRORED, GREY, *DIFFERENCES)]
+        rows = [[k for k, name in enumerate(shown) if name in names] for names in (MIRRORED, GREY, DIFFERENCES)]
         of_all = [prepared.index(name) for name in shown]
-        return cls(shown=of_all, mirrored=rows[0], grey=rows[1], differences=rows[2:])
+        return cls(shown=of_all, mirrored=rows[0], grey=rows[1], differences=rows[2])
 
 
 def _valid(coarse: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -34,7 +34,7 @@ def trained(drives, tmp_path_factory):
     return out, train(PLAN, drives, drives[:1], out)
 
 
-@pytest.mark.parametrize("without", [(), ("fine",), ("earlier", "constraints")])
+@pytest.mark.parametrize("without", [(), ("fine",), ("scene", "constraints")])
 def test_the_network_is_small_and_answers_at_the_fine_size(without):
     plan = replace(PLAN, without=without)
     assert not {*plan.coarse, *plan.fine} & {name for group in without for name in GROUPS[group]}

@@ -30,7 +30,6 @@ Image = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
 
 ZERO = 128  # the byte of 0
-BACK = 3  # images from the current one to the earlier one, fewer at the start of a drive
 PARALLAX_M = 4.0  # distance of the points whose parallax is told
 CELL_PX = 2  # on which the paper's deviations are measured
 RIGID_SCENE = RigidSceneMethod()  # whose evidence the network is shown
@@ -43,12 +42,11 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "flow": ("flow_u", "flow_v", "flow_difference"),
     "constraints": CONSTRAINTS,
     "scene": ("sigmas", "misfit", "texture", "road_seen"),
-    "earlier": ("earlier_u", "earlier_v", "earlier_difference", "earlier_sigmas", "earlier_misfit"),
-    "fine": ("fine_current", "fine_rotated", "fine_road", "fine_flow", "fine_earlier"),
+    "fine": ("fine_current", "fine_rotated", "fine_road", "fine_flow"),
 }
 FINE = GROUPS["fine"]
 COARSE = tuple(name for names in GROUPS.values() for name in names if name not in FINE)
-MIRRORED = ("parallax_u", "flow_u", "earlier_u")  # that change their sign when the image is mirrored left to right
+MIRRORED = ("parallax_u", "flow_u")  # that change their sign when the image is mirrored left to right
 
 # Byte steps per unit of each quantity.
 GREY_STEPS = 32.0  # per standard deviation of the image
@@ -73,7 +71,7 @@ class Channels:
 
 
 def network_input(views: Views, coarse: Sequence[str] = COARSE, fine: Sequence[str] = FINE) -> Channels:
-    """Channels of the last images.
+    """Channels of the last two images.
 
     Args:
         views: the images.
@@ -87,17 +85,14 @@ def network_input(views: Views, coarse: Sequence[str] = COARSE, fine: Sequence[s
     if not given.current_from_previous:
         raise UnansweredImage("learned: expected the ego-motion between the images, got none")
     last = RIGID_SCENE.evidence(given)
-    back = min(BACK, len(given.images) - 1)
-    earlier = RIGID_SCENE.evidence(given, back=back, known=last.scene) if back > 1 else None
     far = _flow_of(last.scene, 0.0)
     small = (
         _ray_channels(last.scene, given.valid, far)
         | _image_channels(given, last, far)
         | _constraint_channels(given, last)
         | _scene_channels(last)
-        | _earlier_channels(given, earlier, back)
     )
-    large = _fine_channels(views, last, earlier, back, far)
+    large = _fine_channels(views, last, far)
     return Channels(
         coarse=np.stack([small[name] for name in coarse]),
         fine=np.stack([large[name] for name in fine]) if fine else np.empty((0, *views.fine[-1].shape), np.uint8),
@@ -121,7 +116,7 @@ def _ray_channels(scene: RigidScene, valid: NDArray[np.bool_], far: Image) -> di
 
 def _image_channels(given: MethodInput, last: Evidence, far: Image) -> dict[str, Bytes]:
     """The image, what is left of its difference to the last one, and flow beyond the road's."""
-    found = _differences(given.images[-1], given.images[-2], given.valid, last, given.camera, far=far)
+    found = _differences(given.images[-2:], given.valid, last, given.camera, far)
     rest = np.where(last.edge[..., None], np.float32(0), last.flow - last.road)
     return {
         "current": _grey(given.images[-1], given.valid),
@@ -166,69 +161,41 @@ def _scene_channels(last: Evidence) -> dict[str, Bytes]:
     }
 
 
-def _earlier_channels(given: MethodInput, earlier: Evidence | None, back: int) -> dict[str, Bytes]:
-    """The same of the current and an earlier image, in which slow objects have moved further; 0 without one."""
-    if earlier is None:
-        nothing = np.full(given.valid.shape, ZERO, dtype=np.uint8)
-        return dict.fromkeys(GROUPS["earlier"], nothing)
-    rest = np.where(earlier.edge[..., None], np.float32(0), earlier.flow - earlier.road) / back
-    found = _differences(given.images[-1], given.images[-1 - back], given.valid, earlier, given.camera)
-    return {
-        "earlier_u": _flow_bytes(rest[..., 0]),
-        "earlier_v": _flow_bytes(rest[..., 1]),
-        "earlier_difference": found["road"],
-        "earlier_sigmas": _as_bytes(np.log1p(earlier.sigmas), DEVIATION_STEPS),
-        "earlier_misfit": _as_bytes(np.arcsinh(earlier.misfit), MISFIT_STEPS),
-    }
-
-
-def _fine_channels(views: Views, last: Evidence, earlier: Evidence | None, back: int, far: Image) -> dict[str, Bytes]:
+def _fine_channels(views: Views, last: Evidence, far: Image) -> dict[str, Bytes]:
     """The image and its differences, at the size of the answer."""
     current = views.fine[-1]
     height, width = current.shape
     camera = views.given.camera.scaled(width, height)
     valid = cv2.resize(views.given.valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
-    found = _differences(current, views.fine[-2], valid, last, camera, far=far)
-    before = np.full(current.shape, ZERO, dtype=np.uint8)
-    if earlier is not None:
-        before = _differences(current, views.fine[-1 - back], valid, earlier, camera)["road"]
+    found = _differences(views.fine[-2:], valid, last, camera, far)
     return {
         "fine_current": _grey(current, valid),
         "fine_rotated": found["rotated"],
         "fine_road": found["road"],
         "fine_flow": found["flow"],
-        "fine_earlier": before,
     }
 
 
 def _differences(
-    current: Bytes,
-    before: Bytes,
-    valid: NDArray[np.bool_],
-    evidence: Evidence,
-    camera: CameraModel,
-    *,
-    far: Image | None = None,
+    images: Sequence[Bytes], valid: NDArray[np.bool_], evidence: Evidence, camera: CameraModel, far: Image
 ) -> dict[str, Bytes]:
-    """Differences of the image to an earlier one that is moved as the road is, in units of their noise.
+    """Differences of an image to the one before it, moved in three ways, in units of the noise of that of the road.
 
     Args:
-        current: (H, W) uint8.
-        before: (H, W) uint8.
+        images: both, (H, W) uint8.
         valid: (H, W) bool.
         evidence: of both images, of this size or a smaller one.
         camera: the lens at this size.
-        far: motion of what is infinitely far, at the size of the evidence; with it, "rotated" and "flow" are told too.
+        far: motion of what is infinitely far, at the size of the evidence.
 
     Returns:
-        By what moves it, "road" among them.
+        By what moves the image before: "road", "rotated" for the rotation alone, "flow".
     """
-    moves = {"road": evidence.road} | ({} if far is None else {"rotated": far, "flow": evidence.flow})
-    now, then, outside = current.astype(np.float32), before.astype(np.float32), (~valid).astype(np.float32)
-    left, noise = {}, 1.0
-    for name, move in moves.items():
+    before, now = (image.astype(np.float32) for image in images)
+    outside, left, noise = (~valid).astype(np.float32), {}, 1.0
+    for name, move in {"road": evidence.road, "rotated": far, "flow": evidence.flow}.items():
         flow = _at_size(move, camera)
-        difference = now - sampled(then, flow)
+        difference = now - sampled(before, flow)
         seen = (sampled(outside, flow, outside=1.0) < 0.01) & valid
         if name == "road":
             noise = noise_of(difference, seen, least=LEAST_NOISE)
