@@ -14,6 +14,8 @@ from bench.methods import build_method
 from bench.methods.learned import method as learned
 from bench.methods.learned.inputs import Channels
 from bench.methods.rigid_scene.views import Views
+from bench.recordings import load_card
+from tests.conftest import DATASETS
 from tests.support.board_scene import STEP, crossing, frame
 
 
@@ -67,8 +69,9 @@ def test_the_card_tells_where_the_network_comes_from():
     assert card["weights"] <= 1_000_000
     assert card["licence"]
     assert card["training"]["dataset"] == "training"
-    assert card["training"]["scenario_sha256"]
-    assert card["validation"]["drives"] == 48
+    data = load_card(DATASETS / "training.yaml")
+    assert card["training"]["scenario_sha256"] == hashlib.sha256(data.scenario.read_bytes()).hexdigest()
+    assert card["validation"]["drives"] == len(data.content.splits["validation"])
 
 
 def test_other_weights_beside_their_card(weights):

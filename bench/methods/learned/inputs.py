@@ -87,7 +87,7 @@ def network_input(views: Views, coarse: Sequence[str] = COARSE, fine: Sequence[s
     last = RIGID_SCENE.evidence(given)
     far = _flow_of(last.scene, 0.0)
     small = (
-        _ray_channels(last.scene, given.valid, far)
+        _ray_channels(last, given.valid, far)
         | _image_channels(given, last, far)
         | _constraint_channels(given, last)
         | _scene_channels(last)
@@ -99,15 +99,15 @@ def network_input(views: Views, coarse: Sequence[str] = COARSE, fine: Sequence[s
     )
 
 
-def _ray_channels(scene: RigidScene, valid: NDArray[np.bool_], far: Image) -> dict[str, Bytes]:
+def _ray_channels(last: Evidence, valid: NDArray[np.bool_], far: Image) -> dict[str, Bytes]:
     """Directions of rays, and motion of the road and of near points."""
+    scene, road = last.scene, _without_jumps(last.road - far)
     parallax = _without_jumps(_flow_of(scene, 1 / PARALLAX_M) - far)
-    road = _without_jumps(_flow_of(scene, scene.road_inverse_depth(scene.fall())) - far)
     angle = np.nan_to_num(np.arccos(np.clip(scene.grid.rays_camera[..., 2], -1, 1))).astype(np.float32)
     return {
         "valid": _as_bytes(valid.astype(np.float32), GREY_STEPS),
         "angle": _as_bytes(at_every_pixel(angle, scene.camera), RAY_STEPS),
-        "fall": _as_bytes(at_every_pixel(scene.fall().astype(np.float32), scene.camera), RAY_STEPS),
+        "fall": _as_bytes(last.fall, RAY_STEPS),
         "road_parallax": _flow_bytes(np.hypot(road[..., 0], road[..., 1])),
         "parallax_u": _flow_bytes(parallax[..., 0]),
         "parallax_v": _flow_bytes(parallax[..., 1]),
