@@ -261,9 +261,11 @@ class _Rows:
 
     @classmethod
     def of(cls, prepared: Sequence[str], shown: Sequence[str]) -> _Rows:
-        rows = [[k for k, name in enumerate(shown) if name in names] for names in (MIRRORED, GREY, DIFFERENCES)]
+        mirrored, grey, differences = (
+            [k for k, name in enumerate(shown) if name in names] for names in (MIRRORED, GREY, DIFFERENCES)
+        )
         of_all = [prepared.index(name) for name in shown]
-        return cls(shown=of_all, mirrored=rows[0], grey=rows[1], differences=rows[2])
+        return cls(shown=of_all, mirrored=mirrored, grey=grey, differences=differences)
 
 
 def _valid(coarse: NDArray[np.uint8]) -> NDArray[np.bool_]:

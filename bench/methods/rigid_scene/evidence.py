@@ -136,7 +136,7 @@ def gather_evidence(
     misfit[edge] = 0
 
     fall = at_every_pixel(scene.fall().astype(np.float32), scene.camera)
-    too_low = _too_low(flow, curve[0], scene) if moves else np.zeros(flow.shape[:2], dtype=bool)
+    too_low = _too_low(flow, curve[0], scene, fall) if moves else np.zeros(flow.shape[:2], dtype=bool)
     offset = flow - road
     return Evidence(
         scene=scene,
@@ -193,7 +193,7 @@ def _road_seen(now: Image, warped: Image, noise: float, fall: Image, *, at_least
     return np.asarray((fall > BELOW_HORIZON) & (both > at_least * np.sqrt(one * other + (0.5 * noise**2) ** 2)))
 
 
-def _too_low(flow: Image, road: Image, scene: RigidScene) -> NDArray[np.bool_]:
+def _too_low(flow: Image, road: Image, scene: RigidScene, fall: Image) -> NDArray[np.bool_]:
     """Between the motion of the road and that of infinitely far points, below the horizon; on every second pixel."""
     infinity = at_every_pixel(np.nan_to_num(scene.flow_at(0.0)), scene.camera)[CELL]
     segment, offset = road - infinity, flow - infinity
@@ -201,7 +201,7 @@ def _too_low(flow: Image, road: Image, scene: RigidScene) -> NDArray[np.bool_]:
     along = segment[..., 0] * offset[..., 0] + segment[..., 1] * offset[..., 1]
     share = along / np.maximum(length**2, 1e-6)
     across = np.abs(segment[..., 0] * offset[..., 1] - segment[..., 1] * offset[..., 0]) / np.maximum(length, 1e-3)
-    below = at_every_pixel(scene.fall().astype(np.float32), scene.camera)[CELL] > BELOW_HORIZON
+    below = fall[CELL] > BELOW_HORIZON
     return np.asarray(below & ((1 - share) * length > 2 * across) & (share > -0.6) & (share < 0.95))
 
 
