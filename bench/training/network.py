@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import interpolate, pixel_shuffle
+from torch.nn.functional import pixel_shuffle, relu
 
 from bench.methods.learned.inputs import ZERO
 from bench.methods.learned.method import MULTIPLE_PX
@@ -12,18 +12,48 @@ from bench.methods.learned.method import MULTIPLE_PX
 FIRST_WIDTH = 16  # channels at the size of geometry and flow; multiples of 16 are what processors compute at once
 WIDTHS = (32, 48, 64, 96)  # channels at a half, a quarter, an eighth and a sixteenth of it
 DILATIONS = (1, 2, 4)  # at the coarsest size, so that a vehicle beside the camera is seen as a whole
-BYTE_STEPS = 32.0
 
 assert 2 ** (len(WIDTHS) + 1) == MULTIPLE_PX
 
 
-def _convolved(before: int, after: int, *, stride: int = 1, dilation: int = 1, side: int = 3) -> nn.Sequential:
+def _linear(before: int, after: int, *, stride: int = 1, dilation: int = 1, side: int = 3) -> nn.Sequential:
     padding = dilation * (side // 2)
     return nn.Sequential(
         nn.Conv2d(before, after, side, stride=stride, padding=padding, dilation=dilation, bias=False),
         nn.BatchNorm2d(after),
-        nn.ReLU(inplace=True),
     )
+
+
+def _convolved(before: int, after: int, *, stride: int = 1, dilation: int = 1) -> nn.Sequential:
+    return nn.Sequential(*_linear(before, after, stride=stride, dilation=dilation), nn.ReLU(inplace=True))
+
+
+def _about_zero(values: Tensor) -> Tensor:
+    """Bytes as numbers; their scale is nothing to a network that normalises, and 16 bits hold them, too."""
+    kind = torch.bfloat16 if torch.is_autocast_enabled(values.device.type) else torch.float32
+    return values.to(kind) - ZERO
+
+
+class _Joined(nn.Module):
+    """Two images of channels to one, of the size of the second.
+
+    Each is brought to as many channels by itself: much less to compute than to spread the first one and stack both.
+
+    Args:
+        one: channels of the first image.
+        other: channels of the second.
+        after: channels of the answer.
+        spread: by so much the first is smaller.
+    """
+
+    def __init__(self, one: int, other: int, after: int, *, spread: int = 1) -> None:
+        super().__init__()
+        self.one, self.other = _linear(one, after, side=1), _linear(other, after, side=1)
+        self.spread = nn.Upsample(scale_factor=spread) if spread > 1 else nn.Identity()
+        self.both = _convolved(after, after)
+
+    def forward(self, one: Tensor, other: Tensor) -> Tensor:
+        return self.both(relu(self.spread(self.one(one)) + self.other(other)))
 
 
 class MotionNetwork(nn.Module):
@@ -35,42 +65,32 @@ class MotionNetwork(nn.Module):
 
     Args:
         coarse: channels of the size of geometry and flow.
-        fine: channels of twice that size; may be none.
+        fine: channels of twice that size.
     """
 
     def __init__(self, coarse: int, fine: int) -> None:
         super().__init__()
-        self.fine = _convolved(fine, FIRST_WIDTH, stride=2) if fine else None
-        self.stem = nn.Sequential(
-            _convolved(coarse + FIRST_WIDTH * bool(fine), FIRST_WIDTH, side=1), _convolved(FIRST_WIDTH, FIRST_WIDTH)
-        )
-        before = (FIRST_WIDTH, *WIDTHS[:-1])
+        self.fine = _convolved(fine, FIRST_WIDTH, stride=2)
+        self.stem = _Joined(coarse, FIRST_WIDTH, FIRST_WIDTH)
+        widths = (FIRST_WIDTH, *WIDTHS)
         self.down = nn.ModuleList(
-            nn.Sequential(_convolved(a, b, stride=2), _convolved(b, b)) for a, b in zip(before, WIDTHS, strict=True)
+            nn.Sequential(_convolved(a, b, stride=2), _convolved(b, b)) for a, b in zip(widths, WIDTHS, strict=False)
         )
         self.context = nn.Sequential(*(_convolved(WIDTHS[-1], WIDTHS[-1], dilation=rate) for rate in DILATIONS))
-        finer = (*WIDTHS[-2::-1], FIRST_WIDTH)
-        self.joined = nn.ModuleList(
-            nn.Sequential(_convolved(a + b, b, side=1), _convolved(b, b))
-            for a, b in zip(WIDTHS[::-1], finer, strict=True)
-        )
+        self.up = nn.ModuleList(_Joined(a, b, b, spread=2) for a, b in zip(widths[:0:-1], widths[-2::-1], strict=True))
         self.head = nn.Conv2d(FIRST_WIDTH, 4, 1)
         nn.init.constant_(self.head.bias, -3.0)  # few pixels move
 
     def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
         """(N, C, h, w) and (N, F, 2h, 2w) uint8, h and w multiples of 16 -> (N, 2h, 2w) float32."""
-        values = (coarse.float() - ZERO) / BYTE_STEPS
-        both = (
-            values if self.fine is None else torch.cat([values, self.fine((fine.float() - ZERO) / BYTE_STEPS)], dim=1)
-        )
-        values = self.stem(both)
+        values = self.stem(_about_zero(coarse), self.fine(_about_zero(fine)))
         seen = [values]
         for level in self.down:
             values = level(values)
             seen.append(values)
         values = values + self.context(values)
-        for level, finer in zip(self.joined, seen[-2::-1], strict=True):
-            values = level(torch.cat([interpolate(values, scale_factor=2.0, mode="nearest"), finer], dim=1))
+        for level, finer in zip(self.up, seen[-2::-1], strict=True):
+            values = level(values, finer)
         return pixel_shuffle(self.head(values), 2)[:, 0].float()
 
 

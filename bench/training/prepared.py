@@ -24,7 +24,6 @@ from bench.recordings import load_card
 from bench.training import appearance
 from bench.training.pairs import Part, drives_of, pairs_of
 
-EVERY = 2  # of a drive's images: neighbours teach little that is new
 DISTURBED = 0.75  # share of the images for which disturbances are drawn before anything is computed from them
 
 
@@ -98,7 +97,8 @@ def prepare(
 
 def _prepare_drive(name: str, *, dataset: str | Path, place: Path, disturbed: bool) -> None:
     found = {}
-    frames = pairs_of(open_dataset(dataset), [name], every=EVERY)
+    pairs = pairs_of(open_dataset(dataset), [name], longest_history=inputs.BACK)
+    frames = (frame for frame in pairs if len(frame.input.images) > 2)  # training itself leaves the earlier one out
     for camera, of_camera in groupby(frames, key=lambda frame: frame.camera):
         rng = np.random.default_rng(list(f"{name} {camera}".encode())) if disturbed else None
         coarse, fine = zip(*(_arrays_of(frame, rng) for frame in of_camera), strict=True)
@@ -144,7 +144,7 @@ def _version(dataset: str | Path, *, disturbed: bool) -> str:
     package = Path(inputs.__file__).parents[2]
     parts = [package / part for part in ("cameras", "flow", "geometry", "methods/rigid_scene", "methods/spherical")]
     files = [Path(inputs.__file__), *sorted(path for part in parts for path in part.rglob("*.py"))]
-    digest = hashlib.sha256(f"{dataset} {EVERY}".encode() + (b"" if scenario is None else scenario.read_bytes()))
+    digest = hashlib.sha256(str(dataset).encode() + (b"" if scenario is None else scenario.read_bytes()))
     for file in files + [Path(appearance.__file__)] * disturbed:
         digest.update(file.read_bytes())
     return digest.hexdigest()[:12]

@@ -33,7 +33,7 @@ from bench.atomic import make_folder, replacing, write_bytes, write_text
 from bench.errors import UsageError
 from bench.evaluation.intervals import ratio_interval
 from bench.execution import usable_cores
-from bench.methods.learned.inputs import COARSE, FINE, GROUPS, MIRRORED, ZERO, Channels
+from bench.methods.learned.inputs import COARSE, DIFFERENCES, FINE, GROUPS, MIRRORED, ZERO, Channels
 from bench.methods.learned.method import padded
 from bench.recordings import load_card
 from bench.training.network import MotionNetwork, ScoredNetwork
@@ -43,6 +43,7 @@ from bench.training.prepared import PreparedDrive, prepare
 LOG = logging.getLogger(__name__)
 CROPS_ON_MOTION = 0.5  # share of the crops that are put around something that moves, where anything does
 HARD = 0.5  # share of the draws that go by the loss of an image when it was last seen
+WITHOUT_EARLIER = 0.1  # share of the crops that are shown without the earlier image, as at the start of a drive
 AVERAGED = 0.998  # of the running mean of the weights, which is what is validated and exported
 WARM_UP = 0.05  # of all steps
 MOVING_WEIGHT = 2.0  # of moving pixels in the cross-entropy; static ones are fifty times as many
@@ -52,7 +53,6 @@ THRESHOLDS = 100  # that validation tries
 LEAST_PX = 50  # fine pixels that move, for an image to have an IoU in validation
 CHECKPOINT = "checkpoint.pt"
 GREY = ("current", "fine_current")
-DIFFERENCES = ("rotated_difference", "road_difference", "flow_difference", "fine_rotated", "fine_road", "fine_flow")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,8 @@ class Plan:
 
     Attributes:
         without: groups of channels that the network is not shown, see `bench.methods.learned.inputs`.
-        disturbed: training images are those of worse cameras, see `bench.training.appearance`.
+        disturbed: images are those of worse cameras, too, see `bench.training.appearance`; also those that choose the
+            threshold.
         epochs: at most; each draws as many images as there are.
         patience: epochs without a better validation after which training stops.
         batch: crops of a step.
@@ -92,6 +93,10 @@ class Plan:
     def fine(self) -> tuple[str, ...]:
         """Names of the fine ones."""
         return self._shown(FINE)
+
+    def __post_init__(self) -> None:
+        if not self.coarse or not self.fine:
+            raise UsageError(f"without: expected channels of both sizes to be left, got {', '.join(self.without)}")
 
     def _shown(self, names: Sequence[str]) -> tuple[str, ...]:
         hidden = {name for group in self.without for name in GROUPS[group]}
@@ -231,12 +236,13 @@ class Batches:
         if mirror:
             parts, target, weight = [part[:, :, ::-1].copy() for part in parts], target[:, ::-1], weight[:, ::-1]
         gain, shift = rng.uniform(0.8, 1.25), rng.uniform(-12, 12)
-        strength = rng.uniform(0.7, 1.4)
+        strength, earlier = rng.uniform(0.7, 1.4), rng.random() >= WITHOUT_EARLIER
         for part, size in zip(parts, self._sizes, strict=True):
-            if mirror:
-                part[size.mirrored] = np.clip(2 * ZERO - part[size.mirrored].astype(np.int16), 0, 255)
+            _vary(part, size.mirrored, -1.0 if mirror else 1.0)
             _vary(part, size.grey, gain, shift)
-            _vary(part, size.differences, strength, 0.0)
+            _vary(part, size.differences, strength)
+            if not earlier:
+                part[size.earlier] = ZERO
         return *parts, target.astype(np.float32) / 255, np.ascontiguousarray(weight)
 
     def _corner(self, target: NDArray[np.uint8], rng: np.random.Generator) -> tuple[int, int]:
@@ -252,20 +258,22 @@ class Batches:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Rows:
-    """Which of the prepared channels of a size the network is shown, and which of these are varied together."""
+    """Which of the prepared channels of a size the network is shown, and which of these go together."""
 
     shown: list[int]
     mirrored: list[int]
     grey: list[int]
     differences: list[int]
+    earlier: list[int]
 
     @classmethod
     def of(cls, prepared: Sequence[str], shown: Sequence[str]) -> _Rows:
-        mirrored, grey, differences = (
-            [k for k, name in enumerate(shown) if name in names] for names in (MIRRORED, GREY, DIFFERENCES)
+        mirrored, grey, differences, earlier = (
+            [k for k, name in enumerate(shown) if name in names]
+            for names in (MIRRORED, GREY, DIFFERENCES, GROUPS["earlier"])
         )
         of_all = [prepared.index(name) for name in shown]
-        return cls(shown=of_all, mirrored=mirrored, grey=grey, differences=differences)
+        return cls(shown=of_all, mirrored=mirrored, grey=grey, differences=differences, earlier=earlier)
 
 
 def _valid(coarse: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -273,9 +281,12 @@ def _valid(coarse: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return np.asarray(coarse[COARSE.index("valid")].repeat(2, axis=0).repeat(2, axis=1) > ZERO)
 
 
-def _vary(crop: NDArray[np.uint8], rows: list[int], gain: float, shift: float) -> None:
-    varied = (crop[rows].astype(np.float32) - ZERO) * gain + ZERO + shift
-    crop[rows] = np.clip(np.rint(varied), 0, 255).astype(np.uint8)
+def _vary(crop: NDArray[np.uint8], rows: list[int], gain: float, shift: float = 0.0) -> None:
+    """Scale some channels about 0, and shift them."""
+    varied = np.rint((np.arange(256) - ZERO) * gain + ZERO + shift)
+    table = np.clip(varied, 0, 255).astype(np.uint8)
+    for row in rows:
+        crop[row] = cv2.LUT(crop[row], table)
 
 
 def small_weight(target: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -349,6 +360,7 @@ def train(
     """
     torch.manual_seed(plan.seed)
     torch.use_deterministic_algorithms(mode=True, warn_only=True)
+    torch.utils.deterministic.fill_uninitialized_memory = False  # nothing reads it; an eighth of the time
     device = "cuda" if torch.cuda.is_available() else "cpu"
     network = MotionNetwork(len(plan.coarse), len(plan.fine)).to(device, memory_format=torch.channels_last)
     averaged = torch.optim.swa_utils.AveragedModel(network, avg_fn=_running_mean, use_buffers=True)
@@ -380,9 +392,8 @@ def train(
         began, losses = time.monotonic(), state["losses"].clone()
         network.train()
         for batch in batches.epoch(epoch, state["losses"].numpy()):
-            coarse, fine, target, weight = (
-                part.to(device) for part in (batch.coarse, batch.fine, batch.target, batch.weight)
-            )
+            coarse, fine = (part.to(device, memory_format=torch.channels_last) for part in (batch.coarse, batch.fine))
+            target, weight = batch.target.to(device), batch.weight.to(device)
             with torch.autocast(device, dtype=torch.bfloat16, enabled=plan.bfloat16):
                 logits = network(coarse, fine)
             of_crop = loss_of(logits, target, weight)
@@ -502,18 +513,19 @@ def main(
     without: Annotated[
         list[str] | None, typer.Option(help=f"channels that it is not shown, several times: {', '.join(GROUPS)}")
     ] = None,
-    disturbed: Annotated[bool, typer.Option(help="train on images of worse cameras, too")] = True,
+    disturbed: Annotated[bool, typer.Option(help="images of worse cameras, too")] = True,
     epochs: Annotated[int, typer.Option(min=1, help="at most")] = 14,
     bfloat16: Annotated[bool, typer.Option(help="compute in 16 bits")] = False,
     seed: Annotated[int, typer.Option(min=0)] = 1,
-    workers: Annotated[int, typer.Option(min=1, help="processes that render and prepare; threads that train")] = 0,
+    workers: Annotated[
+        int, typer.Option(min=1, help="processes that render and prepare; threads that train")
+    ] = usable_cores(),
     cache: Annotated[Path | None, typer.Option(help="folder of prepared inputs; OUT/inputs without")] = None,
 ) -> None:
     """Train the network of the method `learned`."""
     if unknown := sorted(set(without or ()) - GROUPS.keys()):
         raise UsageError(f"--without: expected some of {', '.join(GROUPS)}, got {', '.join(unknown)}")
     plan = Plan(without=tuple(without or ()), disturbed=disturbed, epochs=epochs, bfloat16=bfloat16, seed=seed)
-    workers = workers or usable_cores()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     make_folder(out)
 
@@ -523,7 +535,7 @@ def main(
 
     held = cache or out / "inputs"
     training = prepare(dataset, "training", held, disturbed=disturbed, workers=workers, progress=progress)
-    held_out = prepare(dataset, "validation", held, disturbed=False, workers=workers, progress=progress)
+    held_out = prepare(dataset, "validation", held, disturbed=disturbed, workers=workers, progress=progress)
     torch.set_num_threads(workers)
     network, found, log = train(plan, training, held_out, out)
     scenario = load_card(dataset).scenario

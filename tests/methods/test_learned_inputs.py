@@ -7,19 +7,23 @@ import pytest
 
 from bench.geometry import RigidTransform
 from bench.methods import UnansweredImage
-from bench.methods.learned.inputs import COARSE, FINE, MIRRORED, ZERO, network_input
+from bench.methods.learned.inputs import COARSE, FINE, GROUPS, MIRRORED, ZERO, network_input
 from bench.methods.rigid_scene.views import Views
 from tests.support.board_scene import STEP, crossing, drive, frame
+
+EARLIER = GROUPS["earlier"]
+
+
+def channels_of(given):
+    found = network_input(Views.of(given))
+    channels = dict(zip(COARSE, found.coarse.astype(int) - ZERO, strict=True))
+    return channels | dict(zip(FINE, found.fine.astype(int) - ZERO, strict=True))
 
 
 @pytest.fixture(scope="module")
 def scene():
-    given, (*_, board) = drive(range(-1, 1), board_m=(5.0, 0.5, 0.0), sideways_m=0.12)
-    views = Views.of(given)
-    found = network_input(views)
-    channels = dict(zip(COARSE, found.coarse.astype(int) - ZERO, strict=True))
-    channels |= dict(zip(FINE, found.fine.astype(int) - ZERO, strict=True))
-    return given, views, channels, board
+    given, (*_, board) = drive(range(-3, 1), board_m=(5.0, 0.5, 0.0), sideways_m=0.12)
+    return given, Views.of(given), channels_of(given), board
 
 
 def test_channels_have_two_sizes_and_are_given_in_the_order_of_their_names(scene):
@@ -27,9 +31,9 @@ def test_channels_have_two_sizes_and_are_given_in_the_order_of_their_names(scene
     assert (views.cell_size_px, views.given.camera.width) == (1, 320)
     assert {channels[name].shape for name in COARSE} == {(240, 320)}
     assert {channels[name].shape for name in FINE} == {(480, 640)}
-    some = network_input(views, ("sigmas", "valid"), ("fine_road",))
+    some = network_input(views, ("sigmas", "valid"), ("fine_road_difference",))
     np.testing.assert_array_equal(some.coarse.astype(int) - ZERO, [channels["sigmas"], channels["valid"]])
-    np.testing.assert_array_equal(some.fine[0].astype(int) - ZERO, channels["fine_road"])
+    np.testing.assert_array_equal(some.fine[0].astype(int) - ZERO, channels["fine_road_difference"])
     assert network_input(views, ("valid",), ()).fine.shape == (0, 480, 640)
     np.testing.assert_array_equal(some.coarse[1] > ZERO, views.given.valid)
 
@@ -43,7 +47,36 @@ def test_compensation_leaves_what_moves(scene):
         moving, static = (np.abs(channels[name])[where].mean() for where in (board[::2, ::2], road))
         assert moving > 3 * static, name
     fine_road = road.repeat(2, axis=0).repeat(2, axis=1) & ~board
-    assert np.abs(channels["fine_road"])[board].mean() > 2 * np.abs(channels["fine_road"])[fine_road].mean()
+    assert (
+        np.abs(channels["fine_road_difference"])[board].mean()
+        > 2 * np.abs(channels["fine_road_difference"])[fine_road].mean()
+    )
+
+
+def test_an_earlier_image_tells_slow_objects_from_static_ones():
+    left = {}
+    for speed in (0.0, 0.02):  # m an image
+        given, (*_, board) = drive(range(-3, 1), board_m=(3.0, -0.6, 0.0), sideways_m=speed)
+        channels = channels_of(given)
+        for name in EARLIER:
+            left[name, speed] = np.abs(channels[name])[board if name in FINE else board[::2, ::2]].mean()
+    for size in ("", "fine_"):
+        road, static = f"{size}earlier_road_difference", f"{size}earlier_static_difference"
+        assert left[static, 0.0] < 0.6 * left[road, 0.0], size
+        assert left[static, 0.02] > 1.8 * left[static, 0.0], size
+
+
+def test_at_the_start_of_a_drive_there_is_no_earlier_image(scene):
+    given, _, channels, _ = scene
+    first = replace(
+        given,
+        images=given.images[-2:],
+        timestamps_ns=given.timestamps_ns[-2:],
+        current_from_previous=given.current_from_previous[-1:],
+    )
+    found = channels_of(first)
+    assert {name for name in found if not np.array_equal(found[name], channels[name])} == {*EARLIER}
+    assert not any(found[name].any() for name in EARLIER)
 
 
 def test_channels_that_change_sign_in_a_mirror_are_listed(scene):
@@ -80,11 +113,11 @@ TRAINED_ON = {
     "parallax_u": (128.0, 50.4),
     "parallax_v": (107.2, 41.5),
     "current": (128.0, 31.9),
-    "rotated_difference": (127.5, 42.4),
-    "road_difference": (128.1, 17.4),
+    "rotated_difference": (127.5, 42.8),
+    "road_difference": (128.1, 17.5),
     "flow_u": (128.5, 17.6),
     "flow_v": (130.8, 7.0),
-    "flow_difference": (128.0, 13.6),
+    "flow_difference": (128.0, 13.7),
     "epipolar": (130.0, 4.4),
     "positive_depth": (128.1, 1.5),
     "positive_height": (128.1, 1.1),
@@ -93,10 +126,14 @@ TRAINED_ON = {
     "misfit": (126.2, 7.9),
     "texture": (202.8, 12.4),
     "road_seen": (144.6, 16.0),
+    "earlier_road_difference": (128.1, 20.6),
+    "earlier_static_difference": (128.0, 11.3),
+    "fine_earlier_road_difference": (128.1, 27.7),
+    "fine_earlier_static_difference": (128.1, 14.4),
     "fine_current": (128.0, 31.9),
-    "fine_rotated": (127.5, 48.7),
-    "fine_road": (128.1, 26.5),
-    "fine_flow": (128.0, 17.7),
+    "fine_rotated_difference": (127.5, 48.8),
+    "fine_road_difference": (128.1, 26.6),
+    "fine_flow_difference": (128.0, 17.8),
 }
 
 

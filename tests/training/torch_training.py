@@ -10,13 +10,15 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+import typer
+from typer.testing import CliRunner
 
 from bench.errors import UsageError
 from bench.methods import build_method
 from bench.methods.learned.inputs import COARSE, FINE, GROUPS, Channels
 from bench.training.network import MotionNetwork
 from bench.training.prepared import prepare
-from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, small_weight, train
+from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, main, small_weight, train
 from benchmarks.ablation import Drives, score, table, variants
 
 PLAN = Plan(epochs=2, batch=4, crop_px=(96, 128))  # the tiny images are half as large as those of the training data
@@ -34,7 +36,7 @@ def trained(drives, tmp_path_factory):
     return out, train(PLAN, drives, drives[:1], out)
 
 
-@pytest.mark.parametrize("without", [(), ("fine",), ("scene", "constraints")])
+@pytest.mark.parametrize("without", [(), ("fine",), ("earlier",), ("scene", "constraints")])
 def test_the_network_is_small_and_answers_at_the_fine_size(without):
     plan = replace(PLAN, without=without)
     assert not {*plan.coarse, *plan.fine} & {name for group in without for name in GROUPS[group]}
@@ -113,7 +115,7 @@ def test_training_goes_on_where_it_was_interrupted(drives, trained, tmp_path):
     assert {path.name for path in out.iterdir()} >= {"checkpoint.pt", "log.csv", "curves.png"}
     with pytest.raises(UsageError, match="use a new --out"):
         train(replace(PLAN, seed=9), *held, out)
-    with pytest.raises(UsageError, match="expected 4 images, got 6"):
+    with pytest.raises(UsageError, match="expected 6 images, got 9"):
         train(PLAN, drives[:2], drives[:1], out)
 
 
@@ -128,6 +130,15 @@ def test_what_is_exported_answers_as_the_network_does(drives, trained, tmp_path)
         given = (torch.from_numpy(part[None].copy()) for part in (channels.coarse, channels.fine))
         expected = torch.sigmoid(network(*given))[0].numpy()
     np.testing.assert_allclose(method.scores(channels), expected, atol=1e-4)
+
+
+def test_the_command_tells_which_channels_can_be_left_out(tmp_path):
+    command = typer.Typer()
+    command.command()(main)
+    found = CliRunner().invoke(command, ["--out", str(tmp_path), "--without", "taste"])
+    assert str(found.exception) == f"--without: expected some of {', '.join(GROUPS)}, got taste"
+    with pytest.raises(UsageError, match="expected channels of both sizes to be left, got rays"):
+        replace(PLAN, without=tuple(GROUPS))
 
 
 def test_an_ablation_trains_without_each_group_and_tells_what_it_lacks(drives, tmp_path):

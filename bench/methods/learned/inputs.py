@@ -8,14 +8,14 @@ prepared for training small, and the same on every machine.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel
 from bench.flow import cell_mean
 from bench.methods.contract import MethodInput, UnansweredImage
 from bench.methods.rigid_scene.deviation import LEAST_NOISE, noise_of
@@ -30,6 +30,7 @@ Image = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
 
 ZERO = 128  # the byte of 0
+BACK = 3  # images from the current one to the earlier one, fewer at the start of a drive
 PARALLAX_M = 4.0  # distance of the points whose parallax is told
 CELL_PX = 2  # on which the paper's deviations are measured
 RIGID_SCENE = RigidSceneMethod()  # whose evidence the network is shown
@@ -42,10 +43,18 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "flow": ("flow_u", "flow_v", "flow_difference"),
     "constraints": CONSTRAINTS,
     "scene": ("sigmas", "misfit", "texture", "road_seen"),
-    "fine": ("fine_current", "fine_rotated", "fine_road", "fine_flow"),
+    "earlier": (
+        "earlier_road_difference",
+        "earlier_static_difference",
+        "fine_earlier_road_difference",
+        "fine_earlier_static_difference",
+    ),
+    "fine": ("fine_current", "fine_rotated_difference", "fine_road_difference", "fine_flow_difference"),
 }
-FINE = GROUPS["fine"]
-COARSE = tuple(name for names in GROUPS.values() for name in names if name not in FINE)
+_ALL = [name for names in GROUPS.values() for name in names]
+FINE = tuple(name for name in _ALL if name.startswith("fine_"))
+COARSE = tuple(name for name in _ALL if name not in FINE)
+DIFFERENCES = tuple(name for name in _ALL if name.endswith("_difference"))
 MIRRORED = ("parallax_u", "flow_u")  # that change their sign when the image is mirrored left to right
 
 # Byte steps per unit of each quantity.
@@ -71,7 +80,7 @@ class Channels:
 
 
 def network_input(views: Views, coarse: Sequence[str] = COARSE, fine: Sequence[str] = FINE) -> Channels:
-    """Channels of the last two images.
+    """Channels of the last images.
 
     Args:
         views: the images.
@@ -86,17 +95,32 @@ def network_input(views: Views, coarse: Sequence[str] = COARSE, fine: Sequence[s
         raise UnansweredImage("learned: expected the ego-motion between the images, got none")
     last = RIGID_SCENE.evidence(given)
     far = _flow_of(last.scene, 0.0)
+    nothing: dict[str, Bytes] = dict.fromkeys(GROUPS["earlier"], np.array(ZERO, np.uint8))  # at the start of a drive
     small = (
-        _ray_channels(last, given.valid, far)
-        | _image_channels(given, last, far)
+        nothing
+        | _ray_channels(last, given.valid, far)
+        | {"current": _grey(given.images[-1], given.valid)}
+        | _flow_channels(last)
         | _constraint_channels(given, last)
         | _scene_channels(last)
     )
-    large = _fine_channels(views, last, far)
-    return Channels(
-        coarse=np.stack([small[name] for name in coarse]),
-        fine=np.stack([large[name] for name in fine]) if fine else np.empty((0, *views.fine[-1].shape), np.uint8),
-    )
+    large = nothing | {"fine_current": _grey(views.fine[-1], _at_size(given.valid, views.fine[-1].shape))}
+    flows = {1: {"road": last.road, "rotated": far, "flow": last.flow}}  # by how many images they go back
+    if (back := min(BACK, len(given.images) - 1)) > 1:
+        flows[back] = _earlier_flows(given, last, back)
+    for images, channels, prefix in ((given.images, small, ""), (views.fine, large, "fine_")):
+        for steps, moves in flows.items():
+            left = _differences(images[-1], images[-1 - steps], given.valid, moves)
+            channels |= {f"{prefix}{name}_difference": difference for name, difference in left.items()}
+    return Channels(coarse=_stacked(small, coarse, given.images[-1]), fine=_stacked(large, fine, views.fine[-1]))
+
+
+def _stacked(channels: Mapping[str, Bytes], names: Sequence[str], image: Bytes) -> Bytes:
+    """Channels of these names, (N, H, W), of an image's size."""
+    stacked = np.empty((len(names), *image.shape), dtype=np.uint8)
+    for row, name in zip(stacked, names, strict=True):
+        row[:] = channels[name]
+    return stacked
 
 
 def _ray_channels(last: Evidence, valid: NDArray[np.bool_], far: Image) -> dict[str, Bytes]:
@@ -114,18 +138,10 @@ def _ray_channels(last: Evidence, valid: NDArray[np.bool_], far: Image) -> dict[
     }
 
 
-def _image_channels(given: MethodInput, last: Evidence, far: Image) -> dict[str, Bytes]:
-    """The image, what is left of its difference to the last one, and flow beyond the road's."""
-    found = _differences(given.images[-2:], given.valid, last, given.camera, far)
+def _flow_channels(last: Evidence) -> dict[str, Bytes]:
+    """Flow beyond the road's."""
     rest = np.where(last.edge[..., None], np.float32(0), last.flow - last.road)
-    return {
-        "current": _grey(given.images[-1], given.valid),
-        "rotated_difference": found["rotated"],
-        "road_difference": found["road"],
-        "flow_difference": found["flow"],
-        "flow_u": _flow_bytes(rest[..., 0]),
-        "flow_v": _flow_bytes(rest[..., 1]),
-    }
+    return {"flow_u": _flow_bytes(rest[..., 0]), "flow_v": _flow_bytes(rest[..., 1])}
 
 
 def _constraint_channels(given: MethodInput, last: Evidence) -> dict[str, Bytes]:
@@ -161,45 +177,35 @@ def _scene_channels(last: Evidence) -> dict[str, Bytes]:
     }
 
 
-def _fine_channels(views: Views, last: Evidence, far: Image) -> dict[str, Bytes]:
-    """The image and its differences, at the size of the answer."""
-    current = views.fine[-1]
-    height, width = current.shape
-    camera = views.given.camera.scaled(width, height)
-    valid = cv2.resize(views.given.valid.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
-    found = _differences(views.fine[-2:], valid, last, camera, far)
+def _earlier_flows(given: MethodInput, last: Evidence, back: int) -> dict[str, Image]:
+    """Motion since an earlier image of the road, and of static points where the last image's flow puts them."""
+    scene = RigidScene.of(given, back=back, known=last.scene)
+    rows, columns = scene.grid.valid.shape
+    static = np.asarray(cv2.resize(last.inverse_depth, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
     return {
-        "fine_current": _grey(current, valid),
-        "fine_rotated": found["rotated"],
-        "fine_road": found["road"],
-        "fine_flow": found["flow"],
+        "earlier_road": _flow_of(scene, scene.road_inverse_depth(scene.fall())),
+        "earlier_static": _flow_of(scene, static),
     }
 
 
-def _differences(
-    images: Sequence[Bytes], valid: NDArray[np.bool_], evidence: Evidence, camera: CameraModel, far: Image
-) -> dict[str, Bytes]:
-    """Differences of an image to the one before it, moved in three ways, in units of the noise of that of the road.
+def _differences(now: Bytes, before: Bytes, valid: NDArray[np.bool_], flows: Mapping[str, Image]) -> dict[str, Bytes]:
+    """Differences of an image to one before it, moved in several ways, in units of the noise of the first.
 
     Args:
-        images: both, (H, W) uint8.
-        valid: (H, W) bool.
-        evidence: of both images, of this size or a smaller one.
-        camera: the lens at this size.
-        far: motion of what is infinitely far, at the size of the evidence.
-
-    Returns:
-        By what moves the image before: "road", "rotated" for the rotation alone, "flow".
+        now: (H, W) uint8.
+        before: (H, W) uint8.
+        valid: (h, w) bool, of this size or a smaller one.
+        flows: (h, w, 2) px, at the size of `valid`, by name.
     """
-    before, now = (image.astype(np.float32) for image in images)
-    outside, left, noise = (~valid).astype(np.float32), {}, 1.0
-    for name, move in {"road": evidence.road, "rotated": far, "flow": evidence.flow}.items():
-        flow = _at_size(move, camera)
-        difference = now - sampled(before, flow)
-        seen = (sampled(outside, flow, outside=1.0) < 0.01) & valid
-        if name == "road":
-            noise = noise_of(difference, seen, least=LEAST_NOISE)
-        left[name] = _as_bytes(np.where(seen, difference, np.float32(0)) / noise, NOISE_STEPS)
+    outside, left, steps = (~valid).astype(np.float32), {}, 0.0
+    current, earlier = now.astype(np.float32), before.astype(np.float32)
+    for name, flow in flows.items():
+        shown = (sampled(outside, flow, outside=1.0) < 0.01) & valid
+        seen = _at_size(cv2.erode(shown.astype(np.uint8), np.ones((3, 3))) > 0, now.shape)  # flows jump at the border
+        moved = sampled(earlier, _at_size(flow, now.shape))
+        steps = steps or NOISE_STEPS / noise_of(current - moved, seen, least=LEAST_NOISE)
+        left[name] = np.asarray(cv2.addWeighted(current, steps, moved, -steps, ZERO, dtype=cv2.CV_8U), dtype=np.uint8)
+        left[name][~seen] = ZERO
     return left
 
 
@@ -208,13 +214,15 @@ def _flow_of(scene: RigidScene, inverse_depth: NDArray[np.floating] | float) -> 
     return at_every_pixel(np.nan_to_num(scene.flow_at(inverse_depth), nan=OUTSIDE_PX), scene.camera)
 
 
-def _at_size(flow: Image, camera: CameraModel) -> Image:
-    """A flow at the size of a lens's images, in its pixels."""
-    height, width = flow.shape[:2]
-    if (width, height) == (camera.width, camera.height):
-        return flow
-    scaled = flow * np.array((camera.width / width, camera.height / height), np.float32)
-    return np.asarray(cv2.resize(scaled, (camera.width, camera.height), interpolation=cv2.INTER_LINEAR))
+def _at_size(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """A mask, or a flow in its pixels, at the size of other images, (H, W)."""
+    height, width = values.shape[:2]
+    if (height, width) == shape:
+        return values
+    if values.ndim == 2:
+        return np.asarray(cv2.resize(values.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
+    scaled = values * np.array((shape[1] / width, shape[0] / height), np.float32)
+    return np.asarray(cv2.resize(scaled, shape[::-1], interpolation=cv2.INTER_LINEAR))
 
 
 def _grey(image: Bytes, valid: NDArray[np.bool_]) -> Bytes:

@@ -1,4 +1,4 @@
-"""The method `learned`: the network on ONNX Runtime, from the last two images to scores of cells."""
+"""The method `learned`: the network on ONNX Runtime, from the last images to scores of cells."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError, UsageError
 from bench.methods.contract import Method, MethodInput
-from bench.methods.learned.inputs import COARSE, FINE, ZERO, Channels, network_input
+from bench.methods.learned.inputs import BACK, COARSE, FINE, ZERO, Channels, network_input
 from bench.methods.rigid_scene.views import Views, resized
 from bench.records.segmentation import Segmentation
 
@@ -78,7 +78,7 @@ class Weights:
 
 @dataclass(frozen=True, kw_only=True)
 class LearnedMethod(Method):
-    """A small encoder-decoder on the last two images and what geometry knows of them, trained on rendered drives.
+    """A small encoder-decoder on the last images and what geometry knows of them, trained on rendered drives.
 
     Attributes:
         weights: ONNX file, with its card beside it; empty for the one in the package.
@@ -93,6 +93,7 @@ class LearnedMethod(Method):
     """
 
     name = "learned"
+    longest_history = BACK
 
     weights: str = ""
     threshold: float | None = None
@@ -134,8 +135,7 @@ class LearnedMethod(Method):
         """Run the network; (H, W) float32 in [0, 1], at the size of the fine channels."""
         height, width = channels.fine.shape[1:]
         whole = padded(channels)
-        given = {name: part[None] for name, part in (("coarse", whole.coarse), ("fine", whole.fine)) if len(part)}
-        (found,) = self._session.run(None, given)
+        (found,) = self._session.run(None, {"coarse": whole.coarse[None], "fine": whole.fine[None]})
         return np.asarray(found[0, :height, :width], dtype=np.float32)
 
     @cached_property

@@ -37,7 +37,7 @@ def noise_of(difference: Image, seen: NDArray[np.bool_], *, least: float) -> flo
         seen: (H, W) bool; where both images show the world.
         least: lower bound: pixels are whole numbers.
     """
-    values = np.abs(difference[seen])[::5]
+    values = np.abs(difference.ravel()[np.flatnonzero(seen)[::5]])
     return max(float(MAD_TO_SIGMA * np.median(values)) if len(values) else 0.0, least)
 
 

@@ -20,7 +20,6 @@ from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, re
 from bench.methods.rigid_scene.objects import Candidates, ObjectSettings, Pair, draw_objects, find_candidates
 from bench.methods.rigid_scene.scene import RigidScene
 from bench.methods.rigid_scene.views import Views, fine_cell_px
-from bench.methods.row_times import RowTimes
 from bench.records.segmentation import Segmentation
 
 FLOW_PARAMETERS: dict[str, dict[str, object]] = {"dis": {"preset": "fast", "finest_scale": 0}}
@@ -161,12 +160,7 @@ class RigidSceneMethod(FlowMethod):
             flow: (h, w, 2) float32, px, in place of the estimated one where it is finite; None for none.
         """
         current, previous = given.images[-1], given.images[-1 - back]
-        *earlier, last = given.current_from_previous[-back:]
-        motion, road = (last, given.road) if known is None else (known.current_from_previous, known.road)
-        for step in reversed(earlier):
-            motion = motion @ step
-        row_times = RowTimes.of(given, back=back)
-        scene = RigidScene(camera=given.camera, current_from_previous=motion, road=road, row_times=row_times)
+        scene = RigidScene.of(given, back=back, known=known)
         found = self._guided_flow(given, back, scene)
         if flow is not None:
             found = replace(found, flow=np.where(np.isfinite(flow), flow, found.flow))

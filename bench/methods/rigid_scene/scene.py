@@ -43,10 +43,20 @@ class RigidScene:
     row_times: RowTimes | None = None
 
     @classmethod
-    def of(cls, frame: MethodInput) -> RigidScene:
-        """The scene of the last two images, by the motion that a method is told of."""
-        motion, row_times = frame.current_from_previous[-1], RowTimes.of(frame)
-        return cls(camera=frame.camera, current_from_previous=motion, road=frame.road, row_times=row_times)
+    def of(cls, frame: MethodInput, *, back: int = 1, known: RigidScene | None = None) -> RigidScene:
+        """The scene of the current image and the one `back` before it, by the motion that a method is told of.
+
+        Args:
+            frame: images, lens, road and motions.
+            back: how many images.
+            known: the scene of the last two images, whose motion is better than the recorded one; None for that one.
+        """
+        *earlier, last = frame.current_from_previous[-back:]
+        motion, road = (last, frame.road) if known is None else (known.current_from_previous, known.road)
+        for step in reversed(earlier):
+            motion = motion @ step
+        row_times = RowTimes.of(frame, back=back)
+        return cls(camera=frame.camera, current_from_previous=motion, road=road, row_times=row_times)
 
     @property
     def grid(self) -> RayGrid:
@@ -118,6 +128,8 @@ def shortened(displacements: NDArray[np.float64]) -> NDArray[np.float64]:
 
     A lens's polynomial is fitted within the image. Rays far outside of it may go to 1e17 px, whose squares overflow.
     """
+    if not (np.abs(displacements) > -OUTSIDE_PX / 2).any():
+        return displacements
     length = np.linalg.norm(displacements, axis=-1, keepdims=True)
     return np.asarray(displacements * (-OUTSIDE_PX / np.maximum(length, -OUTSIDE_PX)))
 
