@@ -75,7 +75,7 @@ class Plan:
 
     without: tuple[str, ...] = ()
     disturbed: bool = True
-    epochs: int = 14
+    epochs: int = 20
     patience: int = 5
     batch: int = 8
     crop_px: tuple[int, int] = (192, 256)
@@ -514,7 +514,7 @@ def main(
         list[str] | None, typer.Option(help=f"channels that it is not shown, several times: {', '.join(GROUPS)}")
     ] = None,
     disturbed: Annotated[bool, typer.Option(help="images of worse cameras, too")] = True,
-    epochs: Annotated[int, typer.Option(min=1, help="at most")] = 14,
+    epochs: Annotated[int, typer.Option(min=1, help="at most")] = 20,
     bfloat16: Annotated[bool, typer.Option(help="compute in 16 bits")] = False,
     seed: Annotated[int, typer.Option(min=0)] = 1,
     workers: Annotated[
