@@ -1,26 +1,33 @@
-"""Worth of each group of channels of `learned`, and of training images of worse cameras, by short trainings without.
+"""Worth of each group of channels of `learned`, and of each kind of training image, by short trainings without.
 
 python -m benchmarks.ablation --cache DIR --out DIR (extra `train`; hours; continues where it was interrupted). The
-network is trained whole, without each group of channels, and on images as they were rendered, from several seeds. All
-trainings are alike and shorter than that of the shipped weights, on smaller crops, so their scores compare with each
-other alone. A third of the validation drives chooses the epoch; the others are scored, as they were rendered and as
-worse cameras would have taken them. `DIR/ablation.csv` has every training, the table that is printed the means.
+network is trained whole, without each group of channels, without each kind of training image, and on images as they
+were rendered, from several seeds. All trainings are alike and shorter than that of the shipped weights, on smaller
+crops, so their scores compare with each other alone. Where images are left out, others are seen more often: trainings
+are equally long. A third of the validation drives chooses the epoch; the others are scored, as they were rendered and
+as worse cameras would have taken them. `DIR/ablation.csv` has every training, the table that is printed the means.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import pandas as pd
 import torch
 import typer
 
 from bench.atomic import make_folder, write_text
+from bench.errors import UsageError
 from bench.execution import usable_cores
 from bench.methods.learned.inputs import GROUPS
+from bench.recordings import load_card
+from bench.synthesis.reading import read_scenario
+from bench.synthesis.scenario import RecordingSpec
 from bench.training.pairs import DATASET
 from bench.training.prepared import PreparedDrive, prepare
 from bench.training.train import Plan, train, validate
@@ -28,28 +35,77 @@ from bench.training.train import Plan, train, validate
 WHOLE, AS_RENDERED = "nothing", "worse cameras"
 METRICS = {"iou_of_images": "IoU of images", "false_positives": "false positives"}
 CHOOSES = 3  # every third validation drive chooses the epoch
+KINDS = ("night", "low sun", "wet roads", "farther away", "rolling shutter")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drives:
-    """Prepared inputs: of training, disturbed or not, and of validation as it was rendered and disturbed."""
+    """Prepared inputs: of training, disturbed or not, and of validation as it was rendered and disturbed.
+
+    Attributes:
+        training: by whether images are disturbed.
+        rendered: of validation.
+        disturbed: of validation.
+        specs: what the drives were rendered from, by name.
+    """
 
     training: dict[bool, list[PreparedDrive]]
     rendered: list[PreparedDrive]
     disturbed: list[PreparedDrive]
+    specs: Mapping[str, RecordingSpec]
 
 
-def variants(plan: Plan) -> dict[str, Plan]:
+def kinds_of(drive: RecordingSpec, camera: str) -> set[str]:
+    """Those of `KINDS` that the images of a camera on a drive are."""
+    light, farther = drive.light.kind, drive.name.startswith("farther-away")
+    of_them = (light == "night", light == "low_sun", drive.street.wet, farther, camera == "high")
+    return {kind for kind, is_of_it in zip(KINDS, of_them, strict=True) if is_of_it}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variant:
+    """A training: its plan, and the kind of training image that it does not see."""
+
+    plan: Plan
+    unseen: str | None = None
+
+    def seeded(self, seed: int) -> Variant:
+        """The same from another seed."""
+        return replace(self, plan=replace(self.plan, seed=seed))
+
+
+def variants(plan: Plan) -> dict[str, Variant]:
     """The whole network, and what is left out, by name."""
-    without = {name: replace(plan, without=(name,)) for name in GROUPS}
-    return {WHOLE: plan, **without, AS_RENDERED: replace(plan, disturbed=False)}
+    found = {WHOLE: Variant(plan=plan)}
+    found |= {name: Variant(plan=replace(plan, without=(name,))) for name in GROUPS}
+    found |= {name: Variant(plan=plan, unseen=name) for name in KINDS}
+    return found | {AS_RENDERED: Variant(plan=replace(plan, disturbed=False))}
 
 
-def score(plan: Plan, drives: Drives, out: Path) -> dict[str, float]:
-    """Train by a plan, and score on validation drives that had no part in it."""
+def seen_drives(
+    drives: list[PreparedDrive], specs: Mapping[str, RecordingSpec], unseen: str | None
+) -> list[PreparedDrive]:
+    """As many of the drives, without a kind of images; others come twice in their place.
+
+    Args:
+        drives: prepared.
+        specs: what they were rendered from, by name.
+        unseen: of `KINDS`, or None for all of them.
+    """
+    if unseen is None:
+        return drives
+    others = [drive for drive in drives if unseen not in kinds_of(specs[drive.recording], drive.camera)]
+    again = np.random.default_rng(0).permutation(len(others))[: len(drives) - len(others)]
+    return others + [others[k] for k in again]
+
+
+def score(variant: Variant, drives: Drives, out: Path) -> dict[str, float]:
+    """Train, and score on validation drives that had no part in it."""
+    plan = variant.plan
+    training = seen_drives(drives.training[plan.disturbed], drives.specs, variant.unseen)
     names = sorted({drive.recording for drive in drives.rendered})[::CHOOSES]
     choosing = [drive for drive in drives.rendered if drive.recording in names]
-    network, _, log = train(plan, drives.training[plan.disturbed], choosing, out)
+    network, _, log = train(plan, training, choosing, out)
     found = {"minutes": sum(line["seconds"] for line in log) / 60}
     for name, scored in (("as rendered", drives.rendered), ("worse cameras", drives.disturbed)):
         others = [drive for drive in scored if drive.recording not in names]
@@ -84,21 +140,28 @@ def main(
 ) -> None:
     """Train all variants from all seeds and tabulate them."""
     torch.set_num_threads(workers)
-    plans = variants(Plan(epochs=epochs, patience=epochs, crop_px=crop_px, bfloat16=True))
-    chosen = {name: plan for name, plan in plans.items() if not only or name in only}
+    known = variants(Plan(epochs=epochs, patience=epochs, crop_px=crop_px, bfloat16=True))
+    if unknown := sorted(set(only or ()) - known.keys()):
+        raise UsageError(f"--only: expected some of {', '.join(known)}, got {', '.join(unknown)}")
+    chosen = {name: variant for name, variant in known.items() if not only or name in only}
     ready = partial(prepare, DATASET, folder=cache, workers=workers, progress=lambda *_: None)
-    kinds = {plan.disturbed for plan in chosen.values()}
+    scenario = load_card(DATASET).scenario
+    assert scenario is not None, "rendered"
     drives = Drives(
-        training={disturbed: ready("training", disturbed=disturbed) for disturbed in kinds},
+        training={
+            disturbed: ready("training", disturbed=disturbed)
+            for disturbed in {variant.plan.disturbed for variant in chosen.values()}
+        },
         rendered=ready("validation", disturbed=False),
         disturbed=ready("validation", disturbed=True),
+        specs={drive.name: drive for drive in read_scenario(scenario).recordings},
     )
     rows = []
     for seed in range(1, seeds + 1):
-        for name, plan in chosen.items():
+        for name, variant in chosen.items():
             folder = out / f"{name.replace(' ', '-')}-{seed}"
             make_folder(folder)
-            rows.append({"left out": name, "seed": seed, **score(replace(plan, seed=seed), drives, folder)})
+            rows.append({"left out": name, "seed": seed, **score(variant.seeded(seed), drives, folder)})
             write_text(out / "ablation.csv", pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
             typer.echo(rows[-1])
     typer.echo(table(pd.DataFrame(rows)))

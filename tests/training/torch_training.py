@@ -16,10 +16,13 @@ from typer.testing import CliRunner
 from bench.errors import UsageError
 from bench.methods import build_method
 from bench.methods.learned.inputs import COARSE, FINE, GROUPS, Channels
+from bench.recordings import load_card
+from bench.synthesis.reading import read_scenario
 from bench.training.network import MotionNetwork
 from bench.training.prepared import prepare
 from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, main, small_weight, train
-from benchmarks.ablation import Drives, score, table, variants
+from benchmarks.ablation import KINDS, Drives, kinds_of, score, seen_drives, table, variants
+from tests.conftest import DATASETS
 
 PLAN = Plan(epochs=2, batch=4, crop_px=(96, 128))  # the tiny images are half as large as those of the training data
 
@@ -141,12 +144,24 @@ def test_the_command_tells_which_channels_can_be_left_out(tmp_path):
         replace(PLAN, without=tuple(GROUPS))
 
 
+def test_a_kind_of_training_image_is_left_out_and_others_come_twice(drives):
+    card = load_card(DATASETS / "training.yaml")
+    specs = {spec.name: spec for spec in read_scenario(card.scenario).recordings}
+    of_camera = [replace(drives[0], recording=name, camera=camera) for name in specs for camera in ("front", "high")]
+    assert seen_drives(of_camera, specs, None) == of_camera
+    for kind in KINDS:
+        seen = seen_drives(of_camera, specs, kind)
+        assert len(seen) == len(of_camera)
+        assert not any(kind in kinds_of(specs[drive.recording], drive.camera) for drive in seen), kind
+        assert 0.5 * len(seen) <= len({(drive.recording, drive.camera) for drive in seen}) < len(seen), kind
+
+
 def test_an_ablation_trains_without_each_group_and_tells_what_it_lacks(drives, tmp_path):
-    held = Drives(training={True: drives, False: drives}, rendered=drives, disturbed=drives)
+    held = Drives(training={True: drives, False: drives}, rendered=drives, disturbed=drives, specs={})
     plans = variants(replace(PLAN, epochs=1))
-    assert [*plans] == ["nothing", *GROUPS, "worse cameras"]
-    assert plans["fine"].without == ("fine",)
-    assert not plans["worse cameras"].disturbed
+    assert [*plans] == ["nothing", *GROUPS, *KINDS, "worse cameras"]
+    assert plans["fine"].plan.without == ("fine",)
+    assert not plans["worse cameras"].plan.disturbed
     rows = []
     for name in ("nothing", "scene"):
         (tmp_path / name).mkdir()
