@@ -69,10 +69,6 @@ class Variant:
     plan: Plan
     unseen: str | None = None
 
-    def seeded(self, seed: int) -> Variant:
-        """The same from another seed."""
-        return replace(self, plan=replace(self.plan, seed=seed))
-
 
 def variants(plan: Plan) -> dict[str, Variant]:
     """The whole network, and what is left out, by name."""
@@ -161,7 +157,8 @@ def main(
         for name, variant in chosen.items():
             folder = out / f"{name.replace(' ', '-')}-{seed}"
             make_folder(folder)
-            rows.append({"left out": name, "seed": seed, **score(variant.seeded(seed), drives, folder)})
+            planned = replace(variant, plan=replace(variant.plan, seed=seed))
+            rows.append({"left out": name, "seed": seed, **score(planned, drives, folder)})
             write_text(out / "ablation.csv", pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
             typer.echo(rows[-1])
     typer.echo(table(pd.DataFrame(rows)))

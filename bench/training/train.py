@@ -238,7 +238,8 @@ class Batches:
         gain, shift = rng.uniform(0.8, 1.25), rng.uniform(-12, 12)
         strength, earlier = rng.uniform(0.7, 1.4), rng.random() >= WITHOUT_EARLIER
         for part, size in zip(parts, self._sizes, strict=True):
-            _vary(part, size.mirrored, -1.0 if mirror else 1.0)
+            if mirror:
+                _vary(part, size.mirrored, -1.0)
             _vary(part, size.grey, gain, shift)
             _vary(part, size.differences, strength)
             if not earlier:

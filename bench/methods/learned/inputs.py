@@ -94,7 +94,7 @@ def network_input(views: Views, coarse: Sequence[str] = COARSE, fine: Sequence[s
     if not given.current_from_previous:
         raise UnansweredImage("learned: expected the ego-motion between the images, got none")
     last = RIGID_SCENE.evidence(given)
-    far = _flow_of(last.scene, 0.0)
+    far = last.scene.dense_flow_at(0.0)
     nothing: dict[str, Bytes] = dict.fromkeys(GROUPS["earlier"], np.array(ZERO, np.uint8))  # at the start of a drive
     small = (
         nothing
@@ -126,7 +126,7 @@ def _stacked(channels: Mapping[str, Bytes], names: Sequence[str], image: Bytes) 
 def _ray_channels(last: Evidence, valid: NDArray[np.bool_], far: Image) -> dict[str, Bytes]:
     """Directions of rays, and motion of the road and of near points."""
     scene, road = last.scene, _without_jumps(last.road - far)
-    parallax = _without_jumps(_flow_of(scene, 1 / PARALLAX_M) - far)
+    parallax = _without_jumps(scene.dense_flow_at(1 / PARALLAX_M) - far)
     angle = np.nan_to_num(np.arccos(np.clip(scene.grid.rays_camera[..., 2], -1, 1))).astype(np.float32)
     return {
         "valid": _as_bytes(valid.astype(np.float32), GREY_STEPS),
@@ -183,8 +183,8 @@ def _earlier_flows(given: MethodInput, last: Evidence, back: int) -> dict[str, I
     rows, columns = scene.grid.valid.shape
     static = np.asarray(cv2.resize(last.inverse_depth, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
     return {
-        "earlier_road": _flow_of(scene, scene.road_inverse_depth(scene.fall())),
-        "earlier_static": _flow_of(scene, static),
+        "earlier_road": scene.road_flow(),
+        "earlier_static": scene.dense_flow_at(static),
     }
 
 
@@ -207,11 +207,6 @@ def _differences(now: Bytes, before: Bytes, valid: NDArray[np.bool_], flows: Map
         left[name] = np.asarray(cv2.addWeighted(current, steps, moved, -steps, ZERO, dtype=cv2.CV_8U), dtype=np.uint8)
         left[name][~seen] = ZERO
     return left
-
-
-def _flow_of(scene: RigidScene, inverse_depth: NDArray[np.floating] | float) -> Image:
-    """Motion of static points, (h, w, 2) px; far outside of the image where the lens has no ray."""
-    return at_every_pixel(np.nan_to_num(scene.flow_at(inverse_depth), nan=OUTSIDE_PX), scene.camera)
 
 
 def _at_size(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.flow import DenseFlow
-from bench.methods.rigid_scene.scene import OUTSIDE_PX, RigidScene, at_every_pixel, pixel_positions, remapped, sampled
+from bench.methods.rigid_scene.scene import RigidScene, pixel_positions, remapped, sampled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,8 +66,7 @@ def warp(
     height, width = current.shape
     guess = np.zeros((height, width, 2), np.float32)
     if scene is not None:
-        road = scene.flow_at(scene.road_inverse_depth(scene.fall()))
-        guess = at_every_pixel(np.nan_to_num(road, nan=OUTSIDE_PX), scene.camera)
+        guess = scene.road_flow()
     neutral = (sampled((~valid).astype(np.float32), guess, outside=1.0) > 0.01) | ~valid
     warped = np.rint(sampled(previous.astype(np.float32), guess)).astype(np.uint8)
     warped[neutral] = current[neutral]

@@ -122,6 +122,14 @@ class RigidScene:
         pixels = self.previous_pixels(grid.rays_camera.reshape(-1, 3), inverse_depth)
         return shortened(pixels.reshape(grid.pixels.shape) - grid.pixels).astype(np.float32)
 
+    def dense_flow_at(self, inverse_depth: NDArray[np.floating] | float) -> NDArray[np.float32]:
+        """The same at every pixel, (H, W, 2) float32, px; far outside of the image where the lens has no ray."""
+        return at_every_pixel(np.nan_to_num(self.flow_at(inverse_depth), nan=OUTSIDE_PX), self.camera)
+
+    def road_flow(self) -> NDArray[np.float32]:
+        """Motion of the road below the horizon and of what is infinitely far above it; as `dense_flow_at`."""
+        return self.dense_flow_at(self.road_inverse_depth(self.fall()))
+
 
 def shortened(displacements: NDArray[np.float64]) -> NDArray[np.float64]:
     """Displacements, (..., 2), px, of the same direction, but none longer than one that surely ends outside the image.
