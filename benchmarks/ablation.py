@@ -5,12 +5,13 @@ network is trained whole, without each group of channels, without each kind of t
 were rendered, from several seeds. All trainings are alike and shorter than that of the shipped weights, on smaller
 crops, so their scores compare with each other alone. Where images are left out, others are seen more often: trainings
 are equally long. A third of the validation drives chooses the epoch; the others are scored, as they were rendered and
-as worse cameras would have taken them. `DIR/ablation.csv` has every training, the table that is printed the means.
+as worse cameras would have taken them, and those of each kind alone. `DIR/ablation.csv` has every training, the tables
+that are printed the means.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -35,7 +36,14 @@ from bench.training.train import Plan, train, validate
 WHOLE, AS_RENDERED = "nothing", "worse cameras"
 METRICS = {"iou_of_images": "IoU of images", "false_positives": "false positives"}
 CHOOSES = 3  # every third validation drive chooses the epoch
-KINDS = ("night", "low sun", "wet roads", "farther away", "rolling shutter")
+KINDS: dict[str, Callable[[RecordingSpec, str], bool]] = {  # whether the images of a camera on a drive are of it
+    "night": lambda drive, _: drive.light.kind == "night",
+    "low sun": lambda drive, _: drive.light.kind == "low_sun",
+    "wet roads": lambda drive, _: drive.street.wet,
+    "farther away": lambda drive, _: drive.name.startswith("farther-away"),
+    "rolling shutter": lambda _, camera: camera == "high",
+}
+ON_KINDS = {kind: f"IoU of images, {kind}" for kind in KINDS}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,11 +63,18 @@ class Drives:
     specs: Mapping[str, RecordingSpec]
 
 
-def kinds_of(drive: RecordingSpec, camera: str) -> set[str]:
-    """Those of `KINDS` that the images of a camera on a drive are."""
-    light, farther = drive.light.kind, drive.name.startswith("farther-away")
-    of_them = (light == "night", light == "low_sun", drive.street.wet, farther, camera == "high")
-    return {kind for kind, is_of_it in zip(KINDS, of_them, strict=True) if is_of_it}
+def of_kind(
+    kind: str, drives: Sequence[PreparedDrive], specs: Mapping[str, RecordingSpec], *, others: bool = False
+) -> list[PreparedDrive]:
+    """Drives and cameras whose images are of a kind, or the others.
+
+    Args:
+        kind: of `KINDS`.
+        drives: prepared.
+        specs: what they were rendered from, by name.
+        others: those that are not of the kind.
+    """
+    return [drive for drive in drives if KINDS[kind](specs[drive.recording], drive.camera) != others]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +105,7 @@ def seen_drives(
     """
     if unseen is None:
         return drives
-    others = [drive for drive in drives if unseen not in kinds_of(specs[drive.recording], drive.camera)]
+    others = of_kind(unseen, drives, specs, others=True)
     again = np.random.default_rng(0).permutation(len(others))[: len(drives) - len(others)]
     return others + [others[k] for k in again]
 
@@ -107,21 +122,38 @@ def score(variant: Variant, drives: Drives, out: Path) -> dict[str, float]:
         others = [drive for drive in scored if drive.recording not in names]
         summary = validate(network, others, plan, "cpu").summary()
         found |= {f"{label}, {name}": summary[metric] for metric, label in METRICS.items()}
+    rendered = [drive for drive in drives.rendered if drive.recording not in names]
+    for kind, column in ON_KINDS.items():
+        summary = validate(network, of_kind(kind, rendered, drives.specs), plan, "cpu").summary()
+        found[column] = summary["iou_of_images"]
     return found
 
 
-def table(rows: pd.DataFrame) -> str:
-    """Markdown: means over the seeds in percent, and each seed's change against the whole network of that seed."""
+def tables(rows: pd.DataFrame) -> str:
+    """Markdown: means over the seeds in percent, and each seed's change against the whole network of that seed.
+
+    All scored drives first; then, for each kind of training image, those of that kind.
+    """
     scores = rows.set_index(["left out", "seed"]).drop(columns="minutes") * 100
     lost = scores - scores.xs(WHOLE).reindex(scores.index, level="seed")
-    lines = ["| left out | " + " | ".join(f"{name} | change by seed" for name in scores) + " |"]
-    lines.append("|---|" + "---:|---|" * len(scores.columns))
-    for name in dict.fromkeys(rows["left out"]):
-        cells = []
-        for metric in scores:
-            changes = ", ".join(f"{change:+.1f}" for change in lost.loc[name, metric])
-            cells += [f"{scores.loc[name, metric].mean():.1f}", "" if name == WHOLE else changes]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
+    names = list(dict.fromkeys(rows["left out"]))
+
+    def cells(name: str, column: str) -> list[str]:
+        changes = "" if name == WHOLE else ", ".join(f"{change:+.1f}" for change in lost.loc[name, column])
+        return [f"{scores.loc[name, column].mean():.1f}", changes]
+
+    everywhere = [column for column in scores if column not in ON_KINDS.values()]
+    lines = ["| left out | " + " | ".join(f"{column} | change by seed" for column in everywhere) + " |"]
+    lines.append("|---|" + "---:|---|" * len(everywhere))
+    lines += [
+        f"| {' | '.join([name, *(cell for column in everywhere for cell in cells(name, column))])} |" for name in names
+    ]
+    lines += ["", "| IoU of images that are of a kind | seen | left out | change by seed |", "|---|---:|---:|---|"]
+    lines += [
+        f"| {' | '.join([kind, cells(WHOLE, column)[0], *cells(kind, column)])} |"
+        for kind, column in ON_KINDS.items()
+        if kind in names
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -161,7 +193,7 @@ def main(
             rows.append({"left out": name, "seed": seed, **score(planned, drives, folder)})
             write_text(out / "ablation.csv", pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
             typer.echo(rows[-1])
-    typer.echo(table(pd.DataFrame(rows)))
+    typer.echo(tables(pd.DataFrame(rows)))
 
 
 if __name__ == "__main__":
