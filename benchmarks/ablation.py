@@ -163,7 +163,7 @@ def main(
     epochs: Annotated[int, typer.Option(min=1)] = 4,
     seeds: Annotated[int, typer.Option(min=1)] = 2,
     crop_px: Annotated[tuple[int, int], typer.Option(help="rows, columns; multiples of 16")] = (96, 128),
-    only: Annotated[list[str] | None, typer.Option(help="variants; all without")] = None,
+    only: Annotated[list[str] | None, typer.Option(help="what is left out; everything in turn without")] = None,
     workers: Annotated[int, typer.Option(min=1, help="processes that prepare; threads that train")] = usable_cores(),
 ) -> None:
     """Train all variants from all seeds and tabulate them."""
@@ -171,7 +171,7 @@ def main(
     known = variants(Plan(epochs=epochs, patience=epochs, crop_px=crop_px, bfloat16=True))
     if unknown := sorted(set(only or ()) - known.keys()):
         raise UsageError(f"--only: expected some of {', '.join(known)}, got {', '.join(unknown)}")
-    chosen = {name: variant for name, variant in known.items() if not only or name in only}
+    chosen = {name: variant for name, variant in known.items() if not only or name in (WHOLE, *only)}
     ready = partial(prepare, DATASET, folder=cache, workers=workers, progress=lambda *_: None)
     scenario = load_card(DATASET).scenario
     assert scenario is not None, "rendered"
