@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from bench.annotation.proposals import Proposal, propose
 from bench.errors import DataError
 from bench.recordings import NOT_ANNOTATED, Recording
 from bench.validation.drive import annotation_file, box_of
 from bench.validation.findings import SECOND_NS, Finding, Severity
+
+if TYPE_CHECKING:
+    from bench.annotation.proposals import Proposal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +51,8 @@ def check_unboxed(recording: Recording) -> Iterator[Finding]:
     """Objects that surely move and have no box in most sweeps."""
     if recording.annotated == NOT_ANNOTATED or not recording.sweeps:
         return
+    from bench.annotation.proposals import propose  # compiled loops: most of a second, which other commands need not
+
     first = max((len(recording.sweeps) - UNBOXED.sweeps) // 2, 0)
     proposals: tuple[Proposal, ...] = ()
     with suppress(DataError):  # reported by the check of the sweeps

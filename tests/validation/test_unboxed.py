@@ -6,9 +6,8 @@ from functools import partial
 
 import pytest
 
-from bench.annotation import propose
+from bench.annotation import proposals, propose
 from bench.recordings import NOT_ANNOTATED, Annotated
-from bench.validation import unboxed
 from bench.validation.unboxed import check_unboxed
 from tests.annotation.street import COARSE, street
 
@@ -22,7 +21,7 @@ def recording(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def _coarse_beams(monkeypatch):
-    monkeypatch.setattr(unboxed, "propose", partial(propose, settings=COARSE))
+    monkeypatch.setattr(proposals, "propose", partial(propose, settings=COARSE))
 
 
 def without(recording, name):
