@@ -27,6 +27,7 @@ from bench.errors import UsageError
 from bench.execution import usable_cores
 from bench.methods.learned.inputs import GROUPS
 from bench.recordings import load_card
+from bench.reporting.document import Table, to_csv, to_markdown
 from bench.synthesis.reading import read_scenario
 from bench.synthesis.scenario import RecordingSpec
 from bench.training.pairs import DATASET
@@ -118,14 +119,15 @@ def score(variant: Variant, drives: Drives, out: Path) -> dict[str, float]:
     choosing = [drive for drive in drives.rendered if drive.recording in names]
     network, _, log = train(plan, training, choosing, out)
     found = {"minutes": sum(line["seconds"] for line in log) / 60}
-    for name, scored in (("as rendered", drives.rendered), ("worse cameras", drives.disturbed)):
-        others = [drive for drive in scored if drive.recording not in names]
-        summary = validate(network, others, plan, "cpu").summary()
+    rendered, disturbed = (
+        validate(network, [drive for drive in scored if drive.recording not in names], plan, "cpu")
+        for scored in (drives.rendered, drives.disturbed)
+    )
+    for name, summary in (("as rendered", rendered.summary()), ("worse cameras", disturbed.summary())):
         found |= {f"{label}, {name}": summary[metric] for metric, label in METRICS.items()}
-    rendered = [drive for drive in drives.rendered if drive.recording not in names]
     for kind, column in ON_KINDS.items():
-        summary = validate(network, of_kind(kind, rendered, drives.specs), plan, "cpu").summary()
-        found[column] = summary["iou_of_images"]
+        of_it = {(drive.recording, drive.camera) for drive in of_kind(kind, drives.rendered, drives.specs)}
+        found[column] = rendered.of(of_it).summary()["iou_of_images"]
     return found
 
 
@@ -143,18 +145,15 @@ def tables(rows: pd.DataFrame) -> str:
         return [f"{scores.loc[name, column].mean():.1f}", changes]
 
     everywhere = [column for column in scores if column not in ON_KINDS.values()]
-    lines = ["| left out | " + " | ".join(f"{column} | change by seed" for column in everywhere) + " |"]
-    lines.append("|---|" + "---:|---|" * len(everywhere))
-    lines += [
-        f"| {' | '.join([name, *(cell for column in everywhere for cell in cells(name, column))])} |" for name in names
-    ]
-    lines += ["", "| IoU of images that are of a kind | seen | left out | change by seed |", "|---|---:|---:|---|"]
-    lines += [
-        f"| {' | '.join([kind, cells(WHOLE, column)[0], *cells(kind, column)])} |"
-        for kind, column in ON_KINDS.items()
-        if kind in names
-    ]
-    return "\n".join(lines) + "\n"
+    of_all = Table(
+        columns=["left out", *(heading for column in everywhere for heading in (column, "change by seed"))],
+        rows=[[name, *(cell for column in everywhere for cell in cells(name, column))] for name in names],
+    )
+    of_kinds = Table(
+        columns=["IoU of images that are of a kind", "seen", "left out", "change by seed"],
+        rows=[[kind, cells(WHOLE, on)[0], *cells(kind, on)] for kind, on in ON_KINDS.items() if kind in names],
+    )
+    return to_markdown([of_all, of_kinds])
 
 
 def main(
@@ -191,7 +190,7 @@ def main(
             make_folder(folder)
             planned = replace(variant, plan=replace(variant.plan, seed=seed))
             rows.append({"left out": name, "seed": seed, **score(planned, drives, folder)})
-            write_text(out / "ablation.csv", pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
+            write_text(out / "ablation.csv", to_csv(rows))
             typer.echo(rows[-1])
     typer.echo(tables(pd.DataFrame(rows)))
 

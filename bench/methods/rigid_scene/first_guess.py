@@ -64,9 +64,7 @@ def warp(
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
     """`guess`, `warped` and `neutral` of `GuidedFlow`; arguments as of `guided_flow`."""
     height, width = current.shape
-    guess = np.zeros((height, width, 2), np.float32)
-    if scene is not None:
-        guess = scene.road_flow()
+    guess = np.zeros((height, width, 2), np.float32) if scene is None else scene.road_flow()
     neutral = (sampled((~valid).astype(np.float32), guess, outside=1.0) > 0.01) | ~valid
     warped = np.rint(sampled(previous.astype(np.float32), guess)).astype(np.uint8)
     warped[neutral] = current[neutral]
