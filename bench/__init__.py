@@ -26,22 +26,20 @@ if TYPE_CHECKING:
     )
     from bench.api.arrays import Score, interval, score
     from bench.api.audit import Audit, audit_beams, audit_ranking, audit_reference
-    from bench.api.bundle import unpack_bundle, write_bundle
     from bench.api.compare import Comparison, compare
     from bench.api.datasets import Dataset, Frame, open_dataset
     from bench.api.evaluate import Evaluation, evaluate
     from bench.api.gate import BaselineUpdate, judge, refused_verdict, update_baseline
-    from bench.api.history import HistoryReport, history
     from bench.api.leaderboard import Competitor, LeaderboardReport, competitors, leaderboard, score_competitor
-    from bench.api.references import export_reference, read_reference
+    from bench.api.references import export_reference
     from bench.api.report import RunPage, report
     from bench.api.runs import Run, load_run, run
     from bench.api.sweep import Sweep, sweep
     from bench.api.validate import validate
     from bench.api.verify import verify
     from bench.api.view import View, view, view_calibration
-    from bench.exchange.verify import Verification
     from bench.gate import MissingBaselineError, Verdict
+    from bench.harness.verify import Verification
     from bench.recordings import RecordingWriter
     from bench.reporting.verdict import write_verdict
     from bench.synthesis import synthesize
@@ -58,7 +56,6 @@ __all__ = [
     "Evaluation",
     "ExportedDrive",
     "Frame",
-    "HistoryReport",
     "LeaderboardReport",
     "MissingBaselineError",
     "ProposalScores",
@@ -82,7 +79,6 @@ __all__ = [
     "export_projects",
     "export_reference",
     "export_reviewed",
-    "history",
     "import_labels",
     "interval",
     "judge",
@@ -90,7 +86,6 @@ __all__ = [
     "load_run",
     "open_dataset",
     "propose",
-    "read_reference",
     "refused_verdict",
     "report",
     "run",
@@ -98,13 +93,11 @@ __all__ = [
     "score_competitor",
     "sweep",
     "synthesize",
-    "unpack_bundle",
     "update_baseline",
     "validate",
     "verify",
     "view",
     "view_calibration",
-    "write_bundle",
     "write_verdict",
 ]
 
@@ -122,22 +115,20 @@ _MODULES = {
     ),
     "bench.api.arrays": ("Score", "interval", "score"),
     "bench.api.audit": ("Audit", "audit_beams", "audit_ranking", "audit_reference"),
-    "bench.api.bundle": ("unpack_bundle", "write_bundle"),
     "bench.api.compare": ("Comparison", "compare"),
     "bench.api.datasets": ("Dataset", "Frame", "open_dataset"),
     "bench.api.evaluate": ("Evaluation", "evaluate"),
     "bench.api.gate": ("BaselineUpdate", "judge", "refused_verdict", "update_baseline"),
-    "bench.api.history": ("HistoryReport", "history"),
     "bench.api.leaderboard": ("Competitor", "LeaderboardReport", "competitors", "leaderboard", "score_competitor"),
-    "bench.api.references": ("export_reference", "read_reference"),
+    "bench.api.references": ("export_reference",),
     "bench.api.report": ("RunPage", "report"),
     "bench.api.runs": ("Run", "load_run", "run"),
     "bench.api.sweep": ("Sweep", "sweep"),
     "bench.api.validate": ("validate",),
     "bench.api.verify": ("verify",),
     "bench.api.view": ("View", "view", "view_calibration"),
-    "bench.exchange.verify": ("Verification",),
     "bench.gate": ("MissingBaselineError", "Verdict"),
+    "bench.harness.verify": ("Verification",),
     "bench.recordings": ("RecordingWriter",),
     "bench.reporting.verdict": ("write_verdict",),
     "bench.synthesis": ("synthesize",),

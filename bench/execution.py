@@ -1,35 +1,38 @@
-"""Tasks on executors: in this process, or in processes of this machine; `bench.harness.cluster` has one for Dask.
+"""Tasks on executors of `concurrent.futures`: in this process, in processes of this machine, or on a Dask cluster.
 
-The result of a task does not depend on the executor. Results come back as they are done, and a task that ends the
-process that computes it is named, while the others go on. Nothing here knows what the tasks are.
+The result of a task does not depend on the executor. A task that ends its worker is named, and the others go on.
+Nothing here knows what the tasks are.
 """
 
 from __future__ import annotations
 
+import logging
 import os
-import pickle
 import signal
-import traceback
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from contextlib import chdir, contextmanager
 from dataclasses import dataclass, field
-from functools import lru_cache
-from multiprocessing import active_children, get_context, parent_process
-from multiprocessing.connection import Connection, wait
-from threading import Thread, current_thread, main_thread
-from typing import Any, Protocol, Self, TypeVar
-from weakref import finalize
+from functools import partial
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from threading import Lock, Thread, current_thread, main_thread
+from typing import TYPE_CHECKING, Protocol, Self, TypeVar
 
+from bench.errors import DataError, UsageError
 from bench.threads import single_threaded, use_one_thread
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-ATTEMPTS = 3  # of a task whose process ends while it computes it
-LOOK_S = 0.5  # between looks whether the processes at work are still there
-END_S = 5.0  # for a process without a task to end
 SAFE_PATH = "PYTHONSAFEPATH"
+CONNECTION_S = 10.0  # until a scheduler that does not answer is not there
+ENDED = "its worker ended without a result, as when memory runs out or a library crashes, also when it was alone"
 
 
 def usable_cores() -> int:
@@ -42,23 +45,18 @@ class FailedTask:
     """A task without a result.
 
     Attributes:
-        reason: what became of the process that computed it.
+        reason: what became of its worker.
     """
 
     reason: str
 
 
 class TaskExecutor(Protocol):
-    """Computes tasks in any order; it keeps its workers inside a `with` block, which may be entered more than once."""
+    """Computes tasks in any order; inside a `with` block its workers stay for the next tasks."""
 
     @property
     def workers(self) -> int:
         """Number of tasks that are computed at a time."""
-        ...
-
-    @property
-    def shares_disk(self) -> bool:
-        """True if workers write where this process reads."""
         ...
 
     def __enter__(self) -> Self: ...
@@ -70,7 +68,7 @@ class TaskExecutor(Protocol):
     ) -> Generator[tuple[Task, Result | FailedTask]]:
         """Compute tasks and give each back once with its result, as it is done.
 
-        An exception that `function` raises is raised here. Closing the generator ends the work within two seconds.
+        An exception that `function` raises is raised here. Closing the generator stops the workers at once.
 
         Args:
             function: of a module, or a partial of one; it is called with each task.
@@ -84,7 +82,6 @@ class SerialExecutor:
     """Computes tasks in this process, one after the other, every library in one thread."""
 
     workers: int = 1
-    shares_disk: bool = True
 
     def __enter__(self) -> Self:
         return self
@@ -105,80 +102,125 @@ class SerialExecutor:
 class ProcessExecutor:
     """Computes tasks in processes of this machine, every library in one thread.
 
-    Each worker has one task at a time, so memory does not grow with the number of tasks, and a pipe of its own, so a
-    worker that is killed, even while it answers, costs its own task only. Such tasks are computed again at the end,
-    one by one with no other worker, since memory may have run out.
+    A pool does not tell which of its tasks ended a worker. So each worker has one task at a time, and those that were
+    at work then are computed again at the end, each alone: the one that ends its worker again is the one.
 
     Attributes:
         workers: how many processes.
     """
 
     workers: int
-    shares_disk: bool = field(default=True, init=False)
-    _idle: list[_Worker] = field(default_factory=list, init=False, repr=False)
     _entered: int = field(default=0, init=False, repr=False)
+    _pool: _Pool | None = field(default=None, init=False, repr=False)
 
     def __enter__(self) -> Self:
         self._entered += 1
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, *_: object) -> None:
         self._entered -= 1
         if not self._entered:
-            self._end_idle(now=any(error))
-
-    def _end_idle(self, *, now: bool = False) -> None:
-        idle, self._idle = self._idle, []
-        _end(idle, now=now)
+            self._end()
 
     def compute(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]
     ) -> Generator[tuple[Task, Result | FailedTask]]:
         """See `TaskExecutor.compute`."""
-        call = pickle.dumps(function)
+        waiting, suspects = deque(tasks), list[Task]()
         with self:
-            tasks = yield from self._attempt(call, tasks, self.workers)
-            for _ in range(1, ATTEMPTS if tasks else 1):
-                self._end_idle()
-                tasks = yield from self._attempt(call, tasks, 1)
-        reason = "its process ended without a result, as when memory runs out or a library crashes"
-        for task in tasks:
-            yield task, FailedTask(reason=f"{reason}, {ATTEMPTS} times")
+            while waiting:
+                suspects += yield from self._compute(function, waiting, self.workers)
+            for task in suspects:
+                if (yield from self._compute(function, deque([task]), 1)):
+                    yield task, FailedTask(reason=ENDED)
 
-    def _attempt(
-        self, call: bytes, tasks: Sequence[Task], at_once: int
-    ) -> Generator[tuple[Task, Any], None, Sequence[Task]]:
-        """Compute each task once; return those whose worker ended meanwhile."""
-        waiting, ended = deque(tasks), []
-        busy: dict[Any, tuple[_Worker, Task]] = {}
-
-        def begin() -> None:
-            while waiting and len(busy) < at_once:
-                worker = self._idle.pop() if self._idle else _Worker()
-                busy[worker.pipe] = worker, waiting[0]
-                worker.send(call, waiting.popleft())
-
+    def _compute(
+        self, function: Callable[[Task], Result], waiting: deque[Task], at_once: int
+    ) -> Generator[tuple[Task, Result], None, list[Task]]:
+        """Compute tasks from the left until none is left or a worker ends; return those that were at work then."""
+        busy: dict[Future[Result], Task] = {}
+        self._pool = self._pool or _Pool(self.workers)
         try:
-            begin()
-            while busy:
-                for pipe in _answered(busy):
-                    worker, task = busy[pipe]
-                    answer = worker.answer()
-                    del busy[pipe]
-                    if answer is None:
-                        _end([worker])
-                        ended.append(task)
-                    else:
-                        self._idle.append(worker)
-                    begin()
-                    if answer is not None:
-                        result, error = answer
-                        if error is not None:
-                            raise error
-                        yield task, result
+            while waiting or busy:
+                while waiting and len(busy) < at_once:
+                    busy[self._pool.submit(function, waiting[0])] = waiting[0]
+                    waiting.popleft()
+                for future in wait(busy, return_when=FIRST_COMPLETED).done:
+                    result = future.result()
+                    yield busy.pop(future), result
+        except BrokenExecutor:
+            for future in [one for one in busy if one.done() and one.exception() is None]:
+                yield busy.pop(future), future.result()
+            return list(busy.values())
         finally:
-            _end([worker for worker, _ in busy.values()], now=True)
-        return ended
+            if busy:  # a worker ended, or whoever asked for the results wants no more of them
+                self._end()
+        return []
+
+    def _end(self) -> None:
+        if self._pool is not None:
+            self._pool.end()
+        self._pool = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DaskExecutor:
+    """Computes tasks on a Dask cluster, whose workers see the same files under the same paths.
+
+    A worker process computes one task at a time, every library in one thread, however many threads it has.
+
+    Attributes:
+        scheduler: address, as tcp://HOST:PORT.
+        workers: processes of the cluster.
+    """
+
+    scheduler: str
+    workers: int
+
+    @classmethod
+    def connect(cls, scheduler: str) -> DaskExecutor:
+        """The executor of a cluster that has workers.
+
+        Args:
+            scheduler: address, or the file that `dask scheduler --scheduler-file` writes.
+
+        Raises:
+            UsageError: Dask is not installed.
+            DataError: no scheduler, or no worker.
+        """
+        with _dask_client(scheduler) as client:
+            workers, address = len(client.nthreads()), str(client.scheduler_info()["address"])
+        if not workers:
+            hint = f"start some: dask worker {address}"
+            raise DataError(scheduler, expected="a Dask cluster with workers", got="none", hint=hint)
+        return cls(scheduler=address, workers=workers)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+    def compute(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task]
+    ) -> Generator[tuple[Task, Result | FailedTask]]:
+        """See `TaskExecutor.compute`; Dask gives a task whose worker ends to others, some times."""
+        with _dask_client(self.scheduler) as client:
+            from distributed import KilledWorker
+
+            pool, call = client.get_executor(pure=False), partial(_in_cluster, Path.cwd(), function)
+            futures = {pool.submit(call, task): task for task in tasks}
+            try:
+                while futures:
+                    for future in wait(futures, return_when=FIRST_COMPLETED).done:
+                        task = futures.pop(future)
+                        try:
+                            yield task, future.result()
+                        except KilledWorker as error:
+                            yield task, FailedTask(reason=" ".join(str(error).split()))
+            finally:
+                for future in futures:
+                    future.cancel()
 
 
 def local_executor(workers: int) -> TaskExecutor:
@@ -190,63 +232,54 @@ def local_executor(workers: int) -> TaskExecutor:
     return SerialExecutor() if workers <= 1 else ProcessExecutor(workers=workers)
 
 
-class _Worker:
-    """A process that computes one task after the other, as this process sees it."""
+class _Pool:
+    """Processes that end with the process that started them, whatever they are doing then."""
 
-    def __init__(self) -> None:
+    def __init__(self, workers: int) -> None:
         context = get_context("spawn")
-        self.pipe, theirs = context.Pipe()
-        finalize(self, self.pipe.close)  # at exit, too: Python waits for its processes then
-        self.process = context.Process(target=_work, args=(theirs, os.environ.get(SAFE_PATH)))
-        with theirs, _starting():
-            self.process.start()
+        self._theirs, self._ours = context.Pipe(duplex=False)
+        self._executor = ProcessPoolExecutor(
+            workers,
+            mp_context=context,
+            initializer=_start_worker,
+            initargs=(self._theirs, os.environ.get(SAFE_PATH)),
+        )
 
-    def send(self, call: bytes, task: object) -> None:
-        """Give it a task; whether it is still there, its answer tells."""
-        content = pickle.dumps((call, task))
-        with suppress(OSError):
-            self.pipe.send_bytes(content)
+    def submit(self, function: Callable[[Task], Result], task: Task) -> Future[Result]:
+        """Begin a task, with a new process where all are at work."""
+        with _starting():
+            return self._executor.submit(function, task)
 
-    def answer(self) -> Any:
-        """Wait for the result of its task and the error, one of them None; None when it has ended."""
-        if not (self.process.is_alive() or self.pipe.poll()):
-            return None
-        try:
-            content = self.pipe.recv_bytes()
-        except (EOFError, OSError):
-            return None
-        return pickle.loads(content)
+    def end(self) -> None:
+        """End the processes, in the middle of a task too."""
+        self._ours.close()
+        self._executor.shutdown(wait=True, cancel_futures=True)
+        self._theirs.close()
 
 
-def _answered(busy: Mapping[Any, tuple[_Worker, object]]) -> Sequence[Any]:
-    """Wait for workers that have answered, or ended; their pipes.
+def _start_worker(pipe: Connection, safe_path: str | None) -> None:
+    """Prepare a worker: an interrupt is the business of the process that started it, at whose end it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    if safe_path is None:
+        os.environ.pop(SAFE_PATH, None)
+    Thread(target=_end_with, args=(pipe,), daemon=True).start()
+    use_one_thread()
 
-    A pipe alone does not tell that its worker ended: processes that the task started hold it open, too.
-    """
-    while True:
-        ended = [pipe for pipe, (worker, _) in busy.items() if not worker.process.is_alive()]
-        if found := wait([*busy], timeout=0 if ended else LOOK_S) or ended:
-            return found
 
-
-def _end(workers: Sequence[_Worker], *, now: bool = False) -> None:
-    """End processes, in the middle of a task too where it must be now."""
-    for worker in workers:
-        if now:
-            worker.process.kill()
-        worker.pipe.close()
-    for worker in workers:
-        worker.process.join(END_S)
-        worker.process.kill()  # a library may wait for processes of its own
-        worker.process.join()
+def _end_with(pipe: Connection) -> None:
+    """End this process when the other end of a pipe is closed, as it is by whoever holds it, or by the system."""
+    try:
+        pipe.recv_bytes()
+    except (EOFError, OSError):
+        os._exit(1)
 
 
 @contextmanager
 def _starting() -> Iterator[None]:
-    """Let a process start without a look for libraries into the working folder; an interrupt waits until it has.
+    """Let processes start without a look for libraries into the working folder; an interrupt waits until they have.
 
-    The process inherits the mask, so that it says nothing of an interrupt before it ignores it. This one may get it in
-    a thread of a library, which has not blocked it, and Python would raise it while half of a process is started.
+    They inherit the mask, so that they say nothing of an interrupt before they ignore it.
     """
     interrupts: list[int] = []
     main, unsafe = current_thread() is main_thread(), SAFE_PATH not in os.environ
@@ -257,7 +290,7 @@ def _starting() -> Iterator[None]:
         yield
     finally:
         if unsafe:
-            del os.environ[SAFE_PATH]
+            os.environ.pop(SAFE_PATH, None)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         if main:
             signal.signal(signal.SIGINT, handler)
@@ -265,45 +298,30 @@ def _starting() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _work(pipe: Connection, safe_path: str | None) -> None:
-    """Compute the tasks that come through a pipe until it is closed, or the process that started this one ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-    if safe_path is None:
-        del os.environ[SAFE_PATH]
-    Thread(target=_end_with, args=(parent_process(),), daemon=True).start()
-    use_one_thread()
-    with suppress(EOFError, OSError):
-        while True:
-            pipe.send_bytes(_answer(pipe.recv_bytes()))
-    for child in active_children():  # a pool that a task left open, for which Python would wait
-        child.terminate()
+_alone = Lock()  # in a worker of Dask, whose threads share what a task holds
 
 
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
+def _in_cluster(folder: Path, function: Callable[[Task], Result], task: Task) -> Result:
+    """Compute a task on a worker of Dask, in the folder in which the run was started."""
+    with _alone, chdir(folder), single_threaded():
+        return function(task)
 
 
-@lru_cache(maxsize=1)
-def _function(call: bytes) -> Any:
-    return pickle.loads(call)
-
-
-def _answer(content: bytes) -> bytes:
-    """The pickled result of a task and its error, in a worker; one of them is None."""
+@contextmanager
+def _dask_client(scheduler: str) -> Iterator[Client]:
+    """A client, whose own messages are kept back: what matters of them is raised."""
     try:
-        call, task = pickle.loads(content)
-        return pickle.dumps((_function(call)(task), None), protocol=pickle.HIGHEST_PROTOCOL)
-    except SystemExit as error:
-        failed: Exception = RuntimeError(f"a task called sys.exit({error.code!r})")
-    except Exception as error:  # noqa: BLE001 - it is raised where the task came from
-        failed = error
-    told = "".join(traceback.format_exception(failed))
-    failed.add_note(f"in a worker process:\n{told}")
+        from distributed import Client
+    except ImportError as error:
+        hint = "install it: pip install 'fisheye-bench[cluster]'"
+        raise UsageError(f"--scheduler: expected Dask, which is optional, got none ({error}); {hint}") from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)  # for good: its threads outlive the client
+    named = {"address": scheduler} if "://" in scheduler else {"scheduler_file": scheduler}
     try:
-        answer = pickle.dumps((None, failed))
-        pickle.loads(answer)
-    except Exception:  # noqa: BLE001 - whatever its class does when it is pickled
-        return pickle.dumps((None, RuntimeError(told)))
-    return answer
+        client = Client(**named, timeout=CONNECTION_S, set_as_default=False, name="fisheye-bench")
+    except (OSError, ValueError, TimeoutError) as error:
+        hint = "start one with `dask scheduler`, and workers with `dask worker`; or compute here, with --workers"
+        got = f"none within {CONNECTION_S:g} s ({' '.join(str(error).split())})"
+        raise DataError(scheduler, expected="a Dask scheduler", got=got, hint=hint) from error
+    with client:
+        yield client

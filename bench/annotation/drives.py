@@ -26,15 +26,14 @@ from bench.annotation.store import (
 )
 from bench.errors import BenchError, UsageError
 from bench.execution import FailedTask, TaskExecutor
-from bench.harness.digests import RecordingInputs, code_digest, digest_of
-from bench.harness.digests.content import REFERENCE_PACKAGES
+from bench.harness.digests import REFERENCE_CODE, code_digest, digest_ego_motion, digest_of, digest_sweeps
 from bench.recordings import Recording, RecordingHandle
 
 MODULES = (
     *("boxes", "clusters", "free_space", "ground", "joining", "people", "prepared"),
     *("proposals", "registration", "settings", "tracking"),
 )
-CODE = (*REFERENCE_PACKAGES, *(f"annotation/{name}.py" for name in MODULES))
+CODE = (*REFERENCE_CODE, *(f"annotation/{name}.py" for name in MODULES))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,11 +112,8 @@ def propose_drive(dataset: str, folder: Path, handle: RecordingHandle) -> Propos
 
 def proposal_digests(recording: Recording) -> Proposed:
     """Digests of the sweeps, ego-motion and calibration of a recording, and of the code that finds what moves."""
-    inputs = RecordingInputs(recording)
-    times_ns = [ref.timestamp_ns for ref in recording.sweeps]
-    sweeps = inputs.sweeps(times_ns[0], times_ns[-1], reach_ns=0) if times_ns else ""
-    cameras = [inputs.camera(name) for name in sorted(recording.cameras)]  # their mountings tell where the road is
-    data = digest_of(inputs.ego_motion, inputs.lidar_mounting, cameras, recording.vehicle_outline_m, sweeps)
+    cameras = {name: digest_of(camera) for name, camera in recording.cameras.items()}  # they tell where the road is
+    data = digest_of(digest_ego_motion(recording), cameras, recording.vehicle_outline_m, digest_sweeps(recording))
     return Proposed(data=data, code=code_digest(CODE))
 
 

@@ -14,7 +14,6 @@ from bench.evaluation import load_protocol
 from bench.execution import TaskExecutor, local_executor
 from bench.harness import FramePipeline
 from bench.harness.frames import InputOnly, UnscorableFrame
-from bench.harness.reference_files import ReferenceFolder
 from bench.methods import MethodInput
 from bench.recordings import DatasetCard, Recording, RecordingHandle, chosen_recordings, load_card
 from bench.recordings import open_dataset as list_recordings
@@ -93,7 +92,6 @@ class Dataset:
         longest_history: int = 0,
         colour: bool = False,
         exact: bool = False,
-        reference: str | Path | None = None,
     ) -> Iterator[Frame]:
         """The images that a run would score, in order of recording, camera and time.
 
@@ -107,8 +105,6 @@ class Dataset:
             longest_history: earlier images that it holds where there are as many; 0 for no more than `history`.
             colour: read images in colour, BGR.
             exact: read the exact masks of rendered data.
-            reference: a folder of `bench.export_reference` to read references from, by its own protocol; None to build
-                them.
 
         Raises:
             UnknownNameError: no recording, camera or protocol of this name.
@@ -116,13 +112,12 @@ class Dataset:
         """
         looks = InputOnly(history=history, longest_history=longest_history, colour=colour)
         rules = load_protocol(protocol)
-        exported = None if reference is None else ReferenceFolder.open(Path(reference))
         for name in self.names if recordings is None else recordings:
-            recording, read = self[name], None if exported is None else exported.recording(name)
+            recording = self[name]
             if camera is not None and camera not in recording.cameras:
                 raise UnknownNameError("camera", camera, recording.cameras)
             for chosen in recording.cameras if camera is None else (camera,):
-                pipeline = FramePipeline(recording, chosen, method=looks, protocol=rules, exported=read)
+                pipeline = FramePipeline(recording, chosen, method=looks, protocol=rules)
                 yield from _frames(pipeline, history, exact=exact)
 
 
@@ -229,5 +224,5 @@ def _frames(pipeline: FramePipeline, history: int, *, exact: bool) -> Iterator[F
             timestamp_ns=pipeline.images[index].timestamp_ns,
             input=given,
             reference=reference,
-            exact=pipeline.exact_masks(index, [reference])[0] if exact else None,
+            exact=pipeline.exact_mask(index, reference) if exact else None,
         )

@@ -8,9 +8,8 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 from bench.api.datasets import as_card, as_executor, rendered_card
-from bench.api.references import open_reference
 from bench.api.run_report import score_with_reports
-from bench.api.runs import DEFAULT_PROTOCOL, Run, as_cache, run_request
+from bench.api.runs import DEFAULT_PROTOCOL, Run, run_request
 from bench.errors import UsageError
 from bench.execution import TaskExecutor
 from bench.harness import RunRequest
@@ -45,14 +44,12 @@ def evaluate(
     names: Naming = "auto",
     threshold: float | None = None,
     history: int = 1,
-    reference: str | Path | None = None,
     protocol: str | Path = DEFAULT_PROTOCOL,
     split: str | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
     pictures: bool = False,
     workers: int | TaskExecutor = 1,
-    cache: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Evaluation:
     """Score masks or scores that any other program wrote, as `fisheye-bench evaluate` does.
@@ -66,14 +63,12 @@ def evaluate(
         names: what files are named by: "timestamp", "frame" or "image"; "auto" to find it out.
         threshold: score above which a pixel moves; None for 0.5.
         history: score images with this many before them; 1 as methods that compare two.
-        reference: folder of `bench.export_reference`, to score by what it holds; None for the data.
         protocol: by name or file.
         split: of the data set; None for all of it.
         out: folder of the run; None for `reports/runs/<data set>-<name>`.
         overwrite: replace another run in the folder.
         pictures: also draw an example frame of every category.
         workers: processes, or an executor.
-        cache: folder where the reference is stored for other runs; None for nowhere.
         progress: called with the images done and their number.
 
     Raises:
@@ -90,7 +85,6 @@ def evaluate(
         names=names,
         threshold=threshold,
         history=history,
-        reference=reference,
         protocol=protocol,
         split=split,
         out=out,
@@ -100,10 +94,10 @@ def evaluate(
     rendered_card(request.card, split, executor=executor, as_it_is=True)
     found = check_predictions(request.card, method=method)
     refuse_unfit(request.card, method, found)
-    asked = replace(request, executor=executor, cache=as_cache(cache), progress=progress)
+    asked = replace(request, executor=executor, progress=progress)
     ((stored, _),) = score_with_reports(
         asked, pictures=pictures, finish=predictions_report(request.card, method, found)
-    ).values()
+    )
     return Evaluation(run=Run(stored=stored), found=found)
 
 
@@ -116,7 +110,6 @@ def evaluate_request(
     names: Naming,
     threshold: float | None,
     history: int,
-    reference: str | Path | None,
     protocol: str | Path,
     split: str | None,
     out: str | Path | None,
@@ -136,9 +129,6 @@ def evaluate_request(
     request = run_request(
         card, method, protocols=[protocol], split=split, out=out, overwrite=overwrite, named_by=chosen
     )
-    if reference is not None:
-        (rules,) = request.runs.values()
-        request = replace(request, exported=open_reference(reference, rules=rules))
     return request, method
 
 

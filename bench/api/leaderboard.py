@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.api.datasets import as_card, as_executor, rendered_card
-from bench.api.runs import DEFAULT_PROTOCOL, RUNS, as_cache, run_request
+from bench.api.runs import DEFAULT_PROTOCOL, RUNS, run_request
 from bench.execution import TaskExecutor
 from bench.harness import StoredRun, run_benchmark
-from bench.harness.perf import method_cost, read_cost, write_cost
 from bench.harness.stages import Progress
 from bench.methods import known_methods
 from bench.methods.settings import parse_settings, split_methods
@@ -22,9 +21,8 @@ from bench.reporting.page.build import write_page
 
 # Settings that make another method of one; the others come from the registry alone.
 VARIANTS = {"spherical": ("flow=dis", "first_guess=true")}
-EXACT_FLOW = "exact-flow"
-# Beside the methods, on data with truth: the exact masks, the same on the paper's cells, and exact flow.
-CEILINGS = ("truth", "truth:cell_size_px=5", EXACT_FLOW)
+# Beside the methods, on data with truth: the exact masks, and the same on the paper's cells.
+CEILINGS = ("truth", "truth:cell_size_px=5")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,18 +32,15 @@ class Competitor:
     Attributes:
         name: of the method.
         settings: "name=value".
-        timed: what it costs is worth telling: it is a method.
     """
 
     name: str
     settings: tuple[str, ...]
-    timed: bool = True
 
     @property
     def folder(self) -> str:
-        """Name of the folder of its run; where a scenario lies is no part of it."""
-        words = [self.name, *(setting for setting in self.settings if not setting.startswith("scenario="))]
-        return re.sub(r"[^A-Za-z0-9_.-]+", "-", "-".join(words))
+        """Name of the folder of its run."""
+        return re.sub(r"[^A-Za-z0-9_.-]+", "-", "-".join([self.name, *self.settings]))
 
 
 def competitors(dataset: str | Path | DatasetCard, methods: str | None = None) -> list[Competitor]:
@@ -65,14 +60,7 @@ def competitors(dataset: str | Path | DatasetCard, methods: str | None = None) -
         variants = {known: [f"{known}:{setting}" for setting in VARIANTS.get(known, ())] for known in known_methods()}
         names = [name for known in known_methods() for name in (known, *variants[known])]
         methods = ",".join([*names, *(CEILINGS if card.scenario is not None else ())])
-    return [_competitor(name, settings, card) for _, name, settings in split_methods(methods)]
-
-
-def _competitor(name: str, settings: list[str], card: DatasetCard) -> Competitor:
-    named = any(setting.startswith("scenario=") for setting in settings)
-    if name == EXACT_FLOW and card.scenario is not None and not named:
-        settings = [*settings, f"scenario={card.scenario}"]
-    return Competitor(name=name, settings=tuple(settings), timed=name in known_methods() or ":" in name)
+    return [Competitor(name=name, settings=tuple(settings)) for _, name, settings in split_methods(methods)]
 
 
 def score_competitor(
@@ -82,24 +70,22 @@ def score_competitor(
     protocols: Sequence[str | Path] = (DEFAULT_PROTOCOL, RANKING_PROTOCOL),
     runs: str | Path = RUNS,
     workers: int | TaskExecutor = 1,
-    cache: str | Path | None = None,
     progress: Progress | None = None,
-) -> dict[Path, StoredRun]:
-    """Score one method for a leaderboard, time it, and write the page of the run that is ranked.
+) -> list[StoredRun]:
+    """Score one method for a leaderboard and write the page of the run that is ranked.
 
     What is there and up to date is not computed.
 
     Args:
         dataset: card, by path or by a name that `fisheye-bench datasets` lists.
         competitor: the method.
-        protocols: by name or file, in one pass, each with a run of its own.
+        protocols: by name or file; the method is asked once.
         runs: folder of runs; those of the data set go into one below it that is called as the data set.
         workers: processes, or an executor.
-        cache: folder where flow, likelihood and reference are stored for other runs; None for nowhere.
         progress: called with the images done and their number.
 
     Returns:
-        The runs by folder, one for each protocol.
+        The results by each protocol.
 
     Raises:
         UnknownNameError, UsageError, DataError: as `bench.run`.
@@ -110,17 +96,10 @@ def score_competitor(
     request = replace(
         run_request(card, competitor.name, settings=settings, protocols=protocols, out=out, overwrite=True),
         executor=executor,
-        cache=as_cache(cache),
         progress=progress,
     )
-    cost = None
-    if competitor.timed:
-        run, rules = next(iter(request.runs.items()))
-        cost = method_cost(card, request.method, protocol=rules, known=read_cost(run))
 
     def finish(run: StoredRun) -> None:
-        if cost is not None:
-            write_cost(run.folder, cost)
         if run.protocol.name == RANKING_PROTOCOL:
             write_page(run.folder, pictures=False)
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from bench.api.runs import Run, run_folder
 from bench.errors import UnknownNameError
-from bench.harness.run_folder import add_own_files
 from bench.harness.stages import Progress
 from bench.reference import Category
 from bench.reporting.page.build import write_page
@@ -63,5 +62,4 @@ def report(
         progress=progress,
     )
     files = (page.file, *write_figures(folder, category=kind))
-    add_own_files(folder, files)
     return RunPage(files=files, problems=page.problems)

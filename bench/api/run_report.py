@@ -22,7 +22,7 @@ READ_FIRST = ("summary.json", "table.md", "range_map.png")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunReport:
-    """Report of a run.
+    """Report of a run by one protocol.
 
     Attributes:
         rows: of its table.
@@ -42,23 +42,23 @@ def score_with_reports(
     validation: ValidationReport | None = None,
     finish: Finish | None = None,
     drawing: Callable[[], AbstractContextManager[Progress]] = lambda: nullcontext(no_progress),
-) -> dict[Path, tuple[StoredRun, RunReport]]:
-    """Score runs and write the report of each beside its results.
+) -> list[tuple[StoredRun, RunReport]]:
+    """Score a method and write the report of each protocol beside its results.
 
     Args:
-        request: the runs.
+        request: the run.
         pictures: also draw an example frame of every category.
         validation: of the data; None where they were not validated.
         finish: as of `run_benchmark`, before the report.
         drawing: begins to show how many pictures are drawn.
 
     Returns:
-        Each run by its folder.
+        The results by each protocol.
 
     Raises:
-        DataError: nothing of the data set could be used, or a folder holds another run.
+        DataError: nothing of the data set could be used, or the folder holds another run.
     """
-    reports: dict[str, RunReport] = {}
+    reports: list[RunReport] = []
 
     def write(run: StoredRun) -> None:
         results = run.folder
@@ -74,7 +74,7 @@ def score_with_reports(
             files = (*files, results / VALIDATION)
         names = [file.relative_to(results) for file in (results / "summary.json", *files, *drawn)]
         names.sort(key=lambda name: str(name) not in READ_FIRST)
-        reports[run.protocol.name] = RunReport(rows=tuple(rows), files=tuple(names), remarks=tuple(remarks))
+        reports.append(RunReport(rows=tuple(rows), files=tuple(names), remarks=tuple(remarks)))
 
     stored = run_benchmark(request, finish=write)
-    return {folder: (run, reports[run.protocol.name]) for folder, run in stored.items()}
+    return list(zip(stored, reports, strict=True))

@@ -14,12 +14,11 @@ import pyarrow as pa
 
 from bench.api.datasets import as_card, as_executor, rendered_card
 from bench.errors import BenchError, UsageError
-from bench.evaluation import ObjectMetrics, Protocol, load_protocol
+from bench.evaluation import ObjectMetrics, load_protocol
 from bench.execution import TaskExecutor
 from bench.harness import RunRequest, RunSummary, StoredRun, build_scorable, read_run, read_tables, run_benchmark
-from bench.harness.cache import CacheFolder
+from bench.harness.exact import require_scorable
 from bench.harness.manifest import Manifest
-from bench.harness.oracles import require_scorable
 from bench.harness.stages import Progress
 from bench.methods import Method, Scorable
 from bench.recordings import DatasetCard
@@ -46,7 +45,7 @@ class Run:
 
     @property
     def folder(self) -> Path:
-        """Folder of the run, tables and maps in it."""
+        """Folder of the results, tables and maps in it."""
         return self.stored.folder
 
     @property
@@ -100,12 +99,11 @@ def run(
     out: str | Path | None = None,
     overwrite: bool = False,
     workers: int | TaskExecutor = 1,
-    cache: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Run:
     """Score a method on a data set and store the run with its tables and range maps, as `fisheye-bench run` does.
 
-    A run that was interrupted continues where it stopped, by the same call.
+    A run that was interrupted continues where it stopped, by the same call; of another protocol, no method is asked.
 
     Args:
         dataset: card, by path or by a name that `fisheye-bench datasets` lists.
@@ -119,7 +117,6 @@ def run(
         overwrite: replace another run in the folder.
         workers: processes, or an executor. More than one need a method that can be imported, not one of a notebook's
             cell, and in a program `if __name__ == "__main__":` around the call.
-        cache: folder where flow, likelihood and reference are stored for other runs; None for nowhere.
         progress: called with the images done and their number.
 
     Raises:
@@ -139,8 +136,8 @@ def run(
     )
     executor = as_executor(workers)
     rendered_card(request.card, split, executor=executor)
-    asked = replace(request, executor=executor, cache=as_cache(cache), progress=progress)
-    (found,) = run_benchmark(asked, finish=write_report_files).values()
+    asked = replace(request, executor=executor, progress=progress)
+    (found,) = run_benchmark(asked, finish=write_report_files)
     return Run(stored=found)
 
 
@@ -156,7 +153,7 @@ def run_request(
     overwrite: bool = False,
     named_by: Iterable[tuple[str, object]] | None = None,
 ) -> RunRequest:
-    """Assemble the runs that are asked for, one for each protocol, computed here one after the other and not cached.
+    """Assemble the run that is asked for, computed in this process.
 
     Nothing is rendered or computed yet.
 
@@ -167,7 +164,7 @@ def run_request(
         protocols: by name or file.
         split: as of `run`.
         input_errors: as of `run`.
-        out: folder of the first run, to which the others add their protocol; None for the usual ones.
+        out: folder of the run; None for the usual one.
         overwrite: as of `run`.
         named_by: settings that name the usual folder; None for those that are not the default.
 
@@ -186,26 +183,17 @@ def run_request(
         chosen = require_scorable(method)
         named = chosen.name
     errors = named_input_errors(input_errors or {})
-    if out is None:
-        changed = [*(non_default_settings(chosen, named) if named_by is None else named_by), *errors.named.items()]
-        folders = [default_folder(card, chosen.name, changed, protocol, split) for protocol in rules]
-    else:
-        first = run_folder(out)
-        folders = [first, *(Path(f"{first}-{further.name}") for further in rules[1:])]
+    changed = [*(non_default_settings(chosen, named) if named_by is None else named_by), *errors.named.items()]
     return RunRequest(
         card=card,
         method=chosen,
-        runs=dict(zip(folders, rules, strict=True)),
+        folder=default_folder(card, chosen.name, changed, split) if out is None else run_folder(out),
+        protocols=rules,
         settings=settings or {},
         split=split,
         input_errors=errors,
         overwrite=overwrite,
     )
-
-
-def as_cache(folder: str | Path | None) -> CacheFolder | None:
-    """The cache of steps in a folder; None for none."""
-    return None if folder is None else CacheFolder(folder=Path(folder))
 
 
 def load_run(folder: str | Path) -> Run:
@@ -233,20 +221,16 @@ def run_folder(place: str | Path | Run) -> Path:
     return Path(place)
 
 
-def default_folder(
-    card: DatasetCard, method: str, settings: Iterable[tuple[str, object]], protocol: Protocol, split: str | None
-) -> Path:
+def default_folder(card: DatasetCard, method: str, settings: Iterable[tuple[str, object]], split: str | None) -> Path:
     """Return the folder of a run for which none is given: whatever is not the default is part of its name.
 
     Args:
         card: the data set.
         method: name of the method.
         settings: those that are not the default, input errors included.
-        protocol: the rules.
         split: of the data set; None for all.
     """
     words = [card.name, method, *(f"{name}-{value}" for name, value in settings)]
-    words += [protocol.name] if protocol.name != DEFAULT_PROTOCOL else []
     words += [split] if split is not None else []
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", "-".join(words))
     if len(name) > LONGEST_NAME:

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.api.datasets import as_executor, rendered_card
-from bench.api.runs import DEFAULT_PROTOCOL, Run, as_cache, default_folder, run_request
+from bench.api.runs import DEFAULT_PROTOCOL, Run, default_folder, run_request
 from bench.atomic import output_folder
 from bench.errors import UsageError
 from bench.execution import TaskExecutor
 from bench.harness import RunRequest, run_benchmark
+from bench.harness.references import cache_folder
 from bench.harness.stages import Progress, part_of
 from bench.recordings import DatasetCard
 from bench.reporting.document import Table
@@ -70,7 +71,7 @@ def sweep(
     out: str | Path | None = None,
     overwrite: bool = False,
     workers: int | TaskExecutor = 1,
-    cache: str | Path | None = None,
+    flow_cache: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Sweep:
     """Score a method once for each of several values of one setting, as `fisheye-bench sweep` does.
@@ -90,7 +91,7 @@ def sweep(
         out: folder of the sweep; None for `reports/sweeps/<data set>-<method>-<setting>`.
         overwrite: replace other runs in the folders.
         workers: processes, or an executor.
-        cache: folder where flow, likelihood and reference are stored for other runs; None for nowhere.
+        flow_cache: folder where dense flow is stored for the other values; None for that of the user.
         progress: called with the values done, fractions allowed, and their number.
 
     Raises:
@@ -111,7 +112,7 @@ def sweep(
         out=out,
         overwrite=overwrite,
     )
-    return run_sweep(request, workers=workers, cache=cache, progress=progress)
+    return run_sweep(request, workers=workers, flow_cache=flow_cache, progress=progress)
 
 
 def sweep_request(
@@ -146,9 +147,8 @@ def sweep_request(
         for shown, value in named.items()
     }
     first = next(iter(runs.values()))
-    (rules,) = first.runs.values()
     fixed = [*(settings or {}).items(), *(input_errors or {}).items()]
-    usual = f"{default_folder(first.card, first.method.name, fixed, rules, split).name}-{setting}"
+    usual = f"{default_folder(first.card, first.method.name, fixed, split).name}-{setting}"
     return SweepRequest(folder=SWEEPS / usual if out is None else Path(out), setting=setting, runs=runs)
 
 
@@ -156,19 +156,20 @@ def run_sweep(
     request: SweepRequest,
     *,
     workers: int | TaskExecutor = 1,
-    cache: str | Path | None = None,
+    flow_cache: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Sweep:
     """Score a method for each value, and write table and chart; arguments and errors are those of `sweep`."""
     first, folder, runs = next(iter(request.runs.values())), request.folder, dict[str, Run]()
-    (rules,) = first.runs.values()
+    (rules,) = first.protocols
     with output_folder(folder), as_executor(workers) as executor:  # of all values, so that workers start once
         rendered_card(first.card, first.split, executor=executor)
         for number, (value, run) in enumerate(request.runs.items()):
             part = part_of(progress, number=number, total=len(request.runs))
-            places = {folder / (file_name(value).lstrip(".") or "_"): rules}
-            run = replace(run, runs=places, executor=executor, cache=as_cache(cache), progress=part)
-            (stored,) = run_benchmark(run, finish=write_report_files).values()
+            place = folder / (file_name(value).lstrip(".") or "_")
+            cache = cache_folder() / "flow" if flow_cache is None else Path(flow_cache)
+            run = replace(run, folder=place, executor=executor, flow_cache=cache, progress=part)
+            (stored,) = run_benchmark(run, finish=write_report_files)
             runs[value] = Run(stored=stored)
     shown = {
         "title": f"{request.setting} of {first.method.name} on {first.card.name} by {rules.name}",

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from bench.api.datasets import as_executor, rendered_card
 from bench.api.runs import Run, load_run, run_folder
-from bench.exchange.verify import Verification, verify_run
 from bench.execution import TaskExecutor
 from bench.harness.stages import Progress
+from bench.harness.verify import Verification, verify_run
 from bench.recordings import DatasetCard
 
 
@@ -19,16 +19,16 @@ def verify(
     workers: int | TaskExecutor = 1,
     progress: Progress | None = None,
 ) -> Verification:
-    """Count a run again from its stored masks and the data, without its method, as `fisheye-bench verify` does.
+    """Count a run again from its stored answers and the data, without its method, as `fisheye-bench verify` does.
 
     Args:
-        run: stored, or its folder; it is marked for the leaderboard where nothing differs.
+        run: stored, or its folder; leaderboards of this user call it verified where nothing differs.
         dataset: that it is of, by card or name; None for the card that the run names.
         workers: processes, or an executor, that count.
         progress: called with the images done and their number.
 
     Returns:
-        `differences`, one line each, none of a run that holds what its masks score; and `images`, how many were
+        `differences`, one line each, none of a run that holds what its answers score; and `images`, how many were
         counted.
 
     Raises:

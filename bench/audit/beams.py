@@ -26,7 +26,7 @@ from bench.evaluation import load_protocol
 from bench.evaluation.summary import Ratio
 from bench.evaluation.sums import ALL_MOVING
 from bench.execution import SerialExecutor, TaskExecutor
-from bench.harness.oracles import ExactMasks, is_oracle
+from bench.harness.exact import ExactMasks, is_oracle
 from bench.harness.stages import Progress
 from bench.lidar import LidarSweep
 from bench.recordings import DatasetCard, Recording

@@ -8,7 +8,7 @@ has. Each cell has one cause, the first that applies, so that the shares add up 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, TypeVar
@@ -21,11 +21,10 @@ from scipy.ndimage import binary_dilation
 from bench.audit.sources import AuditSource, ExactPair, SimulatedTruth, instance_ids
 from bench.errors import UsageError
 from bench.evaluation import Protocol
+from bench.harness.exact import moving_instances
 from bench.harness.frames import FramePipeline
-from bench.harness.oracles import moving_instances
 from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
 from bench.methods.cells import flow_rays
-from bench.methods.contract import Arrays, CachedStep, StepOf
 from bench.recordings import read_truth
 from bench.reference import ReferenceFrame, Status
 
@@ -171,7 +170,7 @@ class ThreeRuns:
 def run_three_times(
     method: FlowMethod, given: MethodInput, exact: ExactPair, *, moving_ids: NDArray[np.int64]
 ) -> ThreeRuns:
-    """Run the method on recorded and exact input; what depends on the images alone is computed once.
+    """Run the method on recorded and exact input.
 
     Args:
         method: to be explained.
@@ -179,8 +178,7 @@ def run_three_times(
         exact: what is exactly known.
         moving_ids: instance ids of the objects that move.
     """
-    step, cells, true = _computed_once(), exact.cells, exact.flow.flow.astype(np.float32)
-    given, exact_given = replace(given, cached_step=step), replace(exact.given, cached_step=step)
+    exact_given, cells, true = exact.given, exact.cells, exact.flow.flow.astype(np.float32)
     recorded, exact_motion = ask_method(method, given), ask_method(method, exact_given)
     exact_flow = method.segment_flow(exact_given, true)
     error_px = np.linalg.norm(method.mean_flow(given) - exact.flow.flow, axis=-1)
@@ -209,21 +207,6 @@ def run_three_times(
         ),
         flow_error_px=np.where(exact.flow.visible, error_px, np.nan),
     )
-
-
-def _computed_once() -> CachedStep:
-    """Holds what a method computes on the images alone, while it is run on one image after another time."""
-    held: dict[str, Arrays] = {}
-
-    def once(step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
-        if of == "input":
-            return compute()
-        key = repr((step, settings))
-        if key not in held:
-            held[key] = compute()
-        return held[key]
-
-    return once
 
 
 def miss_rows(

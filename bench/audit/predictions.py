@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from bench.errors import UsageError
 from bench.evaluation import Protocol
 from bench.harness.digests import MethodCode, digest_of
+from bench.harness.exact import ExactMasks, ReferenceItself, build_scorable, is_oracle
 from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
-from bench.harness.oracles import ExactMasks, ReferenceItself, build_scorable, is_oracle
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Scorable, UnansweredImage, ask_method
 from bench.methods.contract import Arrays, StepOf

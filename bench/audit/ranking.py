@@ -50,7 +50,7 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.summary import Ratio
 from bench.evaluation.sums import TERMS, bin_names
 from bench.execution import SerialExecutor, TaskExecutor
-from bench.harness.oracles import ExactMasks, is_oracle
+from bench.harness.exact import ExactMasks, is_oracle
 from bench.harness.stages import Progress
 from bench.recordings import DatasetCard
 from bench.recordings.checked_json import read_checked, write_checked

@@ -24,8 +24,8 @@ from bench.audit.polygons import POLYGONS_SCHEMA, PolygonAuditor
 from bench.audit.sources import OpenedSource, SimulatedTruth, same_objects
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, SequenceScorer
+from bench.harness.exact import exact_mask, moving_instances
 from bench.harness.frames import FramePipeline, UnscorableFrame
-from bench.harness.oracles import exact_mask, moving_instances
 from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
 from bench.recordings import Recording, read_truth
 from bench.reference import ReferenceFrame, Status

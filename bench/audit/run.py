@@ -13,7 +13,6 @@ from bench.audit.sources import NO_SCENARIO, audit_each
 from bench.evaluation import Protocol
 from bench.evaluation.summary import ProtocolOfRun
 from bench.execution import SerialExecutor, TaskExecutor
-from bench.harness.digests import MethodCode
 from bench.harness.method_of_run import MethodOfRun
 from bench.harness.stages import Progress
 from bench.methods import FlowMethod, Method
@@ -64,7 +63,7 @@ def run_audit(
     explained = len(audit.false_alarms) > 0
     summary = AuditSummary(
         **dict(stored),
-        method=MethodOfRun.of(method, MethodCode.of(method)),
+        method=MethodOfRun.of(method),
         protocol=ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest),
         polygon_kinds=kinds,
         polygons=polygon_figures(audit.polygons, protocol=protocol, kinds=kinds),

@@ -21,6 +21,7 @@ from bench.cameras import RayGrid, ray_grid
 from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, TaskExecutor
 from bench.harness import provenance as origin
+from bench.harness.digests import digest_of, digest_recording
 from bench.harness.manifest import CodeOfRun
 from bench.harness.provenance import Provenance
 from bench.harness.stages import Progress, StageClock, add_up
@@ -206,7 +207,7 @@ def audit_each(
         recordings=len(done),
         images=images,
         failures=(*failures, *(problem for one in done for problem in one.problems)),
-        data=origin.combined_digest([one.digest for one in done]),
+        data=digest_of(sorted(one.digest for one in done)),
         code=CodeOfRun.here(),
         provenance=origin.provenance_since(start_s, stage_seconds=seconds, images=images),
     )
@@ -219,7 +220,7 @@ def _done(source: AuditSource, *, work: Callable[[OpenedSource], Found]) -> _Don
         with clock.stage("open"):
             recording = source.recorded.open()
             refuse_without_masks(recording)
-            digest = origin.recording_digest(recording)
+            digest = digest_recording(recording).whole
         tracks = {track.track_id: track.instance_id for track in recording.tracks}
         opened = OpenedSource(source=source, recording=recording, instance_of=instance_ids(tracks), clock=clock)
         return _Done(found=work(opened), digest=digest, images=opened.images, problems=opened.problems, clock=clock)

@@ -28,9 +28,8 @@ EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a ver
 
 # Each in the module of its name.
 COMMANDS = (
-    "run", "cluster_example", "cache", "evaluate", "view", "validate", "synthesize", "perf", "datasets", "methods",
-    "report", "cite", "gate", "sweep", "audit", "compare", "leaderboard", "history", "verify", "bundle", "unbundle",
-    "schema", "croissant", "doctor",
+    "run", "evaluate", "view", "validate", "synthesize", "perf", "datasets", "methods", "report", "cite", "gate",
+    "sweep", "audit", "compare", "leaderboard", "verify", "schema", "croissant", "doctor",
 )  # fmt: skip
 GROUPS = ("annotate", "annotations", "new", "reference")
 
@@ -52,15 +51,6 @@ for name in GROUPS:
     for command in group.registered_commands:
         command.epilog = epilog(f"{name} {command.name}")
     app.add_typer(group, name=name)
-
-
-@app.command(hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
-def merge() -> None:
-    """Say what took the place of `merge`."""
-    raise UsageError(
-        "merge: a part is an unfinished run; give the command of the parts again without --shard, in a folder whose "
-        "units/ holds those of all parts"
-    )
 
 
 def main() -> None:

@@ -76,19 +76,14 @@ def say(line: str, *, style: str = "", to_errors: bool = False) -> None:
     _print(Text(harmless(line), style=style), to_errors=to_errors)
 
 
-def say_unlisted(damaged: Iterable[tuple[str, str]], packed: Iterable[tuple[Path, Path]]) -> None:
+def say_damaged(damaged: Iterable[tuple[str, str]]) -> None:
     """Print which runs of a folder are not listed, and why.
 
     Args:
         damaged: folder and fault of each that cannot be read.
-        packed: runs in one file, with the folder to unpack each into.
     """
-    from bench.reporting.leaderboard.reading import unbundle_command
-
     for run, fault in damaged:
         say(f"damaged: {run}: {fault}", style="red")
-    for file, folder in packed:
-        say(f"not listed: {file} is a run in one file; unpack it: {unbundle_command(file, folder)}", style="yellow")
 
 
 def note(line: str) -> None:

@@ -55,8 +55,8 @@ def _memory() -> str:
 
 def _installation() -> Iterator[tuple[str, str]]:
     import bench
-    from bench.harness.code_state import package_commit
-    from bench.harness.provenance import library_versions
+    from bench.harness.digests import library_versions
+    from bench.harness.manifest import package_commit
 
     yield "fisheye-bench", f"{bench.__version__}, commit {package_commit() or 'unknown'}"
     yield "Python", f"{platform.python_version()} ({platform.python_implementation()})"

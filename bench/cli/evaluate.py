@@ -28,9 +28,6 @@ def evaluate(
     history: Annotated[
         int, typer.Option(help="Score images with this many before them; 1 as methods that compare two.")
     ] = 1,
-    reference: Annotated[
-        Path | None, typer.Option(help="Folder of `reference export`, to score by what it holds; default: the data.")
-    ] = None,
     protocol: options.ProtocolName = "paper-v1",
     split: options.Split = None,
     out: Annotated[
@@ -43,8 +40,6 @@ def evaluate(
     overwrite: options.Overwrite = False,
     pictures: options.Pictures = True,
     workers: options.Workers = None,
-    cache: options.Cache = None,
-    no_cache: options.NoCache = False,
     scheduler: options.Scheduler = None,
 ) -> None:
     """Score masks or scores that any other program wrote, paired with the images by name."""
@@ -62,7 +57,6 @@ def evaluate(
         names=names,
         threshold=threshold,
         history=history,
-        reference=reference,
         protocol=protocol,
         split=split,
         out=out,
@@ -75,8 +69,7 @@ def evaluate(
         show([table])
     note(prediction_line(found))
     refuse_unfit(card, method, found)
-    reads = [predictions, *([] if reference is None else [reference])]
-    request = equip(request, workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler, reads=reads)
+    request = equip(request, workers=workers, scheduler=scheduler)
     (run,) = score(
         request,
         title=f"scoring {method.name} on {card.name}",

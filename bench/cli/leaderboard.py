@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from bench.cli import options
-from bench.cli.console import note_files, say, say_unlisted, show
+from bench.cli.console import note_files, say, say_damaged, show
 from bench.cli.progress import interruptible, progress_bar
 from bench.errors import BenchError, UsageError
 
@@ -24,7 +24,7 @@ def leaderboard(
         typer.Option(
             metavar="A,B,...",
             help="With --score: these methods; settings behind colons, as in spherical:flow=dis. Default: all that are "
-            "registered, and on rendered data the exact masks and exact flow.",
+            "registered, and on rendered data the exact masks.",
         ),
     ] = None,
     protocol: Annotated[
@@ -35,28 +35,23 @@ def leaderboard(
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Show methods on the same images, from rendered data sets.")] = True,
     workers: options.Workers = None,
-    cache: options.Cache = None,
-    no_cache: options.NoCache = False,
 ) -> None:
     """List all runs of a folder, those that compare in one table each; with --score, make them first.
 
     Runs that are there and up to date are not computed again.
     """
     from bench.api.leaderboard import leaderboard
-    from bench.cli.request import cache_path
     from bench.reporting.leaderboard.texts import leaderboard_tables
 
     if score is None and (methods is not None or workers is not None):
         raise UsageError("leaderboard: expected --score beside --methods and --workers, which say how to score")
-    stored = cache_path(cache, no_cache=no_cache)
     failures = sum(
-        score_all(dataset, methods=methods, protocol=protocol, runs=folder, workers=workers, cache=stored)
-        for dataset in score or ()
+        score_all(dataset, methods=methods, protocol=protocol, runs=folder, workers=workers) for dataset in score or ()
     )
     with progress_bar("drawing the same images", "runs") as progress:
         ranked = leaderboard(folder, out=out, pictures=pictures, progress=progress)
     show(leaderboard_tables(ranked.found))
-    say_unlisted(ranked.found.damaged, ranked.found.packed)
+    say_damaged(ranked.found.damaged)
     for problem in ranked.problems:
         say(f"no picture: {problem}", style="yellow")
     note_files(ranked.files)
@@ -64,9 +59,7 @@ def leaderboard(
         raise typer.Exit(options.FAILURES)
 
 
-def score_all(
-    dataset: str, *, methods: str | None, protocol: str, runs: Path, workers: int | None, cache: Path | None
-) -> int:
+def score_all(dataset: str, *, methods: str | None, protocol: str, runs: Path, workers: int | None) -> int:
     """Score methods on a data set, each by all protocols in one pass; what is there and up to date is not computed.
 
     Args:
@@ -75,7 +68,6 @@ def score_all(
         protocol: names or files, with commas in between.
         runs: folder of runs; those of the data set go into one below it that is called as the data set.
         workers: processes; None for one per core.
-        cache: folder of cached steps; None to store none.
 
     Returns:
         How many methods, images, units and recordings could not be used; each method's reason is printed.
@@ -95,15 +87,13 @@ def score_all(
                     protocols=protocols,
                     runs=runs,
                     workers=worker_processes(workers),
-                    cache=cache,
                     progress=progress,
                 )
         except BenchError as error:
             say(f"left out: {card.name}, {competitor.folder}: {error}", style="red")
             failures += 1
             continue
-        failures += max(len(run.summary.failures) for run in scored.values())
-        work = next(iter(scored.values())).summary.provenance.work
-        computed = 0 if work is None else work.images_computed
-        say(f"{card.name}, {competitor.folder}: {computed} images computed, the others were there")
+        failures += max(len(run.summary.failures) for run in scored)
+        asked = scored[0].summary.provenance.images_asked
+        say(f"{card.name}, {competitor.folder}: {asked} images answered, the others were there")
     return failures

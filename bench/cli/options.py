@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -48,8 +47,8 @@ Protocols = Annotated[
     str,
     typer.Option(
         "--protocol",
-        help="paper-v1, extended-v1, surface-v1, masks-v1, or a YAML file; several with commas in between, in one "
-        "pass, each with a run of its own.",
+        help="paper-v1, extended-v1, surface-v1, masks-v1, or a YAML file; several with commas in between; the "
+        "method is asked once.",
     ),
 ]
 Split = Annotated[
@@ -62,11 +61,6 @@ Split = Annotated[
 ]
 Recording = Annotated[str | None, typer.Option(help="Name of the recording; default: all.")]
 Workers = Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")]
-Cache = Annotated[
-    Path | None,
-    typer.Option("--cache", help="Folder where flow, likelihood and reference are cached; default: reports/cache."),
-]
-NoCache = Annotated[bool, typer.Option("--no-cache", help="Compute everything, cache nothing.")]
 Scheduler = Annotated[
     str | None,
     typer.Option("--scheduler", help="Compute on a Dask cluster: tcp://HOST:PORT, or the file of its scheduler."),
@@ -76,4 +70,4 @@ Pictures = Annotated[bool, typer.Option(help="Also draw an example frame of ever
 Log = Annotated[
     str | None, typer.Option("--log", metavar="TRACKER", help="Send metrics, settings and page to mlflow or wandb.")
 ]
-StoredRun = Annotated[str, typer.Argument(help="Folder of a stored run.")]
+StoredRun = Annotated[str, typer.Argument(help="Folder of a run, or of its results by a protocol.")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -11,14 +11,13 @@ from bench.cli import options
 from bench.cli.console import note, say
 from bench.cli.options import group
 
-app = group("Write the reference of a data set as label images or run lengths, to train and score with other tools.")
+app = group("Write the reference of a data set as label images and JSON, to train and score with other tools.")
 
 
 @app.command("export")
 def export(
     dataset: options.Dataset,
     out: Annotated[Path, typer.Option(help="Folder, new or empty.")],
-    format_: Annotated[Literal["png", "coco"], typer.Option("--format", help="Label images, or run lengths.")] = "png",
     protocol: options.ProtocolName = "surface-v1",
     recording: options.Recording = None,
     split: options.Split = None,
@@ -31,10 +30,9 @@ def export(
 
     card = rendered_card(dataset, split)
     with progress_bar(f"exporting the reference of {card.name}", "recordings") as report:
-        problems = export_reference(
+        export = export_reference(
             card,
             out,
-            form=format_,
             protocol=protocol,
             split=split,
             recording=recording,
@@ -42,7 +40,7 @@ def export(
             progress=report,
         )
     say(str(out))
-    for problem in problems:
+    for problem in export.problems:
         note(f"no reference: {problem}")
-    if problems:
+    if export.problems:
         raise typer.Exit(options.FAILURES)

@@ -1,61 +1,38 @@
-"""From options to objects: data set, method, protocol, executor, cache; and data that are rendered first."""
+"""From options to objects: data set, executor; and data that are rendered first."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from bench.api.datasets import as_card, render_if_missing
-from bench.api.runs import as_cache
 from bench.cli.console import detail, note
 from bench.cli.progress import interruptible, progress_bar
 from bench.errors import UsageError
-from bench.execution import ProcessExecutor, TaskExecutor, usable_cores
+from bench.execution import DaskExecutor, ProcessExecutor, TaskExecutor, usable_cores
 from bench.harness import RunRequest
-from bench.harness.cache import default_folder
-from bench.harness.cluster import ClusterExecutor, WorkerRequirements, scheduler_address
 from bench.recordings import DatasetCard
 
 
-def equip(
-    request: RunRequest,
-    *,
-    workers: int | None,
-    cache: Path | None,
-    no_cache: bool,
-    scheduler: str | None,
-    reads: Sequence[Path] = (),
-) -> RunRequest:
-    """Give runs of data that exist their executor and cache, as the options say.
+def equip(request: RunRequest, *, workers: int | None, scheduler: str | None) -> RunRequest:
+    """Give a run its executor, as the options say.
 
     Args:
-        request: the runs.
+        request: the run.
         workers: processes, as they were asked for; None for one per core.
-        cache: folder of cached steps; None for the usual one.
-        no_cache: keep nothing.
         scheduler: address, or file, of a Dask scheduler whose workers compute; None for this machine.
-        reads: files and folders that the method reads beside the data set.
 
     Raises:
-        UsageError: options that contradict each other, or a cluster that cannot compute for this run.
+        UsageError: options that contradict each other.
         DataError: no such cluster.
     """
-    stored, card = as_cache(cache_path(cache, no_cache=no_cache)), request.card
     if scheduler is None:
-        return replace(request, executor=worker_processes(workers), cache=stored)
+        return replace(request, executor=worker_processes(workers))
     if workers is not None:
         raise UsageError("--workers: expected none beside --scheduler, whose workers are started apart")
-    local = card.root if card.remote_root is None else None
-    data = [path for path in (local, card.annotations) if path is not None and path.exists()]
-    requirements = WorkerRequirements.of(request.method, reads=(*data, *reads), cache=stored)
-    return replace(request, executor=ClusterExecutor.connect(scheduler_address(scheduler), requirements), cache=stored)
-
-
-def cache_path(cache: Path | None, *, no_cache: bool) -> Path | None:
-    """Folder of cached steps, the usual one unless another is named; None to store none."""
-    return None if no_cache else cache or default_folder()
+    return replace(request, executor=DaskExecutor.connect(scheduler))
 
 
 def worker_processes(workers: int | None) -> TaskExecutor:

@@ -43,8 +43,6 @@ def run(
     pictures: options.Pictures = True,
     log: options.Log = None,
     workers: options.Workers = None,
-    cache: options.Cache = None,
-    no_cache: options.NoCache = False,
     scheduler: options.Scheduler = None,
     shard: Annotated[
         str | None, typer.Option(metavar="I/N", help="Score part I of N only; the command without it ends the run.")
@@ -81,7 +79,7 @@ def run(
     part = None if shard is None else Part.parse(shard)
     rendered_card(request.card, request.split)
     validation = _validated(request) if require_valid else None
-    request = equip(request, workers=workers, cache=cache, no_cache=no_cache, scheduler=scheduler)
+    request = equip(request, workers=workers, scheduler=scheduler)
     if part is not None:
         failed = _run_part(request, part)
     else:
@@ -93,8 +91,8 @@ def run(
         board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
         if best := best_line(board, dataset=request.card.name, beside=runs[-1].protocol.name):
             say(best)
-        for folder in request.runs if log is not None else ():
-            report(str(folder), pictures=pictures, log=log)
+        for run in runs if log is not None else ():
+            report(str(run.folder), pictures=pictures, log=log)
     if failed:
         raise typer.Exit(options.FAILURES)
 
@@ -125,17 +123,15 @@ def _validated(request: RunRequest) -> ValidationReport:
 
 
 def _run_part(request: RunRequest, part: Part) -> bool:
-    """Score a part of the units and say what comes next; return whether something failed."""
+    """Score a part of the tasks and say what comes next; return whether something failed."""
     from bench.cli.runs import print_cost
     from bench.harness import score_part
 
-    out = next(iter(request.runs))
-    with resumable(out), progress_bar(f"scoring part {part} of {request.card.name}", "images") as progress:
+    with resumable(request.folder), progress_bar(f"scoring part {part} of {request.card.name}", "images") as progress:
         scored = score_part(replace(request, progress=progress), part)
-    for run in request.runs:
-        done = f"{len(scored.digests(run))} of its {len(scored.units)} units are in {run}"
-        say(f"part {part}: {done}, of {scored.units_of_run} in all; the same command without --shard ends the run")
-    failures = scored.failures(out)
-    print_cost(scored.provenance(out, images=0))
-    print_failures(failures, all_in="the summary.json of the finished run")
-    return bool(failures)
+    done = sum(not outcome.failure for outcome in scored.tasks.values())
+    say(f"part {part}: {done} of its {len(scored.tasks)} tasks are done in {request.folder}, of {scored.tasks_of_run} "
+        f"in all; the same command without --shard ends the run")  # fmt: skip
+    print_cost(scored.provenance(images=0))
+    print_failures(scored.failures, all_in="the summary.json of the finished run")
+    return bool(scored.failures)

@@ -32,7 +32,7 @@ def score(
         validation: of the data; None where they were not validated.
         finish: as of `run_benchmark`, before the report.
     """
-    with resumable(next(iter(request.runs))):
+    with resumable(request.folder):
         with progress_bar(title, "images") as progress:
             scored = score_with_reports(
                 replace(request, progress=progress),
@@ -41,9 +41,9 @@ def score(
                 finish=finish,
                 drawing=partial(progress_bar, "drawing", "pictures"),
             )
-        for run, report in scored.values():
+        for run, report in scored:
             _print(run, report)
-    return [run for run, _ in scored.values()]
+    return [run for run, _ in scored]
 
 
 def _print(run: StoredRun, report: RunReport) -> None:

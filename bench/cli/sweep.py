@@ -39,8 +39,6 @@ def sweep(
     ] = None,
     overwrite: options.Overwrite = False,
     workers: options.Workers = None,
-    cache: options.Cache = None,
-    no_cache: options.NoCache = False,
 ) -> None:
     """Score a method once for each of several values of one setting: a table and a chart.
 
@@ -49,7 +47,7 @@ def sweep(
     """
     from bench.api.sweep import run_sweep, sweep_request
     from bench.atomic import output_folder
-    from bench.cli.request import cache_path, rendered_card, worker_processes
+    from bench.cli.request import rendered_card, worker_processes
     from bench.methods.settings import parse_settings
 
     if "," in protocol:
@@ -68,19 +66,18 @@ def sweep(
         out=out,
         overwrite=overwrite,
     )
-    card, stored = next(iter(request.runs.values())).card, cache_path(cache, no_cache=no_cache)
+    card = next(iter(request.runs.values())).card
     with output_folder(request.folder):
         rendered_card(card, split)
         title = f"scoring {len(request.runs)} values of {setting}"
         with resumable(request.folder), progress_bar(title, "values") as progress:
             executor = worker_processes(workers)
-            swept = run_sweep(request, workers=executor, cache=stored, progress=progress)
+            swept = run_sweep(request, workers=executor, progress=progress)
     show([swept.table])
     failures = [f"{value}: {failure}" for value, run in swept.runs.items() for failure in run.summary.failures]
     print_failures(failures, all_in=f"the summary.json of each value in {swept.folder}")
-    works = [run.summary.provenance.work for run in swept.runs.values() if run.summary.provenance.work is not None]
-    computed, reused = sum(work.units_computed for work in works), sum(work.units_reused for work in works)
-    note(f"{len(swept.runs)} values; units computed {computed}, found done {reused}")
+    asked = sum(run.summary.provenance.images_asked for run in swept.runs.values())
+    note(f"{len(swept.runs)} values; {asked} images answered, the others were there")
     note_files(swept.files)
     if failures:
         raise typer.Exit(options.FAILURES)

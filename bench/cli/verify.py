@@ -1,4 +1,4 @@
-"""`verify`: does a run hold what its masks score?"""
+"""`verify`: does a run hold what its answers score?"""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def verify(
     ] = None,
     workers: options.Workers = None,
 ) -> None:
-    """Count a run again from its stored masks and the data, without its method, and say what differs.
+    """Count a run again from its stored answers and the data, without its method, and say what differs.
 
-    Exits with 0 where nothing does, and marks the run for the leaderboard; with 1 where something differs.
+    Exits with 0 where nothing does, and your leaderboards call the run verified; with 1 where something differs.
     """
     from bench.api.runs import load_run, run_folder
     from bench.api.verify import verify
@@ -35,4 +35,4 @@ def verify(
         say(f"differs: {line}", style="red")
     if found.differences:
         raise typer.Exit(1)
-    say(f"equal: {folder} holds what its masks score, {found.images} images counted again")
+    say(f"equal: {folder} holds what its answers score, {found.images} images counted again")

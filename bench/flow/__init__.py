@@ -5,7 +5,17 @@ Flow is asked for **from the current image to the previous one**: the pixel x of
 start at corners of the current image and go back in time.
 """
 
-from bench.flow.dense import DENSE_FLOWS, DenseFlow, DisFlow, FarnebackFlow, cell_mean, dense_flow
+from bench.flow.dense import (
+    DENSE_FLOWS,
+    DenseFlow,
+    DisFlow,
+    FarnebackFlow,
+    cell_mean,
+    dense_flow,
+    evict_flow,
+    flow_on_cells,
+    memoise_flow,
+)
 from bench.flow.tracks import LucasKanadeTracker, Tracks
 
 __all__ = [
@@ -17,4 +27,7 @@ __all__ = [
     "Tracks",
     "cell_mean",
     "dense_flow",
+    "evict_flow",
+    "flow_on_cells",
+    "memoise_flow",
 ]

@@ -1,15 +1,21 @@
-"""Dense flow by OpenCV, and its mean on square cells."""
+"""Dense flow by OpenCV, its mean on square cells, and a cache of that."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError, UnknownNameError, UsageError
+
+if TYPE_CHECKING:
+    from joblib import Memory
 
 
 class DenseFlow(Protocol):
@@ -156,3 +162,65 @@ def cell_mean(values: NDArray[np.float32], cell_size_px: int) -> NDArray[np.floa
     if below or right:
         values = np.asarray(cv2.copyMakeBorder(values, 0, below, 0, right, cv2.BORDER_REPLICATE), dtype=np.float32)
     return np.asarray(cv2.resize(values, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+_memory: Memory | None = None
+CACHE_BYTES = 8 << 30
+
+
+@contextmanager
+def memoise_flow(folder: Path | None) -> Iterator[None]:
+    """Have `flow_on_cells` store what it computes inside of the block, and find what was stored before.
+
+    Args:
+        folder: of the cache, made where it is not there; None to compute everything.
+    """
+    global _memory
+    before, _memory = _memory, None if folder is None else _opened(folder)
+    try:
+        yield
+    finally:
+        _memory = before
+
+
+def evict_flow(folder: Path, limit_bytes: int = CACHE_BYTES) -> None:
+    """Remove the flow that was used longest ago until the rest takes no more than a limit."""
+    _opened(folder).reduce_size(bytes_limit=limit_bytes)
+
+
+def _opened(folder: Path) -> Memory:
+    from joblib import Memory  # 0.1 s, and most commands need no cache
+
+    return Memory(folder, verbose=0)
+
+
+def flow_on_cells(
+    start: NDArray[np.uint8],
+    end: NDArray[np.uint8],
+    *,
+    flow: str,
+    parameters: Mapping[str, object],
+    cell_size_px: int,
+) -> NDArray[np.float32]:
+    """Mean flow of each cell: (ceil(H / cell), ceil(W / cell), 2) float32, px; from a cache inside of `memoise_flow`.
+
+    Args:
+        start: (H, W) uint8, grey.
+        end: (H, W) uint8, grey.
+        flow: name of `DENSE_FLOWS`.
+        parameters: what it takes.
+        cell_size_px: side of a cell.
+    """
+    compute = _flow_on_cells if _memory is None else _memory.cache(_flow_on_cells)
+    return np.asarray(compute(start, end, flow, dict(parameters), cell_size_px, cv2.__version__))
+
+
+def _flow_on_cells(
+    start: NDArray[np.uint8],
+    end: NDArray[np.uint8],
+    flow: str,
+    parameters: Mapping[str, object],
+    cell_size_px: int,
+    _opencv: str,
+) -> NDArray[np.float32]:
+    return cell_mean(dense_flow(flow, **parameters)(start, end), cell_size_px)

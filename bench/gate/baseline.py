@@ -12,7 +12,7 @@ from bench.evaluation import read_sums, write_sums
 from bench.harness import read_run
 from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_manifest
-from bench.harness.stored import SUMMARY, SUMS, refuse_other_sums, refuse_unscored
+from bench.harness.stored import SUMMARY, SUMS, refuse_unscored, results_folder
 from bench.recordings.cards import shipped_folder
 
 BASELINES = Path("reports/baselines")
@@ -38,14 +38,12 @@ class RunSums:
         manifest: what they are of.
         sums: table of sums.
         failures: of the run; none in a baseline.
-        unrepeatable: unrepeatable code, one line a file; none in a baseline.
         unreviewed: a sentence where annotations were proposed and nobody reviewed them; "" elsewhere.
     """
 
     manifest: Manifest
     sums: pd.DataFrame
     failures: tuple[str, ...] = ()
-    unrepeatable: tuple[str, ...] = ()
     unreviewed: str = ""
 
 
@@ -62,7 +60,6 @@ def read_run_sums(run: Path) -> RunSums:
         manifest=stored.manifest,
         sums=stored.sums,
         failures=stored.summary.failures,
-        unrepeatable=stored.summary.provenance.unrepeatable,
         unreviewed=stored.summary.unreviewed,
     )
 
@@ -89,39 +86,37 @@ def read_baseline(folder: Path) -> RunSums:
     """
     if not folder.exists():
         raise MissingBaselineError(folder)
+    if any(folder.glob(f"*/{SUMMARY}")):
+        folder = results_folder(folder)
     manifest = read_manifest(folder)
     if manifest is None:
         hint = "name the folder of a baseline or of a run"
         raise DataError(folder, expected=f"a folder with {SUMS} and {MANIFEST}", got=f"no {MANIFEST}", hint=hint)
-    sums = read_sums(folder / SUMS)
-    hint = "take both files from one commit, or make the baseline again with --update"
-    refuse_other_sums(folder, manifest, hint=hint)
-    return RunSums(manifest=manifest, sums=sums)
+    return RunSums(manifest=manifest, sums=read_sums(folder / SUMS))
 
 
 def write_baseline(run: RunSums, folder: Path, *, allow_dirty: bool = False) -> None:
     """Store the sums of a run as the baseline.
 
     Raises:
-        UsageError: the folder is that of a run, the run has failures, or it was made by unrepeatable code,
-            changed or untracked or of no distribution, and `allow_dirty` is not set.
+        UsageError: the folder is that of a run, the run has failures, or it was made by code that no commit holds and
+            `allow_dirty` is not set.
     """
     if (folder / SUMMARY).exists():
         raise UsageError(f"{folder}: expected a folder for a baseline, got that of a run, which would be overwritten")
     if run.failures:
         count = len(run.failures)
         raise UsageError(f"a run with failures makes no baseline; this one has {count}, the first: {run.failures[0]}")
-    commit = run.manifest.code.commit
-    if commit is not None and commit.endswith("+") and not allow_dirty:
+    for whose, commit in (("", run.manifest.code.commit), ("the method's ", run.manifest.method.commit)):
+        if commit is not None and commit.endswith("+") and not allow_dirty:
+            raise UsageError(
+                f"when it ran, {whose}files were changed on top of commit {short_digest(commit.rstrip('+'))}, which "
+                "nobody can repeat; commit them and run again, or say --allow-dirty"
+            )
+    if not (run.manifest.method.is_own or run.manifest.method.commit or allow_dirty):
         raise UsageError(
-            f"when it ran, there were changed files on top of commit {short_digest(commit.rstrip('+'))}, which nobody "
-            "can repeat; commit them and run again, or say --allow-dirty"
-        )
-    if run.unrepeatable and not allow_dirty:
-        more = f" and {len(run.unrepeatable) - 1} more" if len(run.unrepeatable) > 1 else ""
-        raise UsageError(
-            f"when it ran, the run was of unrepeatable code: {run.unrepeatable[0]}{more}; "
-            "commit or install it and run again, or say --allow-dirty"
+            f"the code of method {run.manifest.method.name!r} is in no commit, so that nobody can repeat the run; "
+            "commit it and run again, or say --allow-dirty"
         )
     write_sums(run.sums, folder / SUMS)
-    write_manifest(folder, run.manifest)
+    write_manifest(folder / MANIFEST, run.manifest)

@@ -62,7 +62,7 @@ def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[
 
 def _why_not_again(baseline: Manifest, run: Manifest) -> str:
     """Reason that no command makes the baseline's run again; "" where one does."""
-    if baseline.dataset.data != run.dataset.data:
+    if baseline.dataset.recordings != run.dataset.recordings:
         return "it is of other data"
     was, now = baseline.code, run.code
     if (was.commit is None and now.commit is not None) or (was.commit is None and was.version != now.version):

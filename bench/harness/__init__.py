@@ -1,25 +1,19 @@
-"""The harness: plan the units of work, run them, store what they count, reduce it to a summary.
+"""The harness: three stages that meet in files.
 
-The unit is recording x camera x chunk of images. What a unit counted is stored as one file, atomically; the summary is
-a pure reduction over these files. A unit that fails is reported and the rest goes on. The harness hands a method
-images, calibration and ego-motion, never annotations.
+The **answers** of a method (`answers`), the **references** of the data (`references`) and the **counts** of answers
+against references by a protocol (`counts`) are files, one for each task: a recording's camera, in chunks of images. A
+file that is there is done, whoever wrote it. `tasks` takes the images of a task through the stages, `run` plans the
+tasks, has an executor compute them and reduces the counts to a summary, `stored` reads it again. What a run is of is
+its `manifest`. A task or image that fails is reported and the rest goes on. The harness hands a method images,
+calibration and ego-motion, never annotations (`frames`).
 """
 
+from bench.harness.counts import open_tables, read_image_maps
+from bench.harness.exact import build_scorable, scorable_methods
 from bench.harness.frames import FramePipeline, ProcessedFrame
-from bench.harness.oracles import build_scorable, scorable_methods
 from bench.harness.provenance import Provenance
-from bench.harness.run import RunRequest, run_benchmark, score_part
-from bench.harness.run_folder import run_name
-from bench.harness.stored import (
-    RunSummary,
-    StoredRows,
-    StoredRun,
-    open_tables,
-    read_image_maps,
-    read_run,
-    read_tables,
-)
-from bench.harness.unit import Part, Unit, plan_units
+from bench.harness.run import Part, RunRequest, run_benchmark, score_part
+from bench.harness.stored import RunSummary, StoredRun, read_run, read_tables, run_name
 
 __all__ = [
     "FramePipeline",
@@ -28,12 +22,9 @@ __all__ = [
     "Provenance",
     "RunRequest",
     "RunSummary",
-    "StoredRows",
     "StoredRun",
-    "Unit",
     "build_scorable",
     "open_tables",
-    "plan_units",
     "read_image_maps",
     "read_run",
     "read_tables",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TypeVar, overload
 
@@ -14,15 +15,13 @@ from numpy.typing import NDArray
 from bench.errors import DataError, UsageError
 from bench.evaluation import Protocol
 from bench.geometry import RigidTransform
-from bench.harness.cache import StepCache
-from bench.harness.oracles import exact_mask, is_oracle
-from bench.harness.reference_files import RecordingReference
+from bench.harness.exact import exact_mask, is_oracle
 from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Scorable, Segmentation, UnansweredImage, ask_method
 from bench.methods.contract import not_derived, own_copy
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image, read_truth
 from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
-from bench.reference import ReferenceBuilder, ReferenceFrame
+from bench.reference import ReferenceBuilder, ReferenceFrame, visible_region
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -56,18 +55,15 @@ class ProcessedFrame:
 class FramePipeline:
     """Processes the images of one camera of a recording; holds as many images as the method looks back.
 
-    Whatever a method is given is a copy: nothing that it does to it reaches the reference, the cache or later images.
-    The method is a copy, too: what it notes on itself ends with the pipeline.
+    Whatever a method is given is a copy: nothing that it does to it reaches the reference or later images. The method
+    is a copy, too: what it notes on itself ends with the pipeline.
 
     Args:
         recording: the drive.
         camera: name of the camera.
         method: asked for segmentations; anything with the history and colour of one where only its input is wanted.
-        protocol: the rules of the reference.
-        further: other protocols by which the same answers are scored.
+        protocol: the rules of the reference; None where none is wanted.
         clock: adds up the time of each stage.
-        steps: where steps of earlier runs are found; None to compute everything.
-        exported: where references by the first protocol are read from; None to build them.
     """
 
     def __init__(
@@ -76,22 +72,15 @@ class FramePipeline:
         camera: str,
         *,
         method: Scorable,
-        protocol: Protocol,
-        further: Sequence[Protocol] = (),
+        protocol: Protocol | None = None,
         clock: StageClock | None = None,
-        steps: StepCache | None = None,
-        exported: RecordingReference | None = None,
     ) -> None:
         self.recording, self.camera = recording, recording.cameras[camera]
         self.images = recording.images[camera]
-        self.references = ReferenceBuilder(recording, camera, protocol.reference_settings())
-        self._further = tuple(
-            ReferenceBuilder(recording, camera, other.reference_settings(), beside=self.references) for other in further
-        )
-        self._exported = exported
+        self._protocol = protocol
         self._method = own_copy(method)
         self._clock = clock or StageClock()
-        self._steps = steps
+        self._valid = _read_only_copy(visible_region(self.camera))
         self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}
         self._held: dict[int, NDArray[np.uint8] | DataError] = {}
         self._pose_times_ns = [perturbed_time_ns(image.timestamp_ns, recording.input_errors) for image in self.images]
@@ -101,6 +90,12 @@ class FramePipeline:
         self._perturbed_mounting = told.vehicle_from_camera
         self._camera_given, self._road_given = deepcopy((told.model, told.road))
 
+    @cached_property
+    def references(self) -> ReferenceBuilder:
+        """Builds the reference of the images."""
+        assert self._protocol is not None, "the reference is by a protocol"
+        return ReferenceBuilder(self.recording, self.camera.name, self._protocol.reference_settings())
+
     def process(self, index: int) -> ProcessedFrame:
         """Process the image of an index, at least `method.history` from the start.
 
@@ -108,55 +103,38 @@ class FramePipeline:
             DataError: an image, a sweep or the ego-motion of the frame cannot be used.
             UnscorableFrame: the images before it are missing, or the method has no answer.
         """
-        return self.process_for_protocols(index)[0]
-
-    def process_for_protocols(self, index: int) -> tuple[ProcessedFrame, ...]:
-        """As `process`, once for each protocol; the method is asked once."""
         method, given, image = self._method, self.method_input(index), self.images[index]
-        if is_oracle(method):
-            references = self._references(image)
-            with self._clock.stage("method"):
-                answers = [method.answer(self.recording, image, reference) for reference in references]
-        else:
-            answer = self._answer(given)
-            references = self._references(image)
-            answers = [answer] * len(references)
-        return tuple(
-            ProcessedFrame(image=image, given=given, segmentation=answer, reference=reference)
-            for answer, reference in zip(answers, references, strict=True)
-        )
+        reference = self.reference(index)
+        answer = method.answer(self.recording, image, reference) if is_oracle(method) else self.ask(given)
+        return ProcessedFrame(image=image, given=given, segmentation=answer, reference=reference)
 
     def reference(self, index: int) -> ReferenceFrame:
-        """The reference of an image by the first protocol.
+        """The reference of an image.
 
         Raises:
             DataError: a sweep or the ego-motion of the image cannot be used.
         """
-        return self._reference(self.references, self.images[index])
+        with self._clock.stage("reference"):
+            return self.references.build(self.images[index])
 
-    def exact_masks(self, index: int, references: Sequence[ReferenceFrame]) -> list[NDArray[np.bool_] | None]:
-        """The exact mask of what moves by each reference of an image, (H, W); None where the data have none.
+    def exact_mask(self, index: int, reference: ReferenceFrame) -> NDArray[np.bool_] | None:
+        """The exact mask of what moves in an image, (H, W); None where the data have none.
 
         Raises:
             DataError: the image's file of instance ids cannot be used.
         """
         image = self.images[index]
         if image.truth_path is None:
-            return [None] * len(references)
-        with self._clock.stage("ceiling"):
-            ids = read_truth(image, self.camera)
-            return [exact_mask(ids, self.recording, reference) for reference in references]
+            return None
+        return exact_mask(read_truth(image, self.camera), self.recording, reference)
 
-    def _references(self, image: ImageRef) -> list[ReferenceFrame]:
-        return [self._reference(builder, image) for builder in (self.references, *self._further)]
+    def ask(self, given: MethodInput) -> Segmentation:
+        """The method's answer.
 
-    def _reference(self, builder: ReferenceBuilder, image: ImageRef) -> ReferenceFrame:
-        with self._clock.stage("reference"):
-            if self._exported is not None and builder is self.references:
-                return self._exported.build(image, self.camera)
-            return builder.build(image) if self._steps is None else self._steps.reference(builder, image)
-
-    def _answer(self, given: MethodInput) -> Segmentation:
+        Raises:
+            MethodError: the method raised, or its answer is none.
+            UnscorableFrame: it has no answer for this image.
+        """
         if not isinstance(self._method, Method):
             raise UsageError(f"{self._method.name}: {not_derived(type(self._method).__name__)}")
         with self._clock.stage("method"):
@@ -178,26 +156,21 @@ class FramePipeline:
         first = self._oldest(first)
         images: Sequence[NDArray[np.uint8]] = _ImagesOnDemand(range(first, index + 1), self._copied)
         if self._method.reads_images:
-            images = tuple(images)  # also where all is cached: a damaged image is an error even if it is not used
+            images = tuple(images)  # a damaged image is an error even if it is not used
         self._held = {i: held for i, held in self._held.items() if i >= index - self._method.most_history}
         with self._clock.stage("ego-motion"):
             times_ns = tuple(self.images[i].timestamp_ns for i in range(first, index + 1))
             motions = self._motions(first, index)
-        given = MethodInput(
+        return MethodInput(
             images=images,
             timestamps_ns=times_ns,
             camera=self._camera_given,
             road=self._road_given,
             current_from_previous=motions,
-            valid=_read_only_copy(self.references.valid),
+            valid=_read_only_copy(self._valid),
             rolling_shutter=self.camera.rolling_shutter,
             recording=self.recording.name,
             camera_name=self.camera.name,
-        )
-        if self._steps is None:
-            return given
-        return replace(
-            given, cached_step=self._steps.of_image(given, self.images[first : index + 1], colour=self._method.colour)
         )
 
     def _motions(self, first: int, last: int) -> tuple[RigidTransform, ...]:

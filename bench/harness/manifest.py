@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import platform
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
 import bench
+from bench.atomic import write_text
+from bench.evaluation import Protocol
 from bench.evaluation.summary import ProtocolOfRun
-from bench.harness.code_state import package_commit
-from bench.harness.digests import code_digest, short_digest
-from bench.harness.digests.content import METRIC_CODE
-from bench.harness.method_of_run import MethodOfRun, flat_settings
-from bench.harness.provenance import combined_digest, library_versions
+from bench.harness.digests import ANSWER_CODE, COUNT_CODE, code_digest, digest_of, library_versions, short_digest
+from bench.harness.method_of_run import MethodOfRun, commit_of, flat_settings
 from bench.plain_text import listed
-from bench.recordings.checked_json import read_checked, write_checked
+from bench.recordings.validation import read_json
 
 MANIFEST = "manifest.json"
-RECORDING_DIGEST_CHARS = 16  # characters of the digest of a recording's data that say whether it changed
+ANSWERS_MANIFEST = "run.json"
+RECORDING_DIGEST_CHARS = 16  # characters of the digest of a recording's content that say whether it changed
 LISTED = 4  # recordings that a sentence lists
 PREDICTIONS_DIGEST = "digest"  # a setting of predictions from disk: their content, which is data
 
@@ -38,15 +39,13 @@ class DatasetOfRun(_Part):
         card: path or name of its card, as `DatasetCard.address`; it may be named in several ways.
         split: of it; None for all.
         input_errors: injected into what the method is told, by name; empty for none.
-        data: digest of all recordings' data; None until they were opened.
-        recordings: the first characters of the digest of each recording's data, by name.
+        recordings: the first characters of the digest of each recording's content, by name.
     """
 
     name: str
     card: str
     split: str | None
     input_errors: dict[str, float] = Field(default_factory=dict)
-    data: str | None = None
     recordings: dict[str, str] = Field(default_factory=dict)
 
 
@@ -56,17 +55,17 @@ class CodeOfRun(_Part):
     Attributes:
         version: of the package.
         commit: of the checkout that ran, "+" behind it where files were changed, or that pip installed from; None where
-            neither is known.
-        python: version of the interpreter.
-        libraries: versions of those that decide metrics.
-        digest: of this package's code that decides metrics; None where nobody took it.
+            neither is known. It decides nothing.
+        libraries: versions of the interpreter and of the libraries that decide metrics.
+        answers: digest of this package's code that decides answers.
+        counts: digest of that which decides references and counts.
     """
 
     version: str
     commit: str | None
-    python: str
     libraries: dict[str, str]
-    digest: str | None = None
+    answers: str
+    counts: str
 
     @classmethod
     def here(cls) -> CodeOfRun:
@@ -74,9 +73,9 @@ class CodeOfRun(_Part):
         return cls(
             version=bench.__version__,
             commit=package_commit(),
-            python=platform.python_version(),
             libraries=dict(library_versions()),
-            digest=code_digest(METRIC_CODE),
+            answers=code_digest(ANSWER_CODE),
+            counts=code_digest(COUNT_CODE),
         )
 
     @property
@@ -88,39 +87,40 @@ class CodeOfRun(_Part):
         return f"commit {short_digest(self.commit).rstrip('+')}{dirty}"
 
 
-class Manifest(_Part):
-    """Everything that decides the results of a run.
+class AnswersManifest(_Part):
+    """Everything that decides the answers of a run, in `run.json`.
 
     Attributes:
         dataset: the data.
-        method: that is scored, with its settings and the digest of its code and files.
-        protocol: the rules.
+        method: that is asked, with its settings and the digest of its code and files.
         code: of this package, and its libraries.
-        reference: digest of what the reference alone decides; None until the run is finished.
-        sums: digest of the table of sums, so that a baseline is noticed to be damaged; None until the run is finished.
     """
 
     dataset: DatasetOfRun
     method: MethodOfRun
-    protocol: ProtocolOfRun
     code: CodeOfRun
+
+    def by(self, protocol: Protocol) -> Manifest:
+        """The manifest of the results by a protocol."""
+        rules = ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest)
+        return Manifest(dataset=self.dataset, method=self.method, code=self.code, protocol=rules)
+
+
+class Manifest(AnswersManifest):
+    """Everything that decides the results of a run by one protocol, in `manifest.json`.
+
+    Attributes:
+        protocol: the rules.
+        reference: digest of what the reference alone decides; None until the run is finished.
+    """
+
+    protocol: ProtocolOfRun
     reference: str | None = None
-    sums: str | None = None
 
     @property
     def title(self) -> str:
         """For example "spherical on demo by paper-v1"."""
         return f"{self.method.name} on {self.dataset.name} by {self.protocol.name}"
-
-    def as_read(self) -> Manifest:
-        """The manifest as it reads from a file: lists, not tuples."""
-        return Manifest.model_validate_json(self.model_dump_json())
-
-    def with_data(self, digests: Mapping[str, str]) -> Manifest:
-        """The manifest with the digests of recordings' data, by name."""
-        recordings = {name: digest[:RECORDING_DIGEST_CHARS] for name, digest in sorted(digests.items())}
-        data = {"data": combined_digest([*digests.values()]), "recordings": recordings}
-        return self.model_copy(update={"dataset": self.dataset.model_copy(update=data)})
 
 
 class Aspect(StrEnum):
@@ -139,14 +139,8 @@ class Aspect(StrEnum):
 
 
 _INCOMPARABLE = {Aspect.DATASET, Aspect.SPLIT, Aspect.PROTOCOL}
-_OF_THE_REQUEST = {*_INCOMPARABLE, Aspect.INPUT_ERRORS, Aspect.METHOD, Aspect.SETTINGS}
 # The text says what it is of.
-_NAMED_BY_ITSELF = {
-    Aspect.SETTINGS,
-    Aspect.INPUT_ERRORS,
-    Aspect.CODE,
-    Aspect.METHOD_CODE,
-}
+_NAMED_BY_ITSELF = {Aspect.SETTINGS, Aspect.INPUT_ERRORS, Aspect.CODE, Aspect.METHOD_CODE}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,6 +153,7 @@ class Difference:
         after: of the second.
         lead: words before these.
         name: of the setting, input error or library; "" where there is only one such thing.
+        decides: results may differ by it; False for the commit alone.
     """
 
     aspect: Aspect
@@ -166,6 +161,7 @@ class Difference:
     after: str
     lead: str = ""
     name: str = ""
+    decides: bool = True
 
     @property
     def text(self) -> str:
@@ -180,13 +176,8 @@ class Difference:
         """True if results still compare; of another reference they do on the images where both agree."""
         return self.aspect not in _INCOMPARABLE
 
-    @property
-    def of_the_request(self) -> bool:
-        """True if another run was asked for; code and data may change from one start of a run to the next."""
-        return self.aspect in _OF_THE_REQUEST and self.name != PREDICTIONS_DIGEST
 
-
-def differences(before: Manifest, after: Manifest) -> tuple[Difference, ...]:
+def differences(before: AnswersManifest, after: AnswersManifest) -> tuple[Difference, ...]:
     """List what differs between two runs, in the order of `Aspect`; what one of them does not know yet differs in none.
 
     Args:
@@ -196,7 +187,7 @@ def differences(before: Manifest, after: Manifest) -> tuple[Difference, ...]:
     return tuple(_differences(before, after))
 
 
-def _differences(before: Manifest, after: Manifest) -> Iterator[Difference]:
+def _differences(before: AnswersManifest, after: AnswersManifest) -> Iterator[Difference]:
     was, now, one, two = before.dataset, after.dataset, before.method, after.method
     yield from _one(Aspect.DATASET, repr(was.name), repr(now.name))
     yield from _one(Aspect.SPLIT, _or_none(was.split), _or_none(now.split))
@@ -204,14 +195,18 @@ def _differences(before: Manifest, after: Manifest) -> Iterator[Difference]:
     yield from _one(Aspect.METHOD, repr(one.name), repr(two.name))
     if one.name == two.name:
         yield from _each(Aspect.SETTINGS, all_settings(one), all_settings(two))
-    yield from _one(Aspect.PROTOCOL, protocol_text(before.protocol), protocol_text(after.protocol))
-    yield from _code(before.code, after.code)
+    if isinstance(before, Manifest) and isinstance(after, Manifest):
+        yield from _one(Aspect.PROTOCOL, protocol_text(before.protocol), protocol_text(after.protocol))
+    counted = isinstance(before, Manifest) and isinstance(after, Manifest)
+    yield from _code(before.code, after.code, counted=counted)
     if one.name == two.name:
-        lead = "the method's own code, libraries or files: "
+        lead = "the method's own code, or files: "
         yield from _digest(Aspect.METHOD_CODE, one.code_digest, two.code_digest, lead=lead)
-    recordings = "".join(f"{text}; " for text in _changed_recordings(was.recordings, now.recordings))
-    yield from _digest(Aspect.DATA, was.data, now.data, lead=recordings)
-    yield from _digest(Aspect.REFERENCE, before.reference, after.reference)
+    if changes := [*_changed_recordings(was.recordings, now.recordings)]:
+        digests = [digest_of(data.recordings) for data in (was, now)]
+        yield from _digest(Aspect.DATA, *digests, lead="".join(f"{text}; " for text in changes))
+    if isinstance(before, Manifest) and isinstance(after, Manifest):
+        yield from _digest(Aspect.REFERENCE, before.reference, after.reference)
 
 
 def all_settings(method: MethodOfRun) -> dict[str, object]:
@@ -224,19 +219,19 @@ def protocol_text(protocol: ProtocolOfRun) -> str:
     return f"{protocol.name} version {protocol.version} ({short_digest(protocol.digest)})"
 
 
-def write_manifest(run: Path, manifest: Manifest) -> None:
-    """Write `manifest.json`."""
-    write_checked(run / MANIFEST, manifest)
+def write_manifest(file: Path, manifest: AnswersManifest) -> None:
+    """Write a manifest."""
+    write_text(file, manifest.model_dump_json(indent=1) + "\n")
 
 
-def read_manifest(run: Path) -> Manifest | None:
-    """Read `manifest.json`; None where there is none.
+def read_manifest(folder: Path) -> Manifest | None:
+    """Read the manifest of results, or of a baseline; None where there is none.
 
     Raises:
         DataError: damaged.
     """
-    file = run / MANIFEST
-    return read_checked(Manifest, file, expected="the manifest of a run") if file.exists() else None
+    file = folder / MANIFEST
+    return read_json(Manifest, file) if file.exists() else None
 
 
 def _one(aspect: Aspect, before: str, after: str) -> Iterator[Difference]:
@@ -266,13 +261,15 @@ def _digest(aspect: Aspect, before: str | None, after: str | None, *, lead: str 
         yield Difference(aspect=aspect, before=was, after=now, lead=f"{lead}digest ")
 
 
-def _code(was: CodeOfRun, now: CodeOfRun) -> Iterator[Difference]:
+def _code(was: CodeOfRun, now: CodeOfRun, *, counted: bool) -> Iterator[Difference]:
+    """Compare the code of answers, and where both are of results also that of counts."""
+    digests = [digest_of(code.answers, code.counts if counted else "") for code in (was, now)]
     if (was.version, was.commit) != (now.version, now.commit):
-        yield from _one(Aspect.CODE, was.text, now.text)
-    elif was.libraries == now.libraries:
-        yield from _digest(Aspect.CODE, was.digest, now.digest, lead=f"other code of {now.text}: ")
-    versions = [{"Python": code.python, **code.libraries} for code in (was, now)]
-    yield from _each(Aspect.CODE, *versions, between=" ", absent="not loaded")
+        decides = digests[0] != digests[1]
+        yield Difference(aspect=Aspect.CODE, before=was.text, after=now.text, decides=decides)
+    else:
+        yield from _digest(Aspect.CODE, *digests, lead=f"other code of {now.text}: ")
+    yield from _each(Aspect.CODE, was.libraries, now.libraries, between=" ", absent="not loaded")
 
 
 def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
@@ -291,3 +288,21 @@ def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Itera
 
 def _or_none(split: str | None) -> str:
     return "none" if split is None else repr(split)
+
+
+def package_commit() -> str | None:
+    """Commit of the checkout that the package runs from, "+" behind it where files were changed; or of the repository
+    that pip installed it from; None where neither is known."""
+    package = Path(bench.__file__).resolve()
+    commit = commit_of(package)
+    if commit is not None:
+        return commit
+    try:
+        installed = distribution("fisheye-bench")
+    except PackageNotFoundError:
+        return None
+    if Path(str(installed.locate_file("bench/__init__.py"))).resolve() != package:
+        return None  # what runs is another copy
+    told = installed.read_text("direct_url.json")  # PEP 610
+    commit = json.loads(told).get("vcs_info", {}).get("commit_id") if told else None
+    return str(commit) if commit else None

@@ -1,17 +1,23 @@
-"""Method that made a result, in words and digests; it is never imported or called."""
+"""Method that made a result, in words and digests; it is never imported or called from here."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from site import getsitepackages, getusersitepackages
 from types import MappingProxyType
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.errors import UsageError
-from bench.harness.code_state import method_commit
-from bench.harness.digests import MethodCode
+from bench.harness.digests import digest_file, digest_of
 from bench.methods import METHODS, Scorable, build_method, known_methods
+from bench.methods.contract import refuse_unfit
+
+UNIDENTIFIED = "unidentified"
 
 
 class MethodOfRun(BaseModel):
@@ -23,9 +29,10 @@ class MethodOfRun(BaseModel):
         asked: parameters that the user named, as they were asked for.
         place: "module:Class" of its class; recorded only, never imported from here.
         history: images that it needs before the one that it segments.
-        code_digest: SHA-256 over its own code, the libraries that this imports and the files that it reads.
-        commit: of the checkout that its own code is of, "+" behind it where a file of it is not as committed; None for
-            a method of this package, and for code in no commit. It decides nothing.
+        code_digest: of the package that holds its class, or of the modules beside it, and of the files that it reads;
+            `UNIDENTIFIED` where no file holds the class, as in a notebook's cell: such a run is computed anew.
+        commit: of the checkout that its own code is of, "+" behind it where a file is not as committed; None for a
+            method of this package, and for code in no commit. It decides nothing.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -39,19 +46,30 @@ class MethodOfRun(BaseModel):
     commit: str | None = None
 
     @classmethod
-    def of(
-        cls, method: Scorable, method_code: MethodCode, *, asked: Mapping[str, object] = MappingProxyType({})
-    ) -> MethodOfRun:
-        """Record a method in this process."""
+    def of(cls, method: Scorable, *, asked: Mapping[str, object] = MappingProxyType({})) -> MethodOfRun:
+        """Record a method in this process.
+
+        Raises:
+            UsageError: `files` or `settings()` are not what the contract asks for.
+        """
+        refuse_unfit(method)
+        kind = type(method)
+        module = getattr(sys.modules.get(kind.__module__), "__file__", None)
+        own = kind.__module__.partition(".")[0] == "bench"
         return cls(
             name=method.name,
-            settings=method.settings(),
-            asked=dict(asked),
-            place=method_code.place,
+            settings=json.loads(json.dumps(method.settings(), default=str)),
+            asked=json.loads(json.dumps(dict(asked), default=str)),
+            place=f"{kind.__module__}:{kind.__qualname__}",
             history=method.history,
-            code_digest=method_code.digest,
-            commit=method_commit(method_code),
+            code_digest=method_digest(method),
+            commit=None if own or module is None else commit_of(Path(module).resolve()),
         )
+
+    @property
+    def is_identified(self) -> bool:
+        """True if a file holds its code, so that a change is seen."""
+        return self.code_digest != UNIDENTIFIED
 
     @property
     def is_own(self) -> bool:
@@ -93,3 +111,69 @@ def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str,
         else:
             flat[f"{parent}{name}"] = value
     return flat
+
+
+def method_digest(method: Scorable) -> str:
+    """Digest of a method's own code and of the files that it reads; `UNIDENTIFIED` where no file holds the code.
+
+    Raises:
+        UsageError: a file that it lists is not there.
+    """
+    sources = dict(_sources(type(method).__module__))
+    if not sources and not type(method).__module__.startswith("bench."):
+        return UNIDENTIFIED
+    files = {f"file {name}": path for name, path in _listed_files(method)}
+    return digest_of({name: digest_file(path) for name, path in (sources | files).items()})
+
+
+def _sources(module: str) -> Iterator[tuple[str, Path]]:
+    """Sources of the package that holds a module, or of the modules beside it; none of this package, which counts by
+    itself."""
+    top = module.partition(".")[0]
+    file = getattr(sys.modules.get(module), "__file__", None)
+    if top == "bench" or file is None:
+        return
+    package = getattr(sys.modules.get(top), "__file__", None) if "." in module else file
+    place = Path(package or file).resolve()
+    libraries = [Path(folder).resolve() for folder in (*getsitepackages(), getusersitepackages())]
+    if place.name == "__init__.py":
+        found = sorted(place.parent.rglob("*.py"))
+    elif place.parent in libraries:
+        found = [place]
+    else:
+        found = sorted({place, *place.parent.glob("*.py")})
+    for path in found:
+        yield path.relative_to(place.parent).as_posix(), path
+
+
+def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
+    """Name and path of every file that a method lists in `files`, folders walked."""
+    for entry in method.files:
+        path = Path(entry)
+        if path.is_file():
+            yield path.name, path
+        elif path.is_dir():
+            for file in sorted(found for found in path.rglob("*") if found.is_file()):
+                yield f"{path.name}/{file.relative_to(path).as_posix()}", file
+        else:
+            raise UsageError(f"method {method.name!r}: files: expected a file or folder, got no such path {entry!r}")
+
+
+def commit_of(file: Path) -> str | None:
+    """Commit of the checkout that holds a file, "+" behind it where files of its folder are not as committed; None
+    where no commit holds it."""
+    if _git(file.parent, "ls-files", "--error-unmatch", "--", file.name) is None:
+        return None
+    commit, changed = _git(file.parent, "rev-parse", "HEAD"), _git(file.parent, "status", "--porcelain", "--", ".")
+    return None if commit is None else commit.strip() + ("" if changed == "" else "+")
+
+
+def _git(folder: Path, *words: str) -> str | None:
+    """Return the output of git; None where it fails or is not installed."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *words], capture_output=True, text=True, check=True, timeout=30
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout

@@ -1,22 +1,17 @@
-"""Cost of a run relative to the flow that it cannot do without, and cost of a method per image."""
+"""Cost of a run relative to the flow that it cannot do without."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from time import thread_time
 
-from pydantic import BaseModel, ConfigDict
-
-from bench.atomic import read_regular, write_text
 from bench.evaluation import Protocol, SequenceScorer
 from bench.flow import DenseFlow, FarnebackFlow
-from bench.harness.digests import MethodCode, digest_of
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.stages import StageClock
 from bench.methods import Scorable
-from bench.recordings import DatasetCard, Recording, open_dataset
+from bench.recordings import Recording
 from bench.threads import single_threaded
 
 
@@ -97,71 +92,4 @@ def measure(
         stage_ms={name: 1e3 * seconds / done for name, seconds in clock.seconds.items()},
         total_ms=1e3 * total_s / done,
         flow_ms=1e3 * flow_s / done,
-    )
-
-
-COST = "cost.json"
-TIMED_IMAGES = 40
-
-
-class MethodCost(BaseModel):
-    """Time that a method takes per image, in one thread, without a cache; stored beside a run's results as `cost.json`.
-
-    Attributes:
-        method_ms: mean time of the method alone, ms: no decoding, no reference.
-        farneback_ms: mean time of a Farnebäck call on the same pairs, taken in between, ms.
-        images: timed.
-        of: digest of the method, its settings and the data set.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    method_ms: float
-    farneback_ms: float
-    images: int
-    of: str
-
-    @property
-    def ratio(self) -> float:
-        """Method over Farnebäck, which differs less between machines than times do."""
-        return self.method_ms / self.farneback_ms
-
-
-def read_cost(run: Path) -> MethodCost | None:
-    """The cost that is stored with a run; None where there is none that can be read."""
-    try:
-        return MethodCost.model_validate_json(read_regular(run / COST))
-    except (OSError, ValueError):
-        return None
-
-
-def write_cost(run: Path, cost: MethodCost) -> None:
-    """Store the cost with a run."""
-    write_text(run / COST, cost.model_dump_json(indent=1) + "\n")
-
-
-def method_cost(card: DatasetCard, method: Scorable, *, protocol: Protocol, known: MethodCost | None) -> MethodCost:
-    """Time a method on the first images of a data set, unless that is known already.
-
-    Args:
-        card: the data set, which is there.
-        method: to be timed.
-        protocol: the rules of the reference, which has no part in the cost.
-        known: an earlier cost, which stays while method, settings and data set are the same.
-    """
-    of = digest_of(card.name, MethodCode.of(method).digest, method.settings())
-    if known is not None and known.of == of:
-        return known
-    found = measure(
-        (handle.open() for handle in open_dataset(card)),
-        method=method,
-        protocol=protocol,
-        images=TIMED_IMAGES,
-        progress=lambda *_: None,
-    )
-    return MethodCost(
-        method_ms=round(found.stage_ms.get("method", 0.0), 3),
-        farneback_ms=round(found.flow_ms, 3),
-        images=found.images,
-        of=of,
     )

@@ -1,4 +1,4 @@
-"""Images of a stored run as they were scored: its masks, and the reference built once more from the data set.
+"""Images of a stored run as they were scored: its answers, and the reference.
 
 The run's method is neither imported nor called. Images whose counts differ from the stored ones, because code or data
 changed since, are refused: a picture shows what was scored, or nothing.
@@ -11,51 +11,46 @@ from pathlib import Path
 
 from bench.errors import DataError
 from bench.evaluation.counts import count_frame
-from bench.harness.frames import FramePipeline, ProcessedFrame, UnscorableFrame
-from bench.harness.masks import read_mask
-from bench.harness.stored import StoredRun
+from bench.harness.frames import FramePipeline, InputOnly, ProcessedFrame, UnscorableFrame
+from bench.harness.stored import StoredRun, find_answer
 from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
 from bench.recordings import DatasetCard, load_card, open_dataset
 
 COUNTS = ("valid_px", "reference_px", "ignored_px", "tp_px", "fp_px")
 _KEY = ("camera", "timestamp_ns")
-NO_MASK = "the run holds no mask"
 
 
-class StoredMasks(Method):
-    """Answers with the masks of a run, in place of the method that made them.
+class StoredAnswers(Method):
+    """Answers as a run did, in place of the method that made the answers; it reads no images.
 
     Args:
-        masks: file of the run.
+        run: folder of the results.
         history: images that the run's method needs before one.
     """
 
-    name = "stored-masks"
+    name = "stored-answers"
     reads_images = False
 
-    def __init__(self, masks: str, history: int) -> None:
-        self.masks, self.history = masks, history
-        self.files = (masks,)
+    def __init__(self, run: str, history: int) -> None:
+        self.run, self.history = run, history
 
     @classmethod
-    def of(cls, run: StoredRun) -> StoredMasks:
-        """The masks of a run.
-
-        Raises:
-            DataError: it holds none.
-        """
-        return cls(str(run.masks), run.manifest.method.history)
+    def of(cls, run: StoredRun) -> StoredAnswers:
+        """The answers of a run."""
+        return cls(str(run.folder.absolute()), run.manifest.method.history)
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """The mask of the current image."""
-        found = read_mask(
-            Path(self.masks),
-            recording=frame.recording, camera=frame.camera_name, timestamp_ns=frame.timestamps_ns[-1],
-        )  # fmt: skip
-        if found is None:
+        """The answer of the current image.
+
+        Raises:
+            UnansweredImage: the run has none, and says why.
+            DataError: the run's answers are damaged.
+        """
+        answer = find_answer(Path(self.run), frame.recording, frame.camera_name, frame.timestamps_ns[-1])
+        if answer is None or not answer.is_answered:
             tuple(frame.images)  # one that cannot be read fails here, as it did in the run
-            raise UnansweredImage(NO_MASK)
-        return found
+            raise UnansweredImage("the run holds no answer, though the data allow to score the image")
+        return answer.segmentation()
 
 
 class StoredFrames:
@@ -66,11 +61,11 @@ class StoredFrames:
         card: the data set; None for the card that the run names.
 
     Raises:
-        DataError: the run holds no masks, or its card or data set is not there.
+        DataError: its card or data set is not there.
     """
 
     def __init__(self, run: StoredRun, *, card: DatasetCard | None = None) -> None:
-        self._run, self._method = run, StoredMasks.of(run)
+        self._run, self._method = run, InputOnly(history=run.manifest.method.history)
         dataset = run.manifest.dataset
         self._card = card or load_card(dataset.card)
         self._handles = {handle.name: handle for handle in open_dataset(self._card, dataset.split)}
@@ -98,11 +93,11 @@ class StoredFrames:
         return self._pipelines[key]
 
     def process(self, recording: str, camera: str, timestamp_ns: int) -> ProcessedFrame:
-        """An image with its stored mask and its reference.
+        """An image with its stored answer and its reference.
 
         Raises:
-            BenchError: the image, its mask or its reference cannot be used.
-            UnscorableFrame: it has no mask, or its counts differ from the stored ones.
+            BenchError: the image, its answer or its reference cannot be used.
+            UnscorableFrame: it has no answer, or its counts differ from the stored ones.
         """
         pipeline = self.pipeline(recording, camera)
         times_ns = [image.timestamp_ns for image in pipeline.images]
@@ -110,7 +105,16 @@ class StoredFrames:
             raise DataError(
                 pipeline.recording.root, expected=f"an image of {camera!r} at {timestamp_ns} ns", got="none"
             )
-        frame = pipeline.process(times_ns.index(timestamp_ns))
+        index, answer = times_ns.index(timestamp_ns), self._run.answer(recording, camera, timestamp_ns)
+        if answer is None or not answer.is_answered:
+            reason = "the run holds no answer" if answer is None else answer.problem
+            raise UnscorableFrame(f"recording {recording!r}, camera {camera!r}, image at {timestamp_ns} ns: {reason}")
+        frame = ProcessedFrame(
+            image=pipeline.images[index],
+            given=pipeline.method_input(index),
+            segmentation=answer.segmentation(),
+            reference=pipeline.reference(index),
+        )
         height, width = frame.reference.valid.shape
         counted, _ = count_frame(frame.reference, frame.segmentation.mask_at(width, height), component_size_px=0)
         now = tuple(getattr(counted, name) for name in COUNTS)

@@ -1,41 +1,36 @@
-"""The files of a run: written once, atomically; everything above reads only these, as a `StoredRun`.
+"""The results of a run by one protocol, as everything above reads them: a `StoredRun`.
 
 ```
-<run>/manifest.json                                                what the run is; names protocol.json and sums.csv
-<run>/summary.json                                                 metrics, provenance, failures; names the other files
-<run>/objects.parquet, frames.parquet, masks.parquet, image_maps.npz                             the whole run
-<run>/sums.csv                                                     the tables, summed by recording
-<run>/protocol.json                                                the rules that it was scored by
-<run>/units/                                                       see `bench.harness.unit_files`
+<run>/run.json                          what was asked; see `bench.harness.manifest`
+<run>/answers/                          what was answered; see `bench.harness.answers`
+<run>/<protocol>/counts/                what was counted; see `bench.harness.counts`
+<run>/<protocol>/sums.csv               the counts, summed by recording
+<run>/<protocol>/protocol.json          the rules
+<run>/<protocol>/manifest.json          what all this is of
+<run>/<protocol>/summary.json           metrics, provenance, failures; written last
+<run>/<protocol>/table.*, ...           reports
 ```
-
-A file is named with the digest of its content, so that files of two runs are never taken for one.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv
-import pyarrow.dataset
 
-from bench.atomic import read_regular, write_text
+from bench.atomic import write_text
 from bench.errors import DataError, UsageError
 from bench.evaluation import (
     FRAMES_SCHEMA,
     OBJECTS_SCHEMA,
-    ImageMap,
     ObjectMetrics,
     Protocol,
     Summary,
@@ -48,29 +43,23 @@ from bench.evaluation import (
 )
 from bench.evaluation.definitions import level_metrics
 from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
-from bench.evaluation.rows import (
-    ChosenRows,
-    CommonImages,
-    Rows,
-    RowsOnImages,
-    RowSource,
-    read_parts,
-    sort_rows,
-    to_frame,
-)
-from bench.harness.digests.content import MISSING, UNREADABLE, FileDigests, short_digest
+from bench.evaluation.rows import IMAGE, ChosenRows, CommonImages, Rows, RowsOnImages, RowSource, read_parts, sort_rows
+from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
+from bench.harness.counts import COUNTS, StoredRows, open_tables
+from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, PREDICTIONS_DIGEST, Manifest, read_manifest, write_manifest
-from bench.harness.masks import MASKS
 from bench.harness.provenance import Provenance
-from bench.harness.run_folder import run_name
-from bench.harness.unit_files import load_image_maps
-from bench.recordings.checked_json import read_checked, write_checked
 from bench.recordings.openlabel import NOT_REVIEWED
+from bench.recordings.validation import read_json
 from bench.records.reference import Category
 
-SUMMARY, SUMS, IMAGE_MAPS, PROTOCOL = "summary.json", "sums.csv", "image_maps.npz", "protocol.json"
-NamedFile = Literal["manifest.json", "objects.parquet", "frames.parquet", "image_maps.npz", "masks.parquet"]
+SUMMARY, SUMS, PROTOCOL = "summary.json", "sums.csv", "protocol.json"
 PREDICTIONS = "predictions.json"  # of runs of predictions from disk
+USUAL_PROTOCOL = "paper-v1"
+RESULT_FILES = (
+    *(ANSWERS, COUNTS, MANIFEST, SUMMARY, SUMS, PROTOCOL, PREDICTIONS),
+    *("validation.json", "cost.json", "table.*", "range_map.*", "index.html", "index-*.html", "figures", "pictures"),
+)
 
 # What the reference alone decides, in whole numbers and words: no floats, whose text could differ between versions.
 REFERENCE_OF_OBJECTS = (
@@ -79,80 +68,6 @@ REFERENCE_OF_OBJECTS = (
 )
 REFERENCE_OF_FRAMES = ("recording", "camera", "timestamp_ns", "status", "valid_px", "reference_px", "ignored_px")
 HISTOGRAMS = frozenset({REFERENCE_COLUMN, OUTSIDE_COLUMN})
-
-
-class StoredRows:
-    """A table of a run on disk, read a few recordings at a time.
-
-    Args:
-        file: Parquet.
-        schema: that it is of.
-
-    Raises:
-        DataError: missing, damaged, or without a column.
-    """
-
-    def __init__(self, file: Path, schema: pa.Schema) -> None:
-        self.file, self.schema = file, schema
-        with self._readable():
-            self._stored = pyarrow.dataset.dataset(file, format="parquet")
-        if missing := [name for name in schema.names if name not in self._stored.schema.names]:
-            raise DataError(file, field=missing[0], expected="this column of a run's table", got="none")
-        for field in schema:
-            kind = self._stored.schema.field(field.name).type
-            if not pa.types.is_nested(kind) and kind != field.type:
-                raise DataError(file, field=field.name, expected=f"a column of {field.type}", got=str(kind))
-        self._recordings: dict[str, int] | None = None
-
-    def __len__(self) -> int:
-        return sum(self.recordings().values())
-
-    def recordings(self) -> dict[str, int]:
-        """Rows of each recording, by name."""
-        if self._recordings is None:
-            found: Counter[str] = Counter()
-            with self._readable():
-                for batch in self._stored.to_batches(columns=["recording"], batch_readahead=1):
-                    for one in pc.value_counts(batch["recording"]).to_pylist():
-                        found[one["values"]] += one["counts"]
-            self._recordings = dict(found)
-        return self._recordings
-
-    def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
-        """All rows of some recordings, in the order of the file."""
-        name = pyarrow.dataset.field("recording")
-        wanted = name.isin(pa.array(recordings, pa.string()))
-        if recordings:  # groups of rows of others are not read
-            wanted &= (name >= min(recordings)) & (name <= max(recordings))
-        return to_frame(self._table(columns, wanted))
-
-    def table(self, *, unread: frozenset[str] = frozenset()) -> pa.Table:
-        """All of it, in memory; columns of `unread` are null."""
-        read = self._table([name for name in self.schema.names if name not in unread])
-        nulls = {name: pa.nulls(len(read), self.schema.field(name).type) for name in unread}
-        columns = [nulls[name] if name in nulls else read[name] for name in self.schema.names]
-        return pa.table(columns, names=self.schema.names).cast(self.schema)
-
-    def _table(self, columns: Sequence[str], wanted: pyarrow.dataset.Expression | None = None) -> pa.Table:
-        with self._readable():
-            return self._stored.to_table(columns=list(columns), filter=wanted, batch_readahead=1, use_threads=False)
-
-    @contextmanager
-    def _readable(self) -> Iterator[None]:
-        try:
-            yield
-        except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
-            got = " ".join(str(error).split())[:200]
-            raise DataError(self.file, expected="a table of a run", got=got) from error
-
-
-def open_tables(run: Path) -> tuple[StoredRows, StoredRows]:
-    """The run's objects and frames, to be read a part at a time.
-
-    Raises:
-        DataError: missing, damaged, or without a column; damage further inside is met on reading.
-    """
-    return StoredRows(run / "objects.parquet", OBJECTS_SCHEMA), StoredRows(run / "frames.parquet", FRAMES_SCHEMA)
 
 
 class RunSummary(Summary):
@@ -165,7 +80,6 @@ class RunSummary(Summary):
         caveats: what a reader has to know of the data set, from its card.
         failures: one line per recording, unit or image that could not be used; the metrics are of the rest.
         threshold_free: what the method's likelihood is worth at all thresholds; None for a method without one.
-        files: SHA-256 of the manifest and of the tables that the metrics are of, by name.
     """
 
     schema_version: Literal[1]
@@ -174,7 +88,6 @@ class RunSummary(Summary):
     failures: tuple[str, ...]
     caveats: str = ""
     threshold_free: ThresholdFreeMetrics | None = None
-    files: dict[NamedFile, str]
 
     @property
     def unreviewed(self) -> str:
@@ -197,18 +110,12 @@ def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Tab
     return objects.table(), frames.table(unread=frozenset() if histograms else HISTOGRAMS)
 
 
-def read_image_maps(run: Path) -> dict[str, ImageMap]:
-    """Read the maps of where in the image a run's method was right and wrong, by camera.
-
-    A camera that comes in several sizes has one map for each, as "front, 640 x 480".
-
-    Raises:
-        DataError: missing or damaged.
-    """
-    maps = load_image_maps(run / IMAGE_MAPS)
-    several = [camera for camera, count in Counter(item.camera for item in maps).items() if count > 1]
-    names = [f"{m.camera}, {m.width} x {m.height}" if m.camera in several else m.camera for m in maps]
-    return dict(zip(names, maps, strict=True))
+def failed_images(frames: RowSource) -> list[str]:
+    """One line for each image that could not be used, in the order of recording, camera and time."""
+    failed = []
+    for rows in read_parts(frames, [*IMAGE, "status", "problem"]):
+        failed += sort_rows(rows[rows["status"] == FAILED], IMAGE)["problem"].tolist()
+    return failed
 
 
 def reference_digest(objects: Rows, frames: Rows) -> str:
@@ -277,17 +184,22 @@ class StoredRun:
         return self.summary if self._is_whole else summary_of(self.sums, protocol=self.protocol)
 
     @property
-    def masks(self) -> Path:
-        """File of the masks that were scored.
+    def table_files(self) -> tuple[StoredRows, StoredRows]:
+        """All objects and all frames, on disk."""
+        return open_tables(self.folder)
+
+    def answer(self, recording: str, camera: str, timestamp_ns: int) -> Answer | None:
+        """What was answered of an image; None where the run knows no such image.
 
         Raises:
-            DataError: the run holds none.
+            DataError: the answers are damaged.
         """
-        file = self.folder / MASKS
-        if not file.is_file():
-            hint = "run again: pictures are drawn from stored masks, and the method of a stored run is never called"
-            raise DataError(file, expected="the masks that were scored", got="no such file", hint=hint)
-        return file
+        return find_answer(self.folder, recording, camera, timestamp_ns)
+
+    @property
+    def answers(self) -> Path:
+        """Folder of the answers."""
+        return answers_folder(self.folder)
 
     @property
     def commit(self) -> str | None:
@@ -303,29 +215,67 @@ class StoredRun:
         return self.category is None and self.images is None
 
 
+def answers_folder(results: Path) -> Path:
+    """Folder of the answers that results are of: those of an oracle lie beside them, those of a method above."""
+    own = results / ANSWERS
+    return own if own.is_dir() else results.parent / ANSWERS
+
+
+def find_answer(results: Path, recording: str, camera: str, timestamp_ns: int) -> Answer | None:
+    """What was answered of an image; None where the run knows no such image.
+
+    Raises:
+        DataError: the answers are damaged.
+    """
+    folder = answers_folder(results) / safe_name(recording)
+    for file in sorted(folder.glob(f"{safe_name(camera)}-{'[0-9]' * 8}.parquet")):
+        if found := read_answers(file, timestamp_ns=timestamp_ns):
+            return found[0]
+    return None
+
+
+def results_folder(folder: Path) -> Path:
+    """The folder of results that a folder stands for: itself, or of a run that by paper-v1, or its only one.
+
+    Raises:
+        DataError: there are none, or several others.
+    """
+    if (folder / SUMMARY).is_file():
+        return folder
+    names = sorted(file.parent.name for file in folder.glob(f"*/{SUMMARY}"))
+    if USUAL_PROTOCOL in names:
+        return folder / USUAL_PROTOCOL
+    if len(names) != 1:
+        got = f"those by {', '.join(names)}" if names else f"no {SUMMARY}"
+        hint = (
+            f"name one of them, as {folder / names[0]}" if names else "score something there with `fisheye-bench run`"
+        )
+        raise DataError(folder, expected="the folder of a finished run", got=got, hint=hint)
+    return folder / names[0]
+
+
+def run_name(results: Path) -> str:
+    """Name of a run, with that of the protocol behind it unless that is the usual one."""
+    place = results.resolve()
+    run = place.parent.name
+    return run if place.name == USUAL_PROTOCOL else f"{run}-{place.name}"
+
+
 def read_run(folder: Path, *, label: str | None = None, category: Category | None = None) -> StoredRun:
-    """Read a run; its files must all be of it.
+    """Read the results of a run.
 
     Args:
-        folder: of the run.
-        label: what tables call it; None for the folder's name.
+        folder: of the run or of its results by a protocol; see `results_folder`.
+        label: what tables call it; None for the run's name.
         category: of the object-frames; None for all.
 
     Raises:
         DataError: a file is missing, damaged, or of another run.
     """
-    summary = read_checked(RunSummary, folder / SUMMARY, expected="the summary of a run")
-    digests = FileDigests()
-    for name, digest in summary.files.items():
-        if (found := digests.of(folder / name)) not in (digest, MISSING):
-            got = found if found.startswith(UNREADABLE) else "another one: it is damaged, or of another run"
-            raise DataError(folder / name, expected=f"the file that {SUMMARY} is of", got=got, hint="score again")
-    manifest = read_manifest(folder)
+    folder = results_folder(folder)
+    summary, manifest = read_json(RunSummary, folder / SUMMARY), read_manifest(folder)
     if manifest is None:
         raise DataError(folder / MANIFEST, expected="the manifest of a run", got="no such file")
-    if (folder / SUMS).exists():
-        refuse_other_sums(folder, manifest, hint="score again")
-    open_tables(folder)  # what is wrong with them is told here, not halfway through a report
     return StoredRun(
         folder=folder,
         label=label or run_name(folder),
@@ -334,16 +284,6 @@ def read_run(folder: Path, *, label: str | None = None, category: Category | Non
         protocol=_read_protocol(folder, manifest, summary),
         category=category,
     )
-
-
-def refuse_other_sums(folder: Path, manifest: Manifest, *, hint: str) -> None:
-    """Refuse sums that are not those of the manifest beside them, whatever ends their lines.
-
-    Raises:
-        DataError: they are not.
-    """
-    if manifest.sums is not None and manifest.sums != sums_digest(folder):
-        raise DataError(folder / SUMS, expected=f"the file that {MANIFEST} is of", got="another one", hint=hint)
 
 
 def refuse_unscored(summary: RunSummary, run: Path) -> None:
@@ -367,12 +307,12 @@ def write_run(
     caveats: str = "",
     vehicle_outline_m: tuple[tuple[float, float], ...] = (),
 ) -> StoredRun:
-    """Write the small files of a run, whose tables and sums lie in its folder; NaN becomes null.
+    """Write the small files of results, whose counts and sums lie in their folder; NaN becomes null.
 
     Args:
-        folder: of the run.
-        metrics: of the tables.
-        manifest: what the run is, but for the digests of its reference and its sums.
+        folder: of the results.
+        metrics: of the counts.
+        manifest: what the run is, but for the digest of its reference.
         protocol: its rules.
         provenance: as in `RunSummary`, like what follows.
         failures: one line each.
@@ -380,10 +320,9 @@ def write_run(
         vehicle_outline_m: of the ego vehicle.
     """
     objects, frames = open_tables(folder)
-    finished = {"reference": reference_digest(objects, frames), "sums": sums_digest(folder)}
-    manifest = manifest.model_copy(update=finished)
+    manifest = manifest.model_copy(update={"reference": reference_digest(objects, frames)})
     write_text(folder / PROTOCOL, protocol.model_dump_json(indent=1, exclude_unset=True) + "\n")
-    write_manifest(folder, manifest)
+    write_manifest(folder / MANIFEST, manifest)
     summary = RunSummary(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=1,
@@ -392,29 +331,9 @@ def write_run(
         failures=tuple(failures),
         caveats=caveats,
         threshold_free=threshold_free_metrics(frames),
-        files=file_digests(folder),
     )
-    write_checked(folder / SUMMARY, summary)
+    write_text(folder / SUMMARY, summary.model_dump_json(indent=1) + "\n")
     return StoredRun(folder=folder, label=run_name(folder), manifest=manifest, summary=summary, protocol=protocol)
-
-
-def file_digests(folder: Path) -> dict[NamedFile, str]:
-    """SHA-256 of the files of a run that its summary names."""
-    digests = FileDigests()
-    return {name: digests.of(folder / name) for name in get_args(NamedFile) if (folder / name).is_file()}
-
-
-def sums_digest(folder: Path) -> str:
-    """SHA-256 of `sums.csv`, whatever ends its lines, which a checkout may change.
-
-    Raises:
-        DataError: missing, or no regular file.
-    """
-    file = folder / SUMS
-    try:
-        return hashlib.sha256(read_regular(file).replace(b"\r\n", b"\n")).hexdigest()
-    except OSError as error:
-        raise DataError(file, expected="a table of sums", got=error.strerror or str(error)) from error
 
 
 def _read_protocol(folder: Path, manifest: Manifest, summary: RunSummary) -> Protocol:

@@ -1,81 +1,110 @@
-"""The two tasks of a run: list a recording's units, and score a unit. Both travel to other processes and back."""
+"""The two tasks of a run: look at a recording, and take some images of a camera through all stages.
+
+Both run in workers. What is computed is written to files; a file that is there is done, whoever wrote it.
+"""
 
 from __future__ import annotations
 
-import uuid
-from collections import Counter
-from collections.abc import Collection, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import perf_counter
 
-import bench
 from bench.errors import BenchError, DataError, OutputError
 from bench.evaluation import Protocol
-from bench.harness.cache import CacheFolder, StepCache
-from bench.harness.digests import MethodCode, RecordingInputs, code_digest, digest_of
-from bench.harness.digests.content import UNIT_CODE, code_parts
-from bench.harness.method_of_run import flat_settings
-from bench.harness.provenance import NOT_STORED, largest_resident_mb, recording_digest
-from bench.harness.reference_files import RecordingReference, ReferenceFolder
+from bench.flow import memoise_flow
+from bench.harness.answers import ANSWERS, FAILED, SKIPPED, Answer, Key, read_answers, safe_name, write_answers
+from bench.harness.counts import count_answers, counts_folder, is_counted, told
+from bench.harness.digests import (
+    ANSWER_CODE,
+    COUNT_CODE,
+    RecordingDigests,
+    code_digest,
+    digest_recording,
+    library_versions,
+)
+from bench.harness.exact import is_oracle
+from bench.harness.frames import FramePipeline, UnscorableFrame
+from bench.harness.method_of_run import method_digest
+from bench.harness.provenance import largest_resident_mb
+from bench.harness.references import StoredReference, find_references
 from bench.harness.stages import StageClock
-from bench.harness.unit import Unit, plan_units, run_unit
-from bench.harness.unit_files import UnitStore, encode_unit
 from bench.methods import Scorable
-from bench.recordings import Recording, RecordingHandle
+from bench.recordings import ImageRef, Recording, RecordingHandle
 
-UNIT_FORMAT = 4  # raise it when the files of a unit change
+TASK_IMAGES = 100  # bounds what is held before it is written; many times the lag of the chance level
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """Images from `start` up to, not including, `stop` of a camera; the method may read images before `start`.
+
+    Attributes:
+        handle: of the recording.
+        camera: name.
+        start: index of the first image to score.
+        stop: index after the last.
+        digests: of the recording.
+    """
+
+    handle: RecordingHandle
+    camera: str
+    start: int
+    stop: int
+    digests: RecordingDigests
+
+    def __str__(self) -> str:
+        return f"recording {self.handle.name!r}, camera {self.camera!r}, images {self.start} to {self.stop - 1}"
+
+    @property
+    def images(self) -> int:
+        """Number of images to score."""
+        return self.stop - self.start
+
+    @property
+    def name(self) -> str:
+        """Name of its files."""
+        return f"{safe_name(self.camera)}-{self.start:08d}"
+
+    def answers(self, folder: Path) -> Path:
+        """File of its answers.
+
+        Args:
+            folder: that holds `answers`.
+        """
+        return folder / ANSWERS / safe_name(self.handle.name) / f"{self.name}.parquet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSpec:
-    """Settings that are the same for all tasks of a run.
+    """What all tasks of a run have in common.
 
     Attributes:
         method: to be scored.
-        method_code: of the method, in the process that started the run.
-        settings: of the method, as it reports them and as they were asked for, by dotted name.
-        protocols: the rules, each by the folder of its run.
-        cache: where cached steps are stored; None to compute everything.
-        exported: where references are read from; None to build them.
-        code: digest of this package's code that decides a unit's result, in the process that started the run.
-        run_id: of this run; a process opens a recording once for each.
+        folder: of the run.
+        protocols: the rules, by the folder of their results.
+        flow_cache: where dense flow is stored for other runs; None for nowhere.
+        code: what a worker's code must be; see `code_here`.
     """
 
     method: Scorable
-    method_code: MethodCode
-    settings: Mapping[str, object]
+    folder: Path
     protocols: Mapping[Path, Protocol]
-    cache: CacheFolder | None = None
-    exported: ReferenceFolder | None = None
-    code: str = field(default_factory=lambda: code_digest(UNIT_CODE))
-    run_id: str = field(default_factory=lambda: uuid.uuid4().hex)
+    flow_cache: Path | None
+    code: Mapping[str, str]
 
-    @property
-    def parts(self) -> dict[str, dict[str, str]]:
-        """Parts of the code and of the method: digests and versions by name, see `deciding_digests`."""
-        return {"code": code_parts(UNIT_CODE), "method": self.method_parts}
+    def answers_folder(self, results: Path) -> Path:
+        """Folder that holds the answers that are scored by a protocol; those of an oracle depend on it."""
+        return results if is_oracle(self.method) else self.folder
 
-    @property
-    def method_parts(self) -> dict[str, str]:
-        """Name of the method, and its code by name."""
-        return {"name": self.method.name, **self.method_code.parts}
 
-    @property
-    def unreported_settings(self) -> dict[str, object]:
-        """Settings that were asked for and that the method does not report."""
-        reported = flat_settings(self.method.settings())
-        return {name: value for name, value in self.settings.items() if name not in reported}
-
-    def refuse_other_code(self) -> None:
-        """Refuse to compute with other code than the run began with.
-
-        Raises:
-            DataError: this process has other code of this package or of the method, or a file of it changed on disk.
-        """
-        if code_digest(UNIT_CODE) != self.code:
-            place, hint = Path(bench.__file__).parent, "start the run, and its workers, again"
-            raise DataError(place, expected="the code that the run began with", got="another state of it", hint=hint)
-        self.method_code.refuse_change()
+def code_here(method: Scorable) -> dict[str, str]:
+    """The code that decides results in this process, by name: versions, and digests of this package and the method."""
+    return {
+        **library_versions(),
+        "fisheye-bench": code_digest((*ANSWER_CODE, *COUNT_CODE)),
+        f"method {method.name}": method_digest(method),
+    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,8 +113,8 @@ class PlannedRecording:
 
     Attributes:
         name: of the recording.
-        units: its units; none where it cannot be used.
-        digest: of its data; None where it does not open.
+        tasks: none where it cannot be used.
+        digest: of its content; None where it does not open.
         vehicle_outline_m: the ego vehicle from above, vehicle frame.
         reviewed: False where objects were proposed and nobody has looked at them.
         failure: why it cannot be used; None where it can.
@@ -93,7 +122,7 @@ class PlannedRecording:
     """
 
     name: str
-    units: tuple[Unit, ...] = ()
+    tasks: tuple[Task, ...] = ()
     digest: str | None = None
     vehicle_outline_m: tuple[tuple[float, float], ...] = ()
     failure: str | None = None
@@ -102,213 +131,193 @@ class PlannedRecording:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UnitTask:
-    """A unit to be scored.
+class Outcome:
+    """What became of a task, whose results are in files.
 
     Attributes:
-        handle: its recording.
-        unit: which images.
-        stored: results that are stored, by folder of the run, see `UnitStore.stored`; None where the worker sees the
-            folders: then it looks itself, and stores what it computes.
-    """
-
-    handle: RecordingHandle
-    unit: Unit
-    stored: Mapping[Path, Mapping[str, Mapping[str, str]]] | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScoredUnit:
-    """Outcome of a unit.
-
-    Attributes:
-        digests: names of its results by folder of the run; none where it failed.
-        computed: folders for which it was computed, not found done.
-        changed: what made it be computed again where another result was stored, by name as in `deciding_digests`, with
-            the digest that it had; `NOT_STORED` where there was none.
-        contents: of the files to store, by folder; empty where the worker has stored them.
-        failure: why there is no result; None where there is one.
-        seconds: by stage, of the pass that the protocols share.
-        steps_found: steps found in the cache, by name.
-        steps_computed: steps computed and stored, by name.
+        failure: why there are none; "" where there are.
+        asked: images of which the method was asked.
+        seconds: by stage.
         peak_memory_mb: of the process so far.
     """
 
-    digests: Mapping[Path, str] = field(default_factory=dict)
-    computed: Set[Path] = frozenset()
-    changed: Mapping[str, str] = field(default_factory=dict)
-    contents: Mapping[Path, bytes] = field(default_factory=dict)
-    failure: str | None = None
+    failure: str = ""
+    asked: int = 0
     seconds: Mapping[str, float] = field(default_factory=dict)
-    steps_found: Mapping[str, int] = field(default_factory=dict)
-    steps_computed: Mapping[str, int] = field(default_factory=dict)
     peak_memory_mb: float = 0.0
 
 
 def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
-    """Open a recording and list its units; what is wrong with it is returned as `failure`, not raised."""
-    clock = StageClock()
+    """Open a recording, take its digest and list its tasks; what is wrong with it is returned, not raised.
+
+    Raises:
+        DataError: this process has other code than the run began with.
+    """
+    _refuse_other_code(spec)
+    began = perf_counter()
     try:
-        with clock.stage("open"):
-            opened = _open(spec, handle)
-            units = tuple(plan_units(opened.recording, spec.method))
+        recording = handle.open()
+        digests = digest_recording(recording)
+        _hold(handle, digests, recording)
     except BenchError as error:
         failure = f"recording {handle.name!r}: {error}"
-        return PlannedRecording(name=handle.name, failure=failure, seconds=clock.seconds["open"])
+        return PlannedRecording(name=handle.name, failure=failure, seconds=perf_counter() - began)
     return PlannedRecording(
         name=handle.name,
-        units=units,
-        digest=recording_digest(opened.recording),
-        vehicle_outline_m=tuple((float(x), float(y)) for x, y in opened.recording.vehicle_outline_m),
-        seconds=clock.seconds["open"],
-        reviewed=all(track.reviewed for track in opened.recording.tracks),
+        tasks=tuple(_tasks(handle, recording, digests, spec.method)),
+        digest=digests.whole,
+        vehicle_outline_m=tuple((float(x), float(y)) for x, y in recording.vehicle_outline_m),
+        seconds=perf_counter() - began,
+        reviewed=all(track.reviewed for track in recording.tracks),
     )
 
 
-def score_unit(spec: RunSpec, task: UnitTask) -> ScoredUnit:
-    """Score a unit by each protocol, unless its result is stored; a fault is returned as `failure`, not raised.
+def _tasks(
+    handle: RecordingHandle, recording: Recording, digests: RecordingDigests, method: Scorable
+) -> Iterator[Task]:
+    """Cut a recording into tasks; a camera's first images, without history or not to be scored, belong to none."""
+    for camera in sorted(recording.cameras):
+        images = recording.images[camera]
+        for start in range(max(method.history, first_scored(images)), len(images), TASK_IMAGES):
+            stop = min(start + TASK_IMAGES, len(images))
+            yield Task(handle=handle, camera=camera, start=start, stop=stop, digests=digests)
 
-    Protocols whose result is not stored share one pass over the images.
+
+def first_scored(images: Sequence[ImageRef]) -> int:
+    """Index of the first image of a camera that is to be scored; their number where none is."""
+    return next((index for index, image in enumerate(images) if image.scored), len(images))
+
+
+def process_task(spec: RunSpec, task: Task) -> Outcome:
+    """Take the images of a task through the stages of which there is no file; a fault is returned, not raised.
 
     Raises:
         OutputError: a result cannot be stored.
+        DataError: this process has other code than the run began with.
     """
-    clock, unit = StageClock(), task.unit
-    found, missed = (Counter(spec.cache.found), Counter(spec.cache.missed)) if spec.cache else (Counter(), Counter())
-    digests: dict[Path, str] = {}
-    contents: dict[Path, bytes] = {}
-    computed: list[Path] = []
-    changed: dict[str, str] = {}
-    failure = None
+    _refuse_other_code(spec)
+    clock = StageClock()
+    failure, asked = "", 0
     try:
-        with clock.stage("open"):
-            opened = _open(spec, task.handle)
-        with clock.stage("digest"):
-            spec.refuse_other_code()
-            inputs = opened.inputs.reread()
-            decided_by = deciding_digests(spec, opened, unit, inputs)
-            names = {run: digest_of(parts) for run, parts in decided_by.items()}
-            stored = task.stored
-            if stored is None:
-                stored = {run: UnitStore(run=run).stored(unit) for run in names}
-            digests = {run: digest for run, digest in names.items() if digest in stored[run]}
-        due = [run for run in names if run not in digests]
-        if due:
-            for run in due:
-                changed |= _changed(decided_by[run], stored[run].values())
-            steps = None
-            if spec.cache is not None:
-                steps = StepCache(
-                    folder=spec.cache,
-                    recording=opened.recording,
-                    inputs=inputs,
-                    method_code=spec.method_code,
-                    unreported=spec.unreported_settings,
-                )
-            protocols = [spec.protocols[run] for run in due]
-            tables = run_unit(
-                opened.recording,
-                unit,
-                method=spec.method,
-                protocols=protocols,
-                clock=clock,
-                steps=steps,
-                exported=opened.exported,
-            )
-            with clock.stage("digest"):
-                spec.refuse_other_code()
-                _refuse_change(spec, opened, unit, decided_by)
-            with clock.stage("store"):
-                for run, counted in zip(due, tables, strict=True):
-                    contents[run] = encode_unit(counted, decided_by=decided_by[run])
-                    if task.stored is None:
-                        UnitStore(run=run).write(unit, names[run], contents.pop(run))
-            digests, computed = names, due
+        with memoise_flow(spec.flow_cache):
+            asked = _process(spec, task, clock)
     except OutputError:
         raise
     except BenchError as error:
-        failure = f"recording {unit.recording!r}, camera {unit.camera!r}: {error}"
+        failure = f"recording {task.handle.name!r}, camera {task.camera!r}: {error}"
     except MemoryError:
-        failure = f"{unit}: the memory that the process may use was not enough"
-    return ScoredUnit(
-        digests=digests,
-        computed=frozenset(computed),
-        changed=changed,
-        contents=contents,
-        failure=failure,
-        seconds=dict(clock.seconds),
-        steps_found=dict(spec.cache.found - found) if spec.cache else {},
-        steps_computed=dict(spec.cache.missed - missed) if spec.cache else {},
-        peak_memory_mb=largest_resident_mb(),
-    )
+        failure = f"{task}: the memory that the process may use was not enough"
+    return Outcome(failure=failure, asked=asked, seconds=dict(clock.seconds), peak_memory_mb=largest_resident_mb())
 
 
-def deciding_digests(
-    spec: RunSpec, opened: OpenedRecording, unit: Unit, inputs: RecordingInputs
-) -> dict[Path, dict[str, str]]:
-    """Digests of all that decides the results of a unit, by folder of the run and name."""
-    recording = opened.recording
-    images = recording.images[unit.camera]
-    first = max(unit.start - spec.method.most_history - 1, 0)
-    read = images[first : unit.stop]
-    shared = {
-        "format": digest_of(UNIT_FORMAT),
-        "code": spec.code,
-        "method": digest_of(spec.method_parts),
-        "settings": digest_of(spec.settings),
-        "unit": digest_of(unit, recording.frame_interval_ns),
-        "input errors": digest_of(inputs.input_errors),
-        "images": inputs.images(read),
-        "exact masks": inputs.truths(images[unit.start : unit.stop]),
-    }
-    if opened.exported is not None:
-        shared["exported reference"] = opened.exported.digest(images[unit.start : unit.stop])
-    found = {}
-    for run, protocol in spec.protocols.items():
-        reach_ns = protocol.reference_settings().max_sweep_gap_ns
-        of_reference = inputs.of_reference(unit.camera, read[0].timestamp_ns, read[-1].timestamp_ns, reach_ns=reach_ns)
-        found[run] = shared | of_reference | {"protocol": digest_of(protocol)}
-    return found
-
-
-def _changed(decided_by: Mapping[str, str], stored: Collection[Mapping[str, str]]) -> dict[str, str]:
-    """Names that were others when the most similar stored result came about, with digests; `NOT_STORED` without any."""
-    changed = [
-        {name: other.get(name, "") for name in decided_by if other.get(name) != decided_by[name]} for other in stored
+def _process(spec: RunSpec, task: Task, clock: StageClock) -> int:
+    """Ask, find the reference and count, each where its file is missing; return how many images were asked of."""
+    due = [
+        results
+        for results in spec.protocols
+        if not is_counted(counts_folder(results, task.handle.name), task.name)
+        or not task.answers(spec.answers_folder(results)).is_file()
     ]
-    return min(changed, key=len, default={NOT_STORED: ""})
+    if not due:
+        return 0
+    with clock.stage("open"):
+        recording = _open(task.handle, task.digests)
+    images, protocols = recording.images[task.camera][task.start : task.stop], [spec.protocols[one] for one in due]
+    references = find_references(
+        recording,
+        images,
+        settings=[protocol.reference_settings() for protocol in protocols],
+        digest=task.digests.reference,
+        clock=clock,
+    )
+    answers: dict[Path, list[Answer]] = {}
+    asked = 0
+    for results, reference in zip(due, references, strict=True):
+        folder = spec.answers_folder(results)
+        file = task.answers(folder)
+        if folder not in answers:
+            if file.is_file():
+                answers[folder] = read_answers(file)
+            else:
+                asked += task.images
+                answers[folder] = ask(recording, task, spec.method, reference, clock)
+                with clock.stage("store"):
+                    write_answers(file, answers[folder])
+    counted = count_answers(
+        recording,
+        images,
+        answers=[answers[spec.answers_folder(results)] for results in due],
+        references=references,
+        protocols=protocols,
+        clock=clock,
+    )
+    with clock.stage("store"):
+        for results, counts in zip(due, counted, strict=True):
+            counts.write(counts_folder(results, task.handle.name), task.name)
+    return asked
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class OpenedRecording:
-    """A recording that this process has open, with its exported reference where one is scored by."""
+def ask(
+    recording: Recording, task: Task, method: Scorable, references: Sequence[StoredReference], clock: StageClock
+) -> list[Answer]:
+    """Ask a method, or an oracle, for each image of a task; an image without an answer says why.
 
-    recording: Recording
-    inputs: RecordingInputs
-    exported: RecordingReference | None
+    Args:
+        recording: the drive.
+        task: which images.
+        method: to be asked.
+        references: of the images, for oracles.
+        clock: adds up the time of each stage.
+    """
+    pipeline = FramePipeline(recording, task.camera, method=method, clock=clock)
+    answers = []
+    for index, reference in zip(range(task.start, task.stop), references, strict=True):
+        image = pipeline.images[index]
+        key = Key(recording.name, task.camera, image.timestamp_ns)
+        before = clock.seconds["method"]
+        try:
+            given = pipeline.method_input(index)
+            if is_oracle(method):
+                with clock.stage("method"):
+                    segmentation = method.answer(recording, image, reference.frame(recording.name))
+            else:
+                segmentation = pipeline.ask(given)
+        except UnscorableFrame as reason:
+            answers.append(Answer.none(key, SKIPPED, told(reason, recording)))
+        except BenchError as error:
+            answers.append(Answer.none(key, FAILED, told(error, recording)))
+        else:
+            answers.append(Answer.of(key, segmentation, seconds=clock.seconds["method"] - before))
+    return answers
 
 
-_held: dict[tuple[str, str], OpenedRecording] = {}  # the last one; tasks of a recording mostly follow each other
+def _refuse_other_code(spec: RunSpec) -> None:
+    """Refuse to compute with other code than the run began with.
+
+    Raises:
+        DataError: names the difference.
+    """
+    here = code_here(spec.method)
+    other = [f"{name} {here.get(name)}, not {was}" for name, was in spec.code.items() if here.get(name) != was]
+    if other:
+        hint = "install the same everywhere, and start the run and its workers again"
+        raise DataError("this worker", expected="the code that the run began with", got="; ".join(other), hint=hint)
 
 
-def _open(spec: RunSpec, handle: RecordingHandle) -> OpenedRecording:
-    key = spec.run_id, handle.name
+_held: dict[object, Recording] = {}  # the last one that was opened; tasks of a recording mostly follow each other
+
+
+def _open(handle: RecordingHandle, digests: RecordingDigests) -> Recording:
+    key = _key(handle, digests)
     if key not in _held:
-        _held.clear()
-        recording = handle.open()
-        exported = None if spec.exported is None else spec.exported.recording(recording.name)
-        _held[key] = OpenedRecording(recording=recording, inputs=RecordingInputs(recording), exported=exported)
+        _hold(handle, digests, handle.open())
     return _held[key]
 
 
-def _refuse_change(
-    spec: RunSpec, opened: OpenedRecording, unit: Unit, before: Mapping[Path, Mapping[str, str]]
-) -> None:
-    """Refuse a result of files that changed while they were read: nobody knows which of them it is of."""
-    if deciding_digests(spec, opened, unit, opened.inputs.reread()) != before:
-        raise DataError(
-            opened.recording.root,
-            expected="files that stay the same while they are scored",
-            got="other content at the end than at the beginning",
-            hint="run again",
-        )
+def _hold(handle: RecordingHandle, digests: RecordingDigests, recording: Recording) -> None:
+    _held.clear()
+    _held[_key(handle, digests)] = recording
+
+
+def _key(handle: RecordingHandle, digests: RecordingDigests) -> object:
+    return handle.name, digests, handle.input_errors

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import RayGrid
-from bench.flow import cell_mean, dense_flow
-from bench.methods.contract import Arrays, MethodInput
+from bench.flow import flow_on_cells
+from bench.methods.contract import MethodInput
 
 
 def cell_flow(
     frame: MethodInput, flow: str, parameters: Mapping[str, object], cell_size_px: int
 ) -> NDArray[np.float32]:
-    """Flow from the current to the previous image, a cached step that methods share.
+    """Flow from the current to the previous image, which methods share.
 
     Args:
         frame: of the current image.
@@ -26,12 +26,8 @@ def cell_flow(
     Returns:
         (rows, columns, 2) float32, px, mean over each cell.
     """
-
-    def compute() -> Arrays:
-        found = dense_flow(flow, **parameters)(frame.images[-1], frame.images[-2])
-        return {"flow": cell_mean(found, cell_size_px)}
-
-    return frame.cached_step("flow", (flow, dict(parameters), cell_size_px), compute, of="images")["flow"]
+    now, before = frame.images[-1], frame.images[-2]
+    return flow_on_cells(now, before, flow=flow, parameters=parameters, cell_size_px=cell_size_px)
 
 
 def flow_rays(

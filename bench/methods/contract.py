@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, is_dataclass
 from functools import partial
 from math import isfinite
 from pathlib import Path, PurePath
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,30 +20,6 @@ from bench.errors import BenchError, DataError, UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.plug_ins import describe_error
 from bench.records.segmentation import Segmentation, segmentation_fault
-
-StepOf = Literal["images", "input"]
-Arrays = dict[str, NDArray[Any]]
-
-
-class CachedStep(Protocol):
-    """Caches what a method computes on an image for the next run, in which other parameters may have changed."""
-
-    def __call__(self, step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
-        """A step's arrays: from an earlier run where everything that they depend on is the same, else computed.
-
-        Args:
-            step: name of the step, for example "flow".
-            settings: every parameter of the method that decides the arrays.
-            compute: computes them.
-            of: what they depend on beside the settings: "images" for pixels alone, "input" for all that the method is
-                given. The method's code and the files that it lists in `files` count by themselves.
-        """
-        ...
-
-
-def compute_anew(step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:  # noqa: ARG001
-    """Compute a step where there is no cache."""
-    return compute()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,8 +40,6 @@ class MethodInput:
             that between them. None where all rows are exposed at once.
         recording: name of the recording; empty where it is not known.
         camera_name: name of the camera; empty where it is not known.
-        cached_step: finds what the method computed in an earlier run; methods with an expensive step
-            call it.
     """
 
     images: Sequence[NDArray[np.uint8]]
@@ -77,7 +51,6 @@ class MethodInput:
     rolling_shutter: RollingShutter | None = None
     recording: str = ""
     camera_name: str = ""
-    cached_step: CachedStep = compute_anew
 
 
 class UnansweredImage(Exception):  # noqa: N818 - it is not an error

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import UsageError
-from bench.methods.contract import Method, MethodInput, UnansweredImage, compute_anew
+from bench.methods.contract import Method, MethodInput, UnansweredImage
 from bench.methods.registry import build_method
 from bench.methods.rigid_scene.method import RigidSceneMethod
 from bench.methods.rigid_scene.scene import pixel_positions, remapped
@@ -141,7 +141,6 @@ def _as_of(frame: MethodInput, back: int, *, images: int) -> MethodInput:
         images=frame.images[start:end],
         timestamps_ns=frame.timestamps_ns[start:end],
         current_from_previous=frame.current_from_previous[start : end - 1],
-        cached_step=frame.cached_step if back == 0 else compute_anew,  # the cache is of the current image
     )
 
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from bench.evaluation import Protocol
 from bench.evaluation.summary import not_annotated
 from bench.harness import Provenance, RunSummary
-from bench.harness.provenance import NOT_STORED
 from bench.reference import IgnoreReason
 from bench.reporting.tables import threshold_free_line
 
@@ -44,27 +43,14 @@ def nothing_scored(summary: RunSummary) -> str:
 
 def cost_lines(made: Provenance) -> Iterator[str]:
     """Work of a run, and the time and memory that it took."""
-    work = made.work
-    images = made.images if work is None else work.images_computed
-    rate = f", {images / made.seconds:.1f} images per second" if images and made.seconds else ""
+    rate = f", {made.images_asked / made.seconds:.1f} images per second" if made.images_asked and made.seconds else ""
     yield (
         f"{made.seconds:.1f} s{rate}, peak memory of a process {made.peak_memory_mb:.0f} MB; "
         f"seconds by stage, over all processes: {stage_times(made.stage_seconds)}"
     )
-    if work is not None:
-        steps = sorted({*work.steps_found, *work.steps_computed})
-        cached = "; ".join(
-            f"{step} found {work.steps_found.get(step, 0)}, computed {work.steps_computed.get(step, 0)}"
-            for step in steps
-        )
-        changed = ", ".join(f"{name} ({count})" for name, count in work.changed.items() if name != NOT_STORED)
-        missing = work.changed.get(NOT_STORED, 0) if changed or work.units_reused else 0
-        yield (
-            f"{work.workers} processes; units computed {work.units_computed}, found done {work.units_reused}"
-            + (f"; computed again since these changed: {changed}" if changed else "")
-            + (f"; without a stored result: {missing}" if missing else "")
-            + (f"; cache: {cached}" if cached else "")
-        )
+    stored = made.images - made.images_asked
+    found = f"; the answers of {stored} images were stored" if stored > 0 else ""
+    yield f"{made.workers} processes; the method was asked for {made.images_asked} images{found}"
 
 
 def stage_times(seconds: Mapping[str, float]) -> str:

@@ -23,9 +23,8 @@ def training_pairs(
     longest_history: int = 1,
     colour: bool = False,
     workers: int = 1,
-    reference: str | Path | None = None,
 ) -> Iterator[Frame]:
-    """Images, each with the one before it and the exact mask of what moves, or with an exported reference.
+    """Images, each with the one before it and the exact mask of what moves.
 
     Args:
         dataset: a rendered data set, by name or card; it is rendered first where it is missing.
@@ -34,8 +33,6 @@ def training_pairs(
         longest_history: earlier images that come with each where a drive has as many; one at least.
         colour: images are BGR instead of grey.
         workers: processes that render.
-        reference: a folder of `bench.export_reference`, for data without exact masks: `Frame.reference.labels > 0` is
-            what moves, `ignored` what to leave out, and `Frame.exact` is None.
 
     Returns:
         Frames in order of drive, camera and time. `Frame.input` holds both images, lens, road, motion of the camera and
@@ -46,9 +43,8 @@ def training_pairs(
         DataError: the data cannot be used, or have no exact masks.
     """
     names = drives_of(dataset, part, workers=workers)
-    yield from pairs_of(
-        open_dataset(dataset), names, every=every, longest_history=longest_history, colour=colour, reference=reference
-    )
+    data = open_dataset(dataset)
+    yield from pairs_of(data, names, every=every, longest_history=longest_history, colour=colour)
 
 
 def drives_of(dataset: str | Path, part: Part, *, workers: int = 1) -> tuple[str, ...]:
@@ -67,19 +63,17 @@ def pairs_of(
     every: int = 1,
     longest_history: int = 1,
     colour: bool = False,
-    reference: str | Path | None = None,
 ) -> Iterator[Frame]:
     """Pairs of some of a data set's drives; see `training_pairs`."""
     frames = data.frames(
         recordings=names,
         longest_history=longest_history,
         colour=colour,
-        exact=reference is None,
-        reference=reference,
+        exact=True,
     )
     for _, drive in groupby(frames, key=lambda frame: (frame.recording, frame.camera)):
         for number, frame in enumerate(drive):
-            if reference is None and frame.exact is None:
+            if frame.exact is None:
                 raise DataError(data.card.file, expected="exact masks, as rendered data have", got="none")
             if number % every == 0:
                 yield frame

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from bench.cameras import ray_grid
 from bench.flow import cell_mean, dense_flow
 from bench.geometry import RigidTransform
 from bench.methods.cells import cell_flow, flow_parts, flow_rays
-from bench.methods.contract import Arrays, FlowMethod, MethodInput
+from bench.methods.contract import FlowMethod, MethodInput
 from bench.methods.rigid_scene.first_guess import guided_flow
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene
@@ -30,7 +29,6 @@ from bench.methods.spherical.likelihood import (
 from bench.records.segmentation import Segmentation
 
 FLOW_SIGMA_PX = 0.3  # accuracy of Farnebäck's flow on a cell, for the refined motion
-CACHED = ("likelihood", "cause", "seen", "defined", "stationary")  # of a `LikelihoodMap`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,18 +60,11 @@ class SphericalMethod(SphericalSettings, FlowMethod):
         dense_flow(self.flow, **self.flow_parameters)
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """Segment the last image of the pair; see `bench.methods.contract`. Flow and likelihood are cached steps."""
-        parts: dict[str, NDArray[np.float32]] = {}  # stays empty where the likelihood is in the cache
-
-        def compute() -> Arrays:
-            flow = self.mean_flow(frame)
-            found = self.likelihood_map(frame, flow)
-            parts.update(flow_parts(flow))
-            parts.update({name: deviation.astype(np.float32) for name, deviation in found.deviations.items()})
-            return {name: getattr(found, name) for name in CACHED}
-
-        found = frame.cached_step("likelihood", (self.name, self._all_but_thresholds), compute, of="input")
-        return self.segmentation(LikelihoodMap(**found), parts)  # type: ignore[arg-type]  # `found` has no `deviations`
+        """Segment the last image of the pair; see `bench.methods.contract`."""
+        flow = self.mean_flow(frame)
+        found = self.likelihood_map(frame, flow)
+        deviations = {name: deviation.astype(np.float32) for name, deviation in found.deviations.items()}
+        return self.segmentation(found, flow_parts(flow) | deviations)
 
     def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32]) -> Segmentation:
         """See `bench.methods.contract.FlowMethod`."""
@@ -83,26 +74,13 @@ class SphericalMethod(SphericalSettings, FlowMethod):
         """See `bench.methods.contract.FlowMethod`."""
         return self.cell_size_px
 
-    @cached_property
-    def _all_but_thresholds(self) -> dict[str, object]:
-        """Settings that decide the likelihood."""
-        thresholds = ("threshold", "static_threshold")
-        return {name: value for name, value in self.settings().items() if name not in thresholds}
-
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
         """Flow from the current to the previous image, (rows, columns, 2) float32, px, mean over each cell."""
         if not self.first_guess:
             return cell_flow(frame, self.flow, self.flow_parameters, self.cell_size_px)
-
-        def compute() -> Arrays:
-            scene = RigidScene.of(frame)
-            flow = dense_flow(self.flow, **self.flow_parameters)
-            found = guided_flow(frame.images[-1], frame.images[-2], valid=frame.valid, scene=scene, flow=flow)
-            return {"flow": cell_mean(found.flow, self.cell_size_px)}
-
-        return frame.cached_step(
-            "guided-flow", (self.flow, self.flow_parameters, self.cell_size_px), compute, of="input"
-        )["flow"]
+        scene, flow = RigidScene.of(frame), dense_flow(self.flow, **self.flow_parameters)
+        found = guided_flow(frame.images[-1], frame.images[-2], valid=frame.valid, scene=scene, flow=flow)
+        return cell_mean(found.flow, self.cell_size_px)
 
     def _refined(
         self, frame: MethodInput, flow: NDArray[np.float32], *, seen: NDArray[np.bool_], motion: RigidTransform

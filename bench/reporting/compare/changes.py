@@ -141,7 +141,7 @@ def paired_objects(before: StoredRun, after: StoredRun) -> Iterator[pd.DataFrame
         if len(alone):
             first = " ".join(str(alone.iloc[0][name]) for name in (*IMAGE, "track_id"))
             raise DataError(
-                after.folder / "objects.parquet",
+                after.folder / "counts",
                 expected=f"the object-frames of {before.folder}, whose reference has the same digest",
                 got=f"at least {len(alone)} that only one has, first {first}",
                 hint="run again what was changed by hand",

@@ -44,7 +44,7 @@
   }
 
   function valueOf(entry, row, metric) {
-    if (metric === "cost") return entry.cost ? entry.cost[0] : null;
+    if (metric === "cost") return entry.cost_ms;
     if (metric === "method") return entry.method.toLowerCase();
     return entry.values[row][metric][0];
   }
@@ -92,8 +92,7 @@
       if (entry.failures) make("small", `${entry.failures} failures`, head);
       for (const metric of Object.keys(group.metrics)) value(entry, row, metric, labelled(line, group.metrics[metric]));
       const cost = labelled(line, "ms per image");
-      cost.append(entry.cost ? entry.cost[0].toFixed(1) : "");
-      if (entry.cost) make("small", `${entry.cost[1].toFixed(2)} Farnebäck`, cost);
+      cost.append(entry.cost_ms === null ? "" : entry.cost_ms.toFixed(1));
       return line;
     }));
   }

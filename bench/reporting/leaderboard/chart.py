@@ -6,7 +6,6 @@ import math
 import textwrap
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
@@ -37,7 +36,7 @@ def draw_quality_and_cost(groups: Sequence[Group]) -> Figure:
 
 
 def _draw(axes: Axes, group: Group) -> None:
-    timed = [entry for entry in group.methods if entry.cost is not None]
+    timed = [entry for entry in group.methods if entry.cost_ms is not None]
     for place, entry in enumerate(timed, start=1):
         metric, best = entry.metrics[ORDERED_BY], entry is group.methods[0]
         at_ms, value = _at(entry)
@@ -61,13 +60,8 @@ def _draw(axes: Axes, group: Group) -> None:
     if not any(entry.kind is Kind.CEILING for entry in group.entries):
         bounds.append(("ceiling", 100 * group.ceiling(ALL_MOVING, ORDERED_BY)))
     bounds = [(label, value) for label, value in bounds if not math.isnan(value)]
-    farneback_ms = float(np.median([entry.cost.farneback_ms for entry in timed if entry.cost])) if timed else 30.0
-    times = [*(_at(entry)[0] for entry in timed), farneback_ms]
+    times = [_at(entry)[0] for entry in timed] or [_LEAST_MS]
     axes.set(xlim=(_LEAST_MS / 1.5, 1.5 * max(times)), ylim=(0, 100))
-    axes.axvline(farneback_ms, color=canvas.GREY, linewidth=0.7, linestyle=":", zorder=1)
-    axes.text(
-        farneback_ms, 99, "one Farnebäck call", fontsize=_LABEL_PT, color="#303030", rotation=90, va="top", ha="right"
-    )
     for label, value in bounds:
         axes.axhline(value, color=canvas.BLACK, linewidth=0.7, linestyle="--", zorder=1)
         axes.text(_LEAST_MS / 1.4, value + 0.6, label, fontsize=_LABEL_PT, color="#303030", va="bottom")
@@ -85,12 +79,12 @@ def _draw(axes: Axes, group: Group) -> None:
 
 
 def _at(entry: Entry) -> tuple[float, float]:
-    assert entry.cost is not None, "only methods with a cost are drawn"
-    return max(entry.cost.method_ms, _LEAST_MS), 100 * entry.metrics[ORDERED_BY].value
+    assert entry.cost_ms is not None, "only methods with a cost are drawn"
+    return max(entry.cost_ms, _LEAST_MS), 100 * entry.metrics[ORDERED_BY].value
 
 
 def _trifling(entry: Entry) -> bool:
-    return entry.cost is not None and entry.cost.method_ms < _LEAST_MS
+    return entry.cost_ms is not None and entry.cost_ms < _LEAST_MS
 
 
 def _label(entry: Entry) -> str:

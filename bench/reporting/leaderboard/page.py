@@ -51,7 +51,9 @@ def write_leaderboard(
         if group.judged and group.dataset not in examples and _rendered(group):
             examples[group.dataset], missing = draw_examples(group, progress=progress)
             problems += missing
-    charted = [group for group in found.groups if group.judged and any(entry.cost for entry in group.methods)]
+    charted = [
+        group for group in found.groups if group.judged and any(entry.cost_ms is not None for entry in group.methods)
+    ]
     page = out / "index.html"
     write_text(page, _page(found, out, charted=charted, examples=examples))
     files = (page, *report(found, charts=[CHART_OF_ALL] if charted else []).write(out, "leaderboard"))

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from bench.atomic import is_temporary
+import numpy as np
+
 from bench.errors import BenchError, DataError
 from bench.evaluation import find_metric
 from bench.evaluation.summary import Metric, ObjectMetrics
 from bench.evaluation.sums import ALL_MOVING
-from bench.exchange.bundle import is_bundle
-from bench.exchange.verify import is_verified
+from bench.harness.answers import read_seconds
 from bench.harness.digests import short_digest
-from bench.harness.manifest import Manifest, differences
-from bench.harness.perf import MethodCost, read_cost
-from bench.harness.stored import StoredRun, read_run, reference_digest, refuse_unscored
+from bench.harness.manifest import ANSWERS_MANIFEST, MANIFEST, PREDICTIONS_DIGEST, Manifest, differences
+from bench.harness.stored import SUMMARY, StoredRun, read_run, reference_digest, refuse_unscored
+from bench.harness.verify import is_verified
 from bench.reporting import formats
 from bench.reporting.compare.runs import name_methods, on_common_images, reference_of, why_apart
 from bench.reporting.sweep import TABLE as TABLE_OF_SWEEP
 
-UNITS = "units"  # a run that did not end has these and no summary
 ORDERED_BY = "iou"
 RANKING_PROTOCOL = "surface-v1"  # orders methods as exact masks do (reports/paper/reference.md)
 FALSE_POSITIVES, OF_PIXELS = "false_positive_coverage", "segmentation_iou"  # of whole images, the same in every row
@@ -49,7 +47,7 @@ class Entry:
         kind: a method, or what bounds methods.
         values: row -> metric -> value, of all images of the group; what is of whole images stands in every row.
         images: that the run scored; the group may be taken over fewer.
-        cost: of the method; None where nobody measured it.
+        cost_ms: median time of the method for an image; None of what is none.
         date: UTC, on which it was started.
         code: version and commit.
         failures: images, units and recordings that could not be used.
@@ -62,7 +60,7 @@ class Entry:
     kind: Kind
     values: Mapping[str, Mapping[str, Metric]]
     images: int
-    cost: MethodCost | None
+    cost_ms: float | None
     date: str
     code: str
     failures: int
@@ -139,12 +137,10 @@ class Leaderboard:
     Attributes:
         groups: runs that compare; never two in one table that do not.
         damaged: folder and fault of every run that cannot be read.
-        packed: runs in one file, which are not listed, with the folder to unpack each into.
     """
 
     groups: tuple[Group, ...]  # data sets of most recordings first; of one, first those by the judging protocol
     damaged: tuple[tuple[str, str], ...]
-    packed: tuple[tuple[Path, Path], ...] = ()
 
 
 def read_leaderboard(folder: Path) -> Leaderboard:
@@ -153,7 +149,7 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     Raises:
         DataError: there is no folder, or no run in it.
     """
-    sound, damaged, packed = read_runs(folder)
+    sound, damaged = read_runs(folder)
     groups: list[Group] = []
     for runs in _of_one_protocol(sound):
         if len({reference_of(run) for run in runs}) > 1:
@@ -163,47 +159,38 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     for group in groups:
         most[group.dataset] = max(group.rows[ALL_MOVING].recordings, most.get(group.dataset, 0))
     groups.sort(key=lambda g: (-most[g.dataset], g.dataset, g.split or "", not g.judged))  # else as they came
-    return Leaderboard(groups=tuple(groups), damaged=tuple(sorted(damaged)), packed=packed)
+    return Leaderboard(groups=tuple(groups), damaged=tuple(sorted(damaged)))
 
 
-def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]], tuple[tuple[Path, Path], ...]]:
+def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]]]:
     """Read the runs under a folder, at any depth, itself included.
 
     Returns:
-        sound: called as their folder below this one.
+        sound: the results by each protocol, called as the folder of the run below this one.
         damaged: folder and fault of each that cannot be read.
-        packed: bundles that are not unpacked, with the folder to unpack each into. Tables, masks and marks are read
-            from a run's folder for as long as something is made of it, so that none is read in place.
 
     Raises:
         DataError: there is no folder, or no run in it.
     """
     if not folder.is_dir():
         raise DataError(folder, expected="a folder of runs", got="no such folder")
-    found = {file.parent for file in folder.rglob("summary.json") if not is_temporary(file.parent.name)}
-    found |= {units.parent for units in folder.rglob(UNITS) if units.is_dir()}
-    found = {run for run in found if run.parent == folder or not (run.parent / TABLE_OF_SWEEP).is_file()}
-    bundles = [(file, file.with_name(file.name.split(".")[0])) for file in folder.rglob("*.zip") if is_bundle(file)]
-    packed = tuple(sorted((file, out) for file, out in bundles if out not in found))
+    found = {file.parent for file in folder.rglob(MANIFEST) if (file.parent.parent / ANSWERS_MANIFEST).is_file()}
+    found |= {file.parent for file in folder.glob(SUMMARY)}  # the results of one protocol, named themselves
+    found = {one for one in found if one.parents[1] == folder or not (one.parents[1] / TABLE_OF_SWEEP).is_file()}
     if not found:
-        hint = "; ".join(f"unpack it: {unbundle_command(*one)}" for one in packed[:1])
-        raise DataError(folder, expected="at least one run", got="no summary.json at any depth", hint=hint)
+        raise DataError(folder, expected="at least one run", got=f"no {ANSWERS_MANIFEST} at any depth")
     sound: list[StoredRun] = []
     damaged: list[tuple[str, str]] = []
-    for run in sorted(found):
-        name = run.name if run == folder else run.relative_to(folder).as_posix()
+    for results in sorted(found):
+        run = results.parent
+        name = run.relative_to(folder).as_posix() if folder in run.parents else run.resolve().name
         try:
-            stored = read_run(run, label=name)
-            refuse_unscored(stored.summary, run)
+            stored = read_run(results, label=name)
+            refuse_unscored(stored.summary, results)
             sound.append(stored)
         except BenchError as error:
-            damaged.append((name, str(error)))
-    return sound, damaged, packed
-
-
-def unbundle_command(file: Path, out: Path) -> str:
-    """The command that unpacks a bundle into a folder."""
-    return shlex.join(["fisheye-bench", "unbundle", str(file), "--out", str(out)])
+            damaged.append((f"{name}/{results.name}", str(error)))
+    return sound, damaged
 
 
 def readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list[StoredRun]:
@@ -294,11 +281,11 @@ def _entry(run: StoredRun, method: str) -> Entry:
             for row, found in of_rows.items()
         },
         images=summary.images.evaluated,
-        cost=read_cost(run.folder),
+        cost_ms=_cost_ms(run),
         date=summary.provenance.started_utc[:10],
         code=f"{code.version}{commit}",
         failures=len(summary.failures),
-        verified=is_verified(run.folder),
+        verified=is_verified(run),
     )
 
 
@@ -308,3 +295,11 @@ def _kind(manifest: Manifest) -> Kind:
         return Kind.METHOD
     exact = {"cell_size_px": 1, "grow_px": 0, "shift_px": 0, "shape": "exact"}.items() <= settings.items()
     return Kind.CEILING if exact and manifest.method.name == "truth" else Kind.ORACLE
+
+
+def _cost_ms(run: StoredRun) -> float | None:
+    """Median time of the method for an image, as the answers hold it."""
+    if _kind(run.manifest) is not Kind.METHOD or PREDICTIONS_DIGEST in run.manifest.method.settings:
+        return None
+    seconds = read_seconds(run.answers)
+    return 1e3 * float(np.nanmedian(seconds)) if np.isfinite(seconds).any() else None

@@ -11,7 +11,6 @@ from bench.evaluation import load_protocol
 from bench.evaluation.summary import Metric
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness.digests import short_digest
-from bench.harness.perf import MethodCost
 from bench.reporting import formats
 from bench.reporting.compare.runs import LEAST_COMMON
 from bench.reporting.document import Block, Cell, Column, Heading, Heads, Items, Paragraph, Report, Table
@@ -61,12 +60,12 @@ def leaderboard_tables(found: Leaderboard) -> Iterator[Block]:
         yield Table(
             title=group_title(group),
             columns=["Run, method", Cell("Images,", ("recs",)), *columns.values(),
-                     Cell("ms per", ("image,", "ratio")), Cell("Date,", ("code",))],
+                     Cell("ms per", ("image",)), Cell("Date,", ("code",))],
             rows=[
                 [Cell(entry.run, (_method(entry),), "strong"),
                  Cell(str(entry.images), (str(group.rows[ALL_MOVING].recordings),)),
                  *(_lines(group, entry, name) for name in columns),
-                 Cell("") if entry.cost is None else Cell(f"{entry.cost.method_ms:.1f}", (f"{entry.cost.ratio:.2f}",)),
+                 Cell("" if entry.cost_ms is None else f"{entry.cost_ms:.1f}"),
                  Cell(entry.date, (entry.code,))]
                 for entry in group.entries
             ],
@@ -120,8 +119,16 @@ def _overall(group: Group) -> Table:
     """Every metric over all moving objects."""
     shown = shown_metrics(group)
     metrics = [Column(label, metric_cell) for label in shown.values()]
-    columns: list[Heads] = ["Method", *metrics, Column("ms per image", _cost), "Images", "Run", "Date", "Code"]
-    rows = [[_method(e), *map(e.metrics.get, shown), e.cost, e.images, e.run, e.date, e.code] for e in group.entries]
+    columns: list[Heads] = [
+        "Method",
+        *metrics,
+        Column("ms per image", "{:.1f}".format),
+        "Images",
+        "Run",
+        "Date",
+        "Code",
+    ]
+    rows = [[_method(e), *map(e.metrics.get, shown), e.cost_ms, e.images, e.run, e.date, e.code] for e in group.entries]
     ceiling = _ceiling_line(group, [(ALL_MOVING, name) for name in shown], len(columns))
     return Table(title="All moving objects", columns=columns, rows=[*ceiling, *rows])
 
@@ -156,17 +163,16 @@ def _records(found: Leaderboard) -> Iterator[dict[str, object]]:
     for group in found.groups:
         of_group = _fields(group, _OF_GROUP) | {"images_compared": group.images}
         for entry in group.entries:
-            cost = {name: entry.cost and getattr(entry.cost, name) for name in ("method_ms", "farneback_ms")}
             for row in group.rows:
                 for name, metric in entry.values[row].items():
-                    yield of_group | _fields(entry, _OF_ENTRY) | cost | {
+                    yield of_group | _fields(entry, _OF_ENTRY) | {
                         "row": row, "metric": name, **metric_record(metric),
                         "ceiling": _known_ceiling(group, row, name), **annotations_field(group.unreviewed),
                     }  # fmt: skip
 
 
 _OF_GROUP = ("dataset", "split", "protocol", "protocol_digest", "reference_digest")
-_OF_ENTRY = ("run", "method", "kind", "images", "date", "code", "failures", "verified")
+_OF_ENTRY = ("run", "method", "kind", "images", "cost_ms", "date", "code", "failures", "verified")
 
 
 def _fields(record: object, names: Sequence[str]) -> dict[str, object]:
@@ -194,7 +200,6 @@ def json_group(group: Group) -> dict[str, object]:
         "entries": [
             _fields(entry, _OF_ENTRY)
             | {
-                "cost": None if entry.cost is None else [entry.cost.method_ms, entry.cost.ratio],
                 "values": {row: {name: _numbers(entry.values[row][name]) for name in names} for row in group.rows},
             }
             for entry in group.entries
@@ -270,7 +275,3 @@ def group_title(group: Group) -> str:
 
 def _unreviewed(group: Group) -> str:
     return f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
-
-
-def _cost(cost: MethodCost) -> str:
-    return f"{cost.method_ms:.1f} ({cost.ratio:.2f} Farnebäck)"

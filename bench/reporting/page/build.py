@@ -103,7 +103,7 @@ def _render(run: StoredRun, worst: list[Gallery], problems: list[str], pair: Bes
         "pictures": pictures,
         "objects": table_data(run, pictured=_pictured(cards)),
         "time": [tables.time_table(made.stage_seconds, images=made.images)],
-        "computed": made.images if made.work is None else made.work.images_computed,
+        "computed": made.images_asked,
         "origin": [tables.origin_table(run)],
         "ledger": tables.ledger_tables(found),
         "findings": run_findings(run.folder),

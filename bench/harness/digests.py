@@ -1,17 +1,19 @@
-"""Digests of values, of files, and of the code that makes results."""
+"""Digests of values, of a recording's content, and of the code that makes results."""
 
 from __future__ import annotations
 
 import hashlib
 import sys
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import fields, is_dataclass
+from contextlib import suppress
+from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
 from functools import cache, partial
 from importlib import resources
+from importlib.metadata import PackageNotFoundError, version
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePath
-from types import BuiltinFunctionType, FunctionType
+from types import BuiltinFunctionType, FunctionType, MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,13 +21,27 @@ from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 from shapely.geometry.base import BaseGeometry
 
-import bench
 from bench.atomic import open_regular
 from bench.errors import DataError
-from bench.harness.provenance import library_versions
-from bench.records.recording import StoredPart
+from bench.records.recording import Recording, StoredPart
 
 SHORT_DIGEST_CHARS = 12
+METRIC_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "shapely", "pandas", "pyarrow")
+OPTIONAL_LIBRARIES = (
+    *("kornia-rs", "laspy", "lazrs", "open3d", "open3d-cpu", "rosbags", "mcap", "lz4", "backports.zstd"),
+    "onnxruntime",
+)
+
+_READING = ("errors.py", "geometry", "cameras", "lidar", "egomotion", "records", "recordings", "adapters")
+REFERENCE_CODE = (*_READING, "reference", "harness/references.py")
+ANSWER_CODE = (*_READING, "flow", "methods", "harness/frames.py", "harness/answers.py", "harness/exact.py")
+_COUNTING = ("counts", "image_map", "likelihood", "protocol", "rows", "scorer")  # other modules of `evaluation` reduce
+COUNT_CODE = (
+    *REFERENCE_CODE,
+    *(f"evaluation/{name}.py" for name in _COUNTING),
+    "harness/counts.py",
+    "harness/exact.py",
+)
 
 
 def short_digest(digest: str) -> str:
@@ -117,93 +133,99 @@ def columns_of(values: Sequence[Any]) -> Any:
     return tuple(values)
 
 
-MISSING, UNREADABLE = "missing", "unreadable"
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingDigests:
+    """Digests of a recording's content; none of its name, nor of where it lies.
 
-
-class FileDigests:
-    """SHA-256 of files' contents, each read once for as long as this object lives, which is one unit of work.
-
-    Neither size nor time of change stands for the content: clocks go back, and files are replaced by others as long.
+    Attributes:
+        reference: of what references are built of: calibration, ego-motion, annotations, sweeps, masks of what moves.
+        whole: of all of it, images and exact masks among it.
     """
 
-    def __init__(self) -> None:
-        self._known: dict[Path, str] = {}
-
-    def of(self, path: Path, stored: StoredPart | None = None) -> str:
-        """The digest, hexadecimal; `MISSING` or the reason where the file cannot be read.
-
-        Args:
-            path: of the file, or the name of a part of one.
-            stored: the part that goes by that name, whose content then counts.
-        """
-        if path not in self._known:
-            self._known[path] = _digest(path) if stored is None else _part_digest(stored)
-        return self._known[path]
+    reference: str
+    whole: str
 
 
-def _part_digest(stored: StoredPart) -> str:
+def digest_recording(recording: Recording) -> RecordingDigests:
+    """Read every file of a recording once and take its digests; calibration and annotations count as they were read."""
+    images = [image for name in sorted(recording.images) for image in recording.images[name]]
+    reference = digest_of(
+        digest_ego_motion(recording),
+        {name: digest_of(camera) for name, camera in recording.cameras.items()},
+        recording.annotated,
+        [(columns_of([replace(track, states=())]), columns_of(track.states)) for track in recording.tracks],
+        digest_sweeps(recording),
+        [None if image.moving_path is None else digest_file(image.moving_path) for image in images],
+    )
+    whole = digest_of(
+        reference,
+        recording.frame_interval_ns,
+        [(image.camera, image.timestamp_ns, image.scored, digest_file(image.path, image.stored)) for image in images],
+        [None if image.truth_path is None else digest_file(image.truth_path) for image in images],
+    )
+    return RecordingDigests(reference=reference, whole=whole)
+
+
+def digest_ego_motion(recording: Recording) -> str:
+    """Digest of the trajectory, as it is interpolated."""
+    way = recording.trajectory
+    return digest_of(way.timestamps_ns, way.rotations, way.positions_m, way.max_gap_ns, way.max_extrapolation_ns)
+
+
+def digest_sweeps(recording: Recording) -> str:
+    """Digest of the lidar's mounting and of every sweep's content."""
+    sweeps = [
+        (sweep.timestamp_ns, None if sweep.stored else sweep.reader, digest_file(sweep.path, sweep.stored))
+        for sweep in recording.sweeps
+    ]
+    return digest_of(recording.vehicle_from_lidar, recording.lidar_from_sensor, sweeps)
+
+
+def digest_file(path: Path, stored: StoredPart | None = None) -> str:
+    """SHA-256 of a file's content, hexadecimal, or the reason why it cannot be read.
+
+    Args:
+        path: of the file, or the name of a part of one.
+        stored: the part that goes by that name, whose content then counts.
+    """
     try:
-        return hashlib.sha256(stored.content()).hexdigest()
-    except DataError as error:
-        return f"{UNREADABLE}: {error}"
-
-
-def _digest(path: Path) -> str:
-    try:
+        if stored is not None:
+            return hashlib.sha256(stored.content()).hexdigest()
         with open_regular(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
-    except FileNotFoundError:
-        return MISSING
+    except DataError as error:
+        return f"unreadable: {error}"
     except OSError as error:
-        return f"{UNREADABLE}: {error.strerror}"
+        return f"unreadable: {error.strerror}"
 
 
-_READING = ("records", "recordings", "adapters")
-REFERENCE_PACKAGES = ("errors.py", "geometry", "cameras", "lidar", "egomotion", *_READING, "reference")
-REFERENCE_CODE = (*REFERENCE_PACKAGES, "harness/cache/steps.py", "harness/reference_files.py")  # and how it is cached
-_TOLD = ("records", "recordings/input_errors.py")  # what a method is given, and the errors injected into it
-METHOD_PACKAGES = ("errors.py", "geometry", "flow", "cameras", "egomotion", *_TOLD, "methods")
-_GIVEN = tuple(sorted({*REFERENCE_PACKAGES, *METHOD_PACKAGES}))
-SCORING_PACKAGES = (*_GIVEN, "evaluation")
-COUNTING = ("counts", "image_map", "likelihood", "protocol", "rows", "scorer")  # other modules of `evaluation` reduce
-UNIT_FILES = ("frames", "masks", "unit", "oracles", "reference_files", "unit_files", "wrong_masks")
-_COUNTED_BY = (*(f"evaluation/{name}.py" for name in COUNTING), *(f"harness/{name}.py" for name in UNIT_FILES))
-UNIT_CODE = (*_GIVEN, *_COUNTED_BY)
-METRIC_CODE = (*UNIT_CODE, "evaluation")  # units, and their reduction to metrics
+@cache
+def library_versions() -> Mapping[str, str]:
+    """Versions of the interpreter and of the libraries that decide metrics, or decode what is read."""
+    found = {"Python": "{}.{}".format(*sys.version_info[:2])}
+    found |= {name: version(name) for name in METRIC_LIBRARIES}
+    for name in OPTIONAL_LIBRARIES:  # which of them there are depends on the platform and the interpreter
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return MappingProxyType(found)
 
 
 @cache
 def code_digest(sources: tuple[str, ...]) -> str:
-    """Digest of what `code_parts` lists.
+    """Digest of source files of this package.
 
     Args:
         sources: packages or files below `bench/`.
     """
-    return digest_of(code_parts(sources))
-
-
-def code_parts(sources: tuple[str, ...]) -> dict[str, str]:
-    """Digests of source files of this package, its version, and those of the libraries that decide metrics, by name.
-
-    Args:
-        sources: packages or files below `bench/`.
-    """
-    python = "{}.{}".format(*sys.version_info[:2])
-    return {"fisheye-bench": bench.__version__, "Python": python, **library_versions(), **source_digests(sources)}
-
-
-@cache
-def source_digests(sources: tuple[str, ...]) -> dict[str, str]:
-    """SHA-256 of source files of this package by their name, as "bench/geometry/rigid.py"; see `code_parts`."""
     package = resources.files("bench")
-    files = (found for source in sources for found in _sources(package.joinpath(source), f"bench/{source}"))
-    return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files}
+    files = {name: file for source in sources for name, file in _sources(package.joinpath(source), source)}
+    return digest_of({name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()})
 
 
 def _sources(source: Traversable, name: str) -> Iterator[tuple[str, Traversable]]:
     if source.is_file():
         yield name, source
         return
-    for entry in sorted(source.iterdir(), key=lambda entry: entry.name):
+    for entry in source.iterdir():
         if entry.is_dir() or entry.name.endswith((".py", ".yaml")):
             yield from _sources(entry, f"{name}/{entry.name}")

@@ -1,0 +1,236 @@
+"""Answers as files: what a method, or anybody else, said of each image; all that scores reads them.
+
+`answers/<recording>/<camera>-<first image>.parquet` has a row for each image of a task, `ANSWERS_SCHEMA`: the mask on
+the method's cells, one bit each, or the reason why there is none. A likelihood is stored as its bin of
+`bench.evaluation.likelihood`, one byte: histograms, and with them every curve, come out exactly; pictures show the
+middle of the bin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote, unquote
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from bench.atomic import replacing
+from bench.errors import DataError
+from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
+from bench.records.segmentation import Segmentation, segmentation_fault
+
+ANSWERS = "answers"
+ANSWERED, SKIPPED, FAILED = "answered", "skipped", "failed"
+LARGEST_SIDE_PX = 1 << 16
+
+ANSWERS_SCHEMA = pa.schema(
+    [
+        ("recording", pa.string()),
+        ("camera", pa.string()),
+        ("timestamp_ns", pa.int64()),
+        ("status", pa.string()),  # answered, skipped or failed
+        ("problem", pa.string()),  # why it is not answered
+        ("seconds", pa.float64()),  # that the method took
+        ("cell_size_px", pa.int32()),
+        ("rows", pa.int32()),
+        ("columns", pa.int32()),
+        ("mask", pa.binary()),  # bits
+        ("undefined", pa.binary()),  # bits
+        ("cause", pa.binary()),  # bytes
+        ("causes", pa.list_(pa.string())),
+        ("likelihood", pa.binary()),  # bytes, bins
+        ("likelihood_is_score", pa.bool_()),
+        ("threshold", pa.float64()),
+    ]
+)
+
+
+def safe_name(name: str) -> str:
+    """Name of a recording or camera as that of a file or folder."""
+    quoted = quote(name, safe=" ")
+    return f"%2E{quoted[1:]}" if quoted.startswith(".") else quoted
+
+
+def name_of(safe: str) -> str:
+    """Name of a recording or camera whose file or folder it is."""
+    return unquote(safe)
+
+
+Row = Mapping[str, Any]
+
+
+class Key(NamedTuple):
+    """An image, by which answers, references and counts are paired."""
+
+    recording: str
+    camera: str
+    timestamp_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """What was said of an image, as it is stored.
+
+    Attributes:
+        row: of `ANSWERS_SCHEMA`.
+    """
+
+    row: Row
+
+    @classmethod
+    def of(cls, key: Key, segmentation: Segmentation, *, seconds: float) -> Answer:
+        """The answer of a method, copied: what it changes afterwards changes nothing.
+
+        Args:
+            key: of the image.
+            segmentation: checked.
+            seconds: that the method took.
+        """
+        cells = _cells(segmentation)
+        return cls({**key._asdict(), "status": ANSWERED, "problem": "", "seconds": seconds, **cells})
+
+    @classmethod
+    def none(cls, key: Key, status: str, problem: str) -> Answer:
+        """No answer.
+
+        Args:
+            key: of the image.
+            status: `SKIPPED` where nothing is wrong, or `FAILED`.
+            problem: why there is none.
+        """
+        return cls({**key._asdict(), "status": status, "problem": problem})
+
+    @property
+    def status(self) -> str:
+        """`ANSWERED`, `SKIPPED` or `FAILED`."""
+        return str(self.row["status"])
+
+    @property
+    def problem(self) -> str:
+        """Why there is none; "" where there is one."""
+        return str(self.row["problem"])
+
+    @property
+    def is_answered(self) -> bool:
+        """True where there is a segmentation."""
+        return self.status == ANSWERED
+
+    def segmentation(self) -> Segmentation:
+        """Unpack the segmentation; it is checked as a method's own is.
+
+        Raises:
+            DataError: it is damaged.
+        """
+        try:
+            return _segmentation(self.row)
+        except (TypeError, ValueError, OverflowError) as error:
+            place = "{recording}, {camera}, {timestamp_ns} ns".format_map(self.row)
+            raise DataError(f"answer of {place}", expected="a mask of rows x columns cells", got=str(error)) from error
+
+
+def write_answers(file: Path, answers: Sequence[Answer]) -> None:
+    """Write the answers of a task, by one rename.
+
+    Raises:
+        OutputError: the disk is full, or may not be written.
+    """
+    table = pa.Table.from_pylist([dict(answer.row) for answer in answers], schema=ANSWERS_SCHEMA)
+    with replacing(file) as temporary:
+        pq.write_table(table, temporary, compression="zstd", row_group_size=16)
+
+
+def read_answers(file: Path, *, timestamp_ns: int | None = None) -> list[Answer]:
+    """Read the answers of a task.
+
+    Args:
+        file: of the task.
+        timestamp_ns: of the only image that is wanted; None for all.
+
+    Raises:
+        DataError: missing or damaged.
+    """
+    wanted = None if timestamp_ns is None else [("timestamp_ns", "=", timestamp_ns)]
+    try:
+        return [Answer(row) for row in pq.read_table(file, schema=ANSWERS_SCHEMA, filters=wanted).to_pylist()]
+    except (OSError, pa.ArrowException) as error:
+        got, hint = " ".join(str(error).split()), "remove the file, and run again"
+        raise DataError(file, expected="answers of a run", got=got, hint=hint) from error
+
+
+def read_seconds(answers: Path) -> NDArray[np.float64]:
+    """Seconds that each answer of a run took.
+
+    Args:
+        answers: folder.
+    """
+    files = sorted(answers.glob("*/*.parquet"))
+    seconds = [pq.read_table(file, columns=["seconds"])["seconds"].to_numpy() for file in files]
+    return np.concatenate([np.empty(0), *seconds])
+
+
+def _cells(found: Segmentation) -> Row:
+    bins = None
+    if found.likelihood is not None:
+        bins = find_bins(found.likelihood, _edges(is_score=found.likelihood_is_score)).astype(np.uint8).tobytes()
+    return {
+        "cell_size_px": int(found.cell_size_px),
+        "rows": found.mask.shape[0],
+        "columns": found.mask.shape[1],
+        "mask": np.packbits(found.mask).tobytes(),
+        "undefined": None if found.undefined is None else np.packbits(found.undefined).tobytes(),
+        "cause": None if found.cause is None else found.cause.tobytes(),
+        "causes": list(found.causes),
+        "likelihood": bins,
+        "likelihood_is_score": found.likelihood_is_score,
+        "threshold": None if found.threshold is None else float(found.threshold),
+    }
+
+
+def _segmentation(row: Row) -> Segmentation:
+    """The segmentation of a row."""
+    size_px, shape, is_score = row["cell_size_px"], (row["rows"], row["columns"]), row["likelihood_is_score"]
+    if not (min(shape) > 0 and max(shape) <= LARGEST_SIDE_PX and 0 < size_px <= LARGEST_SIDE_PX):
+        raise ValueError(f"{shape[0]} x {shape[1]} cells of {size_px} px")
+    bins, cause = (_plane(row[name], shape) for name in ("likelihood", "cause"))
+    if bins is not None and bins.max() >= BINS:
+        raise ValueError(f"likelihood: bin {bins.max()} of {BINS}")
+    found = Segmentation(
+        cell_size_px=size_px,
+        mask=_bits(row["mask"], shape),
+        undefined=None if row["undefined"] is None else _bits(row["undefined"], shape),
+        cause=cause,
+        causes=tuple(row["causes"]),
+        likelihood=None if bins is None else _middles(is_score=is_score)[bins],
+        likelihood_is_score=is_score,
+        threshold=row["threshold"],
+    )
+    if fault := segmentation_fault(found, width=shape[1] * size_px, height=shape[0] * size_px):
+        raise ValueError(fault)
+    return found
+
+
+def _bits(content: bytes, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    cells = shape[0] * shape[1]
+    if len(content) != -(-cells // 8):
+        raise ValueError(f"{len(content)} bytes for {shape[0]} x {shape[1]} cells")
+    return np.unpackbits(np.frombuffer(content, dtype=np.uint8), count=cells).reshape(shape).view(np.bool_)
+
+
+def _plane(content: bytes | None, shape: tuple[int, int]) -> NDArray[np.uint8] | None:
+    return None if content is None else np.frombuffer(content, dtype=np.uint8).reshape(shape)
+
+
+def _edges(*, is_score: bool) -> NDArray[np.float64]:
+    return SCORE_EDGES if is_score else EDGES
+
+
+def _middles(*, is_score: bool) -> NDArray[np.float32]:
+    """A value within each bin: 0 for the first, else the middle by ratio."""
+    edges = _edges(is_score=is_score)
+    last = 1.0 if is_score else 2 * edges[-2]
+    return np.concatenate([[0.0], np.sqrt(edges[1:-2] * edges[2:-1]), [last]]).astype(np.float32)

@@ -1,0 +1,173 @@
+"""Does a run hold what its answers score? Counted again from the stored answers and the data, without the method.
+
+Manifest, counts, sums and summary are made once more and compared: whole numbers and words exactly. Who made the
+answers cannot be told. That a run was found right is noted in the cache of whoever verified it, never in the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pandas as pd
+
+from bench.atomic import write_text
+from bench.errors import OutputError
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, known_protocols, load_protocol
+from bench.evaluation.comparison import SIDES
+from bench.evaluation.rows import IMAGE, OBJECT, merge_rows
+from bench.evaluation.sums import KEY, TERMS
+from bench.execution import TaskExecutor
+from bench.harness.counts import StoredRows
+from bench.harness.digests import digest_file
+from bench.harness.manifest import MANIFEST, Aspect, differences
+from bench.harness.references import cache_folder
+from bench.harness.replay import StoredAnswers
+from bench.harness.run import RunRequest, run_benchmark
+from bench.harness.stages import Progress
+from bench.harness.stored import SUMMARY, SUMS, StoredRun, read_run
+from bench.recordings import DatasetCard
+
+CHECKED = {Aspect.DATASET, Aspect.SPLIT, Aspect.PROTOCOL, Aspect.DATA, Aspect.REFERENCE}
+UNCHECKED = {"provenance", "failures"}  # of a summary
+RELATIVE = 1e-9  # of what is no count: another processor may tip the last bit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verification:
+    """Outcome of a recount.
+
+    Attributes:
+        images: that were counted again.
+        differences: one line each; none for a run that holds what its answers score.
+    """
+
+    images: int
+    differences: tuple[str, ...]
+
+
+def verify_run(
+    run: Path, card: DatasetCard, *, executor: TaskExecutor, progress: Progress | None = None
+) -> Verification:
+    """Count a run again, and note that it is right where nothing differs.
+
+    Args:
+        run: folder of the run, or of its results by a protocol.
+        card: the data that it is of.
+        executor: counts the images.
+        progress: called with the images done and their number.
+
+    Raises:
+        DataError: a file of the run or of the data is missing or damaged.
+    """
+    stored = read_run(run)
+    with TemporaryDirectory(prefix="fisheye-bench-") as folder:
+        request = RunRequest(
+            card=card,
+            method=StoredAnswers.of(stored),
+            folder=Path(folder) / "recount",
+            protocols=[stored.protocol],
+            split=stored.manifest.dataset.split,
+            executor=executor,
+            progress=progress,
+        )
+        (again,) = run_benchmark(request)
+        found = (
+            *_of_manifest(stored, again),
+            *_of_tables("objects", stored.table_files[0], again.table_files[0], OBJECT, OBJECTS_SCHEMA.names),
+            *_of_tables("frames", stored.table_files[1], again.table_files[1], IMAGE, FRAMES_SCHEMA.names),
+            *_of_rows(SUMS, stored.sums, again.sums, key=KEY, columns=TERMS),
+            *_of_summary(stored, again),
+        )
+    if not found:
+        _note(stored)
+    return Verification(images=again.summary.provenance.images, differences=found)
+
+
+def is_verified(run: StoredRun) -> bool:
+    """True where these results were found right with this user's cache folder."""
+    return _mark(run).is_file()
+
+
+def _note(run: StoredRun) -> None:
+    try:
+        write_text(_mark(run), f"{run.manifest.title}\n")
+    except OutputError:  # a cache that cannot be written
+        return
+
+
+def _mark(run: StoredRun) -> Path:
+    digests = [digest_file(run.folder / name) for name in (MANIFEST, SUMMARY, SUMS)]
+    return cache_folder() / "verified" / "-".join(digest[:32] for digest in digests)
+
+
+def _of_manifest(run: StoredRun, again: StoredRun) -> Iterator[str]:
+    """Differences of what the run says that it is of, and of what a reader is told beside the metrics."""
+    was, now, summary = run.manifest, again.manifest, run.summary
+    yield from (f"{MANIFEST}: {one}" for one in differences(was, now) if one.aspect in CHECKED)
+    if was.dataset.recordings != now.dataset.recordings:
+        yield f"{MANIFEST}: recordings of other data"
+    if was.protocol != now.protocol:
+        yield f"{MANIFEST}: protocol of another name, version or digest"
+    if was.protocol.name in known_protocols() and was.protocol.digest != load_protocol(was.protocol.name).digest:
+        yield f"protocol.json: rules of its own under the name {was.protocol.name}"
+    if missing := [line for line in again.summary.caveats.splitlines() if line not in summary.caveats.splitlines()]:
+        yield f"{SUMMARY}: caveats lack {missing[0]!r}"
+    if summary.images.failed > len(summary.failures):
+        yield f"{SUMMARY}: failures lists {len(summary.failures)}, where {summary.images.failed} images failed"
+
+
+def _of_tables(
+    name: str, stored: StoredRows, counted: StoredRows, key: Sequence[str], columns: Sequence[str]
+) -> Iterator[str]:
+    for recording in sorted(stored.recordings().keys() | counted.recordings().keys()):
+        sides = [rows.read([recording], columns) for rows in (stored, counted)]
+        yield from _of_rows(name, *sides, key=key, columns=[column for column in columns if column not in key])
+
+
+def _of_rows(
+    table: str, stored: pd.DataFrame, counted: pd.DataFrame, *, key: Sequence[str], columns: Sequence[str]
+) -> Iterator[str]:
+    """One line for each column in which rows differ, with the first of them."""
+    twice = stored[stored.duplicated([*key])]
+    if len(twice):
+        yield _line(table, twice, key, "a row that stands twice")
+        return
+    rows = merge_rows(stored, counted, on=[*key], how="outer")
+    alone = rows["side"] != "both"
+    if alone.any():
+        yield _line(table, rows[alone], key, "a row that only one of the two has")
+    rows = rows[~alone]
+    for name in columns:
+        was, now = (rows[f"{name}{side}"] for side in SIDES)
+        other = ~np.array([_same(*pair) for pair in zip(was, now, strict=True)], dtype=bool)
+        if other.any():
+            values = was[other].iloc[0], now[other].iloc[0]
+            yield _line(table, rows[other], key, "{} {}, counted again {}".format(name, *values))
+
+
+def _line(table: str, rows: pd.DataFrame, key: Sequence[str], what: str) -> str:
+    where = ", ".join(str(rows[name].iloc[0]) for name in key)
+    more = f", and {len(rows) - 1} more" if len(rows) > 1 else ""
+    return f"{table}: {where}: {what}{more}"
+
+
+def _of_summary(run: StoredRun, again: StoredRun) -> Iterator[str]:
+    was, now = (one.summary.model_dump(mode="json", exclude=UNCHECKED | {"caveats"}) for one in (run, again))
+    if not _same(was, now):
+        other = sorted(name for name in was.keys() | now.keys() if not _same(was.get(name), now.get(name)))
+        yield f"{SUMMARY}: {', '.join(other)}: other metrics than its counts give"
+
+
+def _same(was: object, now: object) -> bool:
+    """Whether two plain values are equal; floats, which are no counts, but for rounding."""
+    if isinstance(was, dict) and isinstance(now, dict):
+        return was.keys() == now.keys() and all(_same(was[name], now[name]) for name in was)
+    if isinstance(was, list | tuple | np.ndarray) and isinstance(now, list | tuple | np.ndarray):
+        return len(was) == len(now) and all(_same(*pair) for pair in zip(was, now, strict=True))
+    if isinstance(was, float) and isinstance(now, float):
+        return bool(np.isclose(was, now, rtol=RELATIVE, atol=RELATIVE, equal_nan=True))
+    return was is now or bool(was == now) or (pd.isna(was) is True and pd.isna(now) is True)  # type: ignore[call-overload]
