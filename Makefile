@@ -33,7 +33,7 @@ paper: $(INSTALLED) ## rebuild reports/paper: the simulated experiment with both
 	$(BIN)/fisheye-bench run datasets/paper-exact.yaml --no-pictures
 	$(BIN)/fisheye-bench run datasets/range-maps.yaml --protocol extended-v1 --no-pictures
 	$(BIN)/fisheye-bench audit datasets/paper.yaml --recordings 42 --out reports/audit/paper
-	$(BIN)/fisheye-bench audit datasets/paper.yaml --recordings 42 --methods all --out reports/audit/paper
+	$(BIN)/python -m benchmarks.ranking datasets/paper.yaml --recordings 42 --out reports/audit/paper
 	cp reports/runs/paper-spherical/table.md reports/paper/table.md
 	cp reports/runs/paper-exact-spherical/table.md reports/paper/table-exact.md
 	cp reports/runs/range-maps-spherical-extended-v1/range_map.png reports/paper/range_map.png

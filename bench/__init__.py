@@ -25,7 +25,7 @@ if TYPE_CHECKING:
         propose,
     )
     from bench.api.arrays import Score, interval, score
-    from bench.api.audit import Audit, audit_beams, audit_ranking, audit_reference
+    from bench.api.audit import Audit, audit_reference
     from bench.api.compare import Comparison, compare
     from bench.api.datasets import Dataset, Frame, open_dataset
     from bench.api.evaluate import Evaluation, evaluate
@@ -68,8 +68,6 @@ __all__ = [
     "Verdict",
     "Verification",
     "View",
-    "audit_beams",
-    "audit_ranking",
     "audit_reference",
     "compare",
     "competitors",
@@ -114,7 +112,7 @@ _MODULES = {
         "propose",
     ),
     "bench.api.arrays": ("Score", "interval", "score"),
-    "bench.api.audit": ("Audit", "audit_beams", "audit_ranking", "audit_reference"),
+    "bench.api.audit": ("Audit", "audit_reference"),
     "bench.api.compare": ("Comparison", "compare"),
     "bench.api.datasets": ("Dataset", "Frame", "open_dataset"),
     "bench.api.evaluate": ("Evaluation", "evaluate"),

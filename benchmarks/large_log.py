@@ -16,11 +16,11 @@ from pathlib import Path
 
 import pyarrow as pa
 import yaml
+from bench.harness.unit import CHUNK_IMAGES, Part
 
 from bench.api.runs import run_request
 from bench.harness import score_part
 from bench.harness.provenance import largest_resident_mb
-from bench.harness.unit import CHUNK_IMAGES, Part
 from bench.recordings import load_card, open_dataset
 from tests.support.log123d import OPTIONS, tiny_recording, write_log
 from tests.support.tiny import STEP_NS, TIMES_NS

@@ -33,7 +33,7 @@ EXAMPLES = {
         "sweep demo --set threshold=3e-4,6e-4,1e-3",
         "sweep demo --input-error pitch_deg=0,0.5,1",
     ),
-    "audit": ("audit demo", "audit demo --methods all", "audit demo --beams 64,32,16"),
+    "audit": ("audit demo",),
     "compare": ("compare reports/runs/demo-spherical reports/runs/demo-frame-difference",),
     "leaderboard": ("leaderboard", "leaderboard --score demo --methods spherical,spherical:flow=dis --out my-page"),
     "verify": ("verify reports/runs/demo-spherical",),

@@ -11,8 +11,8 @@ The functions `write_*` store files; equal input gives equal bytes.
   wrong with data or predictions), `citation` (BibTeX);
 - `range_maps`, `panels` (the paper's figures), `side_by_side` (of one or several methods on one image),
   `frame_pictures` (all pictures of one frame), `video`, `rerun_log`;
-- `sweep` (one setting through many values), `audit_tables`, `audit_ranking`,
-  `audit_beams`, `audit_pictures`;
+- `sweep` (one setting through many values), `audit_tables`,
+  `audit_pictures`;
 - `proposal_scores` (proposals against annotations); `trackers` (a run goes to MLflow or Weights & Biases);
 - `page` (the page of a run), `compare` (runs against each other), `leaderboard` (all runs of a folder).
 

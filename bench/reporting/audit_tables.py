@@ -18,8 +18,6 @@ from bench.audit import (
     Quartiles,
     Scoring,
 )
-from bench.audit.beams import BeamsSummary
-from bench.audit.ranking import Estimate, RankingSummary
 from bench.evaluation import Metric, find_metric
 from bench.reporting import formats
 from bench.reporting.document import Block, Cell, Column, Heading, Paragraph, Report, Table
@@ -37,20 +35,9 @@ def decimal(value: float) -> str:
     return "n/a" if math.isnan(value) else f"{value:.2f}"
 
 
-def tau_text(found: Estimate) -> str:
-    """A value with two decimals and its 95 % interval."""
-    return f"{decimal(found.value)} {formats.interval(found.ci95, unit=1.0, digits=2)}".rstrip()
-
-
 def share(part: int, whole: int) -> str:
     """A share in percent, "n/a" of nothing."""
     return f"{100 * part / whole:.1f}" if whole else "n/a"
-
-
-def command(found: BeamsSummary | RankingSummary) -> str:
-    """The command that made an audit, but for what it was asked."""
-    split = "" if found.split is None else f" --split {found.split}"
-    return f"fisheye-bench audit {found.card} --recordings {found.recordings}{split}"
 
 
 def _kind_columns(audit: AuditSummary) -> list[Column]:

@@ -11,11 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from bench.audit import ALL
-from bench.audit.beams import BEAMS, BeamsRow, BeamsSummary, read_beams
 from bench.evaluation.sums import ALL_MOVING
 from bench.reporting import canvas, formats
-from bench.reporting.audit_tables import command, sections, tau_text
+from bench.reporting.audit_tables import sections
 from bench.reporting.document import Code, Column, Heads, Paragraph, Picture, Report, Table
+from benchmarks.ranking.agreement import command, tau_text
+from benchmarks.ranking.beams import BEAMS, BeamsRow, BeamsSummary, read_beams
 
 CLASSES = {  # colour and marker
     ALL: (canvas.BLACK, "o"),

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.audit.predictions import CameraPredictions, Prediction
 from bench.audit.sources import OpenedSource, same_objects
 from bench.errors import BenchError
 from bench.evaluation import Protocol, count_frame, find_metric, load_protocol
@@ -21,6 +20,7 @@ from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, name_bins, sum_m
 from bench.harness.frames import UnscorableFrame
 from bench.recordings import Recording, read_truth
 from bench.reference import Category, ReferenceBuilder, ReferenceFrame, ReferenceObject, ReferenceSettings, Status
+from benchmarks.ranking.predictions import CameraPredictions, Prediction
 
 FALSE_POSITIVES = "false_positives"
 CATEGORIES = tuple(category.value for category in Category if category is not Category.MOVING)

@@ -9,8 +9,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.audit.predictions import ALL_PREDICTIONS, OBJECTS, OUTLINES
-from bench.audit.ranking import (
+from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.sums import ALL_MOVING
+from bench.reference import Category
+from bench.reporting import canvas, formats
+from bench.reporting.audit_tables import decimal, sections
+from bench.reporting.document import Code, Column, Paragraph, Picture, Report, Table
+from benchmarks.ranking.agreement import (
     KINDS,
     LARGEST_DIFFERENCE,
     LARGEST_REAL_DIFFERENCE,
@@ -21,15 +26,12 @@ from bench.audit.ranking import (
     KindAgreement,
     RankedRow,
     RankingSummary,
+    command,
     read_ranking,
+    tau_text,
 )
-from bench.audit.ranking_sums import EXACT, FALSE_POSITIVES, REFERENCES
-from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.sums import ALL_MOVING
-from bench.reference import Category
-from bench.reporting import canvas, formats
-from bench.reporting.audit_tables import command, decimal, sections, tau_text
-from bench.reporting.document import Code, Column, Paragraph, Picture, Report, Table
+from benchmarks.ranking.predictions import ALL_PREDICTIONS, OBJECTS, OUTLINES
+from benchmarks.ranking.sums import EXACT, FALSE_POSITIVES, REFERENCES
 
 NAMES = dict(
     zip(

@@ -1,25 +1,22 @@
-"""Masks of an image by many methods at once: it is decoded once, and what several methods compute, is computed once."""
+"""Masks of an image by many methods at once: it is decoded once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import UsageError
 from bench.evaluation import Protocol
-from bench.harness.digests import MethodCode, digest_of
-from bench.harness.exact import ExactMasks, ReferenceItself, build_scorable, is_oracle
 from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
 from bench.harness.stages import StageClock
-from bench.methods import Method, MethodInput, Scorable, UnansweredImage, ask_method
-from bench.methods.contract import Arrays, StepOf
+from bench.methods import Method, MethodInput, Scorable, UnansweredImage, ask_method, build_method
 from bench.methods.settings import parse_settings, split_methods
 from bench.recordings import Recording
 from bench.reference import ReferenceBuilder, ReferenceFrame
+from benchmarks.ranking.wrong_masks import WrongMasks
 
 # What `--methods all` stands for: real methods, good and bad, then exact masks that are wrong in known ways.
 ALL_PREDICTIONS = (
@@ -74,34 +71,22 @@ class Prediction:
     Attributes:
         name: as the command line says it, for example "spherical:flow=dis".
         method: what answers.
-
-    Raises:
-        UsageError: the reference itself, which is another one for every reference.
     """
 
     name: str
     method: Scorable
 
-    def __post_init__(self) -> None:
-        if isinstance(self.method, ReferenceItself):
-            raise UsageError(f"{self.name}: expected a method or 'truth', got the reference, which cannot be ranked")
-
     @property
     def real(self) -> bool:
         """True for a method that can be run on real data; False for what is made of the exact masks."""
-        return not is_oracle(self.method)
+        return not isinstance(self.method, WrongMasks)
 
     @property
     def error(self) -> str | None:
         """Kind of the error of a mask that is made of the exact ones: `OUTLINES` or `OBJECTS`; None for all others."""
-        if not isinstance(self.method, ExactMasks) or self.method == ExactMasks():
+        if not isinstance(self.method, WrongMasks) or self.method == WrongMasks():
             return None
         return OBJECTS if self.method.changes_objects else OUTLINES
-
-    @cached_property
-    def code(self) -> str:
-        """Digest of the code and the files that the method's cached steps depend on."""
-        return MethodCode.of(self.method).steps_digest
 
 
 class CameraPredictions:
@@ -153,9 +138,8 @@ class CameraPredictions:
             UnscorableFrame: images before it are missing, or a method has no answer.
         """
         inputs = {colour: pipeline.method_input(index) for colour, pipeline in self._pipelines.items()}
-        steps: dict[str, Arrays] = {}
         with self._clock.stage("method"):
-            return [self._mask(prediction, inputs, reference, ids, steps) for prediction in self._predictions]
+            return [self._mask(prediction, inputs, reference, ids) for prediction in self._predictions]
 
     def _mask(
         self,
@@ -163,18 +147,15 @@ class CameraPredictions:
         inputs: dict[bool, MethodInput],
         reference: ReferenceFrame,
         ids: NDArray[np.uint16],
-        steps: dict[str, Arrays],
     ) -> NDArray[np.bool_]:
         method = prediction.method
-        if is_oracle(method):
-            assert isinstance(method, ExactMasks), "the reference itself is refused"
+        if isinstance(method, WrongMasks):
             found = method.of_truth(ids, self._recording, reference)
         else:
             assert isinstance(method, Method), "no other can be scored"
             given = shortened_input(inputs[method.colour], method.most_history)
-            shared = SharedStep(steps, prediction.code, len(given.images), method.colour)
             try:
-                found = ask_method(method, replace(given, cached_step=shared))
+                found = ask_method(method, given)
             except UnansweredImage as reason:
                 raise UnscorableFrame(f"{prediction.name}: {reason}") from reason
         height, width = reference.valid.shape
@@ -197,25 +178,6 @@ def shortened_input(given: MethodInput, history: int) -> MethodInput:
     )
 
 
-class SharedStep:
-    """Computes each step of an image once for all methods; see `bench.methods.contract.CachedStep`.
-
-    Args:
-        steps: of the image, by digest; filled in.
-        of_input: what the steps depend on beside their settings: code, number of images, colour.
-    """
-
-    def __init__(self, steps: dict[str, Arrays], *of_input: object) -> None:
-        self._steps, self._of_input = steps, of_input
-
-    def __call__(self, step: str, settings: object, compute: Callable[[], Arrays], *, of: StepOf) -> Arrays:
-        """The step's arrays, a copy of their own for every caller."""
-        digest = digest_of(step, settings, of, self._of_input)
-        if digest not in self._steps:
-            self._steps[digest] = compute()
-        return {name: array.copy() for name, array in self._steps[digest].items()}
-
-
 def parse_predictions(text: str) -> tuple[Prediction, ...]:
     """Build the methods of a list with commas, settings behind colons: `spherical,spherical:flow=dis:cell_size_px=4`.
 
@@ -226,6 +188,15 @@ def parse_predictions(text: str) -> tuple[Prediction, ...]:
         UsageError: a method or a setting that does not exist, or words behind a setting that are none.
     """
     return tuple(
-        Prediction(name=written, method=build_scorable(method, parse_settings(settings)))
+        Prediction(name=written, method=_built(method, parse_settings(settings)))
         for written, method, settings in split_methods(",".join(ALL_PREDICTIONS) if text == "all" else text)
     )
+
+
+def _built(name: str, settings: Mapping[str, object]) -> Scorable:
+    if name != "truth":
+        return build_method(name, settings)
+    try:
+        return WrongMasks(**settings)  # type: ignore[arg-type]
+    except TypeError as error:
+        raise UsageError(f"truth: {error}") from error

@@ -12,8 +12,16 @@ import pandas as pd
 import pytest
 from matplotlib.lines import Line2D
 
-from bench.audit.predictions import ALL_PREDICTIONS, Prediction, SharedStep, parse_predictions, shortened_input
-from bench.audit.ranking import (
+from bench.audit.sources import same_objects
+from bench.errors import DataError, UnknownNameError, UsageError
+from bench.evaluation import load_protocol
+from bench.execution import ProcessExecutor
+from bench.geometry import RigidTransform
+from bench.methods import MethodInput, build_method
+from bench.methods.spherical.method import SphericalMethod
+from bench.recordings import load_card
+from bench.reference import IgnoreReason, Status
+from benchmarks.ranking.agreement import (
     RankedRow,
     RankingSummary,
     correlation_between,
@@ -24,7 +32,17 @@ from bench.audit.ranking import (
     run_ranking,
     surface_fits,
 )
-from bench.audit.ranking_sums import (
+from benchmarks.ranking.predictions import ALL_PREDICTIONS, Prediction, SharedStep, parse_predictions, shortened_input
+from benchmarks.ranking.ranking_report import (
+    agreement_table,
+    check_table,
+    draw_ranking,
+    fit_table,
+    kind_table,
+    overview_table,
+    ranking_tables,
+)
+from benchmarks.ranking.sums import (
     EXACT,
     FIT_SLICES,
     FITS,
@@ -35,32 +53,14 @@ from bench.audit.ranking_sums import (
     RankingRows,
     lidar_references,
 )
-from bench.audit.sources import same_objects
-from bench.errors import DataError, UnknownNameError, UsageError
-from bench.evaluation import load_protocol
-from bench.execution import ProcessExecutor
-from bench.geometry import RigidTransform
-from bench.harness.oracles import ExactMasks
-from bench.methods import MethodInput, build_method
-from bench.methods.spherical.method import SphericalMethod
-from bench.recordings import load_card
-from bench.reference import IgnoreReason, Status
-from bench.reporting.audit_ranking import (
-    agreement_table,
-    check_table,
-    draw_ranking,
-    fit_table,
-    kind_table,
-    overview_table,
-    ranking_tables,
-)
+from benchmarks.ranking.wrong_masks import WrongMasks
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
 from tests.reporting.printed import texts
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
 from tests.support.runs import run_one
 
-WRONG = (ExactMasks(shape="hull"), ExactMasks(grow_px=4), ExactMasks(drop_share=0.5))
+WRONG = (WrongMasks(shape="hull"), WrongMasks(grow_px=4), WrongMasks(drop_share=0.5))
 ANY = [Prediction(name=name, method=build_method(name)) for name in ("everything", "nothing", "frame-difference")]
 
 
@@ -111,14 +111,14 @@ def test_a_prediction_without_the_metric_is_left_out():
 
 
 def test_what_is_made_of_exact_masks_is_no_real_method():
-    predictions = [*ANY[:2], Prediction(name="truth", method=ExactMasks())]
+    predictions = [*ANY[:2], Prediction(name="truth", method=WrongMasks())]
     found = row(by_lidar=[0.2, 0.5, 0.6], by_masks=[0.1, 0.5, 1.0], predictions=predictions).agreement[PAPER]
     assert found.difference["iou"].value == pytest.approx((0.1 + 0 + 0.4) / 3)
     assert found.difference_real["iou"].value == pytest.approx((0.1 + 0) / 2)
 
 
 def test_intervals_need_six_recordings_and_are_the_same_again(monkeypatch):
-    monkeypatch.setattr("bench.audit.ranking.DRAWS", 100)
+    monkeypatch.setattr("benchmarks.ranking.agreement.DRAWS", 100)
     assert row(by_lidar=[0.1, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9], recordings=5).agreement[PAPER].tau.ci95 is None
     found = row(by_lidar=[0.2, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9], recordings=6).agreement[PAPER]
     assert found.tau.ci95 == pytest.approx((1, 1))
@@ -133,7 +133,7 @@ def test_intervals_need_six_recordings_and_are_the_same_again(monkeypatch):
 
 
 def test_a_wrong_mask_that_beats_the_exact_one_is_found():
-    predictions = [Prediction(name=str(k), method=m) for k, m in enumerate((ExactMasks(), *WRONG))]
+    predictions = [Prediction(name=str(k), method=m) for k, m in enumerate((WrongMasks(), *WRONG))]
     by_lidar, by_masks = [0.6, 0.7, 0.5, 0.61], [1.0, 0.8, 0.5, 0.4]
     checks = row(by_lidar=by_lidar, by_masks=by_masks, predictions=predictions).checks
     found = {(check.prediction, check.reference): check.holds for check in checks}
@@ -142,7 +142,7 @@ def test_a_wrong_mask_that_beats_the_exact_one_is_found():
 
 
 def test_errors_of_outlines_and_of_objects_are_told_apart():
-    methods = (ExactMasks(), *WRONG[:2], ExactMasks(shape="feet"), *WRONG[2:])
+    methods = (WrongMasks(), *WRONG[:2], WrongMasks(shape="feet"), *WRONG[2:])
     predictions = [*ANY[:1], *(Prediction(name=str(k), method=method) for k, method in enumerate(methods))]
     by_lidar, by_masks = [0.1, 0.9, 0.85, 0.8, 0.2, 0.3], [0.2, 1.0, 0.7, 0.6, 0.5, 0.65]
     found = row(by_lidar=by_lidar, by_masks=by_masks, predictions=predictions).agreement[SURFACE]
@@ -163,8 +163,8 @@ def test_pairs_of_one_kind_do_not_count_between_kinds():
 
 
 def test_the_tables_show_differences_order_and_which_aims_are_missed(monkeypatch):
-    monkeypatch.setattr("bench.audit.ranking.DRAWS", 20)
-    masks = [Prediction(name="truth", method=ExactMasks()), Prediction(name="fat", method=WRONG[1])]
+    monkeypatch.setattr("benchmarks.ranking.agreement.DRAWS", 20)
+    masks = [Prediction(name="truth", method=WrongMasks()), Prediction(name="fat", method=WRONG[1])]
     predictions = [*ANY[:2], *masks]
     six = row(by_lidar=[0.2, 0, 0.8, 0.9], by_masks=[0.1, 0, 1, 0.7], recordings=6, predictions=predictions)
     names = [prediction.name for prediction in predictions]
@@ -286,7 +286,7 @@ def test_methods_are_named_with_their_settings_behind_colons():
     )
     assert isinstance(dis.method, SphericalMethod)
     assert (dis.method.flow, dis.method.cell_size_px) == ("dis", 4)
-    assert (masks.method, masks.real) == (ExactMasks(grow_px=-3), False)
+    assert (masks.method, masks.real) == (WrongMasks(grow_px=-3), False)
     assert (by_place.method.name, by_place.real) == ("nothing", True)
 
 
@@ -296,7 +296,7 @@ def test_all_holds_real_methods_and_masks_that_are_wrong_in_known_ways():
     assert len(set(ALL_PREDICTIONS)) >= 16
     assert sum(prediction.real for prediction in found) >= 12
     methods = [prediction.method for prediction in found]
-    assert all(oracle in methods for oracle in (ExactMasks(), *WRONG))
+    assert all(oracle in methods for oracle in (WrongMasks(), *WRONG))
     errors = [prediction.error for prediction in found]
     assert (errors.count("outlines"), errors.count("objects")) == (12, 12)
 

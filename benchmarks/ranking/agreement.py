@@ -17,6 +17,7 @@ Source:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import combinations
@@ -27,8 +28,20 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import kendalltau
 
-from bench.audit.predictions import OBJECTS, OUTLINES, Prediction
-from bench.audit.ranking_sums import (
+from bench.audit.sources import Part, StoredAudit, audit_each
+from bench.errors import UsageError
+from bench.evaluation import Definition, load_protocol
+from bench.evaluation.definitions import UNKNOWN
+from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.summary import Ratio
+from bench.evaluation.sums import TERMS, bin_names
+from bench.execution import SerialExecutor, TaskExecutor
+from bench.harness.stages import Progress
+from bench.recordings import DatasetCard
+from bench.recordings.checked_json import read_checked, write_checked
+from bench.reporting import formats
+from benchmarks.ranking.predictions import OBJECTS, OUTLINES, Prediction
+from benchmarks.ranking.sums import (
     BINS,
     CATEGORIES,
     FALSE_POSITIVES,
@@ -42,18 +55,7 @@ from bench.audit.ranking_sums import (
     SURFACE,
     rank_recording,
 )
-from bench.audit.sources import Part, StoredAudit, audit_each
-from bench.errors import UsageError
-from bench.evaluation import Definition, load_protocol
-from bench.evaluation.definitions import UNKNOWN
-from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.summary import Ratio
-from bench.evaluation.sums import TERMS, bin_names
-from bench.execution import SerialExecutor, TaskExecutor
-from bench.harness.exact import ExactMasks, is_oracle
-from bench.harness.stages import Progress
-from bench.recordings import DatasetCard
-from bench.recordings.checked_json import read_checked, write_checked
+from benchmarks.ranking.wrong_masks import WrongMasks
 
 RANKING = "ranking.json"
 ALL = "all"
@@ -346,7 +348,7 @@ def agreement(terms: Mapping[str, Values], *, reference: int, predictions: Seque
     every = np.ones_like(real)
     scores = metric_values(terms[first].sum(axis=0))
     kinds = [prediction.error for prediction in predictions]
-    exact = _number(predictions, ExactMasks())
+    exact = _number(predictions, WrongMasks())
     return Agreement(
         tau=estimate(_rank_correlations, first, every),
         difference=differences(every),
@@ -444,7 +446,7 @@ def surface_fits(fits: pd.DataFrame) -> tuple[SurfaceFit, ...]:
 
 def _checks(iou: Values, predictions: Sequence[Prediction]) -> Iterator[Check]:
     """The checks of a row; `iou` is (references, predictions) float64."""
-    exact = _number(predictions, ExactMasks())
+    exact = _number(predictions, WrongMasks())
     for number, prediction in enumerate(predictions):
         if exact is None or prediction.error is None:
             continue
@@ -452,8 +454,8 @@ def _checks(iou: Values, predictions: Sequence[Prediction]) -> Iterator[Check]:
             yield Check(prediction=prediction.name, reference=reference, iou=scores[number], exact_iou=scores[exact])
 
 
-def _number(predictions: Sequence[Prediction], method: ExactMasks) -> int | None:
-    oracles = ((k, p.method) for k, p in enumerate(predictions) if is_oracle(p.method))
+def _number(predictions: Sequence[Prediction], method: WrongMasks) -> int | None:
+    oracles = ((k, p.method) for k, p in enumerate(predictions) if isinstance(p.method, WrongMasks))
     return next((number for number, oracle in oracles if oracle == method), None)
 
 
@@ -494,7 +496,7 @@ def run_ranking(
         progress=progress,
     )
     scores = pd.concat([found.scores for found in ranked], ignore_index=True)
-    exact = _number(predictions, ExactMasks())
+    exact = _number(predictions, WrongMasks())
     summary = RankingSummary(
         **dict(stored),
         predictions=tuple(names),
@@ -515,3 +517,15 @@ def read_ranking(folder: Path) -> RankingSummary:
         DataError: missing, or not a ranking of a known version; names the field.
     """
     return read_checked(RankingSummary, folder / RANKING, expected="the comparison of references")
+
+
+def tau_text(found: Estimate) -> str:
+    """A value with two decimals and its 95 % interval."""
+    value = "n/a" if math.isnan(found.value) else f"{found.value:.2f}"
+    return f"{value} {formats.interval(found.ci95, unit=1.0, digits=2)}".rstrip()
+
+
+def command(found: StoredAudit) -> str:
+    """The command that made a study, but for what it was asked."""
+    split = "" if found.split is None else f" --split {found.split}"
+    return f"python -m benchmarks.ranking {found.card} --recordings {found.recordings}{split}"

@@ -16,9 +16,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.audit.predictions import Prediction
-from bench.audit.ranking import Estimate, agreement, metric_values, read_terms
-from bench.audit.ranking_sums import EXACT, FITS, OBJECT_METRICS, SURFACE, RankingRows, RankingSums, predicted_images
 from bench.audit.results import ALL
 from bench.audit.sources import OpenedSource, Part, StoredAudit, audit_each, same_objects
 from bench.errors import DataError, UsageError
@@ -26,17 +23,20 @@ from bench.evaluation import load_protocol
 from bench.evaluation.summary import Ratio
 from bench.evaluation.sums import ALL_MOVING
 from bench.execution import SerialExecutor, TaskExecutor
-from bench.harness.exact import ExactMasks, is_oracle
 from bench.harness.stages import Progress
 from bench.lidar import LidarSweep
 from bench.recordings import DatasetCard, Recording
 from bench.recordings.checked_json import read_checked, write_checked
 from bench.records.recording import PointIndices
 from bench.reference import ReferenceFrame, Status
+from benchmarks.ranking.agreement import Estimate, agreement, metric_values, read_terms
+from benchmarks.ranking.predictions import Prediction
+from benchmarks.ranking.sums import EXACT, FITS, OBJECT_METRICS, SURFACE, RankingRows, RankingSums, predicted_images
+from benchmarks.ranking.wrong_masks import WrongMasks
 
 BEAMS = "beams.json"
 REFERENCES = (SURFACE, EXACT)
-TRUTH = Prediction(name="truth", method=ExactMasks())  # its score is the ceiling
+TRUTH = Prediction(name="truth", method=WrongMasks())  # its score is the ceiling
 
 
 class BeamsRow(Part):
@@ -264,7 +264,10 @@ def run_beams(
         UsageError: two predictions of one name.
         DataError: no recording could be used, above all where none has rendered masks or the lidar has fewer beams.
     """
-    ranked = (TRUTH, *(one for one in predictions if not (is_oracle(one.method) and one.method == TRUTH.method)))
+    ranked = (
+        TRUTH,
+        *(one for one in predictions if not (isinstance(one.method, WrongMasks) and one.method == TRUTH.method)),
+    )
     names = [prediction.name for prediction in ranked]
     if len(set(names)) < len(names):
         raise UsageError(f"--methods: expected different methods to rank, got {', '.join(names)}")

@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.audit.beams import BeamsSummary, count_beams, parse_beams, read_beams, run_beams, with_beams
-from bench.audit.predictions import parse_predictions
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor
-from bench.harness.oracles import ExactMasks
 from bench.lidar import LidarSweep
 from bench.recordings import Recording, load_card, open_dataset
 from bench.records.recording import PointIndices, SweepRef
 from bench.reference.grid import Grid, find_grid
-from bench.reporting.audit_beams import beams_table, draw_beams
+from benchmarks.ranking.beams import BeamsSummary, count_beams, parse_beams, read_beams, run_beams, with_beams
+from benchmarks.ranking.beams_report import beams_table, draw_beams
+from benchmarks.ranking.predictions import parse_predictions
+from benchmarks.ranking.wrong_masks import WrongMasks
 from tests.reporting.printed import texts
 from tests.support.commands import call, error_line
 from tests.support.runs import run_one
@@ -129,7 +129,7 @@ def test_the_whole_sensor_comes_first_and_scores_exact_masks_as_a_run_does(found
     whole, *fewer = rows_of(found)
     assert [row.beams for row in (whole, *fewer)] == [64, 32, 8, 1]
     run = run_one(
-        card=load_card(tiny_card), method=ExactMasks(), protocol=load_protocol("surface-v1"), out=tmp_path / "run"
+        card=load_card(tiny_card), method=WrongMasks(), protocol=load_protocol("surface-v1"), out=tmp_path / "run"
     )
     assert (whole.object_frames, whole.recordings, whole.lost) == (run.all_moving.object_frames, 3, 0)
     assert whole.ceiling == pytest.approx(run.all_moving.iou.value)

@@ -1,0 +1,54 @@
+"""`python -m benchmarks.ranking CARD`: rank methods by lidar references and by exact masks; with fewer beams, too.
+
+python -m benchmarks.ranking datasets/paper.yaml --recordings 42 --out reports/audit/paper
+python -m benchmarks.ranking datasets/demo.yaml --beams 64,32,16
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from bench.api.audit import audit_folder
+from bench.api.datasets import rendered_card
+from bench.cli.console import print_failures, say, show
+from bench.cli.progress import progress_bar
+from bench.execution import local_executor, usable_cores
+from bench.reporting.audit_tables import for_terminal
+from benchmarks.ranking.agreement import run_ranking
+from benchmarks.ranking.beams import parse_beams, run_beams
+from benchmarks.ranking.beams_report import beams_tables, write_beams_files
+from benchmarks.ranking.predictions import parse_predictions
+from benchmarks.ranking.ranking_report import ranking_tables, write_ranking_files
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("card", help="a rendered data set")
+    parser.add_argument("--methods", help="names with commas, settings behind colons, as in truth:grow_px=4; or all")
+    parser.add_argument("--beams", help="so many rings of the lidar, as in 64,32,16")
+    parser.add_argument("--split")
+    parser.add_argument("--recordings", type=int, help="how many, spread over the split")
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--workers", type=int, default=usable_cores())
+    asked = parser.parse_args()
+    methods = asked.methods or ("all" if asked.beams is None else None)
+    predictions = () if methods is None else parse_predictions(methods)
+    executor = local_executor(asked.workers)
+    card, out = rendered_card(asked.card, asked.split, executor=executor), audit_folder(asked.card, asked.out)
+    with progress_bar(f"ranking on {card.name}", "recordings") as progress:
+        named = {"split": asked.split, "recordings": asked.recordings, "executor": executor, "progress": progress}
+        if asked.beams is None:
+            found = run_ranking(card, predictions=predictions, out=out, **named)
+            tables, files = ranking_tables(found), write_ranking_files(out)
+        else:
+            found = run_beams(card, beams=parse_beams(asked.beams), predictions=predictions, out=out, **named)
+            tables, files = beams_tables(found), write_beams_files(out)
+    show(for_terminal(tables))
+    print_failures(found.failures, all_in=str(out))
+    for file in files:
+        say(str(file))
+
+
+if __name__ == "__main__":
+    main()
