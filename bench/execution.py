@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import logging
 import os
+import pickle
 import signal
+import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
 from contextlib import chdir, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Lock, Thread, current_thread, main_thread
@@ -139,15 +141,21 @@ class ProcessExecutor:
     ) -> Generator[tuple[Task, Result], None, list[Task]]:
         """Compute tasks from the left until none is left or a worker ends; return those that were at work then."""
         busy: dict[Future[Result], Task] = {}
-        self._pool = self._pool or _Pool(self.workers)
+        pool = self._pool = self._pool or _Pool(self.workers)
+
+        def begin() -> None:
+            while waiting and len(busy) < at_once:
+                busy[pool.submit(function, waiting[0])] = waiting[0]
+                waiting.popleft()
+
         try:
-            while waiting or busy:
-                while waiting and len(busy) < at_once:
-                    busy[self._pool.submit(function, waiting[0])] = waiting[0]
-                    waiting.popleft()
-                for future in wait(busy, return_when=FIRST_COMPLETED).done:
-                    result = future.result()
-                    yield busy.pop(future), result
+            begin()
+            while busy:
+                future = next(iter(wait(busy, return_when=FIRST_COMPLETED).done))
+                result = future.result()
+                task = busy.pop(future)
+                begin()
+                yield task, result
         except BrokenExecutor:
             for future in [one for one in busy if one.done() and one.exception() is None]:
                 yield busy.pop(future), future.result()
@@ -236,25 +244,37 @@ class _Pool:
     """Processes that end with the process that started them, whatever they are doing then."""
 
     def __init__(self, workers: int) -> None:
-        context = get_context("spawn")
+        context, safe_path = get_context("spawn"), os.environ.get(SAFE_PATH)
         self._theirs, self._ours = context.Pipe(duplex=False)
-        self._executor = ProcessPoolExecutor(
-            workers,
-            mp_context=context,
-            initializer=_start_worker,
-            initargs=(self._theirs, os.environ.get(SAFE_PATH)),
-        )
+        with _starting():  # Python starts a process that keeps track of semaphores
+            self._executor = ProcessPoolExecutor(
+                workers, mp_context=context, initializer=_start_worker, initargs=(self._theirs, safe_path)
+            )
 
     def submit(self, function: Callable[[Task], Result], task: Task) -> Future[Result]:
         """Begin a task, with a new process where all are at work."""
         with _starting():
-            return self._executor.submit(function, task)
+            return self._executor.submit(_in_worker, function, task)
 
     def end(self) -> None:
         """End the processes, in the middle of a task too."""
         self._ours.close()
         self._executor.shutdown(wait=True, cancel_futures=True)
         self._theirs.close()
+
+
+def _in_worker(function: Callable[[Task], Result], task: Task) -> Result:
+    """Compute a task; what it raises can travel."""
+    try:
+        return function(task)
+    except SystemExit as error:
+        raise RuntimeError(f"a task called sys.exit({error.code!r})") from error
+    except Exception as error:
+        try:
+            pickle.loads(pickle.dumps(error))
+        except Exception:  # noqa: BLE001 - whatever its class does when it is pickled
+            raise RuntimeError("".join(traceback.format_exception(error))) from None
+        raise
 
 
 def _start_worker(pipe: Connection, safe_path: str | None) -> None:
@@ -272,6 +292,8 @@ def _end_with(pipe: Connection) -> None:
     try:
         pipe.recv_bytes()
     except (EOFError, OSError):
+        for child in active_children():  # a pool of the task's own
+            child.kill()
         os._exit(1)
 
 

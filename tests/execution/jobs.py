@@ -27,8 +27,8 @@ def note(folder, name):
     return len((folder / name).read_text().splitlines())
 
 
-def squared_at_the_third_attempt(folder, number):
-    if number == 3 and note(folder, "attempts") < 3:
+def squared_at_the_second_attempt(folder, number):
+    if number == 3 and note(folder, "attempts") < 2:
         os.kill(os.getpid(), signal.SIGKILL)
     return number * number
 
@@ -51,46 +51,12 @@ def squared_but_for_three(folder, end, number):
     return number * number
 
 
-def large_answer_that_may_be_cut(folder, number):
-    """At the first attempt the process is killed at about the time at which it answers."""
-    content = bytes([number]) * 20_000_000
-    if note(folder, f"{number}") == 1:
-        delay_s = 0.002 * number
-        threading.Thread(target=lambda: (time.sleep(delay_s), os.kill(os.getpid(), signal.SIGKILL))).start()
-    return content
-
-
-def killed_beside_others(folder, number):
-    """Two of the tasks end their process at the first attempt; others must not be computed beside the second."""
-    (folder / f"{number}-at-work").touch()
-    try:
-        if number in {1, 3} and note(folder, f"{number}") == 1:
-            (folder / f"{number}-at-work").unlink()
-            os.kill(os.getpid(), signal.SIGKILL)
-        time.sleep(0.2)
-        return "alone" if number in {1, 3} and len(list(folder.glob("*-at-work"))) == 1 else "beside others"
-    finally:
-        (folder / f"{number}-at-work").unlink()
-
-
 def want_memory(_):
     return bytes(1 << 60)
 
 
 def note_process(folder, number):
     note(folder, "processes")
-
-
-def answer_without_end(folder, number):
-    note(folder, "processes")
-    return Endless()
-
-
-class Endless:
-    """A result that nobody has ever read to its end."""
-
-    def __reduce__(self):
-        return time.sleep, (3600,)
 
 
 def fail(number):
@@ -142,30 +108,12 @@ def threads(_):
     return [cv2.getNumThreads(), *(pool["num_threads"] for pool in threadpool_info())], os.environ["OMP_NUM_THREADS"]
 
 
-class Heavy:
-    """Work that counts how often it travelled."""
-
-    def __init__(self, file: Path):
-        self.file = file
-
-    def __setstate__(self, state):
-        self.__dict__.update(state)
-        with self.file.open("a") as file:
-            file.write(".")
-
-    def __call__(self, number):
-        return number
-
-
 class Pools:
     """Processes that a task starts and leaves open."""
 
     held: ClassVar[list[ProcessPoolExecutor]] = []
 
 
-def square_in_a_pool(end, number):
+def square_in_a_pool(number):
     Pools.held.append(ProcessPoolExecutor(1, mp_context=get_context("fork")))
-    squared = Pools.held[-1].submit(pow, number, 2).result()
-    if end:
-        os._exit(0)
-    return squared
+    return Pools.held[-1].submit(pow, number, 2).result()

@@ -43,7 +43,7 @@ def test_what_the_work_raises_is_raised(name):
 def test_an_exception_tells_where_in_the_worker_it_arose():
     with pytest.raises(ValueError, match="three") as raised:
         list(ProcessExecutor(workers=2).compute(jobs.fail, NUMBERS))
-    assert "jobs.py" in "".join(raised.value.__notes__)
+    assert "jobs.py" in str(raised.value.__cause__)
 
 
 @pytest.mark.parametrize("work", [jobs.fail_unsendably, jobs.answer_unsendably])
@@ -58,10 +58,10 @@ def test_a_task_that_leaves_does_not_end_this_process():
         list(ProcessExecutor(workers=1).compute(jobs.leave, [1]))
 
 
-def test_a_task_whose_process_is_killed_is_given_to_another(tmp_path):
-    done = dict(ProcessExecutor(workers=2).compute(partial(jobs.squared_at_the_third_attempt, tmp_path), NUMBERS))
+def test_a_task_whose_process_is_killed_is_computed_again(tmp_path):
+    done = dict(ProcessExecutor(workers=2).compute(partial(jobs.squared_at_the_second_attempt, tmp_path), NUMBERS))
     assert done == SQUARES
-    assert len(set(pids(tmp_path / "attempts"))) == 3
+    assert len(set(pids(tmp_path / "attempts"))) == 2
 
 
 @pytest.mark.parametrize("end", ["SIGSEGV", "status 7"])
@@ -69,28 +69,15 @@ def test_a_task_that_always_ends_its_process_fails_and_the_others_are_done(tmp_p
     done = dict(ProcessExecutor(workers=2).compute(partial(jobs.squared_but_for_three, tmp_path, end), NUMBERS))
     failed = done.pop(3)
     assert isinstance(failed, FailedTask)
-    assert failed.reason == "its process ended without a result, as when memory runs out or a library crashes, 3 times"
+    assert failed.reason.startswith("its worker ended without a result, as when memory runs out or a library crashes")
     assert done == {number: square for number, square in SQUARES.items() if number != 3}
-    assert len(set(pids(tmp_path / "attempts"))) == 3
-
-
-def test_a_task_whose_process_was_killed_is_computed_alone(tmp_path):
-    tasks = list(range(5))
-    done = dict(ProcessExecutor(workers=3).compute(partial(jobs.killed_beside_others, tmp_path), tasks))
-    assert done == {number: "alone" if number in {1, 3} else "beside others" for number in tasks}
+    assert len(set(pids(tmp_path / "attempts"))) == 2, "at the second attempt it is alone"
 
 
 @every_executor
 def test_memory_that_runs_out_in_a_task_is_raised(name):
     with pytest.raises(MemoryError):
         list(EXECUTORS[name].compute(jobs.want_memory, [1]))
-
-
-def test_a_process_that_is_killed_while_it_answers_harms_no_other_answer(tmp_path):
-    numbers = [1, 2, 3, 4]
-    done = dict(ProcessExecutor(workers=2).compute(partial(jobs.large_answer_that_may_be_cut, tmp_path), numbers))
-    assert {number: content[:1] for number, content in done.items()} == {n: bytes([n]) for n in numbers}
-    assert {len(content) for content in done.values()} == {20_000_000}
 
 
 def test_closing_ends_the_processes_even_those_that_do_not_listen(tmp_path):
@@ -126,13 +113,8 @@ def test_processes_that_are_killed_while_they_have_nothing_to_do_are_replaced(tm
         assert dict(executor.compute(jobs.squared, NUMBERS)) == SQUARES
 
 
-@pytest.mark.parametrize("end", [False, True])
-def test_a_pool_that_a_task_leaves_open_keeps_nobody_waiting(tmp_path, end):
-    """Neither at the end of the work, nor when the process that opened it ends at once."""
-    body = f"""
-done = dict(ProcessExecutor(workers=1).compute(partial(jobs.square_in_a_pool, {end}), [3]))
-assert (str(done[3])[:29] == "FailedTask(reason='its proces") if {end} else (done == {{3: 9}}), done
-"""
+def test_a_pool_that_a_task_leaves_open_keeps_nobody_waiting(tmp_path):
+    body = "assert dict(ProcessExecutor(workers=1).compute(jobs.square_in_a_pool, [3])) == {3: 9}"
     program = started(tmp_path, body)
     try:
         assert program.wait(PATIENCE_S) == 0
@@ -146,12 +128,6 @@ def test_every_library_keeps_to_one_thread():
     for _, (threads, variable) in ProcessExecutor(workers=2).compute(jobs.threads, NUMBERS):
         assert set(threads) == {1}
         assert variable == "1"
-
-
-def test_the_work_travels_once_to_each_process(tmp_path):
-    work = jobs.Heavy(tmp_path / "travelled")
-    assert len(list(ProcessExecutor(workers=2).compute(work, NUMBERS))) == len(NUMBERS)
-    assert 1 <= len(work.file.read_text()) <= 2
 
 
 START = """
@@ -217,7 +193,6 @@ assert not list(here.rglob("*.taken"))
 INTERRUPTED = {  # what is computed, and how many processes have noted themselves then
     "starting": ("stay", 0),
     "working": ("stay", 2),
-    "answering": ("answer_without_end", 2),
     "idle": ("note_process", 3),
 }
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol
 from bench.evaluation.likelihood import BINS
+from bench.harness.counts import TaskCounts, counts_folder
 from bench.records.reference import Direction, IgnoreReason, Status
 
 CAMERAS = ("front", "left", "rear", "right")
@@ -20,7 +20,6 @@ WIDTH, HEIGHT = 640, 480
 PERIOD_NS = 66_000_000
 PLACES_AN_IMAGE = 5  # annotated objects in every image
 TRACK_IMAGES = 100  # images that an object is seen in
-RECORDINGS_AT_ONCE = 1  # of a row group, as units are written
 TEMPLATES = 64  # histograms to draw from: drawing two million of them would take the time of the whole test
 IMAGES_A_RECORDING = 1011  # of which one in a hundred fails
 PAPER = load_protocol("paper-v1")
@@ -35,26 +34,20 @@ def write_run_tables(folder: Path, *, object_frames: int, method_seed: int) -> N
 def write_tables(
     folder: Path, *, recordings: int, images: int, seed: int, method_seed: int = 0, histograms: bool = True
 ) -> None:
-    """Write `objects.parquet` and `frames.parquet` of a run.
+    """Write the counts of a run, one recording after the other.
 
     Args:
-        folder: is made.
+        folder: of the results.
         recordings: how many.
         images: of each recording, over all cameras; each has `PLACES_AN_IMAGE` annotated objects.
         seed: of the reference.
         method_seed: of what the method found; runs that differ in it alone compare.
         histograms: whether the method has a likelihood.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    with (
-        pq.ParquetWriter(folder / "objects.parquet", OBJECTS_SCHEMA, compression="zstd") as objects,
-        pq.ParquetWriter(folder / "frames.parquet", FRAMES_SCHEMA, compression="zstd") as frames,
-    ):
-        for start in range(0, recordings, RECORDINGS_AT_ONCE):
-            numbers = range(start, min(start + RECORDINGS_AT_ONCE, recordings))
-            drawn = [_recording(k, images=images, seeds=(seed, method_seed), histograms=histograms) for k in numbers]
-            objects.write_table(pa.concat_tables([one for one, _ in drawn]))
-            frames.write_table(pa.concat_tables([other for _, other in drawn]))
+    for number in range(recordings):
+        objects, frames = _recording(number, images=images, seeds=(seed, method_seed), histograms=histograms)
+        counts = TaskCounts(objects=objects, frames=frames, image_map=None)
+        counts.write(counts_folder(folder, f"drive-{number:05d}"), "front-00000000")
 
 
 def _recording(number: int, *, images: int, seeds: tuple[int, int], histograms: bool) -> tuple[pa.Table, pa.Table]:

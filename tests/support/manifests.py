@@ -9,7 +9,15 @@ from bench.methods import known_methods
 
 
 def provenance(*, images: int = 9, started_utc: str = "2026-01-02T03:04") -> Provenance:
-    return Provenance(started_utc=started_utc, seconds=2.0, stage_seconds={}, images=images, peak_memory_mb=1.0)
+    return Provenance(
+        started_utc=started_utc,
+        seconds=2.0,
+        stage_seconds={},
+        images=images,
+        images_asked=images,
+        workers=1,
+        peak_memory_mb=1.0,
+    )
 
 
 def method_of_run(
@@ -40,11 +48,9 @@ def manifest(
 ) -> Manifest:
     rules = protocol or load_protocol("paper-v1")
     return Manifest(
-        dataset=DatasetOfRun(
-            name=dataset, card=card, split=split, data=str(recordings or ""), recordings=recordings or {}
-        ),
+        dataset=DatasetOfRun(name=dataset, card=card, split=split, recordings=recordings or {}),
         method=method_of_run(method, settings=settings or {}),
         protocol=ProtocolOfRun(name=rules.name, version=rules.version, digest=rules.digest),
-        code=CodeOfRun(version="0", commit=commit, python="3", libraries={}),
+        code=CodeOfRun(version="0", commit=commit, libraries={"Python": "3"}, answers="a" * 64, counts="c" * 64),
         reference=reference,
     )

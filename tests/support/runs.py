@@ -5,35 +5,31 @@ from pathlib import Path
 
 from bench.evaluation import Protocol, load_protocol
 from bench.harness import RunRequest, RunSummary, build_scorable, run_benchmark
-from bench.harness.cache import CacheFolder
 from bench.harness.manifest import MANIFEST
-from bench.harness.masks import MASKS
-from bench.harness.stored import IMAGE_MAPS, SUMS
+from bench.harness.stored import SUMS
 from bench.recordings import load_card
 
 PAPER = load_protocol("paper-v1")
-ONE, ALL, NONE = 1, 3, 0  # units of the small data set that are computed again
+IMAGES = 12  # of the small data set that are scored
 
 
 def run_one(*, protocol: Protocol, out: Path, finish=None, **options) -> RunSummary:
     """The summary of the run by one protocol."""
-    (run,) = run_benchmark(RunRequest(runs={out: protocol}, **options), finish=finish).values()
+    (run,) = run_benchmark(RunRequest(folder=out, protocols=[protocol], **options), finish=finish)
     return run.summary
 
 
-def score(
-    card: Path, out: Path, *, method="spherical", settings=None, cache: Path | None = None, protocol=PAPER, **options
-) -> RunSummary:
+def score(card: Path, out: Path, *, method="spherical", settings=None, protocol=PAPER, **options) -> RunSummary:
     """The summary of a run of a method, by name or built."""
     chosen = build_scorable(method, settings or {}) if isinstance(method, str) else method
-    kept = None if cache is None else CacheFolder(folder=cache)
-    return run_one(card=load_card(str(card)), method=chosen, protocol=protocol, out=out, cache=kept, **options)
+    return run_one(card=load_card(str(card)), method=chosen, protocol=protocol, out=out, **options)
 
 
-def bytes_of(run: Path) -> dict[str, bytes]:
-    """The whole result but for where it comes from."""
-    summary = json.loads((run / "summary.json").read_text())
-    del summary["provenance"], summary["sha256"]
-    names = ("objects.parquet", "frames.parquet", SUMS, MASKS, IMAGE_MAPS, MANIFEST)
-    tables = {name: (run / name).read_bytes() for name in names}
-    return tables | {"summary": json.dumps(summary).encode()}
+def bytes_of(run: Path, protocol: str = "paper-v1") -> dict[str, bytes]:
+    """The whole result but for where it comes from, and how long it took."""
+    results = run / protocol
+    summary = json.loads((results / "summary.json").read_text())
+    del summary["provenance"]
+    files = [*sorted((results / "counts").rglob("*.*")), results / SUMS, results / MANIFEST]
+    found = {file.relative_to(results).as_posix(): file.read_bytes() for file in files if file.is_file()}
+    return found | {"summary": json.dumps(summary).encode()}

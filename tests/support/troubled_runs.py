@@ -17,7 +17,7 @@ def score(card: Path, out: Path, **options):
 
 
 def command(card: Path, out: Path, *options: object) -> list[str]:
-    words = ["run", card, "--out", out, "--method", "troubled:Troubled", "--no-pictures", "--no-cache"]
+    words = ["run", card, "--out", out, "--method", "troubled:Troubled", "--no-pictures"]
     return [sys.executable, "-m", "bench", *map(str, [*words, *options])]
 
 
