@@ -99,14 +99,14 @@ def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Tab
     """The run's objects and frames, whole, in memory; `open_tables` reads runs of any size.
 
     Args:
-        run: folder.
+        run: folder of the run, or of its results by a protocol.
         histograms: whether to read those over the likelihood, which take ten times the rest of a frame's row; they
             are null otherwise.
 
     Raises:
         DataError: missing or damaged.
     """
-    objects, frames = open_tables(run)
+    objects, frames = open_tables(results_folder(run))
     return objects.table(), frames.table(unread=frozenset() if histograms else HISTOGRAMS)
 
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from bench.harness.oracles import ExactMasks, ReferenceItself, moving_instances
+from bench.harness.wrong_masks import merged, with_ghost
 
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import FramePipeline, build_scorable, read_run, scorable_methods
-from bench.harness.oracles import ExactMasks, ReferenceItself, moving_instances
-from bench.harness.wrong_masks import merged, with_ghost
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card, open_dataset, read_truth
 from tests.evaluation.frames import picture

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from bench.harness.unit_files import image_maps_bytes, load_image_maps
 
 from bench.errors import DataError
 from bench.evaluation import ImageMap
 from bench.harness import read_image_maps, read_tables
-from bench.harness.unit_files import image_maps_bytes, load_image_maps
 from tests.support.runs import score
 
 GRIDS = ("reference_px", "missed_px", "false_px")

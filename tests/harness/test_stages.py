@@ -1,0 +1,317 @@
+"""Answers, references and counts are files: what is there of the same run is not computed again."""
+
+import shutil
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+from remembering import Remembering
+
+from bench.errors import DataError, UsageError
+from bench.evaluation import load_protocol
+from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
+from bench.execution import ProcessExecutor
+from bench.harness import Part, RunRequest, build_scorable, read_run, run_benchmark, score_part
+from bench.harness.answers import Answer, Key, name_of, read_answers, read_seconds, safe_name, write_answers
+from bench.harness.references import find_references
+from bench.harness.stages import StageClock
+from bench.methods import Segmentation, build_method
+from bench.methods.spherical.method import SphericalMethod
+from bench.recordings import load_card, open_dataset
+from bench.reference import ReferenceBuilder
+from tests.support.changed_data import (
+    change_annotation,
+    change_calibration,
+    change_egomotion,
+    change_image,
+    change_sweep,
+    damage_image,
+    remove_image,
+)
+from tests.support.runs import IMAGES, PAPER, bytes_of, score
+
+CHANGES = [
+    change_image,
+    change_sweep,
+    change_annotation,
+    change_egomotion,
+    change_calibration,
+    remove_image,
+    damage_image,
+]
+SURFACE = load_protocol("surface-v1")
+
+
+def request(card, out, *protocols, method="nothing", **options) -> RunRequest:
+    chosen = build_method(method) if isinstance(method, str) else method
+    return RunRequest(card=load_card(card), method=chosen, folder=out, protocols=protocols or (PAPER,), **options)
+
+
+# ---- answers
+
+
+@pytest.mark.parametrize(("edges", "is_score"), [(EDGES, False), (SCORE_EDGES, True)])
+def test_every_likelihood_comes_back_in_its_bin(tmp_path, edges, is_score):
+    values = np.concatenate([edges[:-1], [0.999999 if is_score else 7.0]]).astype(np.float32)
+    values = np.nextafter(values, np.float32(1)).reshape(1, -1)
+    answer = Segmentation(cell_size_px=1, mask=values > 0, likelihood=values, likelihood_is_score=is_score)
+    write_answers(tmp_path / "a.parquet", [Answer.of(Key("drive", "front", 7), answer, seconds=0.5)])
+    (found,) = read_answers(tmp_path / "a.parquet")
+    bins = find_bins(found.segmentation().likelihood, edges)
+    assert np.array_equal(bins, find_bins(values, edges))
+    assert bins.max() == BINS - 1
+
+
+def test_an_answer_comes_back_as_it_was_and_later_changes_do_not_count(tmp_path):
+    random = np.random.default_rng(4)
+    mask, undefined = random.random((2, 7, 9)) > 0.5
+    cause = random.integers(0, 2, (7, 9)).astype(np.uint8)
+    said = Segmentation(cell_size_px=5, mask=mask.copy(), undefined=undefined, cause=cause, causes=("a", "b"))
+    answers = [
+        Answer.of(Key("drive", "front", 7), said, seconds=0.25),
+        Answer.none(Key("drive", "front", 8), "skipped", "a gap"),
+    ]
+    said.mask[:] = False
+    write_answers(tmp_path / "a.parquet", answers)
+    first, second = read_answers(tmp_path / "a.parquet")
+    found = first.segmentation()
+    for name, expected in (("mask", mask), ("undefined", undefined), ("cause", cause)):
+        assert np.array_equal(getattr(found, name), expected)
+    assert (found.cell_size_px, found.causes, found.likelihood, found.threshold) == (5, ("a", "b"), None, None)
+    assert (second.status, second.problem, second.is_answered) == ("skipped", "a gap", False)
+    assert [one.row["timestamp_ns"] for one in read_answers(tmp_path / "a.parquet", timestamp_ns=8)] == [8]
+
+
+@pytest.mark.parametrize("name", ["drive", "a/b", "..", ".hidden", "Fahrt 1", "käse", "100%"])
+def test_names_of_recordings_are_names_of_folders_and_come_back(name):
+    assert name_of(safe_name(name)) == name
+    assert "/" not in safe_name(name)
+    assert not safe_name(name).startswith(".")
+
+
+@pytest.mark.parametrize("damage", ["mask", "likelihood", "rows"])
+def test_a_damaged_answer_is_named(damage):
+    mask = np.zeros((3, 4), dtype=bool)
+    key, said = Key("drive", "front", 7), Segmentation(cell_size_px=1, mask=mask, likelihood=mask.astype(np.float32))
+    row = dict(Answer.of(key, said, seconds=0.0).row)
+    row[damage] = {"mask": b"x", "likelihood": bytes([255] * 12), "rows": 1 << 30}[damage]
+    with pytest.raises(DataError, match="answer of drive, front, 7 ns: expected a mask of rows x columns cells"):
+        Answer(row).segmentation()
+
+
+# ---- references
+
+
+@pytest.mark.parametrize("protocol", [PAPER, SURFACE], ids=lambda protocol: protocol.name)
+def test_a_stored_reference_is_equal_in_every_value(tiny_card, tmp_path, monkeypatch, protocol):
+    monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path))
+    recording = open_dataset(load_card(tiny_card))[0].open()
+    images, settings = recording.images["front"], protocol.reference_settings()
+
+    def found():
+        return find_references(recording, images, settings=[settings], digest="of it", clock=StageClock())[0]
+
+    built = [one.frame("x") for one in found()]
+    monkeypatch.setattr(ReferenceBuilder, "build", lambda *_: pytest.fail("it is stored"))
+    for before, stored in zip(built, found(), strict=True):
+        after = stored.frame("x")
+        for name in ("labels", "ignored", "unknown", "valid"):
+            assert np.array_equal(getattr(before, name), getattr(after, name)), name
+        assert (before.ego_speed_mps, before.annotated) == (after.ego_speed_mps, after.annotated)
+        for one, other in zip(before.objects, after.objects, strict=True):
+            for name in one.__slots__:
+                assert np.array_equal(getattr(one, name), getattr(other, name)), name
+    assert any(one.objects for one in built)
+
+
+def test_a_damaged_file_of_the_cache_is_built_again(tiny_card, tmp_path, monkeypatch):
+    monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "cache"))
+    score(tiny_card, tmp_path / "one", method="everything")
+    files = [*(tmp_path / "cache" / "references").rglob("*.parquet")]
+    assert len(files) == 3
+    for file in files:
+        file.write_bytes(b"no table")
+    score(tiny_card, tmp_path / "two", method="everything")
+    assert bytes_of(tmp_path / "two") == bytes_of(tmp_path / "one")
+
+
+# ---- what is there is done
+
+
+def test_a_method_is_asked_once_for_any_number_of_protocols(tiny_card, tmp_path, monkeypatch):
+    asked, segment = [], SphericalMethod.segment
+    monkeypatch.setattr(SphericalMethod, "segment", lambda self, given: asked.append(given) or segment(self, given))
+    for protocol in (PAPER, SURFACE):
+        score(tiny_card, tmp_path / protocol.name, protocol=protocol)
+    assert len(asked) == 2 * IMAGES
+    together = request(tiny_card, tmp_path / "run", PAPER, method="spherical")
+    run_benchmark(together)
+    assert len(asked) == 3 * IMAGES
+    both = run_benchmark(replace(together, protocols=[PAPER, SURFACE]))
+    assert len(asked) == 3 * IMAGES
+    assert [run.summary.provenance.images_asked for run in both] == [0, 0]
+    assert [run.label for run in both] == ["run", "run-surface-v1"]
+    for protocol in (PAPER, SURFACE):
+        alone = bytes_of(tmp_path / protocol.name, protocol.name)
+        assert bytes_of(tmp_path / "run", protocol.name) == alone
+    assert np.isfinite(read_seconds(tmp_path / "run" / "answers")).sum() == IMAGES
+
+
+def test_a_second_run_computes_nothing_and_gives_the_same_bytes(tiny_card, tmp_path):
+    score(tiny_card, tmp_path / "run")
+    first = bytes_of(tmp_path / "run")
+    assert score(tiny_card, tmp_path / "run").provenance.images_asked == 0
+    assert bytes_of(tmp_path / "run") == first
+    for file in (tmp_path / "run" / "answers" / "crossing").iterdir():
+        file.unlink()
+    assert score(tiny_card, tmp_path / "run").provenance.images_asked == 4
+    assert bytes_of(tmp_path / "run") == first
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_changed_data_are_named_and_only_what_depends_on_them_is_computed_again(own_card, tmp_path, change):
+    out = tmp_path / "run"
+    score(own_card, out)
+    before = bytes_of(out)
+    change(own_card.parent / "data" / "tiny" / "overtaking")
+    with pytest.raises(DataError, match=r"data recordings changed: 'overtaking' \(1 of 3\).*--overwrite"):
+        score(own_card, out)
+    assert bytes_of(out) == before, "what is there stays"
+    assert score(own_card, out, overwrite=True).provenance.images_asked <= 4
+    score(own_card, tmp_path / "fresh")
+    assert bytes_of(out) == bytes_of(tmp_path / "fresh") != before
+
+
+def test_another_run_is_refused_by_name_and_replaced_only_when_asked(tiny_card, tmp_path):
+    out = tmp_path / "run"
+    score(tiny_card, out, settings={"threshold": 6e-4})
+    (out / "notes.txt").write_text("mine")
+    (out / "paper-v1" / "notes.txt").write_text("mine")
+    (out / "paper-v1" / "index.html").write_text("an old page")
+    with pytest.raises(DataError, match=r"got another one: threshold = 0\.001, was 0\.0006.*--overwrite"):
+        score(tiny_card, out, settings={"threshold": 1e-3})
+    again = score(tiny_card, out, settings={"threshold": 1e-3}, overwrite=True)
+    assert again.provenance.images_asked == IMAGES
+    assert {file.read_text() for file in out.rglob("notes.txt")} == {"mine"}
+    assert not (out / "paper-v1" / "index.html").exists(), "a page of other numbers"
+
+
+def test_other_rules_under_the_same_name_are_refused(tiny_card, tmp_path):
+    score(tiny_card, tmp_path / "run")
+    other = PAPER.model_copy(update={"version": 2})
+    with pytest.raises(DataError, match="protocol paper-v1 version 2"):
+        score(tiny_card, tmp_path / "run", protocol=other)
+    assert score(tiny_card, tmp_path / "run", protocol=other, overwrite=True).provenance.images_asked == 0
+
+
+def test_a_folder_that_is_no_run_is_refused_and_stays_as_it_is(tiny_card, tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    for overwrite in (False, True):
+        with pytest.raises(DataError, match=r"expected an empty folder or that of a run, got one with thesis\.txt"):
+            score(tiny_card, tmp_path, overwrite=overwrite)
+    assert [file.name for file in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+CELL = """
+from bench.methods import Method, Segmentation
+
+LEVEL = 100
+
+class Bright(Method):
+    name = "bright"
+
+    def segment(self, frame):
+        return Segmentation(cell_size_px=1, mask=frame.images[-1] > LEVEL)
+"""
+
+
+def test_what_a_cell_of_a_notebook_defines_is_computed_anew(tiny_card, tmp_path, monkeypatch):
+    notebook = ModuleType("notebook")
+    monkeypatch.setitem(__import__("sys").modules, "notebook", notebook)
+    found = []
+    for code in (CELL, CELL.replace(">", "<"), "LEVEL = 50"):
+        exec(code, vars(notebook))
+        assert score(tiny_card, tmp_path / "run", method=notebook.Bright()).provenance.images_asked == IMAGES
+        found.append(bytes_of(tmp_path / "run")["sums.csv"])
+    assert len(set(found)) == 3
+    with pytest.raises(UsageError, match=r"can import, got notebook:Bright, which no file holds"):
+        score(tiny_card, tmp_path / "two", method=notebook.Bright(), executor=ProcessExecutor(workers=2))
+
+
+def test_code_of_a_method_that_changed_is_named(tiny_card, tmp_path, monkeypatch):
+    (tmp_path / "own").mkdir()
+    source = tmp_path / "own" / "brightness.py"
+    monkeypatch.syspath_prepend(tmp_path / "own")
+    source.write_text(CELL)
+    method = __import__("brightness").Bright()
+    score(tiny_card, tmp_path / "run", method=method)
+    source.write_text(CELL + "# edited\n")
+    with pytest.raises(DataError, match="the method's own code, or files: digest"):
+        score(tiny_card, tmp_path / "run", method=method)
+
+
+def test_the_same_drive_under_two_names_is_told(own_card, tmp_path):
+    data = own_card.parent / "data" / "tiny"
+    shutil.copytree(data / "crossing", data / "crossing-again")
+    text = (data / "crossing-again" / "recording.json").read_text()
+    (data / "crossing-again" / "recording.json").write_text(text.replace('"crossing"', '"crossing-again"'))
+    own_card.write_text("\n".join(line for line in own_card.read_text().splitlines() if "scenario" not in line))
+    told = score(own_card, tmp_path / "run", method="nothing").caveats
+    assert "Recordings 'crossing', 'crossing-again' hold the same data" in told
+
+
+# ---- in parts, in processes
+
+
+def test_parts_share_a_folder_and_the_whole_finds_them_done(tiny_card, tmp_path):
+    score(tiny_card, tmp_path / "whole", method="everything")
+    asked = request(tiny_card, tmp_path / "run", method="everything")
+    first, second = (score_part(asked, Part(number=number, count=2)) for number in (1, 2))
+    assert (len(first.tasks), len(second.tasks), first.tasks_of_run) == (2, 1, 3)
+    (run,) = run_benchmark(asked)
+    assert run.summary.provenance.images_asked == 0
+    assert bytes_of(tmp_path / "run") == bytes_of(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "1/0", "-1/2"])
+def test_a_part_that_is_none_is_refused(text):
+    with pytest.raises(UsageError, match="--shard: expected I/N"):
+        Part.parse(text)
+
+
+@pytest.mark.slow
+def test_what_a_method_remembers_ends_with_its_task(tiny_card, tmp_path):
+    """Whatever the number of processes, in a run that is resumed, and with an object that was used before."""
+    method = Remembering()
+    score(tiny_card, tmp_path / "one", method=method)
+    expected = bytes_of(tmp_path / "one")
+    assert method._background is None
+    for workers in (2, 3):
+        score(tiny_card, tmp_path / str(workers), method=method, executor=ProcessExecutor(workers=workers))
+        assert bytes_of(tmp_path / str(workers)) == expected
+    for file in sorted((tmp_path / "one" / "answers").rglob("*.parquet")):
+        file.unlink()
+        assert score(tiny_card, tmp_path / "one", method=method).provenance.images_asked == 4
+        assert bytes_of(tmp_path / "one") == expected
+
+
+def test_a_method_that_cannot_be_copied_is_refused_before_anything_is_written(tiny_card, tmp_path):
+    method = Remembering()
+    method.open_file = (tmp_path / "log").open("w")
+    with method.open_file, pytest.raises(UsageError, match=r"object of Remembering that can be copied.*TypeError"):
+        score(tiny_card, tmp_path / "run", method=method)
+    assert not (tmp_path / "run").exists()
+
+
+# ---- oracles
+
+
+def test_answers_of_oracles_depend_on_the_protocol_and_lie_beside_its_counts(tiny_card, tmp_path):
+    asked = request(tiny_card, tmp_path / "run", PAPER, SURFACE, method=build_scorable("reference"))
+    for run in run_benchmark(asked):
+        assert run.answers == run.folder / "answers"
+        assert run.summary.all_moving.iou.value == 1.0
+        assert run.summary.false_positives.coverage.value == 0.0
+    assert not (tmp_path / "run" / "answers").exists()
+    assert read_run(tmp_path / "run").protocol.name == "paper-v1", "a run's folder stands for the usual protocol"
