@@ -19,6 +19,7 @@ from bench.execution import TaskExecutor
 from bench.harness import RunRequest, RunSummary, StoredRun, build_scorable, read_run, read_tables, run_benchmark
 from bench.harness.exact import require_scorable
 from bench.harness.manifest import Manifest
+from bench.harness.method_of_run import flat_settings
 from bench.harness.stages import Progress
 from bench.methods import Method, Scorable
 from bench.recordings import DatasetCard
@@ -81,6 +82,17 @@ class Run:
     @cached_property
     def _tables(self) -> tuple[pa.Table, pa.Table]:
         return read_tables(self.folder, histograms=False)
+
+    def flat(self) -> dict[str, float | str]:
+        """Metrics, as "crossing.iou", and settings, as "settings.threshold", for a tracker of experiments."""
+        method = flat_settings(self.manifest.method.settings)
+        settings = {f"settings.{name}": str(value) for name, value in method.items()}
+        rows = {
+            f"{row}.{name}": float(value)
+            for row, values in self.metrics.to_dict(orient="index").items()
+            for name, value in values.items()
+        }
+        return {**settings, **rows, "false_positives": self.false_positives}
 
     @property
     def false_positives(self) -> float:

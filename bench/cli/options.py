@@ -67,7 +67,4 @@ Scheduler = Annotated[
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace another run in the folder.")]
 Pictures = Annotated[bool, typer.Option(help="Also draw an example frame of every category.")]
-Log = Annotated[
-    str | None, typer.Option("--log", metavar="TRACKER", help="Send metrics, settings and page to mlflow or wandb.")
-]
 StoredRun = Annotated[str, typer.Argument(help="Folder of a run, or of its results by a protocol.")]

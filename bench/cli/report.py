@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.console import note, note_files, say
-from bench.cli.options import Log, StoredRun
+from bench.cli.console import note_files, say
+from bench.cli.options import StoredRun
 from bench.cli.progress import progress_bar
 
 
@@ -23,20 +23,14 @@ def report(
         Path | None, typer.Option(help="The file; default: index.html or index-CATEGORY.html in the run.")
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the worst frames, from the data set.")] = True,
-    log: Log = None,
 ) -> None:
     """Write one page to read, from disk and without a network: metrics, charts, the worst cases."""
     from bench.api.report import report
     from bench.api.runs import run_folder
-    from bench.reporting.trackers import log_run, require_tracker
 
-    if log is not None:
-        require_tracker(log)
     folder = run_folder(run)
     with progress_bar("drawing frames", "pictures") as progress:
         page = report(folder, category=category, beside=beside, out=out, pictures=pictures, progress=progress)
     for problem in page.problems:
         say(f"pictures missing: {problem}", style="yellow")
     note_files(page.files)
-    if log is not None:
-        note(log_run(folder, log))

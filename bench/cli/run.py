@@ -41,7 +41,6 @@ def run(
         bool, typer.Option("--require-valid", help="Validate the data first; refuse errors, put the rest on the page.")
     ] = False,
     pictures: options.Pictures = True,
-    log: options.Log = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     shard: Annotated[
@@ -53,19 +52,13 @@ def run(
     A run that was interrupted continues where it stopped, by the same command.
     """
     from bench.api.runs import run_request
-    from bench.cli.report import report
     from bench.cli.request import equip, rendered_card
     from bench.cli.runs import score
     from bench.harness import Part
     from bench.methods.settings import parse_settings
     from bench.recordings.cards import shipped_folder
     from bench.reporting.leaderboard.texts import best_line
-    from bench.reporting.trackers import require_tracker
 
-    if log is not None:
-        require_tracker(log)
-        if shard is not None:
-            raise UsageError("--log: expected a whole run, got --shard; the same without --shard ends and logs the run")
     request = run_request(
         dataset,
         method,
@@ -91,8 +84,6 @@ def run(
         board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
         if best := best_line(board, dataset=request.card.name, beside=runs[-1].protocol.name):
             say(best)
-        for run in runs if log is not None else ():
-            report(str(run.folder), pictures=pictures, log=log)
     if failed:
         raise typer.Exit(options.FAILURES)
 

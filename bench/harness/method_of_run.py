@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from importlib.metadata import packages_distributions, version
 from pathlib import Path
 from site import getsitepackages, getusersitepackages
 from types import MappingProxyType
@@ -31,8 +32,9 @@ class MethodOfRun(BaseModel):
         history: images that it needs before the one that it segments.
         code_digest: of the package that holds its class, or of the modules beside it, and of the files that it reads;
             `UNIDENTIFIED` where no file holds the class, as in a notebook's cell: such a run is computed anew.
-        commit: of the checkout that its own code is of, "+" behind it where a file is not as committed; None for a
-            method of this package, and for code in no commit. It decides nothing.
+        commit: of the checkout that its own code is of, "+" behind it where a file is not as committed; distribution and
+            version of an installed one; None for a method of this package, and for code in no commit. It decides
+            nothing.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -63,7 +65,7 @@ class MethodOfRun(BaseModel):
             place=f"{kind.__module__}:{kind.__qualname__}",
             history=method.history,
             code_digest=method_digest(method),
-            commit=None if own or module is None else commit_of(Path(module).resolve()),
+            commit=None if own or module is None else _origin(kind.__module__, Path(module).resolve()),
         )
 
     @property
@@ -135,10 +137,9 @@ def _sources(module: str) -> Iterator[tuple[str, Path]]:
         return
     package = getattr(sys.modules.get(top), "__file__", None) if "." in module else file
     place = Path(package or file).resolve()
-    libraries = [Path(folder).resolve() for folder in (*getsitepackages(), getusersitepackages())]
     if place.name == "__init__.py":
         found = sorted(place.parent.rglob("*.py"))
-    elif place.parent in libraries:
+    elif place.parent in _libraries():
         found = [place]
     else:
         found = sorted({place, *place.parent.glob("*.py")})
@@ -157,6 +158,17 @@ def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
                 yield f"{path.name}/{file.relative_to(path).as_posix()}", file
         else:
             raise UsageError(f"method {method.name!r}: files: expected a file or folder, got no such path {entry!r}")
+
+
+def _origin(module: str, file: Path) -> str | None:
+    if any(file.is_relative_to(folder) for folder in _libraries()):
+        names = packages_distributions().get(module.partition(".")[0], ())
+        return ", ".join(f"{name} {version(name)}" for name in names) or None
+    return commit_of(file)
+
+
+def _libraries() -> list[Path]:
+    return [Path(folder).resolve() for folder in (*getsitepackages(), getusersitepackages())]
 
 
 def commit_of(file: Path) -> str | None:

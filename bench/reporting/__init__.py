@@ -13,7 +13,7 @@ The functions `write_*` store files; equal input gives equal bytes.
   `frame_pictures` (all pictures of one frame), `video`, `rerun_log`;
 - `sweep` (one setting through many values), `audit_tables`,
   `audit_pictures`;
-- `proposal_scores` (proposals against annotations); `trackers` (a run goes to MLflow or Weights & Biases);
+- `proposal_scores` (proposals against annotations);
 - `page` (the page of a run), `compare` (runs against each other), `leaderboard` (all runs of a folder).
 
 Images are (H, W) grey or (H, W, 3) BGR uint8, pixels (u, v) with the centre of the first pixel at (0, 0). Pictures of

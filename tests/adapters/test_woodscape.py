@@ -3,12 +3,12 @@
 import cv2
 import numpy as np
 import pytest
+from bench.harness.unit import plan_units
 
 from bench.adapters.woodscape.adapter import woodscape_recordings
 from bench.adapters.woodscape.camera import WoodscapeOptions, read_camera
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness.unit import plan_units
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset, read_image
 from bench.reference import IgnoreReason, ReferenceBuilder, Status

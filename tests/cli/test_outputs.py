@@ -11,10 +11,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from bench.harness.cache import CacheFolder
 
 import bench
 from bench.cli import console
-from bench.harness.cache import CacheFolder
 from tests.support.commands import call
 from tests.support.processes import files_of
 

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from bench.harness.reference_files import ReferenceFolder
 from pycocotools.coco import COCO
 
 import bench
 from bench.errors import DataError
 from bench.harness import read_run, read_tables
-from bench.harness.reference_files import ReferenceFolder
 from bench.recordings.validation import read_json
 from bench.reference import ReferenceFrame
 from bench.training import training_pairs

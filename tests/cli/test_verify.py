@@ -9,15 +9,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from bench.exchange.verify import VERIFIED, is_verified, verify_run
+from bench.harness.masks import MASKS
+from bench.harness.unit_files import image_maps_bytes
 
 from bench.errors import BenchError
 from bench.evaluation import read_sums, sum_run, summary_of, write_sums
-from bench.exchange.verify import VERIFIED, is_verified, verify_run
 from bench.execution import SerialExecutor
 from bench.harness import open_tables, read_image_maps, read_run
-from bench.harness.masks import MASKS
 from bench.harness.stored import IMAGE_MAPS, SUMMARY, SUMS, sums_digest
-from bench.harness.unit_files import image_maps_bytes
 from bench.recordings import load_card
 from bench.recordings.checked_json import with_digest
 from tests.support.changed_data import without_scenario

@@ -45,10 +45,10 @@ def scored(slices: Mapping[str, Mapping[str, Sums]], *, failures: tuple[str, ...
     """A run with these sums, in what `changed` takes like any other."""
     run = RunSums(
         manifest=Manifest(
-            dataset=DatasetOfRun(name="demo", card="datasets/demo.yaml", split=None, data="f" * 64),
+            dataset=DatasetOfRun(name="demo", card="datasets/demo.yaml", split=None, recordings={"drive-0": "f" * 16}),
             method=method_of_run("spherical", settings={"weights": {"epipolar": 1.0}, "threshold": 6e-4}),
             protocol=ProtocolOfRun(name="paper-v1", version=1, digest="d" * 64),
-            code=CodeOfRun(version="1", commit="c0ffee", python="3.11", libraries={}),
+            code=CodeOfRun(version="1", commit="c0ffee", libraries={}, answers="a", counts="c"),
             reference="r" * 64,
         ),
         sums=table(slices),
@@ -60,6 +60,8 @@ def scored(slices: Mapping[str, Mapping[str, Sums]], *, failures: tuple[str, ...
 def changed(run: RunSums, **changes: object) -> RunSums:
     """The same run of another manifest: fields of it, of its data set (`name`, `split`, `data`, ...) or `commit`."""
     manifest = run.manifest
+    if "data" in changes:
+        changes["recordings"] = {"drive-0": changes.pop("data")}
     dataset = {name: value for name, value in changes.items() if name in DatasetOfRun.model_fields}
     code = {name: value for name, value in changes.items() if name in CodeOfRun.model_fields}
     own = {name: value for name, value in changes.items() if name in Manifest.model_fields}

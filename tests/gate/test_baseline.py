@@ -9,7 +9,7 @@ import pytest
 from bench.errors import DataError, UsageError
 from bench.evaluation import compare_sums
 from bench.gate import MissingBaselineError, read_baseline, write_baseline
-from bench.harness import code_state
+from bench.harness import manifest as manifests
 from tests.gate.factories import one, scored, sums, verdict_of
 
 BASELINES = Path(__file__).parents[2] / "reports" / "baselines"
@@ -57,9 +57,9 @@ def test_the_commit_of_an_installed_package_is_the_one_that_pip_noted(tmp_path, 
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: fisheye-bench\nVersion: 9\n")
     (info / "direct_url.json").write_text('{"url": "file:///x", "vcs_info": {"vcs": "git", "commit_id": "c0ffee"}}')
     monkeypatch.syspath_prepend(str(tmp_path))
-    assert code_state.package_commit() != "c0ffee"  # another copy runs
-    monkeypatch.setattr(code_state.bench, "__file__", str(tmp_path / "bench" / "__init__.py"))
-    assert code_state.package_commit() == "c0ffee"
+    assert manifests.package_commit() != "c0ffee"  # another copy runs
+    monkeypatch.setattr(manifests.bench, "__file__", str(tmp_path / "bench" / "__init__.py"))
+    assert manifests.package_commit() == "c0ffee"
 
 
 def test_a_run_with_failures_makes_no_baseline(tmp_path):
@@ -83,8 +83,8 @@ def test_a_missing_baseline_is_an_error_of_its_own(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("manifest.json", "{", r"manifest\.json: expected the manifest of a run, got no JSON"),
-        ("manifest.json", "{}", r"manifest\.json: expected the manifest of a run"),
+        ("manifest.json", "{", r"manifest\.json: expected"),
+        ("manifest.json", "{}", r"manifest\.json: dataset: expected"),
         ("sums.csv", "a,b\n", r"sums\.csv: expected a table of sums"),
         ("sums.csv", None, r"sums\.csv: expected a table of sums"),
         ("manifest.json", None, r"expected a folder with sums\.csv and manifest\.json"),

@@ -8,7 +8,6 @@ from matplotlib.text import Annotation
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness.perf import MethodCost, write_cost
 from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.page import write_leaderboard
 from bench.reporting.leaderboard.reading import read_leaderboard
@@ -16,6 +15,7 @@ from bench.reporting.leaderboard.texts import best_line, leaderboard_tables
 from bench.reporting.sweep import TABLE
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed
+from tests.support.counts import counts_file, write_seconds
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +27,9 @@ def folder(tmp_path_factory):
     write_run(runs / "extended", drawn(50), protocol="extended-v1")
     write_run(runs / "other-reference", drawn(50), region_px=90)
     write_run(runs / "broken", drawn(50))
-    (runs / "broken" / "objects.parquet").write_bytes(b"PAR1")
-    (runs / "unfinished" / "units").mkdir(parents=True)
+    counts_file(runs / "broken" / "paper-v1", "objects").write_bytes(b"PAR1")
+    write_run(runs / "unfinished", drawn(50))
+    (runs / "unfinished" / "paper-v1" / "summary.json").unlink()
     return runs
 
 
@@ -40,7 +41,7 @@ def test_groups_hold_only_what_compares_best_first(folder):
     values = [entry.metrics["iou"].value for entry in group.entries]
     assert values == sorted(values, reverse=True)
     assert [entry.method for entry in group.entries] == ["nothing (threshold=1)", "nothing (threshold=2)", "empty"]
-    assert (group.entries[0].cost, group.entries[0].kind) == (None, "method")
+    assert (group.entries[0].cost_ms, group.entries[0].kind) == (None, "method")
     assert (group.entries[0].date, group.entries[0].code) == ("2026-01-02", "0 0123456789+")
 
 
@@ -59,14 +60,14 @@ def test_values_of_a_sweep_are_no_entries_but_of_their_own_folder(tmp_path):
 def test_damaged_runs_are_listed_with_their_fault(folder, tmp_path):
     found = read_leaderboard(folder)
     faults = dict(found.damaged)
-    assert set(faults) == {"broken", "unfinished"}
-    assert "objects.parquet" in faults["broken"]
-    assert "No such file" in faults["unfinished"]
+    assert set(faults) == {"broken/paper-v1", "unfinished/paper-v1"}
+    assert "objects.parquet" in faults["broken/paper-v1"]
+    assert "expected the folder of a finished run" in faults["unfinished/paper-v1"]
     write_leaderboard(found, tmp_path)
-    assert "- broken: " in (tmp_path / "leaderboard.md").read_text()
+    assert "- broken/paper-v1: " in (tmp_path / "leaderboard.md").read_text()
     assert [run["run"] for run in json.loads((tmp_path / "leaderboard.json").read_text())["damaged"]] == [
-        "broken",
-        "unfinished",
+        "broken/paper-v1",
+        "unfinished/paper-v1",
     ]
 
 
@@ -93,13 +94,13 @@ def test_the_files_carry_the_same_numbers_and_the_same_bytes(folder, tmp_path):
 def judged(tmp_path_factory):
     """Two methods with their costs, an oracle and the exact masks, by the protocol that judges."""
     runs = tmp_path_factory.mktemp("judged")
-    told = {"sees_the_truth": True, "cell_size_px": 1, "grow_px": 0, "shift_px": 0, "shape": "exact"}
+    told = {"sees_the_truth": True, "cell_size_px": 1}
     exact = write_run(runs / "exact", drawn(95), protocol="surface-v1", method="truth", settings=told, fp_px=0)
     write_run(runs / "cells", drawn(90), protocol="surface-v1", method="truth", settings=told | {"cell_size_px": 5})
     for name, px, ms in (("cheap", 40, 2.0), ("good", 70, 80.0)):
         folder = write_run(runs / name, drawn(px), protocol="surface-v1", method=name)
-        write_cost(folder, MethodCost(method_ms=ms, farneback_ms=40.0, images=3, of=""))
-    (exact / "index.html").touch()
+        write_seconds(folder, ms / 1e3)
+    (exact / "surface-v1" / "index.html").touch()
     return runs
 
 
@@ -114,7 +115,7 @@ def test_what_sees_the_truth_is_no_method_and_bounds_them(judged):
     assert [entry.run for entry in group.methods] == ["good", "cheap"]
     assert group.ceiling("crossing", "tpr_all") == 0.95
     assert group.ceiling("all_moving", "false_positive_coverage") == 0
-    assert group.methods[1].cost.ratio == 0.05
+    assert [entry.cost_ms for entry in group.methods] == pytest.approx([80.0, 2.0])
 
 
 def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, tmp_path):
@@ -131,17 +132,14 @@ def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, t
     assert "<strong>good</strong> of 2 methods" in page
     assert '"pages":{}' in page, "runs elsewhere do not travel with the page"
     beside, _ = write_leaderboard(read_leaderboard(judged), judged, pictures=False)
-    assert '"pages":{"exact":"exact/index.html"}' in beside[0].read_text()
+    assert '"pages":{"exact":"exact/surface-v1/index.html"}' in beside[0].read_text()
 
 
 @pytest.mark.parametrize("ms", [2, 80, 3000])
 def test_every_dot_has_a_number_and_its_name_beside_the_chart_is_never_cut(judged, ms):
     (group,) = read_leaderboard(judged).groups
-    cost, names = (
-        MethodCost(method_ms=ms, farneback_ms=40, images=3, of=""),
-        ("wide (first=1, second=22222, third=3)", 120 * "o"),
-    )
-    entries = [replace(entry, method=name, cost=cost) for entry, name in zip(group.methods, names, strict=True)]
+    names = ("wide (first=1, second=22222, third=3)", 120 * "o")
+    entries = [replace(entry, method=name, cost_ms=ms) for entry, name in zip(group.methods, names, strict=True)]
     figure = draw_quality_and_cost([replace(group, entries=tuple(entries))])
     figure.canvas.draw()
     (axes,) = figure.axes

@@ -1,7 +1,6 @@
 import math
 import os
 
-import pyarrow.parquet as pq
 import pytest
 
 from bench.errors import DataError, OutputError
@@ -9,6 +8,7 @@ from bench.evaluation import load_protocol, sum_run, summary_of, write_sums
 from bench.evaluation.rows import frames_table, objects_table
 from bench.harness.stored import SUMS, read_run, write_run
 from bench.reporting.table_files import write_report_files
+from tests.support.counts import write_counts
 from tests.support.manifests import manifest, provenance
 from tests.support.result_rows import frame_row, object_row
 
@@ -21,8 +21,7 @@ def stored(tmp_path_factory):
     run = tmp_path_factory.mktemp("run")
     objects = objects_table([object_row(n) for n in range(9)])
     frames = frames_table([frame_row(n) for n in range(9)])
-    pq.write_table(objects, run / "objects.parquet")
-    pq.write_table(frames, run / "frames.parquet")
+    write_counts(run, objects, frames)
     sums = sum_run(objects, frames, protocol=load_protocol("paper-v1"))
     write_sums(sums, run / SUMS)
     metrics = summary_of(sums, protocol=load_protocol("paper-v1"))
@@ -64,7 +63,7 @@ def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
         write_report_files(read_run(stored))
     assert (stored / "table.md").read_bytes() == before
     assert sorted(file.name for file in stored.iterdir()) == sorted(
-        [*NAMES, "objects.parquet", "frames.parquet", "sums.csv", "manifest.json", "summary.json", "protocol.json"]
+        [*NAMES, "counts", "sums.csv", "manifest.json", "summary.json", "protocol.json"]
     )
 
 

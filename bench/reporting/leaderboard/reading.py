@@ -204,7 +204,7 @@ def readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list[
                 )
             readable.append(run)
         except BenchError as error:
-            damaged.append((run.label, str(error)))
+            damaged.append((f"{run.label}/{run.folder.name}", str(error)))
     return readable
 
 
@@ -293,8 +293,8 @@ def _kind(manifest: Manifest) -> Kind:
     settings = manifest.method.settings
     if not any(settings.get(name) for name in ORACLE_SETTINGS):
         return Kind.METHOD
-    exact = {"cell_size_px": 1, "grow_px": 0, "shift_px": 0, "shape": "exact"}.items() <= settings.items()
-    return Kind.CEILING if exact and manifest.method.name == "truth" else Kind.ORACLE
+    exact = manifest.method.name == "truth" and settings.get("cell_size_px") == 1
+    return Kind.CEILING if exact else Kind.ORACLE
 
 
 def _cost_ms(run: StoredRun) -> float | None:

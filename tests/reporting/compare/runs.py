@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol, sum_run, summary_of, write_sums
 from bench.harness import stored
+from bench.harness.manifest import ANSWERS_MANIFEST, write_manifest
 from bench.harness.stored import SUMS
+from tests.support.counts import write_counts
 from tests.support.manifests import manifest, provenance
 from tests.support.result_rows import NO_COUNTS
 
@@ -48,22 +49,22 @@ def write_run(
     recordings: dict[str, str] | None = None,
 ) -> Path:
     """Store a run; all of its reference comes from the keys of `detected` and from `region_px`."""
-    folder.mkdir(parents=True, exist_ok=True)
+    results = folder / protocol
     objects = pa.Table.from_pylist([_object(*key, px, region_px) for key, px in detected.items()], OBJECTS_SCHEMA)
     images = sorted({key[:2] for key in detected})
     frames = pa.Table.from_pylist([_frame(*image, fp_px, region_px) for image in images], FRAMES_SCHEMA)
-    pq.write_table(objects, folder / "objects.parquet")
-    pq.write_table(frames, folder / "frames.parquet")
+    write_counts(results, objects, frames)
     rules = load_protocol(protocol)
     sums = sum_run(objects, frames, protocol=rules)
-    write_sums(sums, folder / SUMS)
+    write_sums(sums, results / SUMS)
     metrics = summary_of(sums, protocol=rules)
+    own = manifest(
+        dataset=dataset, card=card, split=split, method=method, settings=settings, protocol=rules,
+        commit=commit, recordings=recordings,
+    )  # fmt: skip
+    write_manifest(folder / ANSWERS_MANIFEST, own)
     stored.write_run(
-        folder, metrics, protocol=rules,
-        manifest=manifest(
-            dataset=dataset, card=card, split=split, method=method, settings=settings, protocol=rules,
-            commit=commit, recordings=recordings,
-        ),
+        results, metrics, protocol=rules, manifest=own,
         provenance=provenance(images=len(images), started_utc=started_utc),
         vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip

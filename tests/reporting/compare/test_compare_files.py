@@ -5,11 +5,9 @@ import re
 from urllib.parse import unquote
 
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 
 from bench.harness import read_run
-from bench.harness.masks import MASKS, MASKS_SCHEMA
 from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.compare.writing import terminal_report, write_comparison
@@ -108,18 +106,12 @@ def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_
     comparisons, _ = write_comparison(folders, tmp_path)
     assert not (tmp_path / "pictures").exists()
     remarks = [comparison.remarks for comparison in comparisons]
-    assert len(remarks) == 2
-    assert all("pictures are drawn from stored masks" in remark for (remark,) in remarks)
-    for folder in folders:
-        pq.write_table(MASKS_SCHEMA.empty_table(), folder / MASKS)
-    comparisons, _ = write_comparison(folders, tmp_path)
-    remarks = [comparison.remarks for comparison in comparisons]
     assert all(remark.startswith("no picture: nowhere.yaml") for (remark,) in remarks)
     assert "no picture: nowhere.yaml" in (tmp_path / "compare.md").read_text()
 
 
 def test_the_page_leads_to_the_pages_of_the_runs(folders, tmp_path):
-    page = folders[1] / "index.html"
+    page = folders[1] / "paper-v1" / "index.html"
     page.write_text("a page")
     write_comparison(folders[:2], tmp_path / "a b")
     links = re.findall(r'<a href="([^"]*)">([^<]*)</a>', (tmp_path / "a b" / "compare.html").read_text())

@@ -3,7 +3,6 @@ import re
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from bench.errors import DataError, UsageError
@@ -11,7 +10,7 @@ from bench.evaluation import holm
 from bench.reporting.compare.changes import HEADLINES, Kind, Shown, compare_runs, verdict_line
 from bench.reporting.compare.runs import name_methods, read_comparable
 from tests.reporting.compare.runs import IMAGE_PX, IMAGES, RECORDINGS, drawn, write_run
-from tests.support.stored_files import change_summary
+from tests.support.counts import change_table
 
 CATEGORIES = ["crossing", "overtaking", "preceding", "approaching", "static_ego"]
 
@@ -130,7 +129,7 @@ def test_runs_that_do_not_compare_are_refused_with_both_values(half, tmp_path, c
     other = write_run(tmp_path / "other", drawn(50), **changed)
     with pytest.raises(UsageError, match=message) as refused:
         compared(half, half, other)
-    assert str(refused.value).startswith(f"{half} and {other} do not compare: ")
+    assert str(refused.value).startswith(f"{half}/paper-v1 and {other}/")
     assert "\n" not in str(refused.value)
 
 
@@ -141,9 +140,7 @@ def test_one_run_is_not_enough(half):
 
 def test_object_frames_that_one_run_alone_has_are_an_error(half, tmp_path):
     other = write_run(tmp_path / "other", drawn(50))
-    objects = pq.read_table(other / "objects.parquet")
-    pq.write_table(objects.slice(1), other / "objects.parquet")
-    change_summary(other)
+    change_table(other / "paper-v1", "objects", lambda rows: rows.slice(1), recording="drive-0")
     with pytest.raises(DataError, match=r"1 that only one has, first drive-0 front 0 crossing"):
         compared(half, other)
 
@@ -151,10 +148,8 @@ def test_object_frames_that_one_run_alone_has_are_an_error(half, tmp_path):
 def test_the_order_of_the_rows_changes_nothing(half, tmp_path):
     after = drawn(50) | {(r, 1, "crossing"): 10 * r for r in range(7)}
     one, two = write_run(tmp_path / "one", after), write_run(tmp_path / "two", after)
-    for name in ("objects.parquet", "frames.parquet"):
-        table = pq.read_table(two / name)
-        pq.write_table(table.take(pa.array(range(len(table))[::-1])), two / name)
-    change_summary(two)
+    for name in ("objects", "frames"):
+        change_table(two / "paper-v1", name, lambda rows: rows.take(pa.array(range(len(rows))[::-1])))
     (first,), (second,) = compared(half, one), compared(half, two)
     for name in ("changes", "detections", "frames"):
         pd.testing.assert_frame_equal(getattr(first, name), getattr(second, name), rtol=1e-10)

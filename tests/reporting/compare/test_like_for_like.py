@@ -6,7 +6,6 @@ import shutil
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from bench.cli.compare import compare
@@ -14,14 +13,14 @@ from bench.errors import UsageError
 from bench.evaluation import load_protocol, summarise
 from bench.evaluation.rows import CommonImages, RowsOnImages
 from bench.gate import judge, load_tolerances, read_run_sums
-from bench.harness import read_run
-from bench.harness.stored import open_tables
+from bench.harness import open_tables, read_run, read_tables
 from bench.methods import Method, Segmentation
 from bench.recordings import load_card
 from bench.reporting.compare.changes import compare_runs
 from bench.reporting.compare.runs import read_comparable
 from bench.reporting.compare.writing import write_comparison
 from bench.reporting.leaderboard.reading import read_leaderboard
+from tests.support.counts import change_table
 from tests.support.runs import run_one
 from tests.support.stored_files import change_manifest
 
@@ -56,11 +55,11 @@ def runs(tiny_card, tmp_path_factory):
 
 def rows_on_both(runs, name, table):
     """The rows of a run on the images that both scored, found in the plainest way."""
-    frames = [pq.read_table(one / "frames.parquet").to_pylist() for one in runs.values()]
+    frames = [read_tables(one)[1].to_pylist() for one in runs.values()]
     images = [{_image(row) for row in rows if row["status"] == "evaluated"} for rows in frames]
     common = images[0] & images[1]
     assert len(common) == 9 < len(images[0])
-    rows = pq.read_table(runs[name] / table)
+    rows = dict(zip(("objects", "frames"), read_tables(runs[name]), strict=True))[table]
     return rows.filter(pa.array([_image(row) in common for row in rows.to_pylist()]))
 
 
@@ -78,10 +77,7 @@ def test_methods_of_other_history_scored_other_images(runs):
 def test_figures_are_those_of_the_images_that_both_scored(runs, order):
     (found,) = compare_runs(read_comparable([runs[name] for name in order]))
     assert found.images == (SCORED[order[0]], SCORED[order[1]], 9)
-    expected = [
-        summarise(*(rows_on_both(runs, n, f"{t}.parquet") for t in ("objects", "frames")), protocol=PROTOCOL)
-        for n in order
-    ]
+    expected = [summarise(*(rows_on_both(runs, n, t) for t in ("objects", "frames")), protocol=PROTOCOL) for n in order]
     changes = found.changes.droplevel("breakdown")
     for name in changes.index.unique("slice"):
         if name == "frames":
@@ -155,7 +151,9 @@ def test_another_annotation_is_refused_with_what_differs(runs, tiny_card, tmp_pa
     with pytest.raises(UsageError) as refused:
         compare_runs(read_comparable([runs["one"], other]))
     told = str(refused.value)
-    assert told.startswith(f"{runs['one']} and {other} do not compare: their references differ on the 9 images")
+    assert told.startswith(
+        f"{runs['one']}/paper-v1 and {other}/paper-v1 do not compare: their references differ on the 9 images"
+    )
     assert "3 object-frames only in the first, the first crossing front" in told
     assert "walker; 3 object-frames only in the second, the first crossing front" in told
     assert "\n" not in told
@@ -166,17 +164,19 @@ def test_another_annotation_is_refused_with_what_differs(runs, tiny_card, tmp_pa
 def test_no_common_image_is_said(runs, tiny_card, tmp_path):
     standing = tmp_path / "standing"
     run_one(card=load_card(str(tiny_card)), method=Brighter("one", 1), protocol=PROTOCOL, out=standing)
-    frames = pq.read_table(standing / "frames.parquet")
-    moved = pa.array((frames["timestamp_ns"].to_numpy() + 1).tolist(), pa.int64())
-    pq.write_table(frames.set_column(frames.schema.get_field_index("timestamp_ns"), "timestamp_ns", moved),
-                   standing / "frames.parquet")  # fmt: skip
+
+    def moved(frames: pa.Table) -> pa.Table:
+        times_ns = pa.array((frames["timestamp_ns"].to_numpy() + 1).tolist(), pa.int64())
+        return frames.set_column(frames.schema.get_field_index("timestamp_ns"), "timestamp_ns", times_ns)
+
+    change_table(standing / "paper-v1", "frames", moved)
     change_manifest(standing, lambda content: content.update(reference="x"))
     with pytest.raises(UsageError, match="no image was scored by both; the first has 12, the second 12"):
         compare_runs(read_comparable([runs["one"], standing]))
 
 
 def test_parts_of_any_size_have_the_same_rows(runs):
-    tables = [open_tables(folder) for folder in runs.values()]
+    tables = [open_tables(folder / "paper-v1") for folder in runs.values()]
     images = CommonImages([frames for _, frames in tables])
     rows = RowsOnImages(tables[0][0], images)
     names = sorted(rows.recordings())

@@ -5,7 +5,6 @@ import re
 import shutil
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from bench.errors import DataError
@@ -17,7 +16,8 @@ from bench.reporting.page.build import write_page
 from bench.reporting.page.charts import write_figures
 from bench.reporting.page.object_table import table_data
 from tests.reporting.page.hostile import TRACK
-from tests.support.stored_files import change_manifest, change_summary
+from tests.support.counts import change_table
+from tests.support.stored_files import change_manifest
 
 SECTIONS = [
     "glance", "results", "splits", "recordings", "around", "plane", "coverage", "threshold", "causes", "worst",
@@ -207,22 +207,24 @@ def test_pictures_show_what_was_scored_and_call_no_method(tiny_run, tmp_path, mo
 
 def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    frames = pq.read_table(run / "frames.parquet")
-    counts = pa.array([count + 1 for count in frames["fp_px"].to_pylist()])
-    pq.write_table(frames.set_column(frames.schema.get_field_index("fp_px"), "fp_px", counts), run / "frames.parquet")
-    change_summary(run)
+
+    def one_more(frames: pa.Table) -> pa.Table:
+        counts = pa.array([count + 1 for count in frames["fp_px"].to_pylist()])
+        return frames.set_column(frames.schema.get_field_index("fp_px"), "fp_px", counts)
+
+    change_table(run / "paper-v1", "frames", one_more)
     page = write_page(run)
     assert "<img" not in page.file.read_text()
     assert all("code or data changed since" in problem for problem in page.problems)
 
 
-def test_without_masks_there_are_no_pictures_and_the_reason_is_said(tiny_run, tmp_path):
+def test_without_answers_there_are_no_pictures_and_the_reason_is_said(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    (run / "masks.parquet").unlink()
-    assert "pictures are drawn from stored masks" in str(write_page(run).problems)
-    (run / "masks.parquet").write_bytes((tiny_run / "masks.parquet").read_bytes()[:-50])
-    change_summary(run)
-    assert "expected the masks of a run" in str(write_page(run).problems)
+    for file in (run / "answers").rglob("*.parquet"):
+        file.write_bytes(file.read_bytes()[:-50])
+    assert "expected answers of a run" in str(write_page(run).problems)
+    shutil.rmtree(run / "answers")
+    assert "the run holds no answer" in str(write_page(run).problems)
 
 
 def test_a_page_of_one_kind_has_only_its_rows(tiny_run):
