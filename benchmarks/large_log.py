@@ -16,11 +16,11 @@ from pathlib import Path
 
 import pyarrow as pa
 import yaml
-from bench.harness.unit import CHUNK_IMAGES, Part
 
 from bench.api.runs import run_request
-from bench.harness import score_part
+from bench.harness import Part, score_part
 from bench.harness.provenance import largest_resident_mb
+from bench.harness.tasks import TASK_IMAGES
 from bench.recordings import load_card, open_dataset
 from tests.support.log123d import OPTIONS, tiny_recording, write_log
 from tests.support.tiny import STEP_NS, TIMES_NS
@@ -71,8 +71,8 @@ def score(card: Path, parts: int) -> str:
     start = time.process_time()
     scored = score_part(request, Part(number=parts // 2 + 1, count=parts))
     seconds = time.process_time() - start
-    assert not scored.failures(card.parent / "run"), "all images are whole"
-    images = scored.images_done
+    assert not scored.failures, "all images are whole"
+    images = sum(outcome.asked for outcome in scored.tasks.values())
     return (
         f"scoring {images} of the images, opening included: {seconds:.1f} s, {images / seconds:.0f} images per second"
     )
@@ -96,7 +96,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         card = write_long_log(Path(folder), images=asked.images)
         size = sum(file.stat().st_size for file in Path(folder).rglob("*.arrow")) / 1e6
-        sys.stdout.write(f"{asked.images} images, {size:.0f} MB, units of {CHUNK_IMAGES}\n")
+        sys.stdout.write(f"{asked.images} images, {size:.0f} MB, tasks of {TASK_IMAGES}\n")
         for step in ("start", *STEPS):
             command = [sys.executable, "-m", "benchmarks.large_log", "--card", str(card), "--parts", str(asked.parts)]
             subprocess.run([*command, "--step", step], check=True)

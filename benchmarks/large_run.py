@@ -20,7 +20,6 @@ from bench.evaluation import load_protocol, rows, sum_run, summary_of, write_sum
 from bench.evaluation.summary import ProtocolOfRun
 from bench.gate import judge, load_tolerances, read_run_sums
 from bench.harness import Provenance, open_tables, read_run
-from bench.harness.digests import MethodCode
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
 from bench.harness.method_of_run import MethodOfRun
 from bench.harness.stored import SUMS, write_run
@@ -58,16 +57,15 @@ def summarise_run(one: Path, _: Path) -> None:
     sums = sum_run(*open_tables(one), protocol=rules)
     write_sums(sums, one / SUMS)
     metrics = summary_of(sums, protocol=rules)
-    nothing = build_method("nothing")
     manifest = Manifest(
-        dataset=DatasetOfRun(name="drawn", card="drawn.yaml", split=None, data=""),
-        method=MethodOfRun.of(nothing, MethodCode.of(nothing)),
+        dataset=DatasetOfRun(name="drawn", card="drawn.yaml", split=None),
+        method=MethodOfRun.of(build_method("nothing")),
         protocol=ProtocolOfRun(name=rules.name, version=rules.version, digest=rules.digest),
         code=CodeOfRun.here(),
     )
     provenance = Provenance(
         started_utc="2026-01-02T03:04", seconds=1.0, stage_seconds={}, images=metrics.images.evaluated,
-        peak_memory_mb=1.0,
+        images_asked=0, workers=1, peak_memory_mb=1.0,
     )  # fmt: skip
     write_run(one, metrics, manifest=manifest, protocol=rules, provenance=provenance, vehicle_outline_m=OUTLINE_M)
 

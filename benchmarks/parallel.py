@@ -64,7 +64,7 @@ def command(card: Path, out: Path, *options: object) -> list[str]:
     """A run that computes everything; what it cost is told in a file beside `out`."""
     script = out.with_name(f"{out.name}.py")
     script.write_text(COSTED)
-    words = [out.with_suffix(".cost"), "run", card, "--out", out, "--no-cache", "--no-pictures", *options]
+    words = [out.with_suffix(".cost"), "run", card, "--out", out, "--no-pictures", *options]
     return [sys.executable, str(script), *map(str, words)]
 
 

@@ -32,8 +32,8 @@ class MethodOfRun(BaseModel):
         history: images that it needs before the one that it segments.
         code_digest: of the package that holds its class, or of the modules beside it, and of the files that it reads;
             `UNIDENTIFIED` where no file holds the class, as in a notebook's cell: such a run is computed anew.
-        commit: of the checkout that its own code is of, "+" behind it where a file is not as committed; distribution and
-            version of an installed one; None for a method of this package, and for code in no commit. It decides
+        commit: of the checkout that its own code is of, "+" behind it where a file is not as committed; distribution
+            and version of an installed one; None for a method of this package, and for code in no commit. It decides
             nothing.
     """
 

@@ -164,7 +164,7 @@ def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
         return PlannedRecording(name=handle.name, failure=failure, seconds=perf_counter() - began)
     return PlannedRecording(
         name=handle.name,
-        tasks=tuple(_tasks(handle, recording, digests, spec.method)),
+        tasks=tuple(cut_tasks(handle, recording, digests, spec.method)),
         digest=digests.whole,
         vehicle_outline_m=tuple((float(x), float(y)) for x, y in recording.vehicle_outline_m),
         seconds=perf_counter() - began,
@@ -172,7 +172,7 @@ def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
     )
 
 
-def _tasks(
+def cut_tasks(
     handle: RecordingHandle, recording: Recording, digests: RecordingDigests, method: Scorable
 ) -> Iterator[Task]:
     """Cut a recording into tasks; a camera's first images, without history or not to be scored, belong to none."""

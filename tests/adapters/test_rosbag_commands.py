@@ -151,12 +151,12 @@ def test_validate_and_run_say_what_to_do_with_a_damaged_bag(command, cards, tmp_
     assert command("validate", tmp_path / "bags.yaml", "--json", tmp_path / "report.json") == 1
     assert "crossing" in " ".join(capsys.readouterr().out.split())
     assert reported in (tmp_path / "report.json").read_text()
-    assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 2
+    assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-pictures") == 2
     assert told in " ".join(capsys.readouterr().err.split())
 
 
 def test_without_annotations_it_has_masks_but_no_scores(command, cards, tmp_path, capsys):
     card = write_card(tmp_path, adapter="rosbag", root=str(cards[1].parent / "data"))
     assert command("view", card, "--out", tmp_path / "pictures", "--frame", 2) == 0
-    assert command("run", card, "--out", tmp_path / "run", "--no-cache", "--no-pictures") == 0
+    assert command("run", card, "--out", tmp_path / "run", "--no-pictures") == 0
     assert "Not annotated: no scores" in " ".join("".join(capsys.readouterr()).split())

@@ -3,12 +3,12 @@
 import cv2
 import numpy as np
 import pytest
-from bench.harness.unit import plan_units
 
 from bench.adapters.woodscape.adapter import woodscape_recordings
 from bench.adapters.woodscape.camera import WoodscapeOptions, read_camera
 from bench.errors import DataError
 from bench.evaluation import load_protocol
+from bench.harness.tasks import cut_tasks
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset, read_image
 from bench.reference import IgnoreReason, ReferenceBuilder, Status
@@ -51,8 +51,8 @@ def test_a_pair_is_a_recording_wherever_its_files_lie(tmp_path, flat):
 
 def test_only_the_later_image_is_scored(root):
     for name in ("nothing", "frame-difference"):
-        (unit,) = plan_units(opened(root), build_method(name))
-        assert (unit.start, unit.stop) == (1, 2)
+        (task,) = cut_tasks(None, opened(root), None, build_method(name))
+        assert (task.start, task.stop) == (1, 2)
 
 
 def test_camera(root):

@@ -52,7 +52,7 @@ def test_a_run_that_scores_no_object_says_so_above_its_table(monkeypatch, capsys
 
 def test_a_quick_look_scores_some_images_of_some_recordings(monkeypatch, tiny_card, tmp_path):
     out = tmp_path / "look"
-    look = ("run", tiny_card, "--method", "nothing", "--no-cache", "--no-pictures", "--out", out)
+    look = ("run", tiny_card, "--method", "nothing", "--no-pictures", "--out", out)
     assert call(monkeypatch, *look, "--recording", "crossing", "--recording", "standing", "--limit", 3) == 0
     found = bench.load_run(out)
     assert found.manifest.dataset.split == "crossing,standing[:3]"
@@ -156,7 +156,7 @@ def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tm
 
 
 def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
-    words = ("run", tiny_card, "--out", tmp_path / "run", "--method", "nothing", "--no-pictures", "--no-cache")
+    words = ("run", tiny_card, "--out", tmp_path / "run", "--method", "nothing", "--no-pictures")
     assert call(monkeypatch, *words, "--quiet") == 0
     shown = capsys.readouterr()
     assert "Crossing" in shown.out

@@ -105,7 +105,7 @@ def test_a_worse_run_fails_in_every_form(monkeypatch, capsys, runs, tmp_path):
     [
         ("spherical", "none", 3, "no baseline there, so nothing was judged"),
         ("extended", "BASELINE", 2, "score with --protocol paper-v1, or replace the baseline with --update"),
-        ("nowhere", "BASELINE", 2, "nowhere/summary.json: expected the summary of a run"),
+        ("nowhere", "BASELINE", 2, "nowhere: expected the folder of a finished run"),
     ],
 )
 def test_no_verdict_is_handed_over_in_every_form(monkeypatch, capsys, runs, tmp_path, run, baseline, status, why):

@@ -59,7 +59,7 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, calm, tm
     card = load_card(str(tiny_card))
     out, here = tmp_path / "run", trouble / "standing.wait-noted"
     (trouble / "standing.wait").touch()
-    run = start("run", tiny_card, *TROUBLED, "--out", out, "--no-pictures", "--no-cache", "--workers", workers)
+    run = start("run", tiny_card, *TROUBLED, "--out", out, "--no-pictures", "--workers", workers)
     returned, shown, _ = ended(
         run,
         lambda: bool(pids(here)) and len(list((out / "units").glob("*.unit"))) == 2,
@@ -78,7 +78,7 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, calm, tm
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_sweep_that_is_interrupted_goes_on(tiny_card, tmp_path, trouble, workers):
-    words = ("--input-error", "speed_scale_percent=0,5", "--no-cache", "--workers", workers, "--out", tmp_path / "out")
+    words = ("--input-error", "speed_scale_percent=0,5", "--workers", workers, "--out", tmp_path / "out")
     here, out = trouble / "standing.wait-noted", tmp_path / "out"
     (trouble / "standing.wait").touch()
     sweep = start("sweep", tiny_card, *TROUBLED, *words)

@@ -33,7 +33,6 @@ def test_a_new_method_scores_as_it_is(place, monkeypatch, capsys):
         "--set",
         "threshold=20",
         "--no-pictures",
-        "--no-cache",
     )
     assert call(monkeypatch, *words) == 0
     assert (place / "reports/runs/tiny-grey-change-threshold-20/summary.json").is_file()

@@ -11,7 +11,7 @@ from bench.errors import UsageError
 from bench.harness import read_run, read_tables
 from tests.support.commands import call, called_here, error_line
 
-RUN = ("--no-cache", "--no-pictures", "--protocol", "surface-v1")
+RUN = ("--no-pictures", "--protocol", "surface-v1")
 
 
 def card_of(tiny_card, folder, *, recordings=("crossing",), unlabelled=("crossing",), **keys):

@@ -11,7 +11,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from bench.harness.cache import CacheFolder
 
 import bench
 from bench.cli import console
@@ -31,21 +30,15 @@ COMMANDS = {
     "report": ("report", "RUN", "--no-pictures", "--out", "OUT"),
     "compare": ("compare", "RUN", "OTHER", "--no-pictures", "--out", "OUT"),
     "leaderboard": ("leaderboard", "RUNS", "--out", "OUT"),
-    "history": ("history", "RUN", "COPY", "--out", "OUT"),
-    "sweep": ("sweep", "CARD", "--set", "threshold=0.001,0.002", "--no-cache", "--out", "OUT"),
+    "sweep": ("sweep", "CARD", "--set", "threshold=0.001,0.002", "--out", "OUT"),
     "audit": ("audit", "CARD", "--method", "nothing", "--recordings", 1, "--workers", 1, "--no-pictures",
               "--out", "OUT"),
-    "audit, beams": ("audit", "CARD", "--beams", "32", "--recordings", 1, "--workers", 1, "--out", "OUT"),
-    "audit, ranking": ("audit", "CARD", "--methods", "nothing,truth", "--recordings", 1, "--workers", 1,
-                       "--out", "OUT"),
     "view": ("view", "CARD", "--method", "nothing", "--out", "OUT"),
     "view, video": ("view", "CARD", "--method", "nothing", "--video", "OUT.avi"),
     "view, log": ("view", "CARD", "--method", "nothing", "--rrd", "OUT.rrd"),
     "export": ("annotations", "export", "openlabel", "--dataset", "CARD", "--out", "OUT"),
     "reference": ("reference", "export", "CARD", "--workers", 1, "--out", "OUT"),
-    "bundle": ("bundle", "RUN", "--out", "OUT"),
     "croissant": ("croissant", "CARD", "--out", "OUT"),
-    "unbundle": ("unbundle", "BUNDLE", "--out", "OUT"),
     "import": ("annotations", "import", "openlabel", "LABELS", "--dataset", "CARD", "--recording", "crossing",
                "--out", "OUT"),
     "synthesize": ("synthesize", "SCENARIO", "--workers", 1, "--out", "OUT"),
@@ -68,7 +61,6 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         assert call(monkeypatch, *words) == 0
         words = ("annotations", "export", "openlabel", "--dataset", tiny_card, "--out", folder / "labels")
         assert call(monkeypatch, *words, "--recording", "crossing") == 0
-        assert call(monkeypatch, "bundle", folder / "runs" / "nothing", "--out", folder / "sent.run.zip") == 0
     shutil.copytree(folder / "runs" / "nothing", folder / "copy")
     *_, image = sorted((tiny_card.parent / "data" / "tiny" / "crossing" / "images" / "front").glob("*.png"))
     (folder / "predictions" / "crossing" / "front").mkdir(parents=True)
@@ -83,7 +75,6 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         "COPY": str(folder / "copy"),
         "LABELS": str(next(file for file in (folder / "labels").rglob("*") if file.is_file())),
         "BASELINE": str(folder / "b"),
-        "BUNDLE": str(folder / "sent.run.zip"),
     }
 
 
@@ -153,9 +144,10 @@ def test_a_device_is_not_replaced(monkeypatch, capsys, places):
 @pytest.mark.parametrize("name", ["index.html", "figures"])
 def test_a_run_in_which_a_page_cannot_be_written(monkeypatch, capsys, places, tmp_path, name):
     run = shutil.copytree(places["RUN"], tmp_path / "run")
-    (run / name).mkdir() if name == "index.html" else (run / name).write_text("a file")
+    place = run / "paper-v1" / name
+    place.mkdir() if name == "index.html" else place.write_text("a file")
     assert call(monkeypatch, "report", run, "--no-pictures") == 2
-    assert one_line(capsys.readouterr().err, about=run / name)
+    assert one_line(capsys.readouterr().err, about=run / "paper-v1" / name)
 
 
 @pytest.mark.parametrize("suffix", [".avi", ".mp4", ".webm"])
@@ -207,17 +199,6 @@ def test_letters_that_the_output_has_no_code_for_are_shown(monkeypatch):
     assert written.getvalue() == b"stra\\xdfe\n"
 
 
-def test_the_cache_keeps_nothing_on_a_full_disk_and_the_run_goes_on(places, tmp_path):
-    cache = CacheFolder(folder=tmp_path / "cache")
-    cache.prepare()
-    with files_of(FILE_SIZE):
-        cache.put("flow", "ab" * 32, {"flow": np.zeros(1000)})
-    assert cache.get("flow", "ab" * 32) is None
-    (cache.folder / "reference").write_text("in the way of a folder")
-    cache.put("reference", "ab" * 32, {"flow": np.zeros(1000)})
-    assert cache.get("reference", "ab" * 32) is None
-
-
 def test_a_bug_keeps_its_traceback(monkeypatch, capsys, places):
     def fail(_: object) -> None:
         raise OSError("no file is named")
@@ -237,8 +218,6 @@ def test_a_bug_keeps_its_traceback(monkeypatch, capsys, places):
 # Who writes beside `bench.atomic`, and tells in one line what cannot be written.
 WRITERS = {
     "egomotion/tum.py": "to the temporary file of its caller",
-    "harness/cache/folder.py": "a cache keeps nothing where it cannot write",
-    "harness/run_folder.py": "whole folders of a run, by one rename",
     "recordings/contract.py": "copies in a temporary folder",
     "recordings/object_storage.py": "empty files in a temporary folder",
 }

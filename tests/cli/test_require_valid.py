@@ -10,7 +10,7 @@ from bench.validation import read_report
 from tests.support.commands import call, called_here
 from tests.validation import drive
 
-RUN = ("--method", "nothing", "--no-cache", "--no-pictures")
+RUN = ("--method", "nothing", "--no-pictures")
 
 
 @pytest.fixture(scope="module")

@@ -62,7 +62,7 @@ def test_errors_of_the_input_are_swept_in_the_same_way(monkeypatch, capsys, tiny
 
 def test_the_usual_folder_is_named_after_what_is_swept(monkeypatch, tiny_card, tmp_path):
     monkeypatch.chdir(tmp_path)
-    words = ("sweep", tiny_card, "--method", "truth", "--set", "grow_px=-1,1", "--set", "shift_px=2", "--no-cache")
+    words = ("sweep", tiny_card, "--method", "truth", "--set", "grow_px=-1,1", "--set", "shift_px=2")
     assert call(monkeypatch, *words, "--split", "moving", "--workers", 1) == 0
     (folder,) = (tmp_path / "reports" / "sweeps").iterdir()
     assert folder.name == "tiny-truth-shift_px-2-moving-grow_px"

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -26,9 +25,11 @@ from bench.evaluation import (
 from bench.evaluation.maps import THRESHOLDS, coverage_curves, range_maps
 from bench.evaluation.rows import ChosenRows, TableRows, group_recordings, to_frame
 from bench.evaluation.sums import KEY, add_sums, sum_frames, sum_objects
-from bench.harness import StoredRows, open_tables
+from bench.harness import open_tables
+from bench.harness.counts import StoredRows
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import PAPER, joined, random_run, scored, shuffled
+from tests.support.counts import write_counts
 from tests.support.large_runs import write_tables
 
 Tables = tuple[Rows, Rows]
@@ -51,9 +52,8 @@ def assert_same(one: pd.DataFrame, other: pd.DataFrame) -> None:
     pd.testing.assert_frame_equal(in_order(one), in_order(other), check_dtype=False, rtol=1e-12, atol=1e-12)
 
 
-def stored(tables: tuple[pa.Table, pa.Table], folder: Path, *, row_group_size: int) -> tuple[StoredRows, StoredRows]:
-    for name, table in zip(("objects", "frames"), tables, strict=True):
-        pq.write_table(table, folder / f"{name}.parquet", row_group_size=row_group_size)
+def stored(tables: tuple[pa.Table, pa.Table], folder: Path) -> tuple[StoredRows, StoredRows]:
+    write_counts(folder, *tables)
     return open_tables(folder)
 
 
@@ -124,13 +124,12 @@ def test_sums_of_parts_are_the_sums_of_the_whole(seed: int, part_of: list[int]) 
     assert_same(add_sums([add_sums(parts[:2]), parts[2]]), add_sums(parts))
 
 
-@pytest.mark.parametrize("row_group_size", [7, 100, 10_000])
-def test_stored_rows_give_the_same(tmp_path: Path, row_group_size: int) -> None:
+@pytest.mark.parametrize("rows_at_once", [7, 25, 10_000])
+def test_stored_rows_give_the_same(tmp_path: Path, rows_at_once: int) -> None:
     tables = random_run(3)
-    turned = shuffled(tables[0], 1), shuffled(tables[1], 2)
-    kept = stored(turned, tmp_path, row_group_size=row_group_size)
-    assert_same(reduced(kept, 25), reduced(tables))
-    assert kept[0].table() == turned[0]
+    kept = stored((shuffled(tables[0], 1), shuffled(tables[1], 2)), tmp_path)
+    assert_same(reduced(kept, rows_at_once), reduced(tables))
+    assert [len(rows) for rows in kept] == [len(table) for table in tables]
 
 
 def test_rows_without_order_give_the_same_curves_and_maps(tmp_path: Path) -> None:
@@ -138,7 +137,7 @@ def test_rows_without_order_give_the_same_curves_and_maps(tmp_path: Path) -> Non
     whole = open_tables(tmp_path)
     (tmp_path / "turned").mkdir()
     tables = (shuffled(whole[0].table(), 1), shuffled(whole[1].table(), 2))
-    turned = stored(tables, tmp_path / "turned", row_group_size=50)
+    turned = stored(tables, tmp_path / "turned")
     one, other = threshold_sweep(whole[1]), threshold_sweep(turned[1])
     assert one is not None
     assert other is not None

@@ -68,11 +68,6 @@ def force_valid(frame):
     return calm(frame)
 
 
-def leave_cache(frame):
-    frame.cached_step("../../escaped", {}, lambda: {"a": np.zeros(3)}, of="images")
-    return calm(frame)
-
-
 FAULTS = {
     "none": calm,
     "returns_none": lambda _: None,
@@ -95,6 +90,5 @@ FAULTS = {
     "change_valid": change_valid,
     "change_image": change_image,
     "force_valid": force_valid,
-    "leave_cache": leave_cache,
     "bench_error": lambda _: build_method("spherical", {"threshold": -1.0}),
 }

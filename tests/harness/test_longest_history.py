@@ -1,14 +1,12 @@
 """Methods that can use more images than they need: as many as there are, and scored on the same images."""
 
 from collections import Counter
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bench.harness import FramePipeline, plan_units, read_tables
-from bench.harness.stored import IMAGE_MAPS
+from bench.harness import FramePipeline, read_image_maps, read_tables
 from bench.methods import Method, Segmentation
 from bench.recordings import load_card, open_dataset, read_image
 from tests.support.runs import PAPER, score
@@ -77,9 +75,10 @@ def test_chunks_give_the_same_tables_and_maps(tiny_card, tmp_path, monkeypatch, 
         score(tiny_card, tmp_path / out, method=name)
         key = lambda row: (row["recording"], row["timestamp_ns"], row.get("track_id") or "")  # noqa: E731
         rows = [sorted(table.to_pylist(), key=key) for table in read_tables(tmp_path / out)]
-        return *rows, (tmp_path / out / IMAGE_MAPS).read_bytes()
+        (image_map,) = read_image_maps(tmp_path / out / "paper-v1").values()
+        return *rows, image_map.false_px.tolist(), image_map.missed_px.tolist()
 
     whole = found("whole")
-    monkeypatch.setattr("bench.harness.tasks.plan_units", partial(plan_units, chunk_images=1))
+    monkeypatch.setattr("bench.harness.tasks.TASK_IMAGES", 1)
     assert found("chunks") == whole
-    assert len(list((tmp_path / "chunks" / "units").glob("*.unit"))) == len(whole[1]) == 12
+    assert len(list((tmp_path / "chunks" / "answers").rglob("*.parquet"))) == len(whole[1]) == 12

@@ -16,8 +16,7 @@ import json, os, sys
 from pathlib import Path
 
 from bench.evaluation import load_protocol
-from bench.harness.digests import MethodCode
-from bench.harness.tasks import RunSpec, UnitTask, plan_recording, score_unit
+from bench.harness.tasks import RunSpec, code_here, plan_recording, process_task
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 
@@ -27,14 +26,14 @@ def resident_mb():
 
 if __name__ == "__main__":
     method = build_method("spherical", {})
-    run = Path("run")
-    protocols = {run: load_protocol("paper-v1")}
-    spec = RunSpec(method=method, method_code=MethodCode.of(method), settings={}, protocols=protocols)
-    sizes = []
+    sizes, code = [], code_here(method)
     for turn in range(int(sys.argv[2])):
+        run = Path(f"run-{turn}").absolute()
+        protocols = {run / "paper-v1": load_protocol("paper-v1")}
+        spec = RunSpec(method=method, folder=run, protocols=protocols, flow_cache=None, code=code)
         for handle in open_dataset(load_card(sys.argv[1])):
-            for unit in plan_recording(spec, handle).units:
-                assert score_unit(spec, UnitTask(handle=handle, unit=unit, stored={run: {}})).failure is None
+            for task in plan_recording(spec, handle).tasks:
+                assert process_task(spec, task).failure == ""
         sizes.append(resident_mb())
     print(json.dumps(sizes))
 """
@@ -46,7 +45,13 @@ def test_a_worker_does_not_grow(tiny_card, tmp_path):
     (tmp_path / "worker.py").write_text(WORKER)
     words = [sys.executable, tmp_path / "worker.py", tiny_card, TURNS]
     done = subprocess.run(
-        list(map(str, words)), capture_output=True, text=True, timeout=PATIENCE_S, env=environment(), check=True
+        list(map(str, words)),
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        env=environment(),
+        check=True,
+        cwd=tmp_path,
     )
     sizes = json.loads(done.stdout)
     assert max(sizes) < BOUND_MB

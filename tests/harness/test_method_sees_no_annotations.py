@@ -42,7 +42,6 @@ def test_history_colour_and_ego_motion_arrive_and_nothing_else(tiny_card):
         "rolling_shutter",
         "recording",
         "camera_name",
-        "cached_step",
     }
     assert [image.shape for image in given.images] == [(240, 320, 3)] * 3
     np.testing.assert_array_equal(given.images[0], spy.seen[0].images[1])

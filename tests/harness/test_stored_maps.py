@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from bench.harness.unit_files import image_maps_bytes, load_image_maps
 
 from bench.errors import DataError
-from bench.evaluation import ImageMap
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap
 from bench.harness import read_image_maps, read_tables
+from bench.harness.counts import TaskCounts, counts_folder
 from tests.support.runs import score
 
 GRIDS = ("reference_px", "missed_px", "false_px")
@@ -28,7 +28,7 @@ def assert_equal(one: ImageMap, other: ImageMap) -> None:
 
 def test_a_runs_maps_sum_to_its_frames(tiny_card, tmp_path):
     score(tiny_card, tmp_path / "run")
-    (found,) = read_image_maps(tmp_path / "run").values()
+    (found,) = read_image_maps(tmp_path / "run" / "paper-v1").values()
     _, frames = read_tables(tmp_path / "run")
     assert (found.width, found.height, found.frames) == (320, 240, 12)
     assert found.reference_px.shape == (30, 40)
@@ -39,34 +39,40 @@ def test_a_runs_maps_sum_to_its_frames(tiny_card, tmp_path):
 def test_maps_of_an_older_run_do_not_stay_behind(tiny_card, tmp_path):
     score(tiny_card, tmp_path / "run", method="everything")
     score(tiny_card, tmp_path / "run", method="nothing", split="moving", overwrite=True)
-    (found,) = read_image_maps(tmp_path / "run").values()
+    (found,) = read_image_maps(tmp_path / "run" / "paper-v1").values()
     assert found.frames == 8
     assert found.false_px.sum() == 0
     np.testing.assert_array_equal(found.missed_px, found.reference_px)
 
 
-def test_maps_survive_their_file(tmp_path):
-    maps = [image_map("front"), image_map("rear/left ü", width=33, seed=1)]
-    (tmp_path / "maps.npz").write_bytes(image_maps_bytes(maps))
-    for one, other in zip(maps, load_image_maps(tmp_path / "maps.npz"), strict=True):
-        assert_equal(one, other)
+def store(results, *maps):
+    empty = {"objects": OBJECTS_SCHEMA.empty_table(), "frames": FRAMES_SCHEMA.empty_table()}
+    for number, one in enumerate(maps):
+        TaskCounts(**empty, image_map=one).write(counts_folder(results, "drive"), f"front-{number:08d}")
+    return results / "counts" / "drive" / "front-00000000.map.npz"
+
+
+def test_maps_survive_their_files_and_are_added_by_camera_and_size(tmp_path):
+    other = image_map("rear/left ü", width=33, seed=1)
+    store(tmp_path, image_map("front"), other, image_map("front"))
+    front, left = read_image_maps(tmp_path).values()
+    assert_equal(image_map("front") + image_map("front"), front)
+    assert_equal(other, left)
 
 
 def test_a_camera_of_several_sizes_has_a_map_of_each(tmp_path):
-    (tmp_path / "image_maps.npz").write_bytes(image_maps_bytes([image_map(), image_map(width=64), image_map("left")]))
+    store(tmp_path, image_map(), image_map(width=64), image_map("left"))
     assert list(read_image_maps(tmp_path)) == ["front, 20 x 9", "front, 64 x 9", "left"]
 
 
-def test_missing_and_damaged_maps_are_named(tmp_path):
-    with pytest.raises(DataError, match=r"image_maps\.npz: expected the image maps of a run, got no such file"):
-        read_image_maps(tmp_path)
-    file = tmp_path / "image_maps.npz"
-    file.write_bytes(image_maps_bytes([image_map()]))
+def test_damaged_maps_are_named(tmp_path):
+    assert read_image_maps(tmp_path) == {}
+    file = store(tmp_path, image_map())
     whole = file.read_bytes()
     for damaged in (b"", b"words", whole[:200], whole[:-40]):
         file.write_bytes(damaged)
-        with pytest.raises(DataError, match=r"image_maps\.npz: expected the image maps"):
+        with pytest.raises(DataError, match=r"map\.npz: expected where in the image a run was right and wrong"):
             read_image_maps(tmp_path)
-    np.savez(file, index=np.array('[{"camera": "front"}]'))
-    with pytest.raises(DataError, match=r"image_maps\.npz"):
+    np.savez(file, camera=np.array("front"))
+    with pytest.raises(DataError, match=r"map\.npz"):
         read_image_maps(tmp_path)

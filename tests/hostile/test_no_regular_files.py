@@ -49,7 +49,7 @@ def test_files_of_a_data_set(whole, tmp_path, kind, name):
     (tmp_path / name).unlink()
     KINDS[kind](tmp_path / name)
     for words in (
-        ("run", "x.yaml", "--method", "nothing", "--out", "out", "--no-pictures", "--no-cache"),
+        ("run", "x.yaml", "--method", "nothing", "--out", "out", "--no-pictures"),
         ("validate", "x.yaml"),
     ):
         done = called_here(*words, folder=tmp_path)

@@ -134,7 +134,7 @@ def tables(folder: Path) -> Observed:
 
 
 QUIETLY = ("--workers", "1", "--no-pictures")
-DATA = ("run", "{}/card.yaml", "--method", "nothing", *QUIETLY, "--no-cache", "--out", "{}/out")
+DATA = ("run", "{}/card.yaml", "--method", "nothing", *QUIETLY, "--out", "{}/out")
 VALIDATE = ("validate", "{}/card.yaml", "--deep")
 RUN = ("run", "{}/tiny.yaml", "--method", "everything", *QUIETLY)
 GATE = ("gate", "{}/run", "--baseline", "{}/baseline", "--json", "{}/verdict.json")
@@ -189,7 +189,7 @@ def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
         return folder
 
     def run_of(method: str, folder: Path, *words: str) -> None:
-        common = ("--workers", 1, "--no-pictures", "--no-cache")
+        common = ("--workers", 1, "--no-pictures")
         assert call(patched, "run", tiny_card, "--method", method, *common, "--out", folder, *words) == 0
 
     def make(name: str) -> Path:

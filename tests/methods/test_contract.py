@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import pytest
-from bench.harness.oracles import require_scorable
 
 from bench.cameras import ray_grid
 from bench.errors import UnknownNameError, UsageError
+from bench.harness.exact import require_scorable
 from bench.methods import METHODS, FlowMethod, Method, build_method, describe_method, known_methods
 from bench.records.segmentation import segmentation_fault
 from tests.support.board_scene import HEIGHT, STEP, WIDTH, crossing, frame

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.egomotion import planar_trajectory
-from bench.harness.provenance import recording_digest
+from bench.harness.digests import digest_recording
 from bench.recordings import open_native
 from bench.synthesis import read_scenario
 from bench.synthesis.driving.bus import BusReport, bus_report
@@ -153,7 +153,7 @@ def test_the_recording_states_the_nominal_calibration_and_the_truth_the_true_one
         assert abs(exact.trajectory.world_from_vehicle(time_ns).rotation[2, 0]) > 1e-6
         # A run says which of them it was made with.
         prints = {
-            recording_digest(opened)
+            digest_recording(opened)
             for opened in (
                 recorded,
                 open_native(root, ego_motion="exact"),

@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from bench.errors import DataError
 from bench.evaluation import ImageMap, threshold_sweep
 from bench.evaluation.maps import THRESHOLDS, CoverageCurve, coverage_curves
 from bench.harness import read_image_maps
@@ -201,12 +200,8 @@ def _threshold_charts(run: StoredRun) -> list[Chart]:
 
 def _plane_charts(run: StoredRun) -> list[Chart]:
     """Misses and false positives on the image plane of every camera; none where the run holds no such maps."""
-    try:
-        maps = read_image_maps(run.folder).values()
-    except DataError:
-        return []
     charts = []
-    for number, one in enumerate(maps):
+    for number, one in enumerate(read_image_maps(run.folder).values()):
         caption = f"Camera {one.camera}, {one.frames} images of {one.width} x {one.height} px."
         missed = _draw_plane_map(one.missed_rate, one, title="missed", unit="% of the moving pixels missed")
         false = _draw_plane_map(one.false_rate, one, title="wrongly marked", unit="% of the images")

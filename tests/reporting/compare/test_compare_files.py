@@ -60,7 +60,7 @@ def test_all_forms_carry_the_same_numbers(folders, tmp_path):
 def test_recordings_are_set_beside_each_other(folders, tmp_path):
     write_comparison(folders[:2], tmp_path)
     keys = ["breakdown", "metric", "recording"]
-    sums = [pd.read_csv(folder / "sums.csv").set_index(keys).loc["all_moving"] for folder in folders[:2]]
+    sums = [pd.read_csv(folder / "paper-v1" / "sums.csv").set_index(keys).loc["all_moving"] for folder in folders[:2]]
     lines = (tmp_path / "compare.md").read_text().splitlines()
     for recording in (f"drive-{number}" for number in range(8)):
         rows = [one.loc[metric, recording] for metric in ("iou", "tpr_all", "detection_rate_50") for one in sums]

@@ -125,7 +125,7 @@ def test_the_leaderboard_ranks_both_on_their_common_images(runs, tiny_card, tmp_
     assert group.images == 9
     values = {entry.run: entry.metrics["tpr_all"].value for entry in group.entries}
     for name in SCORED:
-        rows = [rows_on_both(runs, name, f"{t}.parquet") for t in ("objects", "frames")]
+        rows = [rows_on_both(runs, name, t) for t in ("objects", "frames")]
         expected = summarise(*rows, protocol=PROTOCOL)
         assert values[name] == pytest.approx(expected.all_moving.tpr_all.value)
         assert group.rows["all_moving"].object_frames == expected.all_moving.object_frames
@@ -151,9 +151,8 @@ def test_another_annotation_is_refused_with_what_differs(runs, tiny_card, tmp_pa
     with pytest.raises(UsageError) as refused:
         compare_runs(read_comparable([runs["one"], other]))
     told = str(refused.value)
-    assert told.startswith(
-        f"{runs['one']}/paper-v1 and {other}/paper-v1 do not compare: their references differ on the 9 images"
-    )
+    places = f"{runs['one']}/paper-v1 and {other}/paper-v1"
+    assert told.startswith(f"{places} do not compare: their references differ on the 9 images")
     assert "3 object-frames only in the first, the first crossing front" in told
     assert "walker; 3 object-frames only in the second, the first crossing front" in told
     assert "\n" not in told

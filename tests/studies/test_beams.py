@@ -12,16 +12,16 @@ import pytest
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor
+from bench.harness import build_scorable
 from bench.lidar import LidarSweep
 from bench.recordings import Recording, load_card, open_dataset
 from bench.records.recording import PointIndices, SweepRef
 from bench.reference.grid import Grid, find_grid
+from benchmarks.ranking.__main__ import main
 from benchmarks.ranking.beams import BeamsSummary, count_beams, parse_beams, read_beams, run_beams, with_beams
 from benchmarks.ranking.beams_report import beams_table, draw_beams
 from benchmarks.ranking.predictions import parse_predictions
-from benchmarks.ranking.wrong_masks import WrongMasks
 from tests.reporting.printed import texts
-from tests.support.commands import call, error_line
 from tests.support.runs import run_one
 
 RINGS, COLUMNS, ROW_STEP_RAD = 16, 12, 0.005
@@ -129,7 +129,10 @@ def test_the_whole_sensor_comes_first_and_scores_exact_masks_as_a_run_does(found
     whole, *fewer = rows_of(found)
     assert [row.beams for row in (whole, *fewer)] == [64, 32, 8, 1]
     run = run_one(
-        card=load_card(tiny_card), method=WrongMasks(), protocol=load_protocol("surface-v1"), out=tmp_path / "run"
+        card=load_card(tiny_card),
+        method=build_scorable("truth"),
+        protocol=load_protocol("surface-v1"),
+        out=tmp_path / "run",
     )
     assert (whole.object_frames, whole.recordings, whole.lost) == (run.all_moving.object_frames, 3, 0)
     assert whole.ceiling == pytest.approx(run.all_moving.iou.value)
@@ -173,8 +176,9 @@ def test_methods_are_ranked_beside_the_exact_masks(tiny_card, tmp_path):
 
 
 def test_the_command_prints_the_table_and_leaves_the_files(monkeypatch, capsys, tiny_card, tmp_path):
-    words = ("audit", tiny_card, "--beams", "16", "--recordings", 1, "--workers", 1, "--out", tmp_path)
-    assert call(monkeypatch, *words) == 0
+    words = (tiny_card, "--beams", "16", "--recordings", 1, "--workers", 1, "--out", tmp_path)
+    monkeypatch.setattr("sys.argv", ["ranking", *map(str, words)])
+    main()
     shown = capsys.readouterr().out
     assert "The reference surface-v1 by fewer beams" in shown
     assert "\u2026" not in shown  # no cell is cut
@@ -190,8 +194,6 @@ def test_the_command_prints_the_table_and_leaves_the_files(monkeypatch, capsys, 
     assert {row["tau"] for row in rows} == {""}
 
 
-def test_more_beams_than_the_sensor_has_are_refused(monkeypatch, capsys, tiny_card, tmp_path):
-    told = error_line(monkeypatch, capsys, "audit", tiny_card, "--beams", "128,32", "--workers", 1, "--out", tmp_path)
-    assert "expected at most 64 beams, as many as its lidar has, got --beams 128" in told
-    told = error_line(monkeypatch, capsys, "audit", tiny_card, "--beams", "32", "--protocol", "paper-v1.yaml")
-    assert "--beams: expected none of --method, --set and --protocol" in told
+def test_more_beams_than_the_sensor_has_are_refused(tiny_card, tmp_path):
+    with pytest.raises(DataError, match="expected at most 64 beams, as many as its lidar has, got --beams 128"):
+        thinned(tiny_card, tmp_path, "128,32")
