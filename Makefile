@@ -10,6 +10,7 @@ RUN ?= reports/runs/$(basename $(notdir $(DATASET)))-$(METHOD)
 BASELINE ?= reports/baselines/$(basename $(notdir $(DATASET)))
 TOLERANCES ?= $(if $(filter datasets/demo.yaml,$(DATASET)),rendered-v1,default-v1)
 
+comma := ,
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
@@ -26,25 +27,25 @@ help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-13s %s\n", $$1, $$2 }'
 
 benchmark: $(INSTALLED) ## score METHOD= on DATASET= (the demo) by PROTOCOL= (paper-v1,surface-v1): tables, range maps, pictures
-	$(BIN)/fisheye-bench run $(DATASET) --method $(METHOD) --protocol $(PROTOCOL)
+	$(BIN)/fisheye-bench run $(DATASET) --method $(METHOD) --protocol $(PROTOCOL) --overwrite
 
 paper: $(INSTALLED) ## rebuild reports/paper: the simulated experiment with both ego-motions, the range maps, the audit (an hour, 4 GB)
-	$(BIN)/fisheye-bench run datasets/paper.yaml --no-pictures
-	$(BIN)/fisheye-bench run datasets/paper-exact.yaml --no-pictures
-	$(BIN)/fisheye-bench run datasets/range-maps.yaml --protocol extended-v1 --no-pictures
+	$(BIN)/fisheye-bench run datasets/paper.yaml --no-pictures --overwrite
+	$(BIN)/fisheye-bench run datasets/paper-exact.yaml --no-pictures --overwrite
+	$(BIN)/fisheye-bench run datasets/range-maps.yaml --protocol extended-v1 --no-pictures --overwrite
 	$(BIN)/fisheye-bench audit datasets/paper.yaml --recordings 42 --out reports/audit/paper
 	$(BIN)/python -m benchmarks.ranking datasets/paper.yaml --recordings 42 --out reports/audit/paper
-	cp reports/runs/paper-spherical/table.md reports/paper/table.md
-	cp reports/runs/paper-exact-spherical/table.md reports/paper/table-exact.md
-	cp reports/runs/range-maps-spherical-extended-v1/range_map.png reports/paper/range_map.png
-	cp reports/runs/range-maps-spherical-extended-v1/table.md reports/paper/table-range-maps.md
+	cp reports/runs/paper-spherical/paper-v1/table.md reports/paper/table.md
+	cp reports/runs/paper-exact-spherical/paper-v1/table.md reports/paper/table-exact.md
+	cp reports/runs/range-maps-spherical/extended-v1/range_map.png reports/paper/range_map.png
+	cp reports/runs/range-maps-spherical/extended-v1/table.md reports/paper/table-range-maps.md
 	cp reports/audit/paper/audit.md reports/audit/paper/fit.png reports/audit/paper/causes-crossing.png reports/paper/
 	cp reports/audit/paper/ranking.md reports/audit/paper/ranking.png reports/paper/
 
-gate: benchmark ## score, then judge both runs by their baselines (BASELINE= and its -surface-v1) and TOLERANCES=
-	@status=0; for end in "" $(if $(findstring surface-v1,$(PROTOCOL)),-surface-v1); do \
-		echo "gate $(RUN)$$end"; \
-		$(BIN)/fisheye-bench gate $(RUN)$$end --baseline $(BASELINE)$$end --tolerances $(TOLERANCES) \
+gate: benchmark ## score, then judge by the baselines (BASELINE= and its -surface-v1) and TOLERANCES=
+	@status=0; for by in $(subst $(comma), ,$(PROTOCOL)); do \
+		end=$$(test $$by = paper-v1 || echo -$$by); echo "gate $(RUN)/$$by"; \
+		$(BIN)/fisheye-bench gate $(RUN)/$$by --baseline $(BASELINE)$$end --tolerances $(TOLERANCES) \
 			--junit reports/runs/gate/junit$$end.xml --json reports/runs/gate/verdict$$end.json \
 			$(if $(GITHUB_ACTIONS),--github) || status=$$?; \
 	done; exit $$status
@@ -89,7 +90,7 @@ release-check: $(INSTALLED_RELEASE) ## build dist/, check it, then score and gat
 	cd $(FRESH) && PATH="$(CURDIR)/$(FRESH)/venv/bin:$$PATH" && unset PYTHONPATH && fisheye-bench doctor && \
 		fisheye-bench run demo --protocol paper-v1,surface-v1 --out run && \
 		fisheye-bench gate run --tolerances rendered-v1 && \
-		fisheye-bench gate run-surface-v1 --tolerances rendered-v1
+		fisheye-bench gate run/surface-v1 --tolerances rendered-v1
 	rm -rf $(FRESH)
 
 format: $(INSTALLED_DEV) ## put the code into shape

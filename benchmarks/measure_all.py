@@ -22,13 +22,13 @@ from bench.evaluation import load_protocol
 from bench.execution import usable_cores
 from bench.flow import DenseFlow, DisFlow, FarnebackFlow
 from bench.harness.frames import FramePipeline
-from bench.harness.perf import PerfReport
-from bench.harness.perf import measure as measure_stages
 from bench.harness.provenance import library_versions
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 from benchmarks import large_run, masks, parallel, projections, references, simulation
 from benchmarks.enlarged import enlarge
+from benchmarks.stages import PerfReport
+from benchmarks.stages import measure as measure_stages
 
 Row = Sequence[object]
 LARGE = (1280, 966)

@@ -4,7 +4,7 @@ import gc
 import os
 import shutil
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import pytest
 from hypothesis import settings
 from typer.main import get_command
 
+from bench.atomic import folder_lock
 from bench.execution import local_executor
 from bench.synthesis import synthesize
 
@@ -31,16 +32,31 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.fixture(scope="session")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of this session that all its processes share; what lies in it is read only."""
+    own = tmp_path_factory.getbasetemp()
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "shared"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+def made_once(shared: Path, name: str, make: Callable[[Path], object]) -> Path:
+    """A folder that the first process that asks for it makes; the others wait."""
+    folder, done = shared / name, shared / f"{name}.done"
+    with folder_lock(shared):
+        if not done.exists():
+            make(folder)
+            done.touch()
+    return folder
+
+
 @pytest.fixture(scope="session", autouse=True)
-def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Commands that keep steps for later runs keep them here."""
-    before = os.environ.get("FISHEYE_BENCH_CACHE")
-    os.environ["FISHEYE_BENCH_CACHE"] = str(tmp_path_factory.mktemp("cache") / "steps")
-    yield
-    if before is None:
-        del os.environ["FISHEYE_BENCH_CACHE"]
-    else:
-        os.environ["FISHEYE_BENCH_CACHE"] = before
+def _own_cache(shared: Path) -> Iterator[None]:
+    """References are built once in a session, and nothing is left in the user's cache."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("FISHEYE_BENCH_CACHE", str(shared / "cache"))
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -61,10 +77,13 @@ def _one_tree_of_commands() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def tiny_card(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tiny_card(shared: Path) -> Path:
     """The card of a rendered data set; tests that change files copy it first."""
-    folder = tmp_path_factory.mktemp("datasets")
-    for name in ("tiny.yaml", "tiny.scenario.yaml"):
-        shutil.copy(DATASETS / name, folder)
-    synthesize(folder / "tiny.scenario.yaml", folder / "data" / "tiny", workers=1)
-    return folder / "tiny.yaml"
+
+    def make(folder: Path) -> None:
+        folder.mkdir()
+        for name in ("tiny.yaml", "tiny.scenario.yaml"):
+            shutil.copy(DATASETS / name, folder)
+        synthesize(folder / "tiny.scenario.yaml", folder / "data" / "tiny", workers=1)
+
+    return made_once(shared, "datasets", make) / "tiny.yaml"

@@ -8,11 +8,11 @@ from bench.cameras import KannalaBrandtCamera
 from bench.evaluation import load_protocol
 from bench.flow import DisFlow
 from bench.harness.frames import FramePipeline
-from bench.harness.perf import measure
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 from benchmarks import masks, parallel, projections, references
 from benchmarks.enlarged import enlarge
+from benchmarks.stages import measure
 from benchmarks.turns import best_seconds
 from tests.support.lenses import LENSES
 

@@ -13,12 +13,12 @@ from bench.api.runs import DEFAULT_PROTOCOL, Run, run_request
 from bench.errors import UsageError
 from bench.execution import TaskExecutor
 from bench.harness import RunRequest
-from bench.harness.predicted import check_predictions, refusal, refused, write_report
 from bench.harness.run import Finish
 from bench.harness.stages import Progress
 from bench.harness.stored import PREDICTIONS
 from bench.methods import known_methods
 from bench.methods.predictions import MissingPolicy, Naming, PredictedMotion, PredictionIndex
+from bench.methods.predictions.report import check_predictions, refusal, refused, write_report
 from bench.recordings import DatasetCard
 
 

@@ -28,7 +28,7 @@ EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a ver
 
 # Each in the module of its name.
 COMMANDS = (
-    "run", "evaluate", "view", "validate", "synthesize", "perf", "datasets", "methods", "report", "cite", "gate",
+    "run", "evaluate", "view", "validate", "synthesize", "datasets", "methods", "report", "cite", "gate",
     "sweep", "audit", "compare", "leaderboard", "verify", "schema", "croissant", "doctor",
 )  # fmt: skip
 GROUPS = ("annotate", "annotations", "new", "reference")

@@ -46,7 +46,7 @@ def evaluate(
     from bench.api.evaluate import evaluate_request, predictions_report, refuse_unfit
     from bench.cli.request import equip, rendered_card
     from bench.cli.runs import score
-    from bench.harness.predicted import check_predictions
+    from bench.methods.predictions.report import check_predictions
     from bench.reporting.findings import prediction_line, prediction_table
 
     request, method = evaluate_request(

@@ -20,7 +20,6 @@ EXAMPLES = {
     ),
     "validate": ("validate demo", "validate my-data --deep --json findings.json"),
     "synthesize": ("synthesize datasets/tiny.scenario.yaml --out my-drives",),
-    "perf": ("perf demo --images 50",),
     "datasets": ("datasets", "datasets my-cards"),
     "methods": ("methods",),
     "report": ("report reports/runs/demo-spherical", "report reports/runs/demo-spherical --category preceding"),

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from bench.errors import DataError
 from bench.plain_yaml import known_rules, read_rules
 from bench.records.reference import Category, Limb, MotionSettings, OutlineErrors, ReferenceSettings, RegionKindName
 
@@ -22,6 +23,8 @@ def _edges(values: tuple[float, ...]) -> tuple[float, ...]:
         raise ValueError("bin edges start at 0 and increase")
     return values
 
+
+MOST_CELLS_A_SIDE = 1000  # of a range map
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -162,12 +165,22 @@ class RangeMapRules(_Part):
 class Protocol(_Part):
     """Everything that decides a score, apart from data and method."""
 
-    name: Annotated[str, Field(min_length=1)]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
     version: Annotated[int, Field(ge=1)]
     reference: ReferenceRules
     scoring: ScoringRules
     bins: Bins
     range_map: RangeMapRules
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Protocol:
+        side = 2 * self.reference.range_limit_m / self.range_map.cell_m
+        if side > MOST_CELLS_A_SIDE:
+            raise ValueError(
+                f"range maps of at most {MOST_CELLS_A_SIDE} cells a side (twice reference.range_limit_m over "
+                f"range_map.cell_m), not of {side:.0f}"
+            )
+        return self
 
     @cached_property
     def digest(self) -> str:
@@ -214,15 +227,23 @@ def load_protocol(name_or_path: str | Path) -> Protocol:
 
     Raises:
         UnknownNameError: neither a name nor a file.
-        DataError: the file is not a protocol; the message names the field.
+        DataError: the file is not a protocol, or bears the name of a released one with other rules; the message names
+            the field.
     """
     content, file = read_rules(name_or_path, shipped=_SHIPPED, kind="protocol")
     try:
-        return Protocol.model_validate(content)
+        protocol = Protocol.model_validate(content)
     except ValidationError:
         from bench.recordings.validation import validated  # else `bench.score` would load what opens data sets
 
-        return validated(Protocol, content, file=Path(file))
+        protocol = validated(Protocol, content, file=Path(file))
+    if protocol.name in known_protocols():
+        released, _ = read_rules(protocol.name, shipped=_SHIPPED, kind="protocol")
+        if Protocol.model_validate(released).digest != protocol.digest:
+            expected = f"a name of its own, since {protocol.name} is released with other rules"
+            hint = "give the file a name, as name: ours-v1"
+            raise DataError(file, field="name", expected=expected, got=repr(protocol.name), hint=hint)
+    return protocol
 
 
 def _motion_settings(rules: MotionRules) -> MotionSettings:

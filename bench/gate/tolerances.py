@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from importlib import resources
 from pathlib import Path
@@ -15,6 +16,7 @@ from bench.evaluation import find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.plain_yaml import known_rules, read_rules
 from bench.recordings.validation import FileModel, validated
+from bench.records.reference import Category
 
 DEFAULT = "default-v1"
 
@@ -26,8 +28,24 @@ def _metric(name: str) -> str:
         raise ValueError(f"a metric: {error}") from error
 
 
+def _slice_pattern(pattern: str) -> str:
+    breakdown, equals, _ = pattern.partition("=")
+    known = BREAKDOWNS if equals else WHOLE
+    if not any(fnmatchcase(name, breakdown.replace("[", "[[]")) for name in known):
+        hints = get_close_matches(breakdown.lower().replace("-", "_").replace(" ", "_"), known, n=1)
+        told = f", did you mean {hints[0]!r}" if hints else f", known: {', '.join(known)}"
+        raise ValueError(f"a slice, or a pattern that fits some: {pattern!r} fits none{told}")
+    return pattern
+
+
+WHOLE = ("all_moving", "frames", *map(str, Category))
+BREAKDOWNS = (
+    *("object_class", "range_m", "speed_mps", "class_and_speed", "ego_speed_mps", "camera", "points"),
+    "category",
+)
 NotNegative = Annotated[float, Field(ge=0)]
 MetricName = Annotated[str, AfterValidator(_metric)]
+SlicePattern = Annotated[str, AfterValidator(_slice_pattern)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,8 +71,21 @@ class Override(FileModel):
     """Change of a tolerance by a file, see `Tolerance`; null leaves what is there."""
 
     absolute: NotNegative | None = None
-    relative: NotNegative | None = None
+    relative: Annotated[float, Field(ge=0, lt=1)] | None = None
     decides: bool | None = None
+
+
+def _can_fail(overrides: dict[str, Override]) -> dict[str, Override]:
+    """Refuse a tolerance that nothing can exceed: a ratio is in [0, 1], so that 0.01 is a percentage point."""
+    for name, own in overrides.items():
+        if find_metric(name).is_ratio and own.absolute is not None and own.absolute >= 1:
+            raise ValueError(
+                f"{name}: absolute: a share below 1, as 0.05 for five points; {own.absolute:g} never fails"
+            )
+    return overrides
+
+
+Overrides = Annotated[dict[MetricName, Override], AfterValidator(_can_fail)]
 
 
 class Tolerances(FileModel):
@@ -78,8 +109,8 @@ class Tolerances(FileModel):
     suspect: Literal["fail", "report"]
     min_cases: Annotated[int, Field(ge=1)]
     min_recordings: Annotated[int, Field(ge=FEWEST_RECORDINGS)]
-    metrics: dict[MetricName, Override] = Field(default_factory=dict)
-    slices: dict[str, dict[MetricName, Override]] = Field(default_factory=dict)
+    metrics: Overrides = Field(default_factory=dict)
+    slices: dict[SlicePattern, Overrides] = Field(default_factory=dict)
 
     def tolerance(self, slice_name: str, metric: str) -> Tolerance | None:
         """The rule of a metric in a slice; None for a metric that neither its definition nor the file tolerates.

@@ -121,13 +121,6 @@ def test_synthesize_keeps_what_is_there(monkeypatch, capsys, tiny_card, tmp_path
     assert "3 recordings in" in capsys.readouterr().out
 
 
-def test_perf_prints_the_ratio(monkeypatch, capsys, tiny_card):
-    assert call(monkeypatch, "perf", tiny_card, "--images", 3) == 0
-    shown = capsys.readouterr().out
-    assert "whole / Farnebäck alone = " in shown
-    assert all(stage in shown for stage in ("decode", "method", "reference", "counts"))
-
-
 def test_lists(monkeypatch, capsys, tiny_card):
     assert call(monkeypatch, "datasets", tiny_card.parent) == 0
     assert "Three rendered drives" in capsys.readouterr().out

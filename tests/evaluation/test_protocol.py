@@ -131,3 +131,23 @@ def test_an_own_protocol_says_only_what_differs_from_a_shipped_one(tmp_path: Pat
     assert found.digest != base.digest
     with pytest.raises(DataError, match=r"mine\.yaml: based_on: expected one of .*, got 'paper-v9'"):
         load_protocol(write(tmp_path / "mine.yaml", {"based_on": "paper-v9"}))
+
+
+@pytest.mark.parametrize("name", ["paper-v1", "surface-v1"])
+def test_a_released_name_belongs_to_its_rules(tmp_path, name):
+    file = tmp_path / "ours.yaml"
+    file.write_text(f"based_on: {name}\nreference: {{min_points: 1}}\n")
+    with pytest.raises(DataError, match=f"name: expected a name of its own, since {name} is released with other rules"):
+        load_protocol(file)
+    file.write_text(f"based_on: {name}\nname: '{name} '\n")
+    with pytest.raises(DataError, match="name: expected String should match pattern"):
+        load_protocol(file)
+    file.write_text(f"based_on: {name}\nname: ours-v1\nreference: {{min_points: 1}}\n")
+    assert load_protocol(file).digest != load_protocol(name).digest
+
+
+def test_maps_larger_than_anybody_reads_are_refused(tmp_path):
+    file = tmp_path / "ours.yaml"
+    file.write_text("based_on: paper-v1\nname: ours\nreference: {range_limit_m: 100000}\n")
+    with pytest.raises(DataError, match="range maps of at most 1000 cells a side"):
+        load_protocol(file)

@@ -9,6 +9,7 @@ from bench.evaluation import load_protocol
 from bench.methods import Method, build_method
 from bench.recordings import load_card
 from bench.synthesis import synthesize
+from tests.conftest import made_once
 from tests.gate.drives import CARD, SCENARIO
 from tests.support.runs import run_one
 
@@ -16,12 +17,14 @@ Run = Callable[[Method, Path], Path]
 
 
 @pytest.fixture(scope="session")
-def gated_card(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("gated")
-    (folder / "gated.scenario.yaml").write_text(SCENARIO)
-    (folder / "gated.yaml").write_text(CARD)
-    synthesize(folder / "gated.scenario.yaml", folder / "data" / "gated", workers=1)
-    return folder / "gated.yaml"
+def gated_card(shared: Path) -> Path:
+    def make(folder: Path) -> None:
+        folder.mkdir()
+        (folder / "gated.scenario.yaml").write_text(SCENARIO)
+        (folder / "gated.yaml").write_text(CARD)
+        synthesize(folder / "gated.scenario.yaml", folder / "data" / "gated", workers=1)
+
+    return made_once(shared, "gated", make) / "gated.yaml"
 
 
 def run(card: Path, out: Path, method: Method | None = None) -> Path:
@@ -31,5 +34,5 @@ def run(card: Path, out: Path, method: Method | None = None) -> Path:
 
 
 @pytest.fixture(scope="session")
-def good_run(gated_card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return run(gated_card, tmp_path_factory.mktemp("good") / "run")
+def good_run(gated_card: Path, shared: Path) -> Path:
+    return made_once(shared, "good-run", lambda folder: run(gated_card, folder))

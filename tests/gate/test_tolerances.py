@@ -101,3 +101,27 @@ def test_mistakes_name_the_field(tmp_path, text, message):
 def test_an_unknown_name_lists_the_known():
     with pytest.raises(UnknownNameError, match="did you mean 'default-v1'"):
         load_tolerances("default-v9")
+
+
+@pytest.mark.parametrize(
+    ("rule", "told"),
+    [
+        ("slices: {all-moving: {iou: {absolute: 0.05}}}", "did you mean 'all_moving'"),
+        ("slices: {preceeding: {iou: {absolute: 0.05}}}", "did you mean 'preceding'"),
+        ("slices: {'class=pedestrian': {iou: {absolute: 0.05}}}", "fits none"),
+        ("slices: {crossing: {iou: {relative: 5}}}", "less than 1, got 5"),
+        ("metrics: {iou: {absolute: 5}}", "more never fails"),
+    ],
+)
+def test_a_rule_that_could_never_apply_or_never_fail_is_refused(tmp_path, rule, told):
+    file = tmp_path / "ours.yaml"
+    file.write_text(f"based_on: default-v1\nname: ours\n{rule}\n")
+    with pytest.raises(DataError, match=told):
+        load_tolerances(file)
+
+
+@pytest.mark.parametrize("pattern", ["all_moving", "frames", "cross*", "points=*", "range_m=[[]0, 2)", "object_class=van"])
+def test_slices_and_patterns_of_slices_are_taken(tmp_path, pattern):
+    file = tmp_path / "ours.yaml"
+    file.write_text(f'based_on: default-v1\nname: ours\nslices: {{"{pattern}": {{iou: {{absolute: 0.05}}}}}}\n')
+    assert load_tolerances(file).slices

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from bench.atomic import write_text
 from bench.errors import DataError
-from bench.methods.predictions import FaultKind, PredictedMotion, PredictionIndex, index_predictions
+from bench.methods.predictions.files import FaultKind
+from bench.methods.predictions.method import PredictedMotion
+from bench.methods.predictions.pairing import PredictionIndex, index_predictions
 from bench.recordings import DatasetCard
 
 SCHEMA_VERSION = 1
