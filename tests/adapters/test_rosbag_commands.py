@@ -107,7 +107,7 @@ def test_run_gives_the_scores_of_the_drive_itself(command, cards, tmp_path, caps
     for number, card in enumerate(cards):
         words = ("--out", tmp_path / str(number), "--cache", tmp_path / "cache", "--no-pictures")
         assert command("run", card, *words) == 0
-        summaries.append(json.loads((tmp_path / str(number) / "summary.json").read_text()))
+        summaries.append(json.loads((tmp_path / str(number) / "paper-v1" / "summary.json").read_text()))
     drive, bag = summaries
     drive = _without_ceilings(drive)  # a bag holds no exact masks
     assert drive["images"]["evaluated"] > 0

@@ -38,7 +38,7 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
     assert "16 annotated object-frames" in shown
     assert r"\label{tab:run-paper}" in (out / "table.tex").read_text(), "named after the folder"
     for picture in ("panels", "areas", "overlay", "cluster-walker"):
-        assert (out / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
+        assert (out / "paper-v1" / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_run_that_scores_no_object_says_so_above_its_table(monkeypatch, capsys, tiny_card, tmp_path):
@@ -82,7 +82,7 @@ def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_ca
     shown = capsys.readouterr().out
     assert status == 2
     assert "failed: recording 'standing'" in shown
-    assert (tmp_path / "run" / "summary.json").exists()
+    assert (tmp_path / "run" / "paper-v1" / "summary.json").exists()
 
 
 def test_view_draws_the_frame_that_is_asked_for(monkeypatch, capsys, tiny_card, tmp_path):
@@ -230,7 +230,7 @@ def test_run_by_two_protocols_prints_two_tables_and_stores_two_runs(monkeypatch,
     words = ("run", tiny_card, "--protocol", "paper-v1,surface-v1", "--out", out, "--no-pictures")
     assert call(monkeypatch, *words) == 0
     printed = capsys.readouterr().out
-    assert printed.index(str(out / "table.md")) < printed.index(f"{out}-surface-v1/table.md")
+    assert printed.index(f"{out}/paper-v1/table.md") < printed.index(f"{out}/surface-v1/table.md")
     for folder, protocol in ((out, "paper-v1"), (tmp_path / "run-surface-v1", "surface-v1")):
         assert json.loads((folder / "manifest.json").read_text())["protocol"]["name"] == protocol
     assert call(monkeypatch, "run", tiny_card, "--protocol", "paper-v1,paper-v1", "--out", tmp_path / "twice") == 2

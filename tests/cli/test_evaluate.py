@@ -131,7 +131,7 @@ def test_names_of_others_do_not_shift_a_pairing(evaluate, images, tmp_path):
         write_map(tmp_path / "frames", image.place, 0, image.moving | 255)
     summary = read_run(evaluate(tmp_path / "frames")).summary
     assert summary.all_moving.iou.value == 1.0
-    report = json.loads((tmp_path / "run" / "predictions.json").read_text())
+    report = json.loads((tmp_path / "run" / "paper-v1" / "predictions.json").read_text())
     assert (report["unscored"], report["usable"], report["faults"]["extra"]) == (3, 12, [])
 
 
@@ -233,7 +233,7 @@ def test_skip_leaves_missing_images_unscored_and_faulty_ones_failed(evaluate, im
     assert (summary.images.evaluated, summary.images.skipped, summary.images.failed) == (6, 1, 5)
     assert summary.all_moving.iou.value == 1.0
     assert sum(f"{images[1].place}/{images[1].timestamp_ns}.png" in failure for failure in summary.failures) == 1
-    assert len(json.loads((run / "predictions.json").read_text())["faults"]["extra"]) == 3
+    assert len(json.loads((run / "paper-v1" / "predictions.json").read_text())["faults"]["extra"]) == 3
 
 
 def test_empty_counts_missing_images_as_nothing(evaluate, images, masks):
@@ -279,15 +279,15 @@ def test_a_file_more_is_refused_unless_images_may_be_missing(evaluate, images, m
 
 def test_another_run_takes_the_list_of_predictions_away(evaluate, masks, monkeypatch, tiny_card):
     run = evaluate(masks)
-    assert (run / "predictions.json").exists()
+    assert (run / "paper-v1" / "predictions.json").exists()
     assert call(monkeypatch, "run", tiny_card, "--method", "nothing", "--out", run, "--no-pictures", "--overwrite") == 0
-    assert not (run / "predictions.json").exists()
+    assert not (run / "paper-v1" / "predictions.json").exists()
 
 
 def test_a_split_needs_its_own_predictions_only(evaluate, images, masks, tmp_path):
     run = evaluate(masks, "--split", "moving")
     assert read_run(run).summary.images.evaluated == 8
-    report = json.loads((run / "predictions.json").read_text())
+    report = json.loads((run / "paper-v1" / "predictions.json").read_text())
     assert (report["expected"], report["elsewhere"], report["faults"]["extra"]) == (8, 4, [])
     shutil.rmtree(masks / "standing")
     evaluate(masks, "--split", "moving")
@@ -307,7 +307,7 @@ def test_scores_give_figures_over_all_thresholds(evaluate, images, tmp_path, cap
     assert read_run(run).manifest.method.settings["threshold"] == 0.5
     free = summary.threshold_free
     assert "Over all thresholds: AUPRC" in capsys.readouterr().out
-    assert "Over all thresholds: AUPRC" in (run / "table.md").read_text()
+    assert "Over all thresholds: AUPRC" in (run / "paper-v1" / "table.md").read_text()
     auprc, fpr95 = by_pixel(images, lambda image: np.round(65535 * probability(image)))
     assert free.auprc_bounds[0] <= auprc <= free.auprc_bounds[1]
     assert free.fpr95_bounds[0] <= fpr95 <= free.fpr95_bounds[1]
@@ -408,7 +408,7 @@ def test_links_that_lead_outside_are_not_followed(evaluate, images, masks, tmp_p
     (masks / second.place / f"{second.timestamp_ns}.png").unlink()
     (masks / second.place / f"{second.timestamp_ns}.png").symlink_to(f"{images[2].timestamp_ns}.png")
     run = evaluate(masks, "--missing", "skip")
-    report = json.loads((run / "predictions.json").read_text())
+    report = json.loads((run / "paper-v1" / "predictions.json").read_text())
     assert report["usable"] == 7  # the link inside the folder is one of them
     reasons = {fault["place"]: fault["reason"] for fault in report["faults"]["extra"]}
     assert reasons == {
@@ -425,7 +425,7 @@ def test_a_name_in_a_list_is_never_a_path(evaluate, images, masks, tmp_path):
     (masks / "crossing").mkdir()
     (masks / "crossing" / f"{CAMERA}.json").write_text(json.dumps(entries))
     run = evaluate(masks, "--missing", "skip")
-    (extra,) = json.loads((run / "predictions.json").read_text())["faults"]["extra"]
+    (extra,) = json.loads((run / "paper-v1" / "predictions.json").read_text())["faults"]["extra"]
     assert extra["reason"] == "no image ../../../etc/passwd of crossing/front"
 
 
@@ -444,15 +444,15 @@ def test_pictures_and_the_page_come_from_the_same_files(monkeypatch, tiny_card, 
     run = tmp_path / "run"
     words = ("evaluate", tiny_card, "--predictions", masks, "--out", run, "--name", "a network/v2")
     assert call(monkeypatch, *words) == 0
-    assert (run / "pictures" / "crossing" / "overlay.png").exists()
+    assert (run / "paper-v1" / "pictures" / "crossing" / "overlay.png").exists()
     assert read_run(run).manifest.method.name == "a network/v2"
     capsys.readouterr()
     assert call(monkeypatch, "report", run) == 0
     assert "pictures missing" not in capsys.readouterr().out
-    before = (run / "index.html").read_bytes()
+    before = (run / "paper-v1" / "index.html").read_bytes()
     write_map(masks, images[0].place, images[0].timestamp_ns, images[0].moving * 0)
     assert call(monkeypatch, "report", run) == 0
-    assert (run / "index.html").read_bytes() == before, "what was scored is drawn, whatever the files are now"
+    assert (run / "paper-v1" / "index.html").read_bytes() == before, "what was scored is drawn, whatever the files are now"
 
 
 def test_the_fingerprint_is_of_the_content_not_of_the_names(evaluate, images, masks, tmp_path):
@@ -473,7 +473,7 @@ exclusions:
 """
     card = card_of(tiny_card, tmp_path / "excluding.yaml", more=exclusions)
     run = evaluate(masks, card=card, out="times")
-    report = json.loads((run / "predictions.json").read_text())
+    report = json.loads((run / "paper-v1" / "predictions.json").read_text())
     # crossing 2, 3, 4 and overtaking 1, 4; 3 comes after the hole.
     assert (report["expected"], report["usable"], report["unscored"], report["elsewhere"]) == (5, 5, 3, 4)
     assert (report["faults"]["extra"], read_run(run).summary.all_moving.iou.value) == ([], 1.0)

@@ -62,17 +62,17 @@ def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, calm, tm
     run = start("run", tiny_card, *TROUBLED, "--out", out, "--no-pictures", "--workers", workers)
     returned, shown, _ = ended(
         run,
-        lambda: bool(pids(here)) and len(list((out / "units").glob("*.unit"))) == 2,
+        lambda: bool(pids(here)) and len(list(out.glob("answers/*/*.parquet"))) == 2,
         "two units of three stored",
         number=number,
     )
     assert returned == status
     assert told in shown
     until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
-    assert not (out / "summary.json").exists()
+    assert not (out / "paper-v1" / "summary.json").exists()
     (trouble / "standing.wait").unlink()
     again = run_one(card=card, out=out, **options)
-    assert (again.provenance.work.units_computed, again.provenance.work.units_reused) == (1, 2)
+    assert again.provenance.images_asked == 4
     assert bytes_of(out) == bytes_of(calm)
 
 
@@ -83,7 +83,7 @@ def test_a_sweep_that_is_interrupted_goes_on(tiny_card, tmp_path, trouble, worke
     (trouble / "standing.wait").touch()
     sweep = start("sweep", tiny_card, *TROUBLED, *words)
     status, shown, _ = ended(
-        sweep, lambda: bool(pids(here)) and len(list(out.glob("*/units/*.unit"))) == 2, "two units of three stored"
+        sweep, lambda: bool(pids(here)) and len(list(out.glob("*/answers/*/*.parquet"))) == 2, "two tasks of three stored"
     )
     assert status == 130
     assert f"interrupted; what is done is in {out}, and the same command goes on from there" in shown
@@ -91,7 +91,7 @@ def test_a_sweep_that_is_interrupted_goes_on(tiny_card, tmp_path, trouble, worke
     (trouble / "standing.wait").unlink()
     again = called_here("sweep", tiny_card, *TROUBLED, *words)
     assert again.returncode == 0
-    assert "units computed 4, found done 2" in again.stdout
+    assert "16 images answered, the others were there" in again.stdout
 
 
 def test_an_audit_begins_again_and_says_so(tiny_card, tmp_path, trouble):

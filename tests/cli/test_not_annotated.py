@@ -47,8 +47,8 @@ def test_a_run_has_masks_and_no_scores(unlabelled):
     told = f"Not annotated: no scores; on average {100 * summary.marked.value:.1f} % of their valid pixels are marked."
     assert ended.stdout.count(told) + ended.stderr.count(told) == 1
     assert summary.caveats.startswith(told)
-    assert told in (run / "table.md").read_text()
-    stored = json.loads((run / "summary.json").read_text())
+    assert told in (run / "surface-v1" / "table.md").read_text()
+    stored = json.loads((run / "surface-v1" / "summary.json").read_text())
     assert stored["false_positives"]["coverage"] == {"value": None, "ci95": None, "cases": 0, "recordings": 0}
     assert stored["all_moving"]["iou"]["value"] is None
     objects, frames = read_tables(run)

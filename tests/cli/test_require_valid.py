@@ -29,27 +29,26 @@ def card(clean, tmp_path):
 def test_clean_data_are_scored_and_the_run_says_so(card, tmp_path, monkeypatch):
     plain = called_here("run", card, "--out", tmp_path / "plain", *RUN)
     assert f"a run does not validate its data; check them with: fisheye-bench validate {card}" in plain.stdout
-    assert not (tmp_path / "plain" / "validation.json").exists()
+    assert not (tmp_path / "plain" / "paper-v1" / "validation.json").exists()
     ended = called_here("run", card, "--out", tmp_path / "run", "--require-valid", *RUN)
     assert ended.returncode == 0
     assert "0 errors and 0 warnings in 1 recordings" in ended.stdout
     assert "does not validate" not in ended.stdout
-    assert "validation.json" in json.loads((tmp_path / "run" / "files.json").read_text())["files"]
     for run, told in ((tmp_path / "plain", "were not validated"), (tmp_path / "run", "0 errors and 0 warnings")):
         assert call(monkeypatch, "report", run, "--no-pictures") == 0
-        assert told in (run / "index.html").read_text()
+        assert told in (run / "paper-v1" / "index.html").read_text()
 
 
 def test_warnings_are_on_the_page(card, tmp_path, monkeypatch):
     sorted((tmp_path / "data" / "drive" / "lidar").iterdir())[8].unlink()
     ended = called_here("run", card, "--out", tmp_path / "run", "--require-valid", *RUN)
     assert ended.returncode == 0
-    report = read_report(tmp_path / "run" / "validation.json")
+    report = read_report(tmp_path / "run" / "paper-v1" / "validation.json")
     assert {finding.check for finding in report.findings} >= {"sweep-gaps"}
     assert call(monkeypatch, "validate", card, "--json", tmp_path / "told.json") == 1
     assert read_report(tmp_path / "told.json") == report
     assert call(monkeypatch, "report", tmp_path / "run", "--no-pictures") == 0
-    page = (tmp_path / "run" / "index.html").read_text()
+    page = (tmp_path / "run" / "paper-v1" / "index.html").read_text()
     assert "Findings in the data" in page
     assert "sweep-gaps: " in page
 
