@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.audit.results import ALL
+from bench.audit import ALL
 from bench.audit.sources import OpenedSource, Part, StoredAudit, audit_each, same_objects
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
