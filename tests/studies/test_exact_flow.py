@@ -41,7 +41,7 @@ def test_it_is_marked_as_one_that_sees_the_truth(tiny_card):
 
 def test_a_scenario_of_other_recordings_is_refused(tiny_card):
     (recording, *_) = (handle.open() for handle in open_dataset(load_card(tiny_card)))
-    method = exact_flow(Path("datasets/demo.scenario.yaml"))
+    method = exact_flow(Path(__file__).parents[2] / "datasets" / "demo.scenario.yaml")
     pipeline = FramePipeline(recording, "front", method=method)
     with pytest.raises(DataError, match="expected the recording and camera of the image, got none of"):
         method.segment(pipeline.method_input(1))
