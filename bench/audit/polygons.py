@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory
@@ -142,10 +143,9 @@ def _centroid(mask: Mask) -> NDArray[np.float64]:
 
 
 def _outline_distance_px(first: Mask, second: Mask) -> float:
+    # By SciPy: OpenCV's distances depend on where the mask lies in memory, in the last digit.
     outlines = [_outline(mask) for mask in (first, second)]
-    distances = [cv2.distanceTransform((~line).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-                 for line in outlines]  # fmt: skip
-    there, back = distances[1][outlines[0]].mean(), distances[0][outlines[1]].mean()
+    there, back = (distance_transform_edt(~outlines[k])[outlines[1 - k]].mean() for k in (1, 0))
     return float((there + back) / 2)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -46,6 +48,11 @@ def test_a_region_grown_all_around_is_too_large_and_off_by_its_margin():
     assert fit.area_error == pytest.approx(0.96)
     assert fit.centroid_px == 0
     assert fit.boundary_px == pytest.approx(2, abs=0.15)  # a little more at the corners
+
+
+def test_distances_between_outlines_are_exact():
+    fit = region_fit(square(6, 7, 1), square(5, 5, 1))
+    assert fit.boundary_px == fit.centroid_px == math.sqrt(5)
 
 
 def test_holes_of_the_mask_limit_what_a_polygon_can_reach():
