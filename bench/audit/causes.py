@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -29,7 +28,6 @@ from bench.methods import FlowMethod, Method
 from bench.recordings import read_truth
 from bench.reference import ReferenceFrame, Status
 
-Cause = TypeVar("Cause", bound=StrEnum)
 EXPLAINED = "as 'spherical' and 'rigid-scene' do"
 BESIDE_PX = 15  # a flow window's width: as far as an object's motion bleeds into its surroundings
 
@@ -65,7 +63,6 @@ def miss_causes(evidence: Evidence) -> NDArray[np.int64]:
     blind = ~evidence.by_exact_flow
     lost = ~evidence.by_exact_motion
     return _first(
-        MissCause,
         {
             MissCause.ENTERED: blind & ~evidence.seen,
             MissCause.NEAR_EPIPOLE: blind & ~evidence.defined,
@@ -83,7 +80,6 @@ def false_causes(evidence: Evidence, *, cell_size_px: int) -> NDArray[np.int64]:
     reach = -(-BESIDE_PX // cell_size_px)
     beside = binary_dilation(evidence.moving, structure=np.ones((3, 3), dtype=bool), iterations=reach)
     return _first(
-        FalseCause,
         {
             FalseCause.ANTI_PARALLEL: evidence.by_exact_flow & evidence.anti_parallel,
             FalseCause.OTHER_CONSTRAINT: evidence.by_exact_flow,
@@ -95,8 +91,8 @@ def false_causes(evidence: Evidence, *, cell_size_px: int) -> NDArray[np.int64]:
     )
 
 
-def _first(kinds: type[Cause], where: Mapping[Cause, Cells], *, otherwise: Cause) -> NDArray[np.int64]:
-    order = list(kinds)
+def _first(where: Mapping[StrEnum, Cells], *, otherwise: StrEnum) -> NDArray[np.int64]:
+    order = list(type(otherwise))
     return np.select(list(where.values()), [order.index(kind) for kind in where], default=order.index(otherwise))
 
 
