@@ -1,7 +1,9 @@
 """The paper's formulas on exact flow and ego-motion: what is left of a rendered data set's errors is the method's own.
 
-It stands among the oracles, for nobody has exact flow: it casts rays into the scene that the images were rendered from,
-as the scenario's file among its settings says. These also say `sees_the_truth`.
+    fisheye-bench run CARD --method benchmarks.exact_flow:SphericalOnExactFlow --set scenario=FILE
+
+It casts rays into the scene that the images were rendered from, as the scenario's file says. Nobody else has exact
+flow, so its settings say `sees_the_truth`, and the leaderboard marks it.
 """
 
 from __future__ import annotations

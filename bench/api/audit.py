@@ -9,7 +9,7 @@ from pathlib import Path
 from bench.api.datasets import as_card, as_executor, rendered_card
 from bench.api.runs import DEFAULT_PROTOCOL
 from bench.atomic import output_folder
-from bench.audit import AuditSummary, audit_sources, read_misses, read_polygons, run_audit
+from bench.audit import AuditSummary, audit_sources, run_audit
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.execution import TaskExecutor
@@ -81,7 +81,7 @@ def audit_reference(
     executor, folder = as_executor(workers), audit_folder(dataset, out)
     with output_folder(folder):
         card = rendered_card(dataset, split, executor=executor)
-        found = run_audit(
+        found, rows = run_audit(
             card,
             method=built,
             protocol=rules,
@@ -91,13 +91,14 @@ def audit_reference(
             executor=executor,
             progress=progress,
         )
-    files = list(write_audit_files(folder))
+    polygons, misses = rows.tables["polygons"], rows.tables["misses"]
+    files = list(write_audit_files(folder, found, polygons))
     if pictures:
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
         handles = {name: source.recorded for name, source in sources.items()}
-        files += write_examples(folder, found, read_polygons(folder), handles=handles, protocol=rules)
+        files += write_examples(folder, found, polygons, handles=handles, protocol=rules)
         if isinstance(built, FlowMethod):
-            files += write_cause_pictures(folder, read_misses(folder), sources=sources, method=built, protocol=rules)
+            files += write_cause_pictures(folder, misses, sources=sources, method=built, protocol=rules)
     remarks = (f"without exact flow: {found.left_out}",) if found.left_out else ()
     return Audit(folder=folder, summary=found, tables=audit_tables(found), files=tuple(files), remarks=remarks)
 

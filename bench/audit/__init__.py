@@ -14,48 +14,28 @@ Source: the aims are the project's; the split into causes follows section III of
 constraint says what it cannot see.
 """
 
-from bench.audit.causes import BLIND, ExplainedImage, FalseCause, MissCause, explain_image
+from bench.audit.causes import ExplainedImage, FalseCause, MissCause, explain_image
 from bench.audit.polygons import Compensation, lenient
-from bench.audit.recording import Scoring
-from bench.audit.results import (
-    ALL,
-    AUDIT,
-    Aim,
-    AuditSummary,
-    FalseAlarmFigures,
-    MissFigures,
-    PolygonFigures,
-    Quartiles,
-    Scores,
-    read_audit,
-    read_misses,
-    read_polygons,
-)
-from bench.audit.run import run_audit
+from bench.audit.recording import RecordingAudit, Scoring
+from bench.audit.run import ALL, AUDIT, AuditSummary, CauseFigures, PolygonFigures, Quartiles, run_audit
 from bench.audit.sources import AuditSource, audit_sources
 
 __all__ = [
     "ALL",
     "AUDIT",
-    "BLIND",
-    "Aim",
     "AuditSource",
     "AuditSummary",
+    "CauseFigures",
     "Compensation",
     "ExplainedImage",
-    "FalseAlarmFigures",
     "FalseCause",
     "MissCause",
-    "MissFigures",
     "PolygonFigures",
     "Quartiles",
-    "Scores",
+    "RecordingAudit",
     "Scoring",
     "audit_sources",
     "explain_image",
     "lenient",
-    "read_audit",
-    "read_misses",
-    "read_polygons",
     "run_audit",
 ]

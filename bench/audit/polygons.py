@@ -6,17 +6,26 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
 
 import cv2
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory
+from bench.evaluation.rows import IMAGE, Row
 from bench.recordings import ImageRef, ObjectState, Recording, Track
-from bench.reference import REGION_KINDS, Category, ReferenceBuilder, ReferenceFrame, ReferenceSettings, Status
+from bench.reference import (
+    REGION_KINDS,
+    Category,
+    ReferenceBuilder,
+    ReferenceFrame,
+    ReferenceObject,
+    ReferenceSettings,
+    Status,
+)
 
 
 class Compensation(StrEnum):
@@ -103,7 +112,7 @@ def region_fit(region: Mask, mask: Mask) -> RegionFit:
     """
     window = _window(region | mask)
     region, mask = region[window], mask[window]
-    both, size, covered = _count(region & mask), _count(mask), _count(region)
+    both, size, covered = np.count_nonzero(region & mask), np.count_nonzero(mask), np.count_nonzero(region)
     assert size, "the object is seen"
     assert covered, "the object has a region"
     filled = _filled(mask)
@@ -113,13 +122,9 @@ def region_fit(region: Mask, mask: Mask) -> RegionFit:
         surplus=(covered - both) / size,
         boundary_px=_outline_distance_px(region, mask),
         centroid_px=float(np.linalg.norm(_centroid(region) - _centroid(mask))),
-        filled_iou=_count(region & filled) / _count(region | filled),
-        solid=size / _count(filled),
+        filled_iou=np.count_nonzero(region & filled) / np.count_nonzero(region | filled),
+        solid=size / np.count_nonzero(filled),
     )
-
-
-def _count(mask: Mask) -> int:
-    return int(np.count_nonzero(mask))
 
 
 def _filled(mask: Mask) -> Mask:
@@ -138,10 +143,9 @@ def _centroid(mask: Mask) -> NDArray[np.float64]:
 
 
 def _outline_distance_px(first: Mask, second: Mask) -> float:
+    # By SciPy: OpenCV's distances depend on where the mask lies in memory, in the last digit.
     outlines = [_outline(mask) for mask in (first, second)]
-    distances = [cv2.distanceTransform((~line).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-                 for line in outlines]  # fmt: skip
-    there, back = distances[1][outlines[0]].mean(), distances[0][outlines[1]].mean()
+    there, back = (distance_transform_edt(~outlines[k])[outlines[1 - k]].mean() for k in (1, 0))
     return float((there + back) / 2)
 
 
@@ -152,7 +156,6 @@ def _outline(mask: Mask) -> Mask:
     return mask & ~inner
 
 
-Row = dict[str, Any]
 FIT = ("iou", "area_error", "missing", "surplus", "boundary_px", "centroid_px", "filled_iou", "solid")
 
 # One row per evaluated object-frame, kind and compensation that gave a polygon; ratios as in `RegionFit`.
@@ -201,11 +204,8 @@ class PolygonAuditor:
             ids: (H, W) uint16, the image's true instance ids.
             instance_of: instance id by track.
         """
-        masks = {
-            item.track_id: (ids == instance_of[item.track_id]) & evaluated.valid
-            for item in evaluated.objects
-            if item.status is Status.EVALUATED
-        }
+        described = {item.track_id: item for item in evaluated.objects if item.status is Status.EVALUATED}
+        masks = {track_id: (ids == instance_of[track_id]) & evaluated.valid for track_id in described}
         rows: list[Row] = []
         for (kind, compensation), builder in self._builders.items():
             built = builder.build(image)
@@ -213,12 +213,15 @@ class PolygonAuditor:
                 mask = masks.get(found.track_id)
                 if mask is None or found.status is not Status.EVALUATED or not mask.any():
                     continue
+                region = built.labels == number
+                fit = region_fit(region, mask)
                 rows.append(
-                    {"kind": kind, "compensation": compensation.value}
-                    | _fit_columns(built.labels == number, mask)
-                    | {"track_id": found.track_id}
+                    _description(evaluated, described[found.track_id])
+                    | {"kind": kind, "compensation": compensation.value}
+                    | {"mask_px": np.count_nonzero(mask), "region_px": np.count_nonzero(region)}
+                    | {name: getattr(fit, name) for name in FIT}
                 )
-        return [_described(row, evaluated) for row in rows]
+        return rows
 
 
 def lenient(settings: ReferenceSettings, kind: str) -> ReferenceSettings:
@@ -233,24 +236,12 @@ def lenient(settings: ReferenceSettings, kind: str) -> ReferenceSettings:
     )
 
 
-def _fit_columns(region: NDArray[np.bool_], mask: NDArray[np.bool_]) -> Row:
-    fit = region_fit(region, mask)
-    sizes = {"mask_px": int(np.count_nonzero(mask)), "region_px": int(np.count_nonzero(region))}
-    return sizes | {name: getattr(fit, name) for name in FIT}
-
-
-def _described(row: Row, evaluated: ReferenceFrame) -> Row:
-    """The row with what the protocol's reference says of the object, the same for all kinds."""
-    found = next(item for item in evaluated.objects if item.track_id == row["track_id"])
-    return row | {
-        "recording": evaluated.recording,
-        "camera": evaluated.camera,
-        "timestamp_ns": evaluated.timestamp_ns,
-        "object_class": found.object_class,
-        "category": None if found.category is None else found.category.value,
-        "range_m": found.range_m,
-        "speed_mps": found.speed_mps,
-        "x_m": float(found.centroid_m[0]),
-        "y_m": float(found.centroid_m[1]),
-        "points": found.points,
-    }
+def _description(evaluated: ReferenceFrame, item: ReferenceObject) -> Row:
+    """What the protocol's reference says of an object, the same for all kinds of polygon."""
+    same = ("track_id", "object_class", "category", "range_m", "speed_mps", "points")
+    x_m, y_m = item.centroid_m[:2]
+    return (
+        {name: getattr(evaluated, name) for name in IMAGE}
+        | {name: getattr(item, name) for name in same}
+        | {"x_m": float(x_m), "y_m": float(y_m)}
+    )

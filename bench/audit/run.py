@@ -1,23 +1,231 @@
-"""A whole audit: data set, method and protocol in, metrics and tables out."""
+"""A whole audit: data set, method and protocol in, tables and metrics out.
+
+```
+<audit>/audit.json                 the metrics
+<audit>/polygons.parquet           one row per object-frame, kind of polygon and compensation
+<audit>/objects.parquet            one row per object-frame and scoring, integer counts
+<audit>/frames.parquet             one row per image and scoring, integer counts
+<audit>/misses.parquet             one row per object-frame: cells of its exact mask by cause
+<audit>/false_alarms.parquet       one row per image: static cells by cause
+```
+"""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from functools import partial
+from itertools import product
 from pathlib import Path
 
-from bench.audit.causes import EXPLAINED
-from bench.audit.recording import audit_recording, joined
-from bench.audit.reduce import aims, false_alarm_figures, miss_figures, polygon_figures, scores
-from bench.audit.results import AuditSummary, write_audit
-from bench.audit.sources import NO_SCENARIO, audit_each
-from bench.evaluation import Protocol
-from bench.evaluation.summary import ProtocolOfRun
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from bench.atomic import replacing, write_text
+from bench.audit.causes import EXPLAINED, FalseCause, MissCause
+from bench.audit.polygons import FIT, Compensation
+from bench.audit.recording import RecordingAudit, audit_recording
+from bench.audit.sources import Part, StoredAudit, audit_each
+from bench.evaluation import Protocol, Summary, summarise
+from bench.evaluation.summary import ProtocolOfRun, Ratio
+from bench.evaluation.sums import bin_names, name_bins
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness.method_of_run import MethodOfRun
 from bench.harness.stages import Progress
 from bench.methods import FlowMethod, Method
 from bench.recordings import DatasetCard
 from bench.reference import REGION_KINDS
+
+AUDIT = "audit.json"
+ALL = "all"
+STATIC = "static"
+PAPER_RANGE_M = 8.0
+# Least median IoU of a polygon that is meant to follow the outline; the paper's convex hull is not.
+AIMS = {"vehicle": 0.90, "pedestrian": 0.85, "cyclist": 0.85}
+
+
+class Quartiles(Part):
+    """The quarter, half and three quarters of the values lie below; NaN, null in JSON, without values."""
+
+    low: Ratio
+    median: Ratio
+    high: Ratio
+
+    @classmethod
+    def of(cls, values: pd.Series[float]) -> Quartiles:
+        """Quartiles of the values that are not NaN."""
+        known = values.dropna().to_numpy(dtype=np.float64)
+        low, median, high = np.quantile(known, [0.25, 0.5, 0.75]).tolist() if len(known) else (np.nan,) * 3
+        return cls(low=low, median=median, high=high)
+
+
+class PolygonFigures(Part):
+    """Fit of the polygons of one slice.
+
+    Attributes:
+        kind: of polygon.
+        compensation: of the motion between lidar and camera.
+        object_class: or "all".
+        range_m: bin, or "all".
+        speed_mps: bin of the object's own speed, or "all".
+        object_frames: how many.
+        fit: the measures of `RegionFit`.
+    """
+
+    kind: str
+    compensation: str
+    object_class: str
+    range_m: str
+    speed_mps: str
+    object_frames: int
+    fit: dict[str, Quartiles]
+
+
+class Aim(Part):
+    """Target that a kind of polygon has to meet for a class.
+
+    Attributes:
+        kind: of polygon, with full compensation.
+        object_class: of the objects, within `within_m`.
+        within_m: range.
+        object_frames: how many.
+        median_iou: of them; NaN, null in JSON, without any.
+        median_filled_iou: the same with masks whose holes are filled.
+        expected: least median.
+        met: whether it is; None without object-frames.
+    """
+
+    kind: str
+    object_class: str
+    within_m: float
+    object_frames: int
+    median_iou: Ratio
+    median_filled_iou: Ratio
+    expected: float
+    met: bool | None
+
+
+class CauseFigures(Part):
+    """Cells that show one kind of motion, on the exact masks, or the static world.
+
+    Attributes:
+        category: kind of motion, "all" of them, or "static".
+        frames: evaluated object-frames that fill a cell; images of the static world.
+        cells: of them, in V.
+        causes: cells that are missed, by `MissCause`; of the static world those that are flagged, by `FalseCause`.
+        hit_by_error: cells that are found where the exact flow fires nothing, through an error of flow or ego-motion;
+            0 of the static world.
+        flow_error_px: median flow error on the visible cells of each of the frames, px.
+    """
+
+    category: str
+    frames: int
+    cells: int
+    causes: dict[str, int]
+    hit_by_error: int
+    flow_error_px: Quartiles
+
+    @property
+    def wrong(self) -> int:
+        """Cells that are missed; of the static world, that are flagged."""
+        return sum(self.causes.values())
+
+
+class AuditSummary(StoredAudit):
+    """`audit.json`.
+
+    Attributes:
+        method: whose detections are scored.
+        protocol: that says which object-frames count.
+        polygon_kinds: the protocol's own first.
+        polygons: by kind, compensation, class and range.
+        aims: for the kinds that are meant to follow the outline.
+        not_seen: evaluated object-frames of which the camera sees no pixel; they are in none of the metrics.
+        scores: the evaluation's metrics by `Scoring`.
+        misses: by kind of motion, then "all"; empty without exact flow.
+        false_alarms: None without exact flow.
+        left_out: why there is no exact flow; empty where there is.
+    """
+
+    method: MethodOfRun
+    protocol: ProtocolOfRun
+    polygon_kinds: tuple[str, ...]
+    polygons: tuple[PolygonFigures, ...]
+    aims: tuple[Aim, ...]
+    not_seen: int
+    scores: dict[str, Summary]
+    misses: tuple[CauseFigures, ...]
+    false_alarms: CauseFigures | None
+    left_out: str
+
+
+def polygon_figures(rows: pd.DataFrame, *, protocol: Protocol, kinds: tuple[str, ...]) -> tuple[PolygonFigures, ...]:
+    """Quartiles of every kind and compensation, by class and range and by class and the object's own speed.
+
+    Slices without object-frames are left out.
+    """
+    edges = {"range_m": protocol.bins.range_m, "speed_mps": protocol.bins.speed_mps}
+    binned = rows.assign(**{name: name_bins(rows[name], own) for name, own in edges.items()})
+    slices = [
+        {"object_class": of_class} | dict.fromkeys(edges, ALL) | cut
+        for of_class in (ALL, *protocol.reference.classes)
+        for cut in ({}, *({name: one} for name, own in edges.items() for one in bin_names(own)))
+    ]
+    found = []
+    for kind, way, cut in product(kinds, Compensation, slices):
+        wanted = {"kind": kind, "compensation": way.value} | cut
+        part = binned[np.all([binned[column] == name for column, name in wanted.items() if name != ALL], axis=0)]
+        if len(part):
+            fit = {name: Quartiles.of(part[name]) for name in FIT}
+            found.append(PolygonFigures(**wanted, object_frames=len(part), fit=fit))
+    return tuple(found)
+
+
+def aims(rows: pd.DataFrame, *, kinds: tuple[str, ...]) -> tuple[Aim, ...]:
+    """The aim of every class, for every kind that follows the outline."""
+    near = rows[(rows["compensation"] == Compensation.FULL.value) & (rows["range_m"] <= PAPER_RANGE_M)]
+    found = []
+    for kind, (name, expected) in product(kinds, AIMS.items()):
+        if REGION_KINDS[kind].follows_outline:
+            part = near[(near["kind"] == kind) & (near["object_class"] == name)]
+            iou, filled_iou = (Quartiles.of(part[column]).median for column in ("iou", "filled_iou"))
+            found.append(
+                Aim(
+                    kind=kind,
+                    object_class=name,
+                    within_m=PAPER_RANGE_M,
+                    object_frames=len(part),
+                    median_iou=iou,
+                    median_filled_iou=filled_iou,
+                    expected=expected,
+                    met=iou >= expected if len(part) else None,
+                )
+            )
+    return tuple(found)
+
+
+def scores(audit: RecordingAudit, *, protocol: Protocol) -> dict[str, Summary]:
+    """The evaluation's own metrics, by `Scoring`."""
+
+    def scored(table: str, name: str) -> pa.Table:
+        return audit.tables[table].filter(pc.field("scoring") == name).drop_columns("scoring")
+
+    names = audit.tables["frames"]["scoring"].unique().to_pylist()
+    return {name: summarise(scored("objects", name), scored("frames", name), protocol=protocol) for name in names}
+
+
+def cause_figures(category: str, rows: pd.DataFrame, causes: type[StrEnum]) -> CauseFigures:
+    """Cells by cause, of rows of `MISSES_SCHEMA` or `FALSE_ALARMS_SCHEMA`."""
+    return CauseFigures(
+        category=category,
+        frames=len(rows),
+        cells=int(rows["cells"].sum()),
+        causes={cause.value: int(rows[cause.value].sum()) for cause in causes},
+        hit_by_error=int(rows["hit_by_error"].sum()) if "hit_by_error" in rows else 0,
+        flow_error_px=Quartiles.of(rows["flow_error_px"]),
+    )
 
 
 def run_audit(
@@ -30,7 +238,7 @@ def run_audit(
     recordings: int | None = None,
     executor: TaskExecutor = SerialExecutor(),  # noqa: B008 - it holds nothing
     progress: Progress | None = None,
-) -> AuditSummary:
+) -> tuple[AuditSummary, RecordingAudit]:
     """Audit a rendered data set and store what comes out; nothing is stored before the last recording is done.
 
     Args:
@@ -44,7 +252,7 @@ def run_audit(
         progress: called with the recordings done and their number.
 
     Returns:
-        The metrics, also stored as `audit.json`.
+        The metrics, and the tables behind them; both are stored, too.
 
     Raises:
         DataError: nothing of the data set could be audited, above all where it has no rendered masks.
@@ -57,25 +265,31 @@ def run_audit(
         executor=executor,
         progress=progress,
     )
-    audit = joined(audits)
+    audit = RecordingAudit.joined(audits)
+    polygons, misses, static = (audit.tables[name].to_pandas() for name in ("polygons", "misses", "false_alarms"))
     own = protocol.reference_settings().polygon_kind
     kinds = (own, *(kind for kind in REGION_KINDS if kind != own))
-    explained = len(audit.false_alarms) > 0
+    categories = [category.value for category in protocol.reference.categories]
+    by_category = {name: misses[misses["category"] == name] for name in categories} | {ALL: misses}
+    explained = len(static) > 0
     summary = AuditSummary(
         **dict(stored),
         method=MethodOfRun.of(method),
         protocol=ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest),
         polygon_kinds=kinds,
-        polygons=polygon_figures(audit.polygons, protocol=protocol, kinds=kinds),
-        aims=aims(audit.polygons, kinds=kinds),
+        polygons=polygon_figures(polygons, protocol=protocol, kinds=kinds),
+        aims=aims(polygons, kinds=kinds),
         not_seen=audit.not_seen,
-        scores={name: scores(*tables, protocol=protocol) for name, tables in audit.scores.items()},
-        misses=miss_figures(audit.misses, protocol=protocol) if explained else (),
-        false_alarms=false_alarm_figures(audit.false_alarms) if explained else None,
+        scores=scores(audit, protocol=protocol),
+        misses=tuple(cause_figures(*part, MissCause) for part in by_category.items()) if explained else (),
+        false_alarms=cause_figures(STATIC, static, FalseCause) if explained else None,
         left_out="" if explained else _left_out(card, method),
     )
-    write_audit(out, summary, audit)
-    return summary
+    for name, table in audit.tables.items():
+        with replacing(out / f"{name}.parquet") as temporary:
+            pq.write_table(table, temporary, compression="zstd")
+    write_text(out / AUDIT, summary.model_dump_json(indent=1) + "\n")
+    return summary, audit
 
 
 def _left_out(card: DatasetCard, method: Method) -> str:
@@ -83,5 +297,5 @@ def _left_out(card: DatasetCard, method: Method) -> str:
     if not isinstance(method, FlowMethod):
         return f"the method {method.name!r} does not take flow from outside, {EXPLAINED}"
     if card.scenario is None:
-        return NO_SCENARIO
+        return "the data set's card names no scenario, so there is no exact flow"
     return "the scene of no recording could be simulated again; see the failures"

@@ -26,8 +26,6 @@ from bench.audit import (
     MissCause,
     explain_image,
     lenient,
-    read_audit,
-    read_polygons,
 )
 from bench.evaluation import Protocol
 from bench.methods import Method
@@ -84,15 +82,16 @@ def _draw_kind(axes: Axes, rows: pd.DataFrame, *, kind: str, colour: str) -> Non
     axes.plot(middles_m, median, color=colour, marker="o", markersize=3, linewidth=1.2, label=kind)
 
 
-def write_audit_files(folder: Path) -> tuple[Path, ...]:
+def write_audit_files(folder: Path, audit: AuditSummary, polygons: pa.Table) -> tuple[Path, ...]:
     """Write `audit.md`, `audit.csv`, `fit.png` and `fit.svg` beside `audit.json`; all of their paths.
 
-    Raises:
-        DataError: the stored audit is missing or damaged.
+    Args:
+        folder: of the audit.
+        audit: its summary.
+        polygons: its rows.
     """
-    audit = read_audit(folder)
     tables = report(audit).write(folder, "audit")
-    chart = draw_fit_by_distance(audit, read_polygons(folder))
+    chart = draw_fit_by_distance(audit, polygons)
     return (folder / AUDIT, *tables, *canvas.write_picture(folder / "fit", chart))
 
 

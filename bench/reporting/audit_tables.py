@@ -52,7 +52,7 @@ def _spread(iou: Quartiles) -> str:
 
 def _kind_cells(audit: AuditSummary, found: Iterable[PolygonFigures]) -> list[Quartiles | None]:
     """IoU and error of the area of each kind, None for a kind that was not found."""
-    of_kind = {part.kind: (part.iou, part.area_error) for part in found}
+    of_kind = {part.kind: (part.fit["iou"], part.fit["area_error"]) for part in found}
     return [cell for kind in audit.polygon_kinds for cell in of_kind.get(kind, (None, None))]
 
 
@@ -66,8 +66,8 @@ def polygon_table(audit: AuditSummary) -> Table:
         title="How well the reference polygons cover what the camera sees",
         columns=["Class", "Range m", "Frames", *_kind_columns(audit), Column("Filled IoU %", "{:.0f}".format)],
         rows=[
-            [*key, max(part.object_frames for part in found), *_kind_cells(audit, found), 100 * found[0].solid.median]
-            for key, found in slices.items()
+            [*key, max(part.object_frames for part in found), *_kind_cells(audit, found),
+             100 * found[0].fit["solid"].median] for key, found in slices.items()
         ],
         note="IoU of each polygon, within V and less the nearer polygons, with the exact mask of its object: median "
         "(quartiles). Area: how much too large (+) or too small (-), median. Filled: IoU of the exact mask with its "
@@ -80,7 +80,7 @@ def polygon_table(audit: AuditSummary) -> Table:
 def speed_table(audit: AuditSummary) -> Table:
     """Error of the reference, and of the scores by it, by the object's own speed."""
     fully = [p for p in audit.polygons if p.compensation == Compensation.FULL and p.object_class == p.range_m == ALL]
-    by_lidar, by_masks = audit.scores[Scoring.LIDAR].speeds, audit.scores[Scoring.MASKS].speeds
+    by_lidar, by_masks = (audit.scores[s].breakdowns["speed_mps"] for s in (Scoring.LIDAR, Scoring.MASKS))
     rows = []
     for name, of_speed in by_lidar.items():
         if of_speed.object_frames:
@@ -124,7 +124,9 @@ def compensation_table(audit: AuditSummary) -> Table:
     for kind in audit.polygon_kinds:
         for compensation, label in COMPENSATIONS.items():
             parts = [found.get((kind, compensation, name)) for name in classes]
-            medians = [(part.iou.median, part.boundary_px.median) if part else (None, None) for part in parts]
+            medians = [
+                tuple(part.fit[name].median if part else None for name in ("iou", "boundary_px")) for part in parts
+            ]
             rows.append([kind, label, *(cell for pair in medians for cell in pair)])
     headings = [f"{name} {what}" for name in classes for what in ("IoU", "edge px")]
     return Table(
@@ -207,9 +209,9 @@ FALSE_ALARMS = {
 def miss_table(audit: AuditSummary) -> Table:
     """One line per kind of motion, then all."""
     rows = [
-        ["All moving" if row.category == ALL else formats.LABELS[row.category], row.object_frames, row.cells,
-         share(row.hit, row.cells), share(row.hit_by_error, row.cells),
-         *(share(row.causes[cause], row.missed) for cause in MISSES), row.flow_error_px.median]
+        ["All moving" if row.category == ALL else formats.LABELS[row.category], row.frames, row.cells,
+         share(row.cells - row.wrong, row.cells), share(row.hit_by_error, row.cells),
+         *(share(row.causes[cause], row.wrong) for cause in MISSES), row.flow_error_px.median]
         for row in audit.misses
         if row.cells
     ]  # fmt: skip
@@ -231,11 +233,11 @@ def false_alarm_table(audit: AuditSummary) -> Table:
     """One line."""
     row = audit.false_alarms
     assert row is not None, "asked for only where there is exact flow"
-    shares = [share(row.causes[cause], row.flagged) for cause in FALSE_ALARMS]
+    shares = [share(row.causes[cause], row.wrong) for cause in FALSE_ALARMS]
     return Table(
         title="Why cells of the static world are flagged, in percent of the flagged ones",
         columns=["Images", "Cells", "Flagged %", *FALSE_ALARMS.values(), Column("flow error px", decimal)],
-        rows=[[row.images, row.cells, share(row.flagged, row.cells), *shares, row.flow_error_px.median]],
+        rows=[[row.frames, row.cells, share(row.wrong, row.cells), *shares, row.flow_error_px.median]],
         note="Method: the exact flow with exact ego-motion flags them as well; anti-parallel is the paper's own, "
         "static points between the road and the camera's height. Flow: only the estimated flow flags them. Ego-motion: "
         "only the recorded ego-motion and calibration do.",
@@ -280,8 +282,8 @@ def _numbers(audit: AuditSummary) -> Iterator[dict[str, object]]:
     for p in audit.polygons:
         where = {"table": "polygons", "kind": p.kind, "compensation": p.compensation, "slice": p.object_class}
         where |= {"range_m": p.range_m, "speed_mps": p.speed_mps}
-        for name, part in p:
-            for quartile, value in part if isinstance(part, Quartiles) else ():
+        for name, part in p.fit.items():
+            for quartile, value in part:
                 yield where | {"figure": f"{name}.{quartile}", "cases": p.object_frames, "value": value}
     for scoring, scores in audit.scores.items():
         metrics = [(slice_, name, row.metric(name)) for slice_, row in scores.categories.items()
@@ -290,11 +292,11 @@ def _numbers(audit: AuditSummary) -> Iterator[dict[str, object]]:
             yield {"table": "scores", "kind": scoring, "slice": slice_, "figure": name, "cases": metric.cases,
                    "value": metric.value}  # fmt: skip
     for miss in audit.misses:
-        counts = {"cells": miss.cells, "hit": miss.hit, "hit_by_error": miss.hit_by_error, **miss.causes}
+        counts = {"cells": miss.cells, "hit": miss.cells - miss.wrong, "hit_by_error": miss.hit_by_error, **miss.causes}
         for name, cells in counts.items():
             yield {"table": "misses", "slice": miss.category, "figure": name, "cases": miss.cells, "value": cells}
     if (false := audit.false_alarms) is not None:
-        for name, cells in {"cells": false.cells, "flagged": false.flagged, **false.causes}.items():
+        for name, cells in {"cells": false.cells, "flagged": false.wrong, **false.causes}.items():
             yield {"table": "false_alarms", "figure": name, "cases": false.cells, "value": cells}
 
 

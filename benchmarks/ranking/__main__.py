@@ -40,10 +40,10 @@ def main() -> None:
         named = {"split": asked.split, "recordings": asked.recordings, "executor": executor, "progress": progress}
         if asked.beams is None:
             found = run_ranking(card, predictions=predictions, out=out, **named)
-            tables, files = ranking_tables(found), write_ranking_files(out)
+            tables, files = ranking_tables(found), write_ranking_files(out, found)
         else:
             found = run_beams(card, beams=parse_beams(asked.beams), predictions=predictions, out=out, **named)
-            tables, files = beams_tables(found), write_beams_files(out)
+            tables, files = beams_tables(found), write_beams_files(out, found)
     show(for_terminal(tables))
     print_failures(found.failures, all_in=str(out))
     for file in files:

@@ -28,6 +28,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import kendalltau
 
+from bench.atomic import write_text
 from bench.audit.sources import Part, StoredAudit, audit_each
 from bench.errors import UsageError
 from bench.evaluation import Definition, load_protocol
@@ -38,7 +39,6 @@ from bench.evaluation.sums import TERMS, bin_names
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness.stages import Progress
 from bench.recordings import DatasetCard
-from bench.recordings.checked_json import read_checked, write_checked
 from bench.reporting import formats
 from benchmarks.ranking.predictions import OBJECTS, OUTLINES, Prediction
 from benchmarks.ranking.sums import (
@@ -506,17 +506,8 @@ def run_ranking(
         rows=tuple(rank_row(name, scores, predictions) for name in ROWS),
         fits=surface_fits(pd.concat([found.fits for found in ranked], ignore_index=True)),
     )
-    write_checked(out / RANKING, summary)
+    write_text(out / RANKING, summary.model_dump_json(indent=1) + "\n")
     return summary
-
-
-def read_ranking(folder: Path) -> RankingSummary:
-    """Read `ranking.json`.
-
-    Raises:
-        DataError: missing, or not a ranking of a known version; names the field.
-    """
-    return read_checked(RankingSummary, folder / RANKING, expected="the comparison of references")
 
 
 def tau_text(found: Estimate) -> str:

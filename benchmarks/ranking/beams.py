@@ -16,7 +16,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.audit.results import ALL
+from bench.atomic import write_text
+from bench.audit import ALL
 from bench.audit.sources import OpenedSource, Part, StoredAudit, audit_each, same_objects
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
@@ -26,7 +27,6 @@ from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness.stages import Progress
 from bench.lidar import LidarSweep
 from bench.recordings import DatasetCard, Recording
-from bench.recordings.checked_json import read_checked, write_checked
 from bench.records.recording import PointIndices
 from bench.reference import ReferenceFrame, Status
 from benchmarks.ranking.agreement import Estimate, agreement, metric_values, read_terms
@@ -282,14 +282,5 @@ def run_beams(
     summary = BeamsSummary(
         **dict(stored), asked=tuple(beams), predictions=tuple(names), rows=tuple(beams_rows(found, ranked))
     )
-    write_checked(out / BEAMS, summary)
+    write_text(out / BEAMS, summary.model_dump_json(indent=1) + "\n")
     return summary
-
-
-def read_beams(folder: Path) -> BeamsSummary:
-    """Read `beams.json`.
-
-    Raises:
-        DataError: missing, or of no known version; names the field.
-    """
-    return read_checked(BeamsSummary, folder / BEAMS, expected="an audit of numbers of beams")

@@ -16,7 +16,7 @@ from bench.reporting import canvas, formats
 from bench.reporting.audit_tables import sections
 from bench.reporting.document import Code, Column, Heads, Paragraph, Picture, Report, Table
 from benchmarks.ranking.agreement import command, tau_text
-from benchmarks.ranking.beams import BEAMS, BeamsRow, BeamsSummary, read_beams
+from benchmarks.ranking.beams import BEAMS, BeamsRow, BeamsSummary
 
 CLASSES = {  # colour and marker
     ALL: (canvas.BLACK, "o"),
@@ -150,12 +150,7 @@ def _value(row: BeamsRow, title: str) -> float:
     return float("nan") if row.tau is None else row.tau.value
 
 
-def write_beams_files(folder: Path) -> tuple[Path, ...]:
-    """Write `beams.md`, `beams.csv`, `beams.png` and `beams.svg` beside `beams.json`; all of their paths.
-
-    Raises:
-        DataError: the stored audit is missing or damaged.
-    """
-    found = read_beams(folder)
+def write_beams_files(folder: Path, found: BeamsSummary) -> tuple[Path, ...]:
+    """Write `beams.md`, `beams.csv`, `beams.png` and `beams.svg` beside `beams.json`; all of their paths."""
     files = report(found).write(folder, "beams")
     return (folder / BEAMS, *files, *canvas.write_picture(folder / "beams", draw_beams(found)))

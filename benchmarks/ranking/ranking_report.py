@@ -27,7 +27,6 @@ from benchmarks.ranking.agreement import (
     RankedRow,
     RankingSummary,
     command,
-    read_ranking,
     tau_text,
 )
 from benchmarks.ranking.predictions import ALL_PREDICTIONS, OBJECTS, OUTLINES
@@ -325,12 +324,7 @@ def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
     axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
 
 
-def write_ranking_files(folder: Path) -> tuple[Path, ...]:
-    """Write `ranking.md`, `ranking.csv`, `ranking.png` and `ranking.svg` beside `ranking.json`; all of their paths.
-
-    Raises:
-        DataError: the stored ranking is missing or damaged.
-    """
-    ranking = read_ranking(folder)
+def write_ranking_files(folder: Path, ranking: RankingSummary) -> tuple[Path, ...]:
+    """Write `ranking.md`, `ranking.csv`, `ranking.png` and `ranking.svg` beside `ranking.json`; all of their paths."""
     files = report(ranking).write(folder, "ranking")
     return (folder / RANKING, *files, *canvas.write_picture(folder / "ranking", draw_ranking(ranking)))

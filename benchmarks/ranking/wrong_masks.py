@@ -98,7 +98,6 @@ class WrongMasks(Scorable):
         ghost_widths: distance of a copy to the right of each object, in widths of the object; 0 for none.
         merge_px: objects at most so far apart are one, with their common hull; 0 for none.
         shadow: length of a shadow of each object, over the object's height; 0 for none.
-        sees_the_truth: the mark by which a table tells it from methods.
     """
 
     name = "truth"
@@ -113,11 +112,8 @@ class WrongMasks(Scorable):
     ghost_widths: float = 0.0
     merge_px: int = 0
     shadow: float = 0.0
-    sees_the_truth: bool = True
 
     def __post_init__(self) -> None:
-        if self.sees_the_truth is not True:
-            raise UsageError(f"truth: it sees the exact masks and nothing else, got {self.sees_the_truth!r}")
         for name, (least, most) in WHOLE.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
@@ -136,7 +132,13 @@ class WrongMasks(Scorable):
         return bool(whole_objects) or self.shape in ("upper_half", "feet")
 
     def of_truth(self, ids: NDArray[np.uint16], recording: Recording, reference: ReferenceFrame) -> Segmentation:
-        """The same, from the image's true instance ids, (H, W)."""
+        """The answer for an image.
+
+        Args:
+            ids: (H, W) uint16, the image's true instance ids.
+            recording: simulated.
+            reference: of the image, which says what moves.
+        """
         ids = self._late(ids, recording, reference)
         numbers = [k for k in moving_instances(recording, reference) if not self._dropped(k, reference.timestamp_ns)]
         mask = np.isin(ids, np.array(numbers, dtype=np.int64))

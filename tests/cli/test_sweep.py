@@ -62,11 +62,11 @@ def test_errors_of_the_input_are_swept_in_the_same_way(monkeypatch, capsys, tiny
 
 def test_the_usual_folder_is_named_after_what_is_swept(monkeypatch, tiny_card, tmp_path):
     monkeypatch.chdir(tmp_path)
-    words = ("sweep", tiny_card, "--method", "truth", "--set", "grow_px=-1,1", "--set", "shift_px=2")
+    words = ("sweep", tiny_card, "--method", "background-subtraction", "--set", "images=2,3", "--set", "shadows=false")
     assert call(monkeypatch, *words, "--split", "moving", "--workers", 1) == 0
     (folder,) = (tmp_path / "reports" / "sweeps").iterdir()
-    assert folder.name == "tiny-truth-shift_px-2-moving-grow_px"
-    assert {entry.name for entry in folder.iterdir() if entry.is_dir()} == {"-1", "1"}
+    assert folder.name == "tiny-background-subtraction-shadows-False-moving-images"
+    assert {entry.name for entry in folder.iterdir() if entry.is_dir()} == {"2", "3"}
 
 
 def test_images_that_a_value_cannot_use_are_said_and_the_status_is_2(monkeypatch, capsys, tiny_card, tmp_path):

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from bench.audit.causes import BLIND, Evidence, FalseCause, MissCause, false_causes, miss_causes
+from bench.audit.causes import BLIND, FalseCause, MissCause, false_causes, miss_causes
 from bench.audit.polygons import Compensation, lenient, region_fit, with_compensation
-from bench.audit.sources import instance_ids, same_objects
+from bench.audit.sources import same_objects
+from bench.audit.three_runs import Evidence
 from bench.evaluation import count_frame, load_protocol
 from bench.recordings import load_card, open_dataset
 from bench.reference import IgnoreReason, ReferenceBuilder, Status
@@ -45,6 +48,11 @@ def test_a_region_grown_all_around_is_too_large_and_off_by_its_margin():
     assert fit.area_error == pytest.approx(0.96)
     assert fit.centroid_px == 0
     assert fit.boundary_px == pytest.approx(2, abs=0.15)  # a little more at the corners
+
+
+def test_distances_between_outlines_are_exact():
+    fit = region_fit(square(6, 7, 1), square(5, 5, 1))
+    assert fit.boundary_px == fit.centroid_px == math.sqrt(5)
 
 
 def test_holes_of_the_mask_limit_what_a_polygon_can_reach():
@@ -145,7 +153,7 @@ def test_references_of_the_same_objects_differ_in_their_regions_alone():
 def test_an_object_that_no_pixel_shows_is_ignored_in_both():
     lidar = reference_frame(picture("11.22"))
     ids = picture("..99.").astype(np.uint16)
-    both = same_objects([lidar], ids, instance_ids({"a": None, "b": 9}))
+    both = same_objects([lidar], ids, {"a": -1, "b": 9})
     for frame in both:
         assert [o.status for o in frame.objects] == [Status.IGNORED, Status.EVALUATED]
         assert frame.objects[0].reason is IgnoreReason.OCCLUDED

@@ -6,18 +6,10 @@ import csv
 import io
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 
-from bench.audit import (
-    AuditSummary,
-    MissCause,
-    audit_sources,
-    explain_image,
-    read_audit,
-    read_misses,
-    read_polygons,
-    run_audit,
-)
+from bench.audit import AuditSummary, MissCause, audit_sources, explain_image, run_audit
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.methods import build_method
@@ -37,15 +29,20 @@ METHOD = build_method("spherical", {"threshold": 0.01})  # so that something is 
 
 
 @pytest.fixture(scope="module")
-def folder(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def audited(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[AuditSummary, dict[str, pa.Table]]:
     out = tmp_path_factory.mktemp("audit")
-    run_audit(load_card(tiny_card), method=METHOD, protocol=load_protocol("paper-v1"), out=out)
-    return out
+    found, rows = run_audit(load_card(tiny_card), method=METHOD, protocol=load_protocol("paper-v1"), out=out)
+    return found, rows.tables
 
 
 @pytest.fixture(scope="module")
-def audit(folder: Path) -> AuditSummary:
-    return read_audit(folder)
+def audit(audited) -> AuditSummary:
+    return audited[0]
+
+
+@pytest.fixture(scope="module")
+def tables(audited) -> dict[str, pa.Table]:
+    return audited[1]
 
 
 def test_markdown_holds_every_table_in_full(audit: AuditSummary):
@@ -77,24 +74,24 @@ def test_csv_holds_the_figures_at_full_precision(audit: AuditSummary):
         if (row["kind"], row["compensation"], row["slice"], row["range_m"], row["speed_mps"], row["figure"])
         == (expected.kind, expected.compensation, expected.object_class, "all", "all", "iou.median")
     )
-    assert float(found["value"]) == expected.iou.median
+    assert float(found["value"]) == expected.fit["iou"].median
     assert "nan" not in {row["value"] for row in rows}
 
 
-def test_errors_of_the_reference_and_of_scores_are_told_by_speed(folder: Path, audit: AuditSummary):
+def test_errors_of_the_reference_and_of_scores_are_told_by_speed(audit: AuditSummary, tables: dict[str, pa.Table]):
     """Every evaluated object-frame is in one bin, and its polygons are compared there."""
-    scored = audit.scores["lidar"].speeds
+    scored = audit.scores["lidar"].breakdowns["speed_mps"]
     assert sum(row.object_frames for row in scored.values()) == audit.scores["lidar"].all_moving.object_frames > 0
-    polygons = read_polygons(folder).to_pandas()
+    polygons = tables["polygons"].to_pandas()
     convex = polygons[(polygons["kind"] == "convex") & (polygons["compensation"] == "full")]
     walking = convex[convex["speed_mps"] < 1.5]
     (told,) = [
         p for p in audit.polygons
         if (p.kind, p.compensation, p.object_class, p.speed_mps) == ("convex", "full", "all", "[0, 1.5)")
     ]  # fmt: skip
-    assert (told.object_frames, told.iou.median) == (len(walking), walking["iou"].median())
+    assert (told.object_frames, told.fit["iou"].median) == (len(walking), walking["iou"].median())
     table = speed_table(audit)
-    by_masks = audit.scores["masks"].speeds
+    by_masks = audit.scores["masks"].breakdowns["speed_mps"]
     for speed, *_, lidar, masks, error in texts(table):
         assert (lidar, masks) == tuple(f"{100 * rows[speed].iou.value:.1f}" for rows in (scored, by_masks))
         assert float(error) == pytest.approx(float(lidar) - float(masks), abs=0.11)
@@ -107,15 +104,19 @@ def test_the_terminal_cuts_nothing(audit: AuditSummary):
     assert "blind: above horizon" in shown
 
 
-def test_files_are_the_same_every_time(folder: Path, tmp_path: Path):
-    first = {file: file.read_bytes() for file in write_audit_files(folder)}
-    assert {file.name for file in first} == {"audit.json", "audit.md", "audit.csv", "fit.png", "fit.svg"}
+def test_files_are_the_same_every_time(audit: AuditSummary, tables: dict[str, pa.Table], tmp_path: Path):
+    _, *files = write_audit_files(tmp_path, audit, tables["polygons"])
+    first = {file: file.read_bytes() for file in files}
+    assert {file.name for file in first} == {"audit.md", "audit.csv", "fit.png", "fit.svg"}
     assert all(len(content) > 500 for content in first.values())
-    assert {file: file.read_bytes() for file in write_audit_files(folder)} == first
+    write_audit_files(tmp_path, audit, tables["polygons"])
+    assert {file: file.read_bytes() for file in files} == first
 
 
-def test_examples_are_the_median_and_the_worst_of_a_class(folder: Path, audit: AuditSummary, tiny_card: Path):
-    polygons = read_polygons(folder)
+def test_examples_are_the_median_and_the_worst_of_a_class(
+    audit: AuditSummary, tables: dict[str, pa.Table], tiny_card: Path, tmp_path: Path
+):
+    polygons = tables["polygons"]
     found = example_rows(polygons, kind="convex")
     rows = polygons.to_pandas()
     rows = rows[(rows["kind"] == "convex") & (rows["compensation"] == "full")]
@@ -124,13 +125,13 @@ def test_examples_are_the_median_and_the_worst_of_a_class(folder: Path, audit: A
         assert examples["worst"]["iou"] == iou.min()
         assert (iou < examples["median"]["iou"]).sum() == len(iou) // 2
     handles = {handle.name: handle for handle in open_dataset(load_card(tiny_card))}
-    files = write_examples(folder, audit, polygons, handles=handles, protocol=load_protocol("paper-v1"))
+    files = write_examples(tmp_path, audit, polygons, handles=handles, protocol=load_protocol("paper-v1"))
     assert {file.name for file in files} == {f"examples-{name}.{kind}" for name in found for kind in ("png", "svg")}
     assert all(file.stat().st_size > 1000 for file in files)
 
 
-def test_causes_are_drawn_where_most_is_missed(folder: Path, tiny_card: Path):
-    misses, rules = read_misses(folder), load_protocol("paper-v1")
+def test_causes_are_drawn_where_most_is_missed(tables: dict[str, pa.Table], tiny_card: Path, tmp_path: Path):
+    misses, rules = tables["misses"], load_protocol("paper-v1")
     found = worst_images(misses)
     rows = misses.to_pandas()
     rows["missed"] = rows["cells"] - rows["hit"]
@@ -148,7 +149,7 @@ def test_causes_are_drawn_where_most_is_missed(folder: Path, tiny_card: Path):
         assert {cause.value: cells.sum() for cause, cells in explained.missed.items()} == {
             cause.value: row[cause.value].sum() for cause in MissCause
         }
-    files = write_cause_pictures(folder, misses, sources=sources, method=METHOD, protocol=rules)
+    files = write_cause_pictures(tmp_path, misses, sources=sources, method=METHOD, protocol=rules)
     assert len(files) == 2 * len(found) > 0
     with pytest.raises(
         UsageError,

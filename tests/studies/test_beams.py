@@ -18,7 +18,7 @@ from bench.recordings import Recording, load_card, open_dataset
 from bench.records.recording import PointIndices, SweepRef
 from bench.reference.grid import Grid, find_grid
 from benchmarks.ranking.__main__ import main
-from benchmarks.ranking.beams import BeamsSummary, count_beams, parse_beams, read_beams, run_beams, with_beams
+from benchmarks.ranking.beams import BeamsSummary, count_beams, parse_beams, run_beams, with_beams
 from benchmarks.ranking.beams_report import beams_table, draw_beams
 from benchmarks.ranking.predictions import parse_predictions
 from tests.reporting.printed import texts
@@ -109,15 +109,8 @@ def thinned(card: Path, out: Path, beams: str = "32,8,1", methods: str = "", **o
 
 
 @pytest.fixture(scope="module")
-def folder(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("beams")
-    thinned(tiny_card, out)
-    return out
-
-
-@pytest.fixture(scope="module")
-def found(folder: Path) -> BeamsSummary:
-    return read_beams(folder)
+def found(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> BeamsSummary:
+    return thinned(tiny_card, tmp_path_factory.mktemp("beams"))
 
 
 def rows_of(found: BeamsSummary, name: str = "all") -> list:
@@ -161,8 +154,8 @@ def test_every_object_frame_of_the_whole_sensor_is_told_or_lost(found):
 
 @pytest.mark.slow
 def test_processes_change_nothing(found, tiny_card, tmp_path):
-    thinned(tiny_card, tmp_path, executor=ProcessExecutor(workers=2))
-    assert read_beams(tmp_path).model_dump_json(exclude={"provenance"}) == found.model_dump_json(exclude={"provenance"})
+    again = thinned(tiny_card, tmp_path, executor=ProcessExecutor(workers=2))
+    assert again.model_dump_json(exclude={"provenance"}) == found.model_dump_json(exclude={"provenance"})
 
 
 def test_methods_are_ranked_beside_the_exact_masks(tiny_card, tmp_path):
@@ -185,7 +178,8 @@ def test_the_command_prints_the_table_and_leaves_the_files(monkeypatch, capsys, 
     for name in ("beams.json", "beams.md", "beams.csv", "beams.png", "beams.svg"):
         assert (tmp_path / name).stat().st_size > 100
         assert str(tmp_path / name) in shown
-    found, text = read_beams(tmp_path), (tmp_path / "beams.md").read_text()
+    found = BeamsSummary.model_validate_json((tmp_path / "beams.json").read_bytes())
+    text = (tmp_path / "beams.md").read_text()
     table = beams_table(found)
     assert table.title in text
     assert all(f"| {' | '.join(row)} |" in text for row in texts(table))
