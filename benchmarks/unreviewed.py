@@ -22,12 +22,12 @@ from scipy.stats import kendalltau
 import bench
 from bench.annotation import proposal_scores
 from bench.annotation.drives import evaluate_drives, propose_drives
-from bench.annotation.export import to_tracks, write_reviewed
-from bench.annotation.store import read_review, review_file
+from bench.annotation.export import to_tracks
+from bench.annotation.store import read_review
 from bench.execution import ProcessExecutor
 from bench.lidar import LidarSweep
 from bench.methods.registry import known_methods
-from bench.recordings import load_card, open_dataset
+from bench.recordings import load_card, open_dataset, write_annotations
 from bench.synthesis import read_scenario, synthesize
 from benchmarks.false_alarms import with_table
 from benchmarks.mistakes import MISTAKES
@@ -98,14 +98,15 @@ def prepare(drives: Sequence[Path], condition: str, folder: Path, workers: int) 
     for handle in handles:
         of_drive = found[found["recording"] == handle.name]
         names = of_drive.groupby("proposal")["object"].agg(lambda objects: objects.mode()[0]).drop_duplicates()
-        recording, review = handle.open(), read_review(review_file(folder, handle.name))
+        recording, review = handle.open(), read_review(folder, handle.name)
         masks = {track.track_id: track.instance_id for track in recording.tracks}
         tracks = [
             replace(track, instance_id=masks.get(names.get(track.track_id, "")))
             for track in to_tracks(review, recording, unreviewed=True)
         ]
         if tracks:
-            write_reviewed(folder, recording, tracks).rename(proposed / handle.name / "annotations.json")
+            times_ns = [sweep.timestamp_ns for sweep in recording.sweeps]
+            write_annotations(proposed / handle.name / "annotations.json", tracks, timestamps_ns=times_ns)
     return *cards, proposal_scores(frames, minutes=minutes)
 
 

@@ -315,18 +315,23 @@ def review_file(folder: Path, recording: str) -> Path:
     return folder / f"{recording}{REVIEW_SUFFIX}"
 
 
-def read_review(file: Path) -> Review:
-    """Read a review.
+def read_review(folder: Path, recording: str) -> Review:
+    """Read the review of a recording in a folder of annotations.
 
     Raises:
-        DataError: missing, larger than 64 MB, or not what the format asks for.
+        DataError: missing, larger than 64 MB, not what the format asks for, or a copy of another recording's.
     """
+    file = review_file(folder, recording)
     try:
         content = read_regular(file, largest_bytes=LARGEST_BYTES)
     except OSError as error:
         hint = "make it with `fisheye-bench annotate propose`" if not file.exists() else ""
         raise DataError(file, expected="a readable review", got=error.strerror or str(error), hint=hint) from error
-    return parse_json(Review, content, file)
+    review = parse_json(Review, content, file)
+    if review.recording != recording:
+        hint = "it is a copy of another drive's: take it away"
+        raise DataError(file, field="recording", expected=repr(recording), got=repr(review.recording), hint=hint)
+    return review
 
 
 def write_review(file: Path, review: Review) -> None:
