@@ -21,7 +21,9 @@ WELL_KNOWN: dict[str, str | None] = {  # names that need no explanation, in lowe
     **{name: name for name in OBJECT_CLASSES},
     **dict.fromkeys(("person", "person (sitting)", "person_sitting", "adult", "child", "people"), "pedestrian"),
     **dict.fromkeys(("bicycle", "bicyclist", "bike", "motorbike", "motorcycle", "motorcyclist", "rider"), "cyclist"),
-    **dict.fromkeys(("car", "van", "truck", "bus", "tram", "train", "trailer", "caravan"), "vehicle"),
+    **dict.fromkeys(
+        ("car", "van", "truck", "bus", "tram", "train", "trailer", "caravan", "on-rails", "other-vehicle"), "vehicle"
+    ),
     **dict.fromkeys(("dontcare", "don't care", "dont_care", "ignore"), UNCLEAR),
 }
 CLASS_HINTS = {  # whole words of names, for proposals; the first that fits

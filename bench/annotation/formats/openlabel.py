@@ -30,12 +30,12 @@ from bench.annotation.formats.contract import (
     ToolLabels,
     tool_class,
 )
-from bench.annotation.formats.sweeps import pair_with_sweeps, recording_times, refuse_large, vehicle_from_own
+from bench.annotation.formats.sweeps import LARGEST, pair_with_sweeps, recording_times, refuse_large, vehicle_from_own
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import MOTION_KINDS, Recording, openlabel
 from bench.recordings.annotations import annotation_document, read_state
-from bench.recordings.validation import FileModel, located, read_json, validated
+from bench.recordings.validation import LATEST_NS, FileModel, located, read_json, validated
 
 FILE = "openlabel.json"
 OWN_NAMES = {  # of data that annotation files have, too
@@ -49,6 +49,7 @@ MOTION_DATA = ("yaw_rate_radps", "velocity_mps", "category", "unclear")  # what 
 UPRIGHT = 0.5  # cosine to the vertical of a box's z, from which on the box is upright
 UNIT_ERROR = 1e-3  # of the length of a quaternion
 EULER_VALUES, QUATERNION_VALUES = 9, 10
+LONGEST_TIME = 64  # characters
 
 
 class _Part(FileModel):
@@ -187,10 +188,13 @@ class _Reader:
         stated_ns = []
         for number, stamp in zip(frames, stamps, strict=True):
             try:
-                stated_ns.append(round(Decimal(str(stamp)[:64].strip()) * options.unit_ns))
-            except (InvalidOperation, ValueError, OverflowError):
+                value = Decimal(str(stamp)[:LONGEST_TIME].strip())
+            except InvalidOperation:
+                value = Decimal("nan")
+            if not value.is_finite() or value.copy_abs() > LATEST_NS:  # `abs` fails on exponents beyond its context
                 field, got = f"openlabel.frames.{number}.frame_properties.timestamp", repr(stamp)[:80]
-                raise DataError(file, field=field, expected="a number in each frame", got=got) from None
+                raise DataError(file, field=field, expected="a number in each frame", got=got)
+            stated_ns.append(round(value * options.unit_ns))
         times_ns = recording_times(stated_ns, self._recording, source=file, field="openlabel.frames: timestamp")
         for time_ns, count in Counter(times_ns).items():
             if count > 1:
@@ -262,9 +266,9 @@ class _Reader:
 
     def _cuboid(self, val: Any, system: str, number: str, field: str) -> dict[str, Any]:
         """A box in the vehicle frame: nine values turn about the fixed x, y and z in turn, ten have a quaternion."""
-        listed = val if isinstance(val, list) else []
-        numbers = np.array([v if isinstance(v, int | float) else np.nan for v in listed], dtype=np.float64)
-        if len(numbers) not in {EULER_VALUES, QUATERNION_VALUES} or not np.isfinite(numbers).all():
+        listed = val if isinstance(val, list) and all(type(v) in {int, float} and abs(v) < LARGEST for v in val) else []
+        numbers = np.array(listed, dtype=np.float64)
+        if len(numbers) not in {EULER_VALUES, QUATERNION_VALUES}:
             got = repr(val)[:80]
             raise DataError(self._file, field=f"{field}.val", expected="9 or 10 finite numbers", got=got)
         if len(numbers) == EULER_VALUES:

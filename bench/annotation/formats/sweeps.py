@@ -23,6 +23,7 @@ from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices, R
 LARGEST_BYTES = 500_000_000  # of one file
 SHOWN = 5  # names that a message lists
 LONGEST_NUMBER = 19  # digits of a time in nanoseconds
+LARGEST = 1e8  # m; coordinates of any map are below
 NEAR_NS = 1_000_000  # a time so near to a sweep's is the sweep's: tools round
 BEYOND_NS = 1_000_000_000  # times may be so far outside of the recording
 

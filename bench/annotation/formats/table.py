@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from bench.annotation.formats.contract import Files, LabelOptions, LabelSet, Observation, ToolLabels, tool_class
 from bench.annotation.formats.sweeps import (
+    LARGEST,
     box_state,
     data_lost,
     own_frame,
@@ -34,7 +35,6 @@ TIME, WORDS = "timestamp_ns", ["track", "class", "frame"]
 CENTRE, SIZE, YAW = ["x_m", "y_m", "z_m"], ["length_m", "width_m", "height_m"], "yaw_rad"
 VELOCITY = ["vx_mps", "vy_mps", "vz_mps"]
 REQUIRED = [TIME, *WORDS, *CENTRE, *SIZE, YAW]
-LARGEST = 1e8  # coordinates of any map are below
 LEVEL = 1e-3  # sine of how far a box leans, from which on it is said
 
 
