@@ -23,7 +23,7 @@ import bench
 from bench.annotation import proposal_scores
 from bench.annotation.drives import evaluate_drives, propose_drives
 from bench.annotation.export import to_tracks
-from bench.annotation.store import read_review
+from bench.annotation.store import read_review, review_file
 from bench.execution import ProcessExecutor
 from bench.lidar import LidarSweep
 from bench.methods.registry import known_methods
@@ -98,7 +98,7 @@ def prepare(drives: Sequence[Path], condition: str, folder: Path, workers: int) 
     for handle in handles:
         of_drive = found[found["recording"] == handle.name]
         names = of_drive.groupby("proposal")["object"].agg(lambda objects: objects.mode()[0]).drop_duplicates()
-        recording, review = handle.open(), read_review(folder, handle.name)
+        recording, review = handle.open(), read_review(review_file(folder, handle.name))
         masks = {track.track_id: track.instance_id for track in recording.tracks}
         tracks = [
             replace(track, instance_id=masks.get(names.get(track.track_id, "")))

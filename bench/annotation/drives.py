@@ -96,7 +96,7 @@ def propose_drive(dataset: str, folder: Path, handle: RecordingHandle) -> Propos
     try:
         recording = handle.open()
         made_from = proposal_digests(recording)
-        stored = read_review(folder, handle.name) if file.exists() else None
+        stored = read_review(file) if file.exists() else None
         computed = stored is None or stored.proposed != made_from
         if computed:
             tracks = tuple(stored_track(proposal) for proposal in propose(recording))
@@ -167,7 +167,7 @@ def evaluate_drives(
 
 
 def _evaluate_drive(folder: Path, handle: RecordingHandle) -> tuple[pd.DataFrame, float]:
-    review = read_review(folder, handle.name)
+    review = read_review(review_file(folder, handle.name))
     recording = handle.open()
     frames = evaluate_proposals(recording, to_tracks(review, recording, unreviewed=True))
     times_ns = [ref.timestamp_ns for ref in recording.sweeps]

@@ -75,7 +75,7 @@ class Session:
         self._lock, self._drawing = Lock(), Lock()
         self._builders: dict[str, ReferenceBuilder] = {}
         empty = Review(dataset=dataset, recording=recording.name)
-        self.review = read_review(folder, recording.name) if self.file.exists() else empty
+        self.review = read_review(self.file) if self.file.exists() else empty
         self._on_disk = _file_state(self.file)
         self._proposed = opening(self.review)
         self._state = replayed(self._proposed, self.review.decisions)

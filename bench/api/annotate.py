@@ -269,7 +269,8 @@ def annotations_folder(card: DatasetCard, folder: str | Path | None = None) -> P
 
 def _reviewed(card: DatasetCard, name: str, folder: Path, *, unreviewed: bool) -> Recording:
     """A recording with the tracks that were accepted, or those that were proposed and not rejected."""
-    review, opened = read_review(folder, name), open_unannotated(card, name)
+    file = review_file(folder, name)
+    review, opened = read_review(file), open_unannotated(card, name)
     if not unreviewed:
-        refuse_unfinished(review, opened, review_file(folder, name))
+        refuse_unfinished(review, opened, file)
     return replace(opened, tracks=to_tracks(review, opened, unreviewed=unreviewed))

@@ -60,7 +60,7 @@ def test_only_accepted_tracks_of_a_finished_review_are_written(card, drive, tmp_
     assert "nobody watched" in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", out)
     assert not out.exists()
     stored(card, watched(accepted(review, first), drive))
-    ended = called_here("annotate", "export", card, "--out", out, "--labels", "kitti-tracklets")
+    ended = called_here("annotate", "export", card, "--out", out)
     assert ended.returncode == 0
     (track,) = read_annotations(out / f"{DRIVE}.json")
     assert (track.track_id, track.reviewed) == (first, True)
@@ -68,8 +68,35 @@ def test_only_accepted_tracks_of_a_finished_review_are_written(card, drive, tmp_
     assert {sweep.timestamp_ns for sweep in drive.sweeps} <= {
         frame["frame_properties"]["timestamp"] for frame in frames.values()
     }
-    assert any((out / "kitti-tracklets" / DRIVE).iterdir())
     assert file.exists()
+    assert called_here("annotate", "export", card, "--out", out / "tool", "--format", "cvat").returncode == 0
+    assert (out / "tool" / DRIVE / "tracklet_labels.xml").is_file()
+
+
+def test_a_review_of_another_drive_gives_no_labels(card, drive, tmp_path):
+    file = stored(card, watched(accepted(proposed_from(drive)), drive))
+    other = store.read_review(file).model_copy(update={"recording": "another"})
+    store.write_review(file, other)
+    told = f"recording: expected '{DRIVE}', got 'another'; it is a copy of another drive's"
+    for command in ("export", "evaluate", "propose"):
+        words = ("--out", tmp_path / "out") if command == "export" else ()
+        ended = called_here("annotate", command, card, *words)
+        assert ended.returncode == 2
+        assert told in " ".join((ended.stdout + ended.stderr).split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_annotations_made_by_hand_stay(card, drive, tmp_path):
+    stored(card, watched(accepted(proposed_from(drive)), drive))
+    out = tmp_path / "out"
+    assert called_here("annotate", "export", card, "--out", out).returncode == 0
+    mine = (out / f"{DRIVE}.json").read_text().replace('"timestamp": ', '"timestamp":  ', 1)
+    (out / f"{DRIVE}.json").write_text(mine)
+    ended = called_here("annotate", "export", card, "--out", out)
+    assert (ended.returncode, "--overwrite" in ended.stderr) == (2, True)
+    assert (out / f"{DRIVE}.json").read_text() == mine
+    assert called_here("annotate", "export", card, "--out", out, "--overwrite").returncode == 0
+    assert (out / f"{DRIVE}.json.1").read_text() == mine
 
 
 def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
