@@ -6,8 +6,9 @@ import shutil
 import numpy as np
 import pytest
 
-from bench.annotation.formats import LABEL_FORMATS, label_format
+from bench.annotation.formats import label_format
 from bench.annotation.formats.contract import WritableFormat
+from bench.annotation.formats.conversion import LABEL_FORMATS
 from bench.lidar import read_sweep
 from bench.recordings import read_annotations
 from tests.support import tiny

@@ -32,7 +32,6 @@ LABEL_FORMATS = {
     "kitti-tracklets": "bench.annotation.formats.tracklets:KittiTracklets",
     "semantickitti": "bench.annotation.formats.semantickitti:SemanticKitti",
 }
-UNCLEAR_CLASS = "vehicle"  # of what is not scored the class does not matter
 
 
 def known_formats() -> dict[str, str]:
@@ -141,23 +140,22 @@ def _track(
             raise DataError(source, field=field, expected="one place at each time", got=f"{count} at {time_ns}")
     ours = classes[seen[0].label]
     assert ours is not None
-    states = with_motion([o.state for o in seen], recording.trajectory)
-    middles_m = [o.middle_m for o in seen if o.middle_m is not None]
-    if len(middles_m) == len(seen):
-        states = _with_point_motion(states, seen, np.array(middles_m), recording)
+    if (middles_m := [o.middle_m for o in seen if o.middle_m is not None]) and len(middles_m) == len(seen):
+        states = _with_point_motion(seen, np.array(middles_m), recording)
+    else:
+        states = with_motion([o.state for o in seen], recording.trajectory)
     if ours == UNCLEAR:
         states = [replace(state, unclear=True) for state in states]
-    object_class = UNCLEAR_CLASS if ours == UNCLEAR else ours
+    object_class = "vehicle" if ours == UNCLEAR else ours  # of what is not scored it does not matter
     return Track(track_id=name, object_class=object_class, states=tuple(states), instance_id=seen[0].instance_id)
 
 
-def _with_point_motion(
-    states: Sequence[ObjectState], seen: Sequence[Observation], middles_m: np.ndarray, recording: Recording
-) -> list[ObjectState]:
+def _with_point_motion(seen: Sequence[Observation], middles_m: np.ndarray, recording: Recording) -> list[ObjectState]:
+    """States of points, with the velocities of their middles."""
     world_mps = middle_velocities(np.array([o.seen_ns for o in seen], dtype=np.int64), middles_m)
-    rotations, _, _ = recording.trajectory.at(np.array([s.timestamp_ns for s in states], dtype=np.int64))
+    rotations, _, _ = recording.trajectory.at(np.array([o.state.timestamp_ns for o in seen], dtype=np.int64))
     velocities = np.einsum("nji,nj->ni", rotations, world_mps)
-    return [replace(state, velocity_mps=velocity) for state, velocity in zip(states, velocities, strict=True)]
+    return [replace(o.state, velocity_mps=velocity) for o, velocity in zip(seen, velocities, strict=True)]
 
 
 def export_labels(

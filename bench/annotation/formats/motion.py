@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from bench.egomotion import Trajectory
 from bench.recordings import Cuboid, GroundPolygon, ObjectState
 from bench.records.recording import world_velocities, world_yaw_rates
 
+Floats = NDArray[np.float64]
 SECOND_NS = 1_000_000_000
 LONGEST_GAP_NS = SECOND_NS  # an object that was out of sight for longer says nothing of its speed
 WINDOW_NS = SECOND_NS  # the visible side of an object changes: shorter windows give its jitter, not its motion
@@ -21,7 +22,7 @@ FASTEST_MPS = {"pedestrian": 5.0, "cyclist": 15.0, "animal": 15.0, "vehicle": 30
 JITTER_M = 1.0  # of the middle of what is seen
 
 
-def centre(state: ObjectState) -> NDArray[np.float64]:
+def centre(state: ObjectState) -> Floats:
     """Middle of a box or outline, (3,) m, vehicle frame."""
     if isinstance(state.shape, Cuboid):
         return state.shape.vehicle_from_object.translation_m
@@ -74,7 +75,7 @@ def _moved(states: Sequence[ObjectState], trajectory: Trajectory) -> list[Object
     ]
 
 
-def middle_velocities(times_ns: NDArray[np.int64], middles_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def middle_velocities(times_ns: NDArray[np.int64], middles_m: Floats) -> Floats:
     """Velocity at each time: the slope of a straight line through the middles half a second before and after.
 
     Args:
@@ -97,18 +98,7 @@ def middle_velocities(times_ns: NDArray[np.int64], middles_m: NDArray[np.float64
     return velocities
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _LastSeen:
-    """An object where it was last seen, world frame."""
-
-    seen_ns: int
-    place_m: NDArray[np.float64]
-    velocity_mps: NDArray[np.float64]
-
-
-def followed(
-    times_ns: Sequence[int], places_m: Sequence[NDArray[np.float64]], *, fastest_mps: float
-) -> list[list[int]]:
+def followed(times_ns: Sequence[int], places_m: Sequence[Floats], *, fastest_mps: float) -> list[list[int]]:
     """Number objects without ids so that one keeps its number from time to time.
 
     They are paired with where the objects so far should be, all at once with the smallest sum of distances. What is
@@ -122,26 +112,23 @@ def followed(
     Returns:
         For each time the number of each of its objects, from 0 on.
     """
-    known: dict[int, _LastSeen] = {}
+    known: dict[int, tuple[int, Floats, Floats]] = {}  # when and where each was last seen, and how fast it was
     count = 0
     numbers: list[list[int]] = []
     for time_ns, places in zip(times_ns, places_m, strict=True):
-        known = {number: last for number, last in known.items() if time_ns - last.seen_ns <= LONGEST_GAP_NS}
-        gaps_s = np.array([(time_ns - last.seen_ns) / SECOND_NS for last in known.values()])
-        predicted = np.array(
-            [last.place_m + last.velocity_mps * gap_s for last, gap_s in zip(known.values(), gaps_s, strict=True)]
-        )
-        away = cdist(places, predicted.reshape(-1, 3)) / (JITTER_M + fastest_mps * gaps_s)
+        known = {number: last for number, last in known.items() if time_ns - last[0] <= LONGEST_GAP_NS}
+        gaps_s = np.array([(time_ns - seen_ns) / SECOND_NS for seen_ns, _, _ in known.values()])
+        last_m, last_mps = (np.array([last[i] for last in known.values()]).reshape(-1, 3) for i in (1, 2))
+        away = cdist(places, last_m + last_mps * gaps_s[:, None]) / (JITTER_M + fastest_mps * gaps_s)
         away = np.minimum(np.nan_to_num(away, nan=1.0), 1.0)  # what is too far costs the same, and pushes nothing apart
         pairs = {int(a): int(b) for a, b in zip(*linear_sum_assignment(away), strict=True) if away[a, b] < 1.0}
         names, row = list(known), []
         for i, place_m in enumerate(places):
-            number, velocity = count, np.zeros(3)
-            if i in pairs:
-                number = names[pairs[i]]
-                velocity = (place_m - known[number].place_m) / gaps_s[pairs[i]]
+            number, velocity_mps = count, np.zeros(3)
+            if (pair := pairs.get(i)) is not None:
+                number, velocity_mps = names[pair], (place_m - last_m[pair]) / gaps_s[pair]
             count += number == count
-            known[number] = _LastSeen(seen_ns=time_ns, place_m=place_m, velocity_mps=velocity)
+            known[number] = time_ns, place_m, velocity_mps
             row.append(number)
         numbers.append(row)
     return numbers

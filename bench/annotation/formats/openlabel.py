@@ -177,13 +177,13 @@ class _Reader:
 
     def _frame_times(self, options: LabelOptions) -> dict[str, int]:
         """The time of each frame: as it states, else of the sweep whose number it has."""
-        frames, file = self._content.frames, self._file
+        frames = self._content.frames
         if not frames:
-            hint, got = "an annotation needs times; export the labels with frames", "none"
-            raise DataError(file, field="openlabel.frames", expected="frames, to pair with sweeps", got=got, hint=hint)
+            hint = "an annotation needs times; export the labels with frames"
+            raise self._fault("openlabel.frames", "frames, to pair with sweeps", "none", hint)
         stamps = [frame.frame_properties.timestamp for frame in frames.values()]
         if options.first_frame is not None or all(stamp is None for stamp in stamps):
-            sweeps = pair_with_sweeps(list(frames), self._recording, options, source=file)
+            sweeps = pair_with_sweeps(list(frames), self._recording, options, source=self._file)
             return {number: sweep.timestamp_ns for number, sweep in sweeps.items()}
         stated_ns = []
         for number, stamp in zip(frames, stamps, strict=True):
@@ -192,15 +192,15 @@ class _Reader:
             except InvalidOperation:
                 value = Decimal("nan")
             if not value.is_finite() or value.copy_abs() > LATEST_NS:  # `abs` fails on exponents beyond its context
-                field, got = f"openlabel.frames.{number}.frame_properties.timestamp", repr(stamp)[:80]
-                raise DataError(file, field=field, expected="a number in each frame", got=got)
+                field = f"openlabel.frames.{number}.frame_properties.timestamp"
+                raise self._fault(field, "a number in each frame", repr(stamp)[:80])
             stated_ns.append(round(value * options.unit_ns))
-        times_ns = recording_times(stated_ns, self._recording, source=file, field="openlabel.frames: timestamp")
+        times_ns = recording_times(stated_ns, self._recording, source=self._file, field="openlabel.frames: timestamp")
         for time_ns, count in Counter(times_ns).items():
             if count > 1:
                 hint = "--first-frame pairs frames by their numbers instead"
-                expected, got = "one frame for each time", f"{count} frames of {time_ns} ns"
-                raise DataError(file, field="openlabel.frames: timestamp", expected=expected, got=got, hint=hint)
+                got = f"{count} frames of {time_ns} ns"
+                raise self._fault("openlabel.frames: timestamp", "one frame for each time", got, hint)
         return dict(zip(frames, times_ns, strict=True))
 
     def observations(self) -> Iterator[Observation]:
@@ -222,8 +222,7 @@ class _Reader:
             for uid, shown in frame.objects.items():
                 field = f"openlabel.frames.{number}.objects.{uid}"
                 if uid not in objects:
-                    expected = "an object listed under openlabel.objects"
-                    raise DataError(self._file, field=field, expected=expected, got=repr(uid))
+                    raise self._fault(field, "an object listed under openlabel.objects", repr(uid))
                 data = self._data(shown, objects[uid], number, f"{field}.object_data")
                 if not any(data[kind] for kind in ("cuboid", "poly2d", "vec")):
                     continue
@@ -269,16 +268,15 @@ class _Reader:
         listed = val if isinstance(val, list) and all(type(v) in {int, float} and abs(v) < LARGEST for v in val) else []
         numbers = np.array(listed, dtype=np.float64)
         if len(numbers) not in {EULER_VALUES, QUATERNION_VALUES}:
-            got = repr(val)[:80]
-            raise DataError(self._file, field=f"{field}.val", expected="9 or 10 finite numbers", got=got)
+            raise self._fault(f"{field}.val", "9 or 10 finite numbers", repr(val)[:80])
         if len(numbers) == EULER_VALUES:
             rotation = Rotation.from_euler("xyz", numbers[3:6])
         else:
             rotation = self._rotation(numbers[3:7].tolist(), f"{field}.val")
         box = self._vehicle_from(system, number, field) @ RigidTransform(rotation.as_matrix(), numbers[:3])
         if box.rotation[2, 2] < UPRIGHT:
-            expected, got = "a box whose z points up", f"one at {np.degrees(np.arccos(box.rotation[2, 2])):.0f} degrees"
-            raise DataError(self._file, field=f"{field}.val", expected=expected, got=got)
+            got = f"one at {np.degrees(np.arccos(box.rotation[2, 2])):.0f} degrees"
+            raise self._fault(f"{field}.val", "a box whose z points up", got)
         w, *xyz = box.quaternion_wxyz.tolist()
         return {"name": "shape", "val": [*box.translation_m.tolist(), *xyz, w, *numbers[-3:].tolist()]}
 
@@ -301,8 +299,7 @@ class _Reader:
                     queue.append(parent)
         expected = f"a system that is, or has poses to, one of {', '.join(filter(None, self._own))}"
         hint = f"say what it is with --frame {system}=vehicle (or lidar, world)"
-        got = repr(system) if system else "none"
-        raise DataError(self._file, field=f"{field}.coordinate_system", expected=expected, got=got, hint=hint)
+        raise self._fault(f"{field}.coordinate_system", expected, repr(system) if system else "none", hint)
 
     def _pose(self, pose: _Pose, place: str) -> RigidTransform:
         """A pose of the file: maps points of the source (the child) into the destination (the parent)."""
@@ -310,21 +307,22 @@ class _Reader:
         if pose.matrix4x4 is not None:
             matrix = np.array(pose.matrix4x4)
             if matrix.size != 16 or not np.allclose(matrix[12:], [0.0, 0.0, 0.0, 1.0]):
-                expected, got = "16 numbers, the last of them 0, 0, 0, 1", str(pose.matrix4x4)
-                raise DataError(self._file, field=f"{field}.matrix4x4", expected=expected, got=got)
+                expected = "16 numbers, the last of them 0, 0, 0, 1"
+                raise self._fault(f"{field}.matrix4x4", expected, str(pose.matrix4x4))
             with located(self._file, f"{field}.matrix4x4"):
                 return RigidTransform.from_matrix(matrix.reshape(4, 4))
         if pose.quaternion is None or pose.translation is None:
-            expected = "a matrix4x4, or a quaternion with a translation"
-            raise DataError(self._file, field=field, expected=expected, got="neither")
+            raise self._fault(field, "a matrix4x4, or a quaternion with a translation", "neither")
         rotation = self._rotation(pose.quaternion, f"{field}.quaternion")
         return RigidTransform(rotation.as_matrix(), np.array(pose.translation))
 
     def _rotation(self, xyzw: Sequence[float], field: str) -> Rotation:
         if abs(np.linalg.norm(xyzw) - 1.0) > UNIT_ERROR:
-            got = str(list(xyzw))
-            raise DataError(self._file, field=field, expected="a quaternion x, y, z, w of length 1", got=got)
+            raise self._fault(field, "a quaternion x, y, z, w of length 1", str(list(xyzw)))
         return Rotation.from_quat(xyzw)
+
+    def _fault(self, field: str, expected: str, got: str, hint: str = "") -> DataError:
+        return DataError(self._file, field=field, expected=expected, got=got, hint=hint)
 
 
 def _tupled(value: Any) -> Any:

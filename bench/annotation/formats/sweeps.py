@@ -54,9 +54,8 @@ def frame_files(source: Path, suffix: str, *, folders: tuple[str, ...]) -> list[
         raise DataError(source, expected=f"a folder of {suffix} files", got="a file" if source.exists() else "nothing")
     inner = [source / name for name in folders if (source / name).is_dir()]
     if len(inner) > 1:
-        hint = f"give the one that is meant, for example {inner[0]}"
         got = " and ".join(path.name for path in inner)
-        raise DataError(source, expected="one folder of labels", got=got, hint=hint)
+        raise DataError(source, expected="one folder of labels", got=got, hint="give the one that is meant")
     folder = inner[0] if inner else source
     files = sorted(path for path in folder.iterdir() if path.suffix == suffix and not path.name.startswith("."))
     if not files:
@@ -130,11 +129,11 @@ def recording_times(times_ns: Sequence[int], recording: Recording, *, source: Pa
     """
     sweeps_ns = sorted(sweep.timestamp_ns for sweep in recording.sweeps)
     images_ns = [image.timestamp_ns for images in recording.images.values() for image in images]
-    known = [*sweeps_ns, *images_ns]
+    first_ns, last_ns = min([*sweeps_ns, *images_ns], default=0), max([*sweeps_ns, *images_ns], default=0)
     paired = []
     for time_ns in times_ns:
-        if not known or not min(known) - BEYOND_NS <= time_ns <= max(known) + BEYOND_NS:
-            expected = f"times of the recording, {min(known)} to {max(known)} ns" if known else "a recording with times"
+        if not first_ns - BEYOND_NS <= time_ns <= last_ns + BEYOND_NS:
+            expected = f"times of the recording, {first_ns} to {last_ns} ns"
             hint = "give the unit of the times with --time-unit, or the right recording"
             raise DataError(source, field=field, expected=expected, got=f"{time_ns} ns", hint=hint)
         place = bisect_left(sweeps_ns, time_ns)

@@ -40,8 +40,7 @@ from bench.recordings.files import READ_BYTES, MeteredFile, numbers, read_text, 
 
 LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
 DEEPEST = 12  # levels of nested elements; the format has six, attributes that tools add two more
-LARGEST_NUMBER = 10**9
-DECLARATION_BYTES = 200
+DECLARED = re.compile(rb"""\A(\s{0,9}<\?xml[^>]{0,200}standalone\s*=\s*)(["'])true\2""")
 UNSET, INTERPOLATED, LABELLED = 0, 1, 2
 CUT_OFF, OUTSIDE = 1, (2, 99)  # truncation
 FILE, FRAME_LIST, ID_ATTRIBUTE = "tracklet_labels.xml", "frame_list.txt", "id"
@@ -126,13 +125,9 @@ class _Declared:
         self._source, self._begun = source, False
 
     def read(self, size: int = READ_BYTES) -> bytes:
-        content = self._source.read(size)
-        if not self._begun:
-            self._begun = True
-            head, rest = content[:DECLARATION_BYTES], content[DECLARATION_BYTES:]
-            head = re.sub(rb"""^(\s*<\?xml[^>]*standalone\s*=\s*)(["'])true\2""", rb"\1\2yes\2", head)
-            content = head + rest
-        return content
+        content, first = self._source.read(size), not self._begun
+        self._begun = True
+        return DECLARED.sub(rb"\1\2yes\2", content) if first else content
 
 
 def _tracklet(item: Element, file: Path, field: str) -> Tracklet:
@@ -173,7 +168,7 @@ def _whole(element: Element, name: str, file: Path, field: str, default: int | N
     if text is None and default is not None:
         return default
     text = (text or "").strip()
-    if not re.fullmatch(r"-?[0-9]{1,10}", text) or abs(int(text)) > LARGEST_NUMBER:
+    if not re.fullmatch(r"-?[0-9]{1,9}", text):
         got = repr(text[:40]) if text else "nothing"
         raise DataError(file, field=f"{field}.{name}", expected="a whole number", got=got)
     return int(text)
@@ -200,10 +195,8 @@ class KittiTracklets:
         else:
             paired = pair_with_sweeps([str(n) for n in used], recording, options, source=file) if used else {}
             sweeps = {number: paired[str(number)] for number in used}
-            lost.append(
-                f"frames without objects: the format does not say whether they were annotated, so that all "
-                f"{len(recording.sweeps)} sweeps count as annotated"
-            )
+            count = f"all {len(recording.sweeps)} sweeps count as annotated"
+            lost.append(f"frames without objects: the format does not say whether they were annotated, so that {count}")
         observations = []
         taken: dict[str, tuple[str, set[int]]] = {}
         for i, tracklet in enumerate(tracklets):

@@ -3,16 +3,9 @@
 import numpy as np
 import pytest
 
-from bench.annotation.formats import (
-    LABEL_FORMATS,
-    LabelOptions,
-    LabelSet,
-    import_labels,
-    known_formats,
-    label_format,
-    writable_format,
-)
+from bench.annotation.formats import LabelOptions, LabelSet, import_labels, label_format, writable_format
 from bench.annotation.formats.contract import WritableFormat
+from bench.annotation.formats.conversion import LABEL_FORMATS, known_formats
 from bench.errors import BenchError, DataError, UnknownNameError, UsageError
 from bench.recordings import read_annotations, write_annotations
 from tests.annotation.formats import street

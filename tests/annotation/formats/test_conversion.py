@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.annotation.formats import LabelOptions, Observation, ToolLabels, import_labels
-from bench.annotation.formats.contract import map_classes, tool_class
+from bench.annotation.formats import LabelOptions, import_labels
+from bench.annotation.formats.contract import Observation, ToolLabels, map_classes, tool_class
 from bench.annotation.formats.openlabel import OpenLabelFormat
 from bench.errors import DataError, UsageError
 from tests.annotation.formats import street
