@@ -113,10 +113,11 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     said = f"{NOT_REVIEWED} (1 of 1 recordings)"
     assert said in ended.stdout + ended.stderr
     assert read_run(run).summary.caveats.startswith(said)
-    assert all(said in (run / f"table.{kind}").read_text() for kind in ("md", "tex"))
-    lines = pd.read_csv(run / "table.csv")
+    results = run / "paper-v1"
+    assert all(said in (results / f"table.{kind}").read_text() for kind in ("md", "tex"))
+    lines = pd.read_csv(results / "table.csv")
     assert set(lines["annotations"]) == {said.removeprefix("annotations: ")}
-    assert all(row["annotations"] in said for row in json.loads((run / "table.json").read_text())["rows"])
+    assert all(row["annotations"] in said for row in json.loads((results / "table.json").read_text())["rows"])
     baseline = tmp_path / "baseline"
     assert called_here("gate", run, "--baseline", baseline, "--update", "--allow-dirty").returncode == 0
     judged = called_here("gate", run, "--baseline", baseline, "--json", tmp_path / "verdict.json")
@@ -132,7 +133,7 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     for name in ("leaderboard.csv", "leaderboard.json", "index.html"):
         assert said.removeprefix("annotations: ") in board[name]
     assert called_here("report", run, "--no-pictures").returncode == 0
-    pages = [page.read_text() for page in run.glob("*.html")]
+    pages = [page.read_text() for page in run.rglob("*.html")]
     assert pages
     assert all(NOT_REVIEWED in page for page in pages)
 

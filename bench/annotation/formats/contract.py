@@ -27,7 +27,7 @@ WELL_KNOWN: dict[str, str | None] = {  # names that need no explanation, in lowe
     **dict.fromkeys(("dontcare", "don't care", "dont_care", "ignore"), UNCLEAR),
 }
 CLASS_HINTS = {  # whole words of names, for proposals; the first that fits
-    "none": ("ego", "egocar", "stop", "sign", "light", "lane", "cone", "barrier", "shopping", "cart"),
+    "none": ("ego", "egocar", "stop", "sign", "lane", "cone", "barrier"),
     "cyclist": ("cyclist", "bicyclist", "motorcyclist", "bicycle", "motorcycle", "bike", "motorbike", "rider"),
     "pedestrian": ("pedestrian", "person", "people", "human", "adult", "child", "walker"),
     "vehicle": ("vehicle", "car", "truck", "lorry", "bus", "van", "tram", "trailer"),
