@@ -13,14 +13,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bench.annotation.formats import LabelOptions
     from bench.api.annotate import (
         ConvertedLabels,
-        ExportedDrive,
         ProposalScores,
         evaluate_proposals,
         export_labels,
-        export_projects,
-        export_reviewed,
         import_labels,
         propose,
     )
@@ -54,8 +52,8 @@ __all__ = [
     "ConvertedLabels",
     "Dataset",
     "Evaluation",
-    "ExportedDrive",
     "Frame",
+    "LabelOptions",
     "LeaderboardReport",
     "MissingBaselineError",
     "ProposalScores",
@@ -74,9 +72,7 @@ __all__ = [
     "evaluate",
     "evaluate_proposals",
     "export_labels",
-    "export_projects",
     "export_reference",
-    "export_reviewed",
     "import_labels",
     "interval",
     "judge",
@@ -100,14 +96,12 @@ __all__ = [
 ]
 
 _MODULES = {
+    "bench.annotation.formats": ("LabelOptions",),
     "bench.api.annotate": (
         "ConvertedLabels",
-        "ExportedDrive",
         "ProposalScores",
         "evaluate_proposals",
         "export_labels",
-        "export_projects",
-        "export_reviewed",
         "import_labels",
         "propose",
     ),

@@ -22,12 +22,12 @@ from scipy.stats import kendalltau
 import bench
 from bench.annotation import proposal_scores
 from bench.annotation.drives import evaluate_drives, propose_drives
-from bench.annotation.export import to_tracks, write_reviewed
+from bench.annotation.export import to_tracks
 from bench.annotation.store import read_review, review_file
 from bench.execution import ProcessExecutor
 from bench.lidar import LidarSweep
 from bench.methods.registry import known_methods
-from bench.recordings import load_card, open_dataset
+from bench.recordings import load_card, open_dataset, write_annotations
 from bench.synthesis import read_scenario, synthesize
 from benchmarks.false_alarms import with_table
 from benchmarks.mistakes import MISTAKES
@@ -105,7 +105,8 @@ def prepare(drives: Sequence[Path], condition: str, folder: Path, workers: int) 
             for track in to_tracks(review, recording, unreviewed=True)
         ]
         if tracks:
-            write_reviewed(folder, recording, tracks).rename(proposed / handle.name / "annotations.json")
+            times_ns = [sweep.timestamp_ns for sweep in recording.sweeps]
+            write_annotations(proposed / handle.name / "annotations.json", tracks, timestamps_ns=times_ns)
     return *cards, proposal_scores(frames, minutes=minutes)
 
 

@@ -58,10 +58,10 @@ def test_every_command_works_without_the_libraries_of_open3d(slim, tmp_path):
     card, run, baseline = datasets / "tiny.yaml", tmp_path / "run", tmp_path / "baseline.json"
     drive = ("--dataset", card, "--recording", "standing")
     calls = [("run", card, "--out", run, "--workers", 2), ("validate", card)]
-    for tool in ("semantickitti", "openlabel"):
+    for tool in ("boxes", "openlabel"):
         made = tmp_path / tool
-        calls.append(("annotations", "export", tool, *drive, "--out", made))
-        calls.append(("annotations", "import", tool, made / "standing", *drive, "--out", tmp_path / "labels"))
+        calls.append(("annotate", "export", card, "--annotated", "--format", tool, "--out", made))
+        calls.append(("annotate", "import", tool, made / "standing", *drive, "--out", tmp_path / "labels"))
     calls += [
         ("report", run),
         ("gate", run, "--baseline", baseline, "--update", "--allow-dirty"),

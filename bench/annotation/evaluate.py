@@ -3,7 +3,8 @@
 An object-frame is an object in a sweep. A proposal finds it where the returns in its box are those of the annotated
 one, with an IoU of at least one half; of several proposals for one object one is right. Only what moves is asked for,
 by the rule that the benchmark has for annotated objects. A proposal that says itself that its object rests, or one on
-an object of few returns or that is unclear, is neither right nor wrong.
+an object of few returns or that is unclear, is neither right nor wrong; nor is what is seen when, or where, nobody
+annotated.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from math import radians
 
 import numpy as np
 import pandas as pd
+import shapely
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from shapely.geometry.base import BaseGeometry
 
 from bench.annotation.settings import MOTION
 from bench.errors import UsageError
 from bench.records.recording import NOT_ANNOTATED, Cuboid, Recording, Track
+from bench.reference.areas import left_out_ground
 from bench.reference.clusters import object_cluster
 from bench.reference.motion import TrackMotion, categorise, track_motion
 from bench.reference.sweeps import PosedSweep, pose_sweep
@@ -53,6 +57,7 @@ class _Seen:
     range_m: float
     centre: NDArray[np.float64]
     yaw_rad: float
+    annotated: bool
 
     @property
     def size_m(self) -> NDArray[np.float64]:
@@ -70,13 +75,14 @@ class _Seen:
 
     @property
     def asked(self) -> bool:
-        """It moves for sure, and enough of it is seen."""
+        """It moves for sure, enough of it is seen, and somebody annotated there."""
         return self.moving and self.clear
 
     @property
     def clear(self) -> bool:
         state = self.track.states[self.index]
-        return len(self.rows) >= LEAST_POINTS and not state.unclear and bool(np.isfinite(self.speed_mps))
+        known = self.annotated and not state.unclear and bool(np.isfinite(self.speed_mps))
+        return len(self.rows) >= LEAST_POINTS and known
 
 
 def evaluate_proposals(
@@ -108,12 +114,13 @@ def evaluate_proposals(
         raise UsageError(f"{recording.name}: expected annotations to compare with, got a recording without")
     truths = [_with_motion(track, recording) for track in recording.tracks if track.states]
     others = [_with_motion(track, recording) for track in proposed if track.states]
+    left_out = left_out_ground(recording.annotated)
     rows: list[dict[str, object]] = []
     for number, ref in enumerate(recording.sweeps):
         placed = pose_sweep(ref.read(), recording.trajectory, recording.vehicle_from_lidar, recording.lidar_from_sensor)
         if placed is not None:
-            seen = [_seen(pair, placed, ref.timestamp_ns, recording, NEAR_NS) for pair in truths]
-            told = [_seen(pair, placed, ref.timestamp_ns, recording, 0) for pair in others]
+            seen = [_seen(pair, placed, ref.timestamp_ns, recording, left_out, NEAR_NS) for pair in truths]
+            told = [_seen(pair, placed, ref.timestamp_ns, recording, left_out, 0) for pair in others]
             ego_mps = recording.trajectory.velocity_vehicle_mps(ref.timestamp_ns)
             turn = recording.trajectory.world_from_vehicle(ref.timestamp_ns).rotation
             kinds = _Kinds(ego_world_mps=turn @ ego_mps)
@@ -243,6 +250,7 @@ def _seen(
     placed: PosedSweep,
     sweep_ns: int,
     recording: Recording,
+    left_out: BaseGeometry,
     near_ns: int,
 ) -> _Seen | None:
     """None where the track has no state near enough to the sweep, or no returns in it."""
@@ -272,8 +280,16 @@ def _seen(
         centre = centre + np.nan_to_num(motion.velocity_world_mps[index]) * later_s
     else:
         centre = cluster.points_world.mean(axis=0)
+    middle_m = recording.trajectory.world_from_vehicle(sweep_ns).inverse().apply(centre)
     return _Seen(
-        track=track, motion=motion, index=index, rows=cluster.rows, range_m=range_m, centre=centre, yaw_rad=yaw_rad
+        track=track,
+        motion=motion,
+        index=index,
+        rows=cluster.rows,
+        range_m=range_m,
+        centre=centre,
+        yaw_rad=yaw_rad,
+        annotated=recording.annotated.covers(sweep_ns) and not left_out.covers(shapely.Point(middle_m[:2])),
     )
 
 
@@ -305,7 +321,8 @@ def _rows(seen: Sequence[_Seen], told: Sequence[_Seen], kinds: _Kinds) -> Iterat
     for b, match in enumerate(told):
         if b not in pairs.values():
             row = {"object": None, "proposal": match.track.track_id}
-            yield {**row, **_described(match, kinds), "outcome": FALSE if match.moving else NEUTRAL}
+            wrong = match.moving and match.annotated
+            yield {**row, **_described(match, kinds), "outcome": FALSE if wrong else NEUTRAL}
 
 
 def _described(seen: _Seen, kinds: _Kinds) -> dict[str, object]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from bench.annotation.decisions import ReviewedTrack, applied, rotated
 from bench.annotation.store import Review
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings import Cuboid, ObjectState, Recording, Track, write_annotations
+from bench.recordings import Cuboid, ObjectState, Recording, Track
 from bench.records.recording import world_yaw_rates
 
 
@@ -52,17 +51,6 @@ def refuse_unfinished(review: Review, recording: Recording, file: Path) -> None:
     if unseen:
         got = f"{unseen} of {len(times_ns)} sweeps that nobody watched"
         raise DataError(file, field="watched_ns", expected="a drive that was watched to its end", got=got, hint=hint)
-
-
-def write_reviewed(out: Path, recording: Recording, tracks: Sequence[Track]) -> Path:
-    """Write tracks as the annotation file of a recording, `<recording>.json` in a folder; all its sweeps count.
-
-    Raises:
-        DataError: values that the format refuses.
-    """
-    file = out / f"{recording.name}.json"
-    write_annotations(file, tracks, timestamps_ns=[sweep.timestamp_ns for sweep in recording.sweeps])
-    return file
 
 
 def to_track(track: ReviewedTrack, recording: Recording, *, reviewed: bool) -> Track:

@@ -76,9 +76,6 @@ class Session:
         self._builders: dict[str, ReferenceBuilder] = {}
         empty = Review(dataset=dataset, recording=recording.name)
         self.review = read_review(self.file) if self.file.exists() else empty
-        if self.review.recording != recording.name:
-            got = repr(self.review.recording)
-            raise DataError(self.file, field="recording", expected=repr(recording.name), got=got)
         self._on_disk = _file_state(self.file)
         self._proposed = opening(self.review)
         self._state = replayed(self._proposed, self.review.decisions)

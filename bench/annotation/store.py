@@ -316,17 +316,21 @@ def review_file(folder: Path, recording: str) -> Path:
 
 
 def read_review(file: Path) -> Review:
-    """Read a review.
+    """Read a review; its file is called after its recording.
 
     Raises:
-        DataError: missing, larger than 64 MB, or not what the format asks for.
+        DataError: missing, larger than 64 MB, not what the format asks for, or a copy of another recording's.
     """
     try:
         content = read_regular(file, largest_bytes=LARGEST_BYTES)
     except OSError as error:
         hint = "make it with `fisheye-bench annotate propose`" if not file.exists() else ""
         raise DataError(file, expected="a readable review", got=error.strerror or str(error), hint=hint) from error
-    return parse_json(Review, content, file)
+    review = parse_json(Review, content, file)
+    if review_file(file.parent, review.recording) != file:
+        expected, hint = repr(file.name.removesuffix(REVIEW_SUFFIX)), "it is a copy of another drive's: take it away"
+        raise DataError(file, field="recording", expected=expected, got=repr(review.recording), hint=hint)
+    return review
 
 
 def write_review(file: Path, review: Review) -> None:

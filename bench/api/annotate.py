@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from bench.annotation import class_confusion, proposal_scores, worst_tracks
 from bench.annotation.drives import ProposedDrive, evaluate_drives, propose_drives
-from bench.annotation.export import refuse_unfinished, to_tracks, write_reviewed
+from bench.annotation.export import refuse_unfinished, to_tracks
+from bench.annotation.formats import LabelOptions, LabelSet, label_format, writable_format
+from bench.annotation.formats import export_labels as write_labels
+from bench.annotation.formats import import_labels as read_labels
 from bench.annotation.store import read_review, review_file
-from bench.api.datasets import Dataset, as_card, as_executor, rendered_card
+from bench.annotation.stored_labels import store_labels
+from bench.api.datasets import as_card, as_executor, rendered_card
+from bench.errors import UnknownNameError, UsageError
 from bench.execution import TaskExecutor
 from bench.harness.stages import Progress, no_progress
-from bench.labels import LabelOptions, LabelSet, label_format, open_unannotated
-from bench.labels import export_labels as write_labels
-from bench.labels import import_labels as read_labels
-from bench.labels.projects import Points, write_project
-from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
+from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset, write_annotations
+from bench.recordings.writing import annotation_text
 from bench.reporting.proposal_scores import write_proposal_scores
 
 if TYPE_CHECKING:
@@ -45,36 +47,23 @@ class ProposalScores:
     files: tuple[Path, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExportedDrive:
-    """A drive that was written for others.
-
-    Attributes:
-        name: of the recording.
-        place: file or folder; None where nothing was proposed and nothing reviewed.
-        lost: one line for each thing that a format cannot hold.
-    """
-
-    name: str
-    place: Path | None
-    lost: tuple[str, ...] = ()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ConvertedLabels:
-    """Labels of a recording that were read from a tool's files, or written as such.
+    """Labels of a recording that were read from a tool's files, or written for others.
 
     Attributes:
         recording: that they are of.
         labels: what was read or written.
-        place: file or folder that was written.
+        place: file or folder that was written; None where nothing was proposed and nothing reviewed.
         lost: one line for each thing that the other side cannot hold.
+        copies: of files that a person had made or changed, and that were replaced on request.
     """
 
     recording: Recording
     labels: LabelSet
-    place: Path
-    lost: tuple[str, ...]
+    place: Path | None
+    lost: tuple[str, ...] = ()
+    copies: tuple[Path, ...] = ()
 
 
 def propose(
@@ -145,81 +134,6 @@ def evaluate_proposals(
     return ProposalScores(table=table, minutes=minutes, confusion=confusion, worst=worst, files=files)
 
 
-def export_reviewed(
-    dataset: str | Path | DatasetCard,
-    out: str | Path,
-    *,
-    split: str | None = None,
-    reviews: str | Path | None = None,
-    unreviewed: bool = False,
-    formats: Sequence[str] = (),
-) -> tuple[ExportedDrive, ...]:
-    """Write accepted tracks as annotations, as `fisheye-bench annotate export` does; of all drives, or of none.
-
-    Args:
-        dataset: as of `propose`.
-        out: folder of the annotation files, <recording>.json.
-        split: as of `propose`.
-        reviews: as of `propose`.
-        unreviewed: write what was proposed and not rejected instead; whatever uses it says so.
-        formats: label formats to write as well, in folders below `out`; `fisheye-bench annotations formats` lists them.
-
-    Raises:
-        UnknownNameError: no data set, split or format of this name.
-        DataError: a review is missing or damaged, or leaves something undecided or not watched.
-    """
-    for name in formats:
-        label_format(name)  # an unknown name is told before anything is opened
-    written = []
-    for opened in list(_reviewed(dataset, split, reviews, unreviewed=unreviewed)):
-        if unreviewed and not opened.tracks:
-            written.append(ExportedDrive(name=opened.name, place=None))
-            continue
-        file, lost = write_reviewed(Path(out), opened, opened.tracks), []
-        for name in formats:
-            _, of_format = write_labels(name, opened, Path(out) / name / opened.name, LabelOptions())
-            lost += [f"{name}, lost: {line}" for line in of_format]
-        written.append(ExportedDrive(name=opened.name, place=file, lost=tuple(lost)))
-    return tuple(written)
-
-
-def export_projects(
-    dataset: str | Path | DatasetCard,
-    out: str | Path,
-    tool: str,
-    *,
-    split: str | None = None,
-    reviews: str | Path | None = None,
-    points: Points = "deskewed",
-    progress: Progress | None = None,
-) -> tuple[ExportedDrive, ...]:
-    """Write what was proposed and not rejected as projects of a labelling tool, a folder for each recording.
-
-    Args:
-        dataset: as of `propose`.
-        out: folder of the projects.
-        tool: "sustechpoints", "cvat" or "labelcloud".
-        split: as of `propose`.
-        reviews: as of `propose`.
-        points: "deskewed" moves every point to the time of its sweep; "recorded" leaves it where the lidar gave it.
-        progress: called with the recordings done, fractions allowed, and their number.
-
-    Raises:
-        UnknownNameError: no data set, split or tool of this name.
-        DataError: a review is missing or damaged, or a project's folder holds something.
-    """
-    opened, written = list(_reviewed(dataset, split, reviews, unreviewed=True)), []
-    for number, recording in enumerate(opened):
-        place = Path(out) / recording.name
-
-        def report(share: float, before: int = number) -> None:
-            (progress or no_progress)(before + share, len(opened))
-
-        lost = write_project(recording, place, tool=tool, points=points, progress=report)
-        written.append(ExportedDrive(name=recording.name, place=place, lost=lost))
-    return tuple(written)
-
-
 def import_labels(
     format_name: str,
     source: str | Path,
@@ -227,65 +141,113 @@ def import_labels(
     recording: str,
     *,
     out: str | Path | None = None,
-    classes: Mapping[str, str | None] | None = None,
-    first_frame: int = 0,
+    options: LabelOptions | None = None,
+    overwrite: bool = False,
 ) -> ConvertedLabels:
-    """Write a tool's labels as the annotations of a recording, as `fisheye-bench annotations import` does.
+    """Write a tool's labels as the annotations of a recording, as `fisheye-bench annotate import` does.
 
     Args:
-        format_name: of the tool's files; `fisheye-bench annotations formats` lists them.
+        format_name: of the tool's files, such as "boxes".
         source: the tool's file or folder.
         dataset: card, by path or name.
         recording: name.
         out: folder of annotation files; None for the card's annotations, or `annotations/<data set>`.
-        classes: what a class of the tool is for us; None for one whose objects are left out.
-        first_frame: number of the first sweep in the tool's frames.
+        options: what the files do not say of classes, frames and times.
+        overwrite: replace annotations that a person made or changed, and keep a copy of them.
 
     Raises:
         UnknownNameError: no such format, data set or recording.
-        UsageError: a class that is none of ours.
-        DataError: files that the format refuses, an object twice, or twice at one time.
+        DataError: files that the format refuses, an object of two classes, or twice at one time.
+        OutputError: annotations that a person made or changed are there, or they cannot be written.
     """
-    options = LabelOptions(classes=classes or {}, first_frame=first_frame)
     label_format(format_name)  # an unknown name is told before anything is opened
     card = as_card(dataset)
-    file, opened = annotations_folder(card, out) / f"{recording}.json", open_unannotated(card, recording)
-    labels = read_labels(format_name, Path(source), opened, options, file=file)
-    return ConvertedLabels(recording=opened, labels=labels, place=file, lost=labels.lost)
+    folder, opened = annotations_folder(card, out), open_unannotated(card, recording)
+    labels = read_labels(format_name, Path(source), opened, options or LabelOptions())
+    file = folder / f"{recording}.json"
+    text = annotation_text(file, labels.tracks, timestamps_ns=labels.timestamps_ns)
+    copies = store_labels(folder, {file.name: text.encode()}, overwrite=overwrite)
+    return ConvertedLabels(recording=opened, labels=labels, place=file, lost=labels.lost, copies=copies)
 
 
 def export_labels(
-    format_name: str,
     dataset: str | Path | DatasetCard,
     out: str | Path,
     *,
-    recording: str | None = None,
-    classes: Mapping[str, str | None] | None = None,
-    first_frame: int = 0,
-) -> Iterator[ConvertedLabels]:
-    """Write annotations as a tool's files, one recording after the other, as `fisheye-bench annotations export` does.
+    format_name: str | None = None,
+    annotated: bool = False,
+    split: str | None = None,
+    reviews: str | Path | None = None,
+    unreviewed: bool = False,
+    options: LabelOptions | None = None,
+    overwrite: bool = False,
+) -> tuple[ConvertedLabels, ...]:
+    """Write accepted tracks, or annotations, as `fisheye-bench annotate export` does; of all drives, or of none.
 
     Args:
-        format_name: of the tool's files; `fisheye-bench annotations formats` lists them.
-        dataset: card, by path or name.
-        out: folder; each recording gets one in it.
-        recording: name of the only one; None for all.
-        classes: what a class of the tool is for us; None for one that is left out.
-        first_frame: number of the first sweep in the tool's frames.
+        dataset: as of `propose`.
+        out: folder of the annotation files, <recording>.json; of a tool's files, each recording gets a folder in it.
+        format_name: of a tool's files; None for annotation files.
+        annotated: write the annotations of the data set instead of reviews; asks for a format.
+        split: as of `propose`.
+        reviews: as of `propose`.
+        unreviewed: write what was proposed and not rejected instead; whatever uses it says so.
+        options: classes as the tool calls them, and the number of its first frame.
+        overwrite: replace labels that a person made or changed, and keep a copy of them.
 
     Raises:
-        UnknownNameError: no such format, data set or recording.
-        UsageError: a class that is none of ours.
-        DataError: a recording that cannot be read, or has no sweeps.
+        UnknownNameError: no data set, split or format of this name.
+        UsageError: annotations without a format, or a format that is only read.
+        DataError: a review is missing, damaged or of another drive, or leaves something undecided or not watched.
+        OutputError: labels that a person made or changed are there, or they cannot be written.
     """
-    options = LabelOptions(classes=classes or {}, first_frame=first_frame)
-    label_format(format_name)
-    card = as_card(dataset)
-    data = Dataset(card=card, handles=open_dataset(card))
-    for name in data.names if recording is None else (recording,):
-        opened, place = data[name], Path(out) / name
-        labels, lost = write_labels(format_name, opened, place, options)
-        yield ConvertedLabels(recording=opened, labels=labels, place=place, lost=lost)
+    if format_name is not None:
+        writable_format(format_name)  # an unknown name is told before anything is opened
+    elif annotated:
+        raise UsageError("annotated: expected a format to write annotations in, got none; name one with --format")
+    card, handles, folder = open_drives(dataset, split=split, reviews=reviews)
+    files: dict[str, bytes] = {}
+    written = []
+    for handle in handles:
+        recording = handle.open() if annotated else _reviewed(card, handle.name, folder, unreviewed=unreviewed)
+        lost: tuple[str, ...] = ()
+        place: Path | None = Path(out) / handle.name
+        labels = LabelSet(tracks=recording.tracks, timestamps_ns=tuple(s.timestamp_ns for s in recording.sweeps))
+        if unreviewed and not recording.tracks:
+            place = None
+        elif format_name is None:
+            place = Path(out) / f"{handle.name}.json"
+            text = annotation_text(place, labels.tracks, timestamps_ns=labels.timestamps_ns)
+            files[place.name] = text.encode()
+        else:
+            labels, of_tool, lost = write_labels(format_name, recording, options or LabelOptions())
+            files |= {f"{handle.name}/{name}": content for name, content in of_tool.items()}
+        written.append(ConvertedLabels(recording=recording, labels=labels, place=place, lost=lost))
+    copies = store_labels(Path(out), files, overwrite=overwrite) if files else ()
+    return tuple(
+        replace(drive, copies=tuple(c for c in copies if drive.place in (c.parent, c.with_suffix(""))))
+        for drive in written
+    )
+
+
+def open_unannotated(card: DatasetCard, name: str) -> Recording:
+    """Open a recording without its annotations, which may be missing, old or wrong.
+
+    Args:
+        card: the data set.
+        name: of the recording.
+
+    Raises:
+        UnknownNameError: no such recording.
+        DataError: the data set cannot be opened, or takes no annotations.
+    """
+    with TemporaryDirectory() as folder:
+        blank = replace(card, content=card.content.model_copy(update={"annotations": folder}))
+        handles = {handle.name: handle for handle in open_dataset(blank)}
+        if name not in handles:
+            raise UnknownNameError("recording", name, handles)
+        write_annotations(Path(folder) / f"{name}.json", ())
+        return handles[name].open()
 
 
 def open_drives(
@@ -305,14 +267,10 @@ def annotations_folder(card: DatasetCard, folder: str | Path | None = None) -> P
     return Path(folder) if folder is not None else card.annotations or Path("annotations") / card.name
 
 
-def _reviewed(
-    dataset: str | Path | DatasetCard, split: str | None, reviews: str | Path | None, *, unreviewed: bool
-) -> Iterator[Recording]:
-    """Each recording with its tracks: those that were accepted, or those that were proposed and not rejected."""
-    card, handles, folder = open_drives(dataset, split=split, reviews=reviews)
-    for handle in handles:
-        file = review_file(folder, handle.name)
-        stored, opened = read_review(file), open_unannotated(card, handle.name)
-        if not unreviewed:
-            refuse_unfinished(stored, opened, file)
-        yield replace(opened, tracks=to_tracks(stored, opened, unreviewed=unreviewed))
+def _reviewed(card: DatasetCard, name: str, folder: Path, *, unreviewed: bool) -> Recording:
+    """A recording with the tracks that were accepted, or those that were proposed and not rejected."""
+    file = review_file(folder, name)
+    review, opened = read_review(file), open_unannotated(card, name)
+    if not unreviewed:
+        refuse_unfinished(review, opened, file)
+    return replace(opened, tracks=to_tracks(review, opened, unreviewed=unreviewed))

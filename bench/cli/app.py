@@ -31,7 +31,7 @@ COMMANDS = (
     "run", "evaluate", "view", "validate", "synthesize", "datasets", "methods", "report", "cite", "gate",
     "sweep", "audit", "compare", "leaderboard", "verify", "schema", "croissant", "doctor",
 )  # fmt: skip
-GROUPS = ("annotate", "annotations", "new", "reference")
+GROUPS = ("annotate", "new", "reference")
 
 LEAST_ADDRESSES_BYTES = 3_000_000_000  # a run takes 1.5 GB; with 2 GB a library now and then aborts the process
 NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")

@@ -44,14 +44,12 @@ EXAMPLES = {
     "annotate review": ("annotate review my-data --recording drive-1",),
     "annotate export": (
         "annotate export my-data --out annotations/my-data",
-        "annotate export my-data --out projects --labelling cvat",
+        "annotate export my-data --out labels --format boxes --annotated",
     ),
-    "annotations formats": ("annotations formats",),
-    "annotations import": (
-        "annotations import openlabel labels.json --dataset my-data --recording drive-1 --class Tram=vehicle",
+    "annotate import": (
+        "annotate import boxes boxes.csv --dataset my-data --recording drive-1 --class Tram=vehicle",
+        "annotate import openlabel labels.json --dataset my-data --recording drive-1 --frame lidar --time-unit s",
     ),
-    "annotations export": ("annotations export kitti-tracklets --dataset my-data --out labels",),
-    "annotations calibration": ("annotations calibration labels.json",),
     "new method": ("new method my-method",),
     "new dataset": ("new dataset my-data",),
     "new adapter": ("new adapter my-format",),

@@ -169,9 +169,7 @@ def annotation_document(tracks: Sequence[Track], timestamps_ns: Iterable[int] = 
     }
 
 
-def read_state(
-    data: openlabel.FrameObjectData, timestamp_ns: int, *, file: Path, field: str, shape: ObjectShape | None = None
-) -> ObjectState:
+def read_state(data: openlabel.FrameObjectData, timestamp_ns: int, *, file: Path, field: str) -> ObjectState:
     """One object in one frame.
 
     Args:
@@ -179,7 +177,6 @@ def read_state(
         timestamp_ns: of the frame.
         file: for messages.
         field: place of the object in the file, for messages.
-        shape: where the object is, vehicle frame, when that is known in another way; None for what `data` says.
 
     Raises:
         DataError: no shape or more than one, or a shape without what belongs to it.
@@ -188,7 +185,7 @@ def read_state(
     vectors: dict[str, Any] = {entry.name: entry.val for entry in data.vec}
     return ObjectState(
         timestamp_ns=timestamp_ns,
-        shape=shape or _shape(data, numbers, vectors, file, f"{field}.object_data"),
+        shape=_shape(data, numbers, vectors, file, f"{field}.object_data"),
         velocity_mps=np.array(vectors.get("velocity_mps", (np.nan,) * 3), dtype=np.float64),
         yaw_rate_radps=float(numbers.get("yaw_rate_radps", 0.0)),
         category=data.text[0].val if data.text else None,

@@ -206,9 +206,16 @@ def write_annotations(
     Raises:
         DataError: what `read_annotations` would refuse to read back; nothing is written.
     """
+    write_text(path, annotation_text(path, tracks, timestamps_ns=timestamps_ns, decimals=decimals))
+
+
+def annotation_text(
+    path: Path, tracks: Sequence[Track], *, timestamps_ns: Iterable[int] = (), decimals: int | None = None
+) -> str:
+    """The content of an annotation file; arguments and errors as of `write_annotations`."""
     document = annotation_document(tracks, timestamps_ns)
     validated(AnnotationFile, document, file=path)
-    write_text(path, _json(_rounded(document, decimals)))
+    return _json(_rounded(document, decimals))
 
 
 def _mounting(transform: RigidTransform) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from bench.annotation import class_confusion, evaluate_proposals, proposal_scores, worst_tracks
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
-from bench.recordings import NOT_ANNOTATED
+from bench.recordings import NOT_ANNOTATED, Annotated
 from tests.annotation.street import street
 from tests.validation.drive import OBJECTS, SWEEPS
 
@@ -121,3 +121,33 @@ def test_groups(recording):
 def test_without_annotations_there_is_nothing_to_compare_with(recording):
     with pytest.raises(UsageError, match="expected annotations to compare with"):
         evaluate_proposals(replace(recording, annotated=NOT_ANNOTATED), ())
+
+
+def around(recording, name, margin_m=1.0):
+    """The area of the vehicle frame in which an object is, at all times."""
+    (track,) = (track for track in recording.tracks if track.track_id == name)
+    places = np.array([state.shape.vehicle_from_object.translation_m[:2] for state in track.states])
+    (x0, y0), (x1, y1) = places.min(axis=0) - margin_m, places.max(axis=0) + margin_m
+    return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+
+
+def test_what_is_seen_where_nobody_annotated_is_neither_right_nor_wrong(recording):
+    known = [track for track in recording.tracks if track.track_id != "rider"]
+    partly = replace(recording, tracks=tuple(known))
+    frames, scores = outcomes(partly, recording.tracks)
+    assert set(frames.loc[frames["proposal"] == "rider", "outcome"]) == {"false"}
+    assert scores["precision"] < 1.0
+    left_out = replace(partly.annotated, left_out_m=(around(recording, "rider"),))
+    frames, scores = outcomes(replace(partly, annotated=left_out), recording.tracks)
+    assert set(frames.loc[frames["proposal"] == "rider", "outcome"]) == {"neutral"}
+    assert scores["precision"] == 1.0
+    missed, _ = outcomes(replace(recording, annotated=left_out), ())  # nor is it asked for
+    assert set(missed.loc[missed["object"] == "rider", "outcome"]) == {"neutral"}
+
+
+def test_times_that_nobody_annotated_are_not_compared(recording):
+    times_ns = [sweep.timestamp_ns for sweep in recording.sweeps]
+    half = Annotated(spans_ns=((times_ns[0], times_ns[7]),))
+    frames, _ = outcomes(replace(recording, annotated=half), ())
+    assert set(frames.loc[frames["timestamp_ns"] > times_ns[7], "outcome"]) == {"neutral"}
+    assert "missed" in set(frames.loc[frames["timestamp_ns"] <= times_ns[7], "outcome"])

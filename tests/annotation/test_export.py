@@ -60,7 +60,7 @@ def test_only_accepted_tracks_of_a_finished_review_are_written(card, drive, tmp_
     assert "nobody watched" in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", out)
     assert not out.exists()
     stored(card, watched(accepted(review, first), drive))
-    ended = called_here("annotate", "export", card, "--out", out, "--labels", "kitti-tracklets")
+    ended = called_here("annotate", "export", card, "--out", out)
     assert ended.returncode == 0
     (track,) = read_annotations(out / f"{DRIVE}.json")
     assert (track.track_id, track.reviewed) == (first, True)
@@ -68,8 +68,35 @@ def test_only_accepted_tracks_of_a_finished_review_are_written(card, drive, tmp_
     assert {sweep.timestamp_ns for sweep in drive.sweeps} <= {
         frame["frame_properties"]["timestamp"] for frame in frames.values()
     }
-    assert any((out / "kitti-tracklets" / DRIVE).iterdir())
     assert file.exists()
+    assert called_here("annotate", "export", card, "--out", out / "tool", "--format", "cvat").returncode == 0
+    assert (out / "tool" / DRIVE / "tracklet_labels.xml").is_file()
+
+
+def test_a_review_of_another_drive_gives_no_labels(card, drive, tmp_path):
+    file = stored(card, watched(accepted(proposed_from(drive)), drive))
+    other = store.read_review(file).model_copy(update={"recording": "another"})
+    store.write_review(file, other)
+    told = f"recording: expected '{DRIVE}', got 'another'; it is a copy of another drive's"
+    for command in ("export", "evaluate", "propose"):
+        words = ("--out", tmp_path / "out") if command == "export" else ()
+        ended = called_here("annotate", command, card, *words)
+        assert ended.returncode == 2
+        assert told in " ".join((ended.stdout + ended.stderr).split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_annotations_made_by_hand_stay(card, drive, tmp_path):
+    stored(card, watched(accepted(proposed_from(drive)), drive))
+    out = tmp_path / "out"
+    assert called_here("annotate", "export", card, "--out", out).returncode == 0
+    mine = (out / f"{DRIVE}.json").read_text().replace('"timestamp": ', '"timestamp":  ', 1)
+    (out / f"{DRIVE}.json").write_text(mine)
+    ended = called_here("annotate", "export", card, "--out", out)
+    assert (ended.returncode, "--overwrite" in ended.stderr) == (2, True)
+    assert (out / f"{DRIVE}.json").read_text() == mine
+    assert called_here("annotate", "export", card, "--out", out, "--overwrite").returncode == 0
+    assert (out / f"{DRIVE}.json.1").read_text() == mine
 
 
 def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
@@ -86,10 +113,11 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     said = f"{NOT_REVIEWED} (1 of 1 recordings)"
     assert said in ended.stdout + ended.stderr
     assert read_run(run).summary.caveats.startswith(said)
-    assert all(said in (run / f"table.{kind}").read_text() for kind in ("md", "tex"))
-    lines = pd.read_csv(run / "table.csv")
+    results = run / "paper-v1"
+    assert all(said in (results / f"table.{kind}").read_text() for kind in ("md", "tex"))
+    lines = pd.read_csv(results / "table.csv")
     assert set(lines["annotations"]) == {said.removeprefix("annotations: ")}
-    assert all(row["annotations"] in said for row in json.loads((run / "table.json").read_text())["rows"])
+    assert all(row["annotations"] in said for row in json.loads((results / "table.json").read_text())["rows"])
     baseline = tmp_path / "baseline"
     assert called_here("gate", run, "--baseline", baseline, "--update", "--allow-dirty").returncode == 0
     judged = called_here("gate", run, "--baseline", baseline, "--json", tmp_path / "verdict.json")
@@ -105,7 +133,7 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     for name in ("leaderboard.csv", "leaderboard.json", "index.html"):
         assert said.removeprefix("annotations: ") in board[name]
     assert called_here("report", run, "--no-pictures").returncode == 0
-    pages = [page.read_text() for page in run.glob("*.html")]
+    pages = [page.read_text() for page in run.rglob("*.html")]
     assert pages
     assert all(NOT_REVIEWED in page for page in pages)
 

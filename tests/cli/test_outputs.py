@@ -36,10 +36,10 @@ COMMANDS = {
     "view": ("view", "CARD", "--method", "nothing", "--out", "OUT"),
     "view, video": ("view", "CARD", "--method", "nothing", "--video", "OUT.avi"),
     "view, log": ("view", "CARD", "--method", "nothing", "--rrd", "OUT.rrd"),
-    "export": ("annotations", "export", "openlabel", "--dataset", "CARD", "--out", "OUT"),
+    "export": ("annotate", "export", "CARD", "--annotated", "--format", "openlabel", "--out", "OUT"),
     "reference": ("reference", "export", "CARD", "--workers", 1, "--out", "OUT"),
     "croissant": ("croissant", "CARD", "--out", "OUT"),
-    "import": ("annotations", "import", "openlabel", "LABELS", "--dataset", "CARD", "--recording", "crossing",
+    "import": ("annotate", "import", "openlabel", "LABELS", "--dataset", "CARD", "--recording", "crossing",
                "--out", "OUT"),
     "synthesize": ("synthesize", "SCENARIO", "--workers", 1, "--out", "OUT"),
     "validate": ("validate", "CARD", "--json", "OUT"),
@@ -59,7 +59,7 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
             assert call(monkeypatch, "run", tiny_card, "--method", name, "--out", folder / "runs" / name, *common) == 0
         words = ("gate", folder / "runs" / "nothing", "--baseline", folder / "b", "--update", "--allow-dirty")
         assert call(monkeypatch, *words) == 0
-        words = ("annotations", "export", "openlabel", "--dataset", tiny_card, "--out", folder / "labels")
+        words = ("annotate", "export", tiny_card, "--annotated", "--format", "openlabel", "--out", folder / "labels")
         assert call(monkeypatch, *words, "--recording", "crossing") == 0
     shutil.copytree(folder / "runs" / "nothing", folder / "copy")
     *_, image = sorted((tiny_card.parent / "data" / "tiny" / "crossing" / "images" / "front").glob("*.png"))
@@ -73,7 +73,7 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         "RUN": str(folder / "runs" / "nothing"),
         "OTHER": str(folder / "runs" / "everything"),
         "COPY": str(folder / "copy"),
-        "LABELS": str(next(file for file in (folder / "labels").rglob("*") if file.is_file())),
+        "LABELS": str(next((folder / "labels").rglob("openlabel.json"))),
         "BASELINE": str(folder / "b"),
     }
 

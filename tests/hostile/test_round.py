@@ -26,7 +26,6 @@ from bench.recordings import ImageRef, read_image
 from bench.recordings.images import read_mask
 from tests.hostile import files
 from tests.hostile.damage import damaged
-from tests.labels.street import FORMATS
 from tests.support import tiny, tiny_rosbag
 from tests.support.clouds import laz, pcd, ply
 from tests.support.commands import call
@@ -151,10 +150,10 @@ TARGETS = {
     **{
         f"label format {name}": Target(
             ("tool/**/*",),
-            ("annotations", "import", name, "{}/tool/drive", "--dataset", "{}/card.yaml", "--recording", "drive",
+            ("annotate", "import", name, "{}/tool/drive", "--dataset", "{}/card.yaml", "--recording", "drive",
              "--out", "{}/annotations"), 15,
         )
-        for name in FORMATS
+        for name in ("boxes", "openlabel", "cvat")
     },
     "protocol": Target(("p.yaml",), (*RUN, "--protocol", "{}/p.yaml", "--out", "{}/out"), 15),
     "tolerances": Target(("t.yaml",), (*GATE, "--tolerances", "{}/t.yaml"), 15),
@@ -201,8 +200,8 @@ def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
         if name.startswith("label format"):
             folder, tool = data_set("native"), name.split()[-1]
             shutil.copytree(folder / "data/drive", folder / "drive")
-            words = ("--dataset", folder / "card.yaml", "--out", folder / "tool")
-            assert call(patched, "annotations", "export", tool, *words) == 0
+            words = (folder / "card.yaml", "--annotated", "--format", tool, "--out", folder / "tool")
+            assert call(patched, "annotate", "export", *words) == 0
             return folder
         folder = tmp_path_factory.mktemp("stored")
         if name == "scenario":

@@ -6,19 +6,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bench.annotation.formats import LabelSet
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
-from bench.labels import LabelSet
 from bench.lidar import LidarSweep, read_sweep, write_sweep
 from bench.recordings import NOT_ANNOTATED, Cuboid, ObjectState, Recording, SweepRef, Track
 
-FORMATS = (  # of labelling tools
-    "sustechpoints",
-    "labelcloud-centroid-abs",
-    "labelcloud-centroid-rel",
-    "labelcloud-vertices",
-    "semantickitti",
-)
 SWEEPS = 6
 STEP_NS = 100_000_000
 FIRST_NS = 1_700_000_000_000_000_000

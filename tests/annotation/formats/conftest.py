@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.labels import street
+from tests.annotation.formats import street
 
 
 @pytest.fixture

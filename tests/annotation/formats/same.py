@@ -1,8 +1,9 @@
-"""Whether two layers tell the same."""
+"""Whether two label sets say the same, and files of one."""
 
 import numpy as np
 import pytest
 
+from bench.annotation.formats import LabelOptions
 from bench.recordings import Cuboid
 
 
@@ -18,3 +19,12 @@ def assert_same_boxes(found, expected, *, names: bool = True, within: float = 1e
             matrix = true.shape.vehicle_from_object.matrix
             assert state.shape.vehicle_from_object.matrix == pytest.approx(matrix, abs=within)
             assert state.shape.size_m == pytest.approx(np.asarray(true.shape.size_m), abs=within)
+
+
+def written(format_, label_set, recording, folder, options=None):
+    """Write a label set into a folder; what the format cannot hold."""
+    files, lost = format_.write(label_set, recording, options or LabelOptions())
+    for name, content in files.items():
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    return lost

@@ -1,0 +1,187 @@
+"""The registered label formats, and the conversion of a tool's files to tracks and back."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.annotation.formats.contract import (
+    UNCLEAR,
+    Files,
+    LabelFormat,
+    LabelOptions,
+    LabelSet,
+    Observation,
+    WritableFormat,
+    map_classes,
+)
+from bench.annotation.formats.motion import FASTEST_MPS, centre, followed, middle_velocities, with_motion
+from bench.errors import DataError, UnknownNameError, UsageError
+from bench.plug_ins import imported, known_targets
+from bench.recordings import ObjectState, Recording, Track
+
+ENTRY_POINTS = "fisheye_bench.labels"
+LABEL_FORMATS = {
+    "boxes": "bench.annotation.formats.table:BoxTable",
+    "openlabel": "bench.annotation.formats.openlabel:OpenLabelFormat",
+    "cvat": "bench.annotation.formats.tracklets:CvatTracklets",
+    "kitti-tracklets": "bench.annotation.formats.tracklets:KittiTracklets",
+    "semantickitti": "bench.annotation.formats.semantickitti:SemanticKitti",
+}
+
+
+def known_formats() -> dict[str, str]:
+    """Name -> "module:Class" of the package's formats and of those that installed packages add."""
+    return known_targets(ENTRY_POINTS, LABEL_FORMATS)
+
+
+def label_format(name: str) -> LabelFormat:
+    """A format of labels.
+
+    Raises:
+        UnknownNameError: no such format.
+        UsageError: nothing to import where an installed package says that it is.
+    """
+    known = known_formats()
+    if name not in known:
+        raise UnknownNameError("label format", name, known)
+    chosen: LabelFormat = imported(known[name], expected=f"format {name!r}: expected a class")()
+    return chosen
+
+
+def writable_format(name: str) -> WritableFormat:
+    """A format of labels that can be written.
+
+    Raises:
+        UnknownNameError: no such format.
+        UsageError: a format that is only read.
+    """
+    chosen = label_format(name)
+    if not isinstance(chosen, WritableFormat):
+        raise UsageError(f"format {name!r}: expected one that can be written, got one that is only read")
+    return chosen
+
+
+def import_labels(format_name: str, source: Path, recording: Recording, options: LabelOptions) -> LabelSet:
+    """Read a tool's files.
+
+    Args:
+        format_name: of the files.
+        source: the tool's file or folder.
+        recording: what was annotated.
+        options: what the user says about the files.
+
+    Raises:
+        UnknownNameError: no such format.
+        DataError: files that the format refuses, unknown classes, an object of two classes, or twice at one time.
+    """
+    labels = label_format(format_name).read(source, recording, options)
+    classes = map_classes((observation.label for observation in labels.observations), options, source=source)
+    left_out: Counter[str] = Counter(o.label for o in labels.observations if classes[o.label] is None)
+    lost = [*labels.lost, *(f"{n} places of class {name!r}, left out as asked" for name, n in left_out.items())]
+    by_track = _by_track([o for o in labels.observations if classes[o.label]], classes, recording, lost)
+    tracks = [_track(name, seen, classes, recording, source) for name, seen in by_track.items()]
+    if single := sum(len(track.states) == 1 for track in tracks):
+        lost.append(f"{single} objects are seen once, so that their speed is unknown where the files do not say it")
+    times_ns = sorted(set(labels.timestamps_ns))
+    missing = [sweep for sweep in recording.sweeps if sweep.timestamp_ns not in set(times_ns)]
+    if missing:
+        lost.append(
+            f"{len(missing)} of {len(recording.sweeps)} sweeps have no frame in the source, first "
+            f"{missing[0].path.name}: their images count as annotated unless the card excludes them"
+        )
+    return LabelSet(tracks=tuple(tracks), timestamps_ns=tuple(times_ns), lost=tuple(lost))
+
+
+def _by_track(
+    observations: Sequence[Observation], classes: Mapping[str, str | None], recording: Recording, lost: list[str]
+) -> dict[str, list[Observation]]:
+    """Observations by object, each by time; those without ids are followed by nearness, class by class."""
+    tracks: dict[str, list[Observation]] = defaultdict(list)
+    loose: dict[str, dict[int, list[Observation]]] = defaultdict(lambda: defaultdict(list))
+    for observation in sorted(observations, key=lambda o: o.state.timestamp_ns):
+        if observation.track:
+            tracks[observation.track].append(observation)
+        else:
+            loose[observation.label][observation.state.timestamp_ns].append(observation)
+    for label, by_time in loose.items():
+        places_m = [np.array([_place(o, recording) for o in together]) for together in by_time.values()]
+        numbers = followed(list(by_time), places_m, fastest_mps=FASTEST_MPS[classes[label] or UNCLEAR])
+        for together, row in zip(by_time.values(), numbers, strict=True):
+            for observation, number in zip(together, row, strict=True):
+                tracks[f"{label}-unnamed-{number + 1}"].append(observation)
+        count, objects = sum(map(len, by_time.values())), 1 + max(max(row) for row in numbers)
+        lost.append(f"{count} places of {label} without an id: followed by nearness, {objects} objects")
+    return tracks
+
+
+def _place(observation: Observation, recording: Recording) -> np.ndarray:
+    """(3,) m, world frame; NaN without ego-motion."""
+    if observation.middle_m is not None:
+        return observation.middle_m
+    rotations, positions_m, valid = recording.trajectory.at(np.array([observation.state.timestamp_ns]))
+    world_m = rotations[0] @ centre(observation.state) + positions_m[0]
+    return world_m if valid[0] else np.full(3, np.nan)
+
+
+def _track(
+    name: str, seen: Sequence[Observation], classes: Mapping[str, str | None], recording: Recording, source: Path
+) -> Track:
+    field = f"object {name!r}"
+    if len(kinds := {classes[o.label]: o.label for o in seen}) > 1:
+        got = " and ".join(map(repr, kinds.values()))
+        raise DataError(source, field=field, expected="one class for each object", got=got)
+    for time_ns, count in Counter(o.state.timestamp_ns for o in seen).items():
+        if count > 1:
+            raise DataError(source, field=field, expected="one place at each time", got=f"{count} at {time_ns}")
+    ours = classes[seen[0].label]
+    assert ours is not None
+    if (middles_m := [o.middle_m for o in seen if o.middle_m is not None]) and len(middles_m) == len(seen):
+        states = _with_point_motion(seen, np.array(middles_m), recording)
+    else:
+        states = with_motion([o.state for o in seen], recording.trajectory)
+    if ours == UNCLEAR:
+        states = [replace(state, unclear=True) for state in states]
+    object_class = "vehicle" if ours == UNCLEAR else ours  # of what is not scored it does not matter
+    return Track(track_id=name, object_class=object_class, states=tuple(states), instance_id=seen[0].instance_id)
+
+
+def _with_point_motion(seen: Sequence[Observation], middles_m: np.ndarray, recording: Recording) -> list[ObjectState]:
+    """States of points, with the velocities of their middles."""
+    world_mps = middle_velocities(np.array([o.seen_ns for o in seen], dtype=np.int64), middles_m)
+    rotations, _, _ = recording.trajectory.at(np.array([o.state.timestamp_ns for o in seen], dtype=np.int64))
+    velocities = np.einsum("nji,nj->ni", rotations, world_mps)
+    return [replace(o.state, velocity_mps=velocity) for o, velocity in zip(seen, velocities, strict=True)]
+
+
+def export_labels(
+    format_name: str, recording: Recording, options: LabelOptions
+) -> tuple[LabelSet, Files, tuple[str, ...]]:
+    """Return a recording's annotations as a tool's files.
+
+    Args:
+        format_name: of the files.
+        recording: with its annotations; all its sweeps count as looked at.
+        options: what the files should look like.
+
+    Returns:
+        label_set: what was handed to the format.
+        files: name -> content.
+        lost: one line for each thing that the format cannot hold.
+
+    Raises:
+        UnknownNameError: no such format.
+        UsageError: a format that is only read.
+        DataError: a recording without sweeps.
+    """
+    chosen = writable_format(format_name)
+    if not recording.sweeps:
+        raise DataError(recording.root, expected="lidar sweeps, which tools label", got=f"none in {recording.name!r}")
+    times_ns = {sweep.timestamp_ns for sweep in recording.sweeps}
+    times_ns |= {state.timestamp_ns for track in recording.tracks for state in track.states}
+    label_set = LabelSet(tracks=recording.tracks, timestamps_ns=tuple(sorted(times_ns)))
+    return label_set, *chosen.write(label_set, recording, options)

@@ -1,0 +1,129 @@
+"""`.label` files in the layout of SemanticKITTI: the points that move, as segmenters of moving points write them.
+
+A label says of each point whether it moved, and perhaps as what and as which instance. Points without an instance are
+grouped by proximity, and the groups followed from sweep to sweep. Labels hold no velocity: it is estimated from the
+middles of the points.
+
+Source:
+    config/semantic-kitti-mos.yaml and auxiliary/laserscan.py of the data set's API.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from bench.annotation.formats.contract import LabelOptions, Observation, ToolLabels
+from bench.annotation.formats.sweeps import frame_files, pair_with_sweeps
+from bench.errors import DataError
+from bench.recordings import ObjectState, PointIndices, Recording, SweepRef
+from bench.reference.sweeps import pose_sweep
+
+MOVING = {  # number -> name and our class; 251 is "moving" alone, whose class is for the user to say
+    251: "moving",
+    252: "moving-car", 253: "moving-bicyclist", 254: "moving-person", 255: "moving-motorcyclist",
+    256: "moving-on-rails", 257: "moving-bus", 258: "moving-truck", 259: "moving-other-vehicle",
+}  # fmt: skip
+FOLDERS = ("labels", "predictions")
+INSTANCE_BITS = 16
+NEIGHBOUR_M = 0.5  # points nearer than this belong together; people who walk abreast stay apart
+
+
+class SemanticKitti:
+    """The moving points of SemanticKITTI's layout."""
+
+    name = "semantickitti"
+    description = "SemanticKITTI's moving points: labels/ or predictions/ with one .label for each sweep; read only"
+
+    def read(self, source: Path, recording: Recording, options: LabelOptions) -> ToolLabels:
+        """Read a sequence's labels; arguments and errors as in `LabelFormat`."""
+        files = {file.stem: file for file in frame_files(source, ".label", folders=FOLDERS)}
+        frames = pair_with_sweeps(files, recording, options, source=source)
+        names = MOVING | {int(name): name for name in options.classes if name.isascii() and name.isdigit()}
+        observations: list[Observation] = []
+        passed: Counter[int] = Counter()
+        for stem, sweep in frames.items():
+            observations += _moving_objects(files[stem], sweep, recording, names, passed)
+        lost = [
+            f"{count} points of label {label}, which does not say moving" for label, count in sorted(passed.items())
+        ]
+        times_ns = tuple(sweep.timestamp_ns for sweep in frames.values())
+        return ToolLabels(observations=tuple(observations), timestamps_ns=times_ns, lost=tuple(lost))
+
+
+def read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Read a `.label` file: one little-endian uint32 for each point.
+
+    Args:
+        file: the file.
+        points: number of points of its sweep.
+
+    Returns:
+        labels: (N,) int64, the lower 16 bits.
+        instances: (N,) int64, the upper 16 bits; 0 where a point belongs to no instance.
+
+    Raises:
+        DataError: missing, or not one number for each point.
+    """
+    content = file.read_bytes()
+    if len(content) != 4 * points:
+        expected, got = f"{points} labels of 4 bytes, one for each point of its sweep", f"{len(content) / 4:g} labels"
+        hint = "labels count in the sweep as the recording has it: give those of the same, uncut sweeps"
+        raise DataError(file, expected=expected, got=got, hint=hint)
+    values = np.frombuffer(content, dtype="<u4").astype(np.int64)
+    return values & ((1 << INSTANCE_BITS) - 1), values >> INSTANCE_BITS
+
+
+def _moving_objects(
+    file: Path, ref: SweepRef, recording: Recording, names: dict[int, str], passed: Counter[int]
+) -> list[Observation]:
+    """The objects of one sweep; counts points of other labels in `passed`."""
+    sweep = ref.read()
+    points_lidar, times_ns = sweep.points_lidar, sweep.times_ns
+    labels, instances = read_labels(file, points=len(points_lidar))
+    placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
+    observations = []
+    for label in np.unique(labels).tolist():
+        rows = np.flatnonzero(labels == label)
+        if label not in names:
+            passed[label] += len(rows)
+            continue
+        for instance in np.unique(instances[rows]).tolist():
+            members = rows[instances[rows] == instance]
+            groups = np.zeros(len(members)) if instance else near_groups(points_lidar[members])
+            for group in np.unique(groups):
+                of_object = members[groups == group]
+                shape = PointIndices(indices=of_object.astype(np.int64), sweep_timestamp_ns=ref.timestamp_ns)
+                middle_m = np.full(3, np.nan) if placed is None else placed.points_world(of_object).mean(axis=0)
+                state = ObjectState(timestamp_ns=ref.timestamp_ns, shape=shape, velocity_mps=np.full(3, np.nan))
+                later_ns = round(float((times_ns[of_object] - ref.timestamp_ns).mean()))
+                observations.append(
+                    Observation(
+                        track=f"{names[label]}-{instance}" if instance else "",
+                        label=names[label].removeprefix("moving-"),
+                        state=state,
+                        middle_m=middle_m,
+                        seen_ns=ref.timestamp_ns + later_ns,
+                    )
+                )
+    return observations
+
+
+def near_groups(points: NDArray[np.floating]) -> NDArray[np.int64]:
+    """Euclidean clustering: points that a chain of steps under half a metre joins are one group.
+
+    Args:
+        points: (N, 3), m.
+
+    Returns:
+        (N,) int64, number of the group of each point, from 0 on.
+    """
+    first, second = KDTree(points).query_pairs(NEIGHBOUR_M, output_type="ndarray").T
+    near = coo_array((np.ones(len(first), dtype=bool), (first, second)), shape=(len(points), len(points)))
+    return connected_components(near, directed=False)[1].astype(np.int64)

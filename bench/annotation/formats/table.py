@@ -1,0 +1,134 @@
+"""A table of boxes, CSV or Parquet: one row for each object at each time.
+
+Columns: `timestamp_ns`, `track` (may be empty: such boxes are followed by nearness), `class`, the box's centre `x_m`,
+`y_m`, `z_m`, its full `length_m`, `width_m`, `height_m`, `yaw_rad` from the frame's x to its y axis, and `frame`:
+"vehicle", "lidar", or "world" for that of the recording's poses. Optional are `vx_mps`, `vy_mps`, `vz_mps`, over the
+ground along the axes of the frame; empty where unknown.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench.annotation.formats.contract import Files, LabelOptions, LabelSet, Observation, ToolLabels, tool_class
+from bench.annotation.formats.sweeps import (
+    LARGEST,
+    box_state,
+    data_lost,
+    own_frame,
+    recording_times,
+    refuse_large,
+    vehicle_from_own,
+)
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.recordings import Cuboid, Recording
+
+FILE = "boxes.csv"
+TIME, WORDS = "timestamp_ns", ["track", "class", "frame"]
+CENTRE, SIZE, YAW = ["x_m", "y_m", "z_m"], ["length_m", "width_m", "height_m"], "yaw_rad"
+VELOCITY = ["vx_mps", "vy_mps", "vz_mps"]
+REQUIRED = [TIME, *WORDS, *CENTRE, *SIZE, YAW]
+LEVEL = 1e-3  # sine of how far a box leans, from which on it is said
+
+
+class BoxTable:
+    """A table of boxes."""
+
+    name = "boxes"
+    description = "a table of boxes, CSV or Parquet: time, track, class, centre, size, yaw, frame, velocity"
+
+    def read(self, source: Path, recording: Recording, options: LabelOptions) -> ToolLabels:
+        """Read a table; arguments and errors as in `LabelFormat`."""
+        file = source / FILE if source.is_dir() else source
+        table = _read(file)
+        numbers = {name: _numbers(table, name, file) for name in [*CENTRE, *SIZE, YAW]}
+        velocities = np.column_stack([_numbers(table, name, file, optional=True) for name in VELOCITY])
+        times_ns = recording_times(_times(table, file), recording, source=file, field=TIME)
+        observations = []
+        for row, (time_ns, track, label, frame) in enumerate(
+            zip(times_ns, *(table[name].fillna("") for name in WORDS), strict=True)
+        ):
+            own = own_frame(frame, options, source=file, field=f"row {row}.frame")
+            vehicle_from_frame = vehicle_from_own(own, time_ns, recording)
+            box = RigidTransform.from_yaw(numbers[YAW][row], [numbers[name][row] for name in CENTRE])
+            size_m = [numbers[name][row] for name in SIZE]
+            if min(size_m) <= 0:
+                raise DataError(file, field=f"row {row}", expected="sizes above 0", got=str(size_m))
+            state = box_state(time_ns, vehicle_from_frame @ box, size_m)
+            state.velocity_mps[:] = vehicle_from_frame.rotate(velocities[row])
+            observations.append(Observation(track=track, label=label, state=state))
+        known = {*REQUIRED, *VELOCITY}
+        lost = tuple(f"column {str(name)[:40]!r}: no field for it" for name in table.columns if name not in known)
+        return ToolLabels(observations=tuple(observations), timestamps_ns=tuple(times_ns), lost=lost)
+
+    def write(self, label_set: LabelSet, _: Recording, options: LabelOptions) -> tuple[Files, tuple[str, ...]]:
+        """Write boxes in the vehicle frame; arguments as in `LabelFormat`."""
+        rows = []
+        leaning = 0
+        for track in label_set.tracks:
+            for state in track.states:
+                if isinstance(state.shape, Cuboid):
+                    box = state.shape.vehicle_from_object
+                    leaning += bool(np.hypot(*box.rotation[2, :2]) > LEVEL)
+                    words = [track.track_id, tool_class(track.object_class, options), "vehicle"]
+                    size_m, yaw_rad = np.asarray(state.shape.size_m), np.arctan2(box.rotation[1, 0], box.rotation[0, 0])
+                    numbers = np.concatenate([box.translation_m, size_m, [yaw_rad], state.velocity_mps])
+                    rows.append([state.timestamp_ns, *words, *numbers.tolist()])
+        text = pd.DataFrame(rows, columns=[*REQUIRED, *VELOCITY]).to_csv(index=False, lineterminator="\n")
+        lost = data_lost(label_set.tracks, kept=("boxes", "velocities"))
+        if leaning:
+            lost.append(f"{leaning} boxes that lean against the vehicle are written upright")
+        return {FILE: text.encode()}, tuple(lost)
+
+
+def _read(file: Path) -> pd.DataFrame:
+    refuse_large(file)
+    try:
+        content = file.read_bytes()
+        if content[:4] == b"PAR1":
+            table = pd.read_parquet(io.BytesIO(content))
+        else:
+            words = dict.fromkeys([TIME, *WORDS], "str")  # a time has more digits than a float
+            table = pd.read_csv(io.BytesIO(content), dtype=words, keep_default_na=False, na_values=[""])
+    except OSError as error:
+        raise DataError(file, expected="a readable file", got=error.strerror or str(error)) from error
+    except (ValueError, RecursionError) as error:  # of pandas and pyarrow both
+        raise DataError(file, expected="a table, CSV or Parquet", got=str(error)) from error
+    if missing := [name for name in REQUIRED if name not in table.columns]:
+        got = f"none for {', '.join(missing)}"
+        raise DataError(file, field="columns", expected=f"columns {', '.join(REQUIRED)}", got=got)
+    return table.assign(**{name: table[name].astype("str").where(table[name].notna(), "") for name in WORDS})
+
+
+def _times(table: pd.DataFrame, file: Path) -> list[int]:
+    """Whole nanoseconds, of numbers or text."""
+    times_ns = []
+    for row, value in enumerate(table[TIME]):
+        text = str(value).removesuffix(".0")
+        if not re.fullmatch(r"-?[0-9]{1,19}", text):
+            raise DataError(file, field=f"row {row}.{TIME}", expected="whole nanoseconds", got=repr(value))
+        times_ns.append(int(text))
+    return times_ns
+
+
+def _numbers(table: pd.DataFrame, name: str, file: Path, *, optional: bool = False) -> NDArray[np.float64]:
+    """(N,) float64; NaN for what is optional and not there.
+
+    Raises:
+        DataError: no finite number, or one beyond any map.
+    """
+    if optional and name not in table.columns:
+        return np.full(len(table), np.nan)
+    values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
+    wrong = ~(np.abs(values) < LARGEST) & ~(optional & table[name].isna().to_numpy())
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise DataError(file, field=f"row {row}.{name}", expected="a number", got=repr(table[name].iloc[row]))
+    return values

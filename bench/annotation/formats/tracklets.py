@@ -1,0 +1,332 @@
+"""KITTI's raw tracklets (`tracklet_labels.xml`), and what CVAT writes under the same name.
+
+KITTI: length along x, width along y, height along z; the place is the middle of the box's bottom; rz is the yaw, and
+rx and ry are 0. A tracklet's frame is its first frame plus the number of the pose.
+
+CVAT's "KITTI Raw Format" keeps the tags and changes their meaning: the place is the middle of the box, w lies along x,
+h along y and l along z, and the three angles turn about the box's own x, y and z in turn. Gaps of a track are filled
+with copies that are outside of the image with unset occlusion. CVAT carries an object's id in an attribute `id`, where
+the task's labels have one, and names its frames in `frame_list.txt` beside the tracklets: number and name of each.
+Sweeps that the list does not name were not looked at.
+
+`state` of a pose is 0 unset, 1 interpolated, 2 labelled; `occlusion` -1 unset, 0 visible, 1 partly, 2 fully;
+`truncation` -1 unset, 0 in the image, 1 cut off (some tools write the share), 2 outside, 99 behind.
+
+Source:
+    The raw data's development kit (`tracklets.h`, `readTracklets.m`); its files carry a document type without any
+    declaration, and some say `standalone="true"`, which XML does not know.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path, PurePosixPath
+from xml.etree.ElementTree import Element
+from xml.sax.saxutils import escape
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bench.annotation.formats.contract import Files, LabelOptions, LabelSet, Observation, ToolLabels, tool_class
+from bench.annotation.formats.sweeps import SHOWN, box_state, boxes_at_sweeps, data_lost, pair_with_sweeps
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.recordings import Cuboid, Recording, SweepRef
+from bench.recordings.files import READ_BYTES, MeteredFile, numbers, read_text, xml_parts
+
+LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
+DEEPEST = 12  # levels of nested elements; the format has six, attributes that tools add two more
+DECLARED = re.compile(rb"""\A(\s{0,9}<\?xml[^>]{0,200}standalone\s*=\s*)(["'])true\2""")
+UNSET, INTERPOLATED, LABELLED = 0, 1, 2
+CUT_OFF, OUTSIDE = 1, (2, 99)  # truncation
+FILE, FRAME_LIST, ID_ATTRIBUTE = "tracklet_labels.xml", "frame_list.txt", "id"
+WRITTEN = {"pedestrian": "Pedestrian", "cyclist": "Cyclist", "vehicle": "Car", "animal": "Animal"}
+POSE = ("tx", "ty", "tz", "rx", "ry", "rz")
+UPRIGHT_RAD = 1e-6
+SAME_SIZE_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackletPose:
+    """An object in one frame; numbers as the file has them.
+
+    Attributes:
+        number: of the frame.
+        place_m: tx, ty, tz in the frame of the lidar.
+        angles_rad: rx, ry, rz.
+        state: see the module.
+        occlusion: see the module.
+        truncation: see the module.
+    """
+
+    number: int
+    place_m: tuple[float, ...]
+    angles_rad: tuple[float, ...]
+    state: int
+    occlusion: int
+    truncation: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracklet:
+    """An object.
+
+    Attributes:
+        label: class, as the tool calls it.
+        hwl_m: what the file calls h, w and l.
+        poses: by frame.
+        name: the object's id; empty where it has none.
+        not_read: how many other attributes it and its poses carry.
+    """
+
+    label: str
+    hwl_m: tuple[float, ...]
+    poses: tuple[TrackletPose, ...]
+    name: str
+    not_read: int
+
+
+def read_tracklets(file: Path) -> tuple[Tracklet, ...]:
+    """Read a file of tracklets; what it states as counts is not used.
+
+    Raises:
+        DataError: missing, cut short, not XML, with entities, nested too deeply, a number that is missing or none,
+            nothing in it but a count of 0.
+    """
+    tracklets: list[Tracklet] = []
+    counts: list[str] = []
+    for element in xml_parts(
+        file,
+        level=2,
+        parts="tracklets",
+        largest_bytes=LARGEST_ITEM_BYTES,
+        deepest=DEEPEST,
+        outer=("boost_serialization", "tracklets"),
+        forbid_dtd=False,
+        prepare=_Declared,
+    ):
+        if element.tag == "count":
+            counts.append((element.text or "").strip())
+        elif element.tag == "item":
+            tracklets.append(_tracklet(element, file, f"tracklets.item {len(tracklets)}"))
+    if not tracklets and counts != ["0"]:
+        raise DataError(file, field="tracklets", expected="tracklets, or a count of 0", got="neither")
+    return tuple(tracklets)
+
+
+class _Declared:
+    """Says `standalone="yes"` where a file says "true"."""
+
+    def __init__(self, source: MeteredFile) -> None:
+        self._source, self._begun = source, False
+
+    def read(self, size: int = READ_BYTES) -> bytes:
+        content, first = self._source.read(size), not self._begun
+        self._begun = True
+        return DECLARED.sub(rb"\1\2yes\2", content) if first else content
+
+
+def _tracklet(item: Element, file: Path, field: str) -> Tracklet:
+    label = (item.findtext("objectType") or "").strip()
+    if not label:
+        raise DataError(file, field=f"{field}.objectType", expected="a class", got="nothing")
+    hwl_m = tuple(_number(item, name, file, field) for name in "hwl")
+    if min(hwl_m) <= 0:
+        raise DataError(file, field=f"{field}.h, w, l", expected="sizes above 0", got=str(hwl_m))
+    attributes = [(entry.findtext("name"), (entry.findtext("value") or "").strip()) for entry in item.iter("attribute")]
+    names = [value for name, value in attributes if name == ID_ATTRIBUTE]
+    first = _whole(item, "first_frame", file, field)
+    entries = item.findall("poses/item")
+    poses = tuple(_pose(entry, first + j, file, f"{field}.poses.item {j}") for j, entry in enumerate(entries))
+    name = next(filter(None, names), "")
+    return Tracklet(label=label, hwl_m=hwl_m, poses=poses, name=name, not_read=len(attributes) - len(names))
+
+
+def _pose(entry: Element, number: int, file: Path, field: str) -> TrackletPose:
+    tx, ty, tz, rx, ry, rz = (_number(entry, name, file, field) for name in POSE)
+    share = re.fullmatch(r"0?\.[0-9]{1,20}", (entry.findtext("truncation") or "").strip())
+    return TrackletPose(
+        number=number,
+        place_m=(tx, ty, tz),
+        angles_rad=(rx, ry, rz),
+        state=_whole(entry, "state", file, field, default=LABELLED),
+        occlusion=_whole(entry, "occlusion", file, field, default=-1),
+        truncation=CUT_OFF if share else _whole(entry, "truncation", file, field, default=-1),
+    )
+
+
+def _number(element: Element, name: str, file: Path, field: str) -> float:
+    return numbers((element.findtext(name) or "").split(), 1, file=file, field=f"{field}.{name}")[0]
+
+
+def _whole(element: Element, name: str, file: Path, field: str, default: int | None = None) -> int:
+    text = element.findtext(name)
+    if text is None and default is not None:
+        return default
+    text = (text or "").strip()
+    if not re.fullmatch(r"-?[0-9]{1,9}", text):
+        got = repr(text[:40]) if text else "nothing"
+        raise DataError(file, field=f"{field}.{name}", expected="a whole number", got=got)
+    return int(text)
+
+
+class KittiTracklets:
+    """Conventions of KITTI's development kit."""
+
+    name = "kitti-tracklets"
+    description = "tracklet_labels.xml of KITTI's raw data: upright boxes, one size for each object; read only"
+    centred = False
+    along_xyz = (2, 1, 0)  # of h, w and l, those along the box's x, y and z
+
+    def read(self, source: Path, recording: Recording, options: LabelOptions) -> ToolLabels:
+        """Read tracklets; arguments and errors as in `LabelFormat`."""
+        file = source / FILE if source.is_dir() else source
+        tracklets = read_tracklets(file)
+        used = sorted({pose.number for tracklet in tracklets for pose in self._posed(tracklet)})
+        lost = self._not_read(tracklets)
+        looked_at: Sequence[SweepRef] = recording.sweeps
+        if (frame_list := file.with_name(FRAME_LIST)).is_file():
+            sweeps = _listed_sweeps(frame_list, used, recording, options)
+            looked_at = list(sweeps.values())
+        else:
+            paired = pair_with_sweeps([str(n) for n in used], recording, options, source=file) if used else {}
+            sweeps = {number: paired[str(number)] for number in used}
+            count = f"all {len(recording.sweeps)} sweeps count as annotated"
+            lost.append(f"frames without objects: the format does not say whether they were annotated, so that {count}")
+        observations = []
+        taken: dict[str, tuple[str, set[int]]] = {}
+        for i, tracklet in enumerate(tracklets):
+            frames, name = {pose.number for pose in self._posed(tracklet)}, tracklet.name or f"tracklet-{i}"
+            label, before = taken.get(name, (tracklet.label, set()))
+            if label != tracklet.label or before & frames:  # a copy of an object keeps its id
+                name, before = f"{name}-{i}", set()
+            taken[name] = (tracklet.label, before | frames)
+            for pose in self._posed(tracklet):
+                size_m = np.array(tracklet.hwl_m)[list(self.along_xyz)]
+                lidar_from_box = self._placed(pose, size_m[2], file, f"tracklets.item {i}, frame {pose.number}")
+                vehicle_from_box = recording.vehicle_from_lidar @ lidar_from_box
+                state = box_state(sweeps[pose.number].timestamp_ns, vehicle_from_box, size_m)
+                observations.append(Observation(track=name, label=tracklet.label, state=state))
+        times_ns = tuple(sweep.timestamp_ns for sweep in looked_at)
+        return ToolLabels(observations=tuple(observations), timestamps_ns=times_ns, lost=tuple(lost))
+
+    def _posed(self, tracklet: Tracklet) -> list[TrackletPose]:
+        """Poses that are not unset."""
+        return [
+            pose
+            for pose in tracklet.poses
+            if pose.state != UNSET and not (self.centred and pose.occlusion == -1 and pose.truncation in OUTSIDE)
+        ]
+
+    def _placed(self, pose: TrackletPose, height_m: float, file: Path, field: str) -> RigidTransform:
+        """Pose of the box's centre in the frame of the lidar."""
+        rx, ry, rz = pose.angles_rad
+        if self.centred:
+            return RigidTransform(Rotation.from_euler("XYZ", pose.angles_rad).as_matrix(), np.array(pose.place_m))
+        if max(abs(rx), abs(ry)) > UPRIGHT_RAD:
+            hint = "files of CVAT, which turns boxes about all axes, are read as cvat"
+            raise DataError(file, field=f"{field}.rx, ry", expected="0", got=f"{rx:.4g} and {ry:.4g}", hint=hint)
+        return RigidTransform.from_yaw(rz, np.add(pose.place_m, (0.0, 0.0, height_m / 2.0)))
+
+    def _not_read(self, tracklets: Sequence[Tracklet]) -> list[str]:
+        poses = [pose for tracklet in tracklets for pose in tracklet.poses]
+        counts = {
+            "tracklets without poses, left out": sum(not tracklet.poses for tracklet in tracklets),
+            "poses that are unset or outside, left out": len(poses) - sum(len(self._posed(t)) for t in tracklets),
+            "poses that are interpolated, read as the others": sum(pose.state == INTERPOLATED for pose in poses),
+            "marks of occlusion: no field for them": sum(pose.occlusion in (1, 2) for pose in poses),
+            "marks of truncation: no field for them": sum(pose.truncation in (CUT_OFF, *OUTSIDE) for pose in poses),
+            "further attributes: no field for them": sum(tracklet.not_read for tracklet in tracklets),
+        }
+        return [f"{count} {what}" for what, count in counts.items() if count]
+
+
+class CvatTracklets(KittiTracklets):
+    """Conventions of CVAT's export and import."""
+
+    name = "cvat"
+    description = "tracklet_labels.xml and frame_list.txt as CVAT writes them (KITTI Raw Format)"
+    centred = True
+    along_xyz = (1, 0, 2)
+
+    def write(self, label_set: LabelSet, recording: Recording, options: LabelOptions) -> tuple[Files, tuple[str, ...]]:
+        """Write both files; arguments as in `LabelFormat`."""
+        boxes, lost = boxes_at_sweeps(label_set, recording)
+        numbers = {sweep.timestamp_ns: i for i, sweep in enumerate(recording.sweeps, start=options.first_frame or 0)}
+        items: list[str] = []
+        resized = 0
+        for track in label_set.tracks:
+            for run in _runs([(numbers[time_ns], box) for time_ns, box in boxes[track.track_id]]):
+                sizes = np.stack([box.size_m for _, box in run])
+                size_m = np.median(sizes, axis=0)
+                resized += bool(np.abs(sizes - size_m).max() > SAME_SIZE_M)
+                poses = [recording.vehicle_from_lidar.inverse() @ box.vehicle_from_object for _, box in run]
+                label = tool_class(track.object_class, options, WRITTEN)
+                items.append(_item(label, track.track_id, size_m, run[0][0], poses))
+        lost += [f"{resized} objects change their size: each has its median one"] if resized else []
+        head = f"<count>{len(items)}</count><item_version>1</item_version>\n"
+        names = [sweep.path.stem for sweep in recording.sweeps]
+        if len(set(names)) < len(names):  # sweeps of one file
+            names = [str(sweep.timestamp_ns) for sweep in recording.sweeps]
+        xml = (
+            '<?xml version="1.0" encoding="UTF-8" standalone="yes" ?>\n<!DOCTYPE boost_serialization>\n'
+            '<boost_serialization signature="serialization::archive" version="9">\n'
+            f'<tracklets class_id="0" tracking_level="0" version="0">{head}{"".join(items)}</tracklets>\n'
+            "</boost_serialization>\n"
+        )
+        lines = "".join(f"{number} {name}\n" for number, name in zip(numbers.values(), names, strict=True))
+        files = {FILE: xml.encode(), FRAME_LIST: lines.encode()}
+        return files, (*lost, *data_lost(label_set.tracks, kept=("boxes",)))
+
+
+def _item(label: str, name: str, size_m: NDArray[np.float64], first: int, poses: Sequence[RigidTransform]) -> str:
+    """A tracklet as CVAT writes it."""
+    entries = []
+    for pose in poses:
+        values = [*pose.translation_m.tolist(), *Rotation.from_matrix(pose.rotation).as_euler("XYZ").tolist()]
+        tags = dict(zip(POSE, values, strict=True)) | {"state": LABELLED, "occlusion": 0, "occlusion_kf": 0}
+        text = "".join(f"<{tag}>{value!r}</{tag}>" for tag, value in (tags | {"truncation": 0}).items())
+        entries.append(f"<item>{text}</item>\n")
+    width, height, length = size_m.tolist()  # along x, y and z
+    return (
+        f"<item><objectType>{escape(label)}</objectType><h>{height!r}</h><w>{width!r}</w><l>{length!r}</l>"
+        f"<first_frame>{first}</first_frame>\n<poses><count>{len(poses)}</count><item_version>2</item_version>\n"
+        f"{''.join(entries)}</poses><finished>1</finished><attributes><attribute><name>{ID_ATTRIBUTE}</name>"
+        f"<value>{escape(name)}</value></attribute></attributes></item>\n"
+    )
+
+
+def _listed_sweeps(file: Path, used: Sequence[int], recording: Recording, options: LabelOptions) -> dict[int, SweepRef]:
+    """Number of each frame of a `frame_list.txt` -> its sweep, by the name there.
+
+    Raises:
+        DataError: a line that is no number and name, a number or name twice, a frame of tracklets that is not listed,
+            a name that no sweep is called as, or another count of frames asked for as well.
+    """
+    if options.first_frame is not None:
+        got, hint = f"--first-frame {options.first_frame} as well", "leave that out, or take the file away"
+        raise DataError(file, expected="frames by name or by number", got=got, hint=hint)
+    names: dict[int, str] = {}
+    for row, line in enumerate(filter(str.strip, read_text(file).splitlines()), start=1):
+        match = re.fullmatch(r"\s*([0-9]{1,10})\s+(\S.*?)\s*", line)
+        name = "" if match is None else PurePosixPath(match[2].replace("\\", "/")).name
+        stem = re.sub(r"(?i)\.(bin|pcd|ply|npz|laz|las)$", "", name)
+        if match is None or int(match[1]) in names or stem in names.values():
+            expected, got = "number and name of a frame, each once", repr(line.strip()[:40])
+            raise DataError(file, field=f"line {row}", expected=expected, got=got)
+        names[int(match[1])] = stem
+    if missing := [number for number in used if number not in names]:
+        got = f"none for {', '.join(map(str, missing[:SHOWN]))}"
+        raise DataError(file, expected="a line for each frame that tracklets have", got=got)
+    sweeps = pair_with_sweeps(list(names.values()), recording, options, source=file)
+    return {number: sweeps[name] for number, name in names.items()}
+
+
+def _runs(posed: Sequence[tuple[int, Cuboid]]) -> list[list[tuple[int, Cuboid]]]:
+    """Parts without a missing frame."""
+    numbered = enumerate(sorted(posed, key=lambda item: item[0]))
+    return [[pair for _, pair in run] for _, run in groupby(numbered, key=lambda item: item[1][0] - item[0])]

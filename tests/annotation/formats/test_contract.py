@@ -1,0 +1,78 @@
+"""What every format of labels promises, whichever tool it is of."""
+
+import numpy as np
+import pytest
+
+from bench.annotation.formats import LabelOptions, LabelSet, import_labels, label_format, writable_format
+from bench.annotation.formats.contract import WritableFormat
+from bench.annotation.formats.conversion import LABEL_FORMATS, known_formats
+from bench.errors import BenchError, DataError, UnknownNameError, UsageError
+from bench.recordings import read_annotations, write_annotations
+from tests.annotation.formats import street
+from tests.annotation.formats.same import assert_same_boxes, written
+
+PLAIN = LabelOptions()
+NAMES = sorted(LABEL_FORMATS)
+WRITABLE = [name for name in NAMES if isinstance(label_format(name), WritableFormat)]
+
+
+def files(folder):
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_and_descriptions(name):
+    found = label_format(name)
+    assert found.name == name
+    assert 10 < len(found.description) < 120
+    assert "\n" not in found.description
+
+
+@pytest.mark.parametrize("name", WRITABLE)
+def test_what_is_written_is_read_and_makes_an_annotation_file(name, tmp_path, drive):
+    labels = street.label_set()
+    lost = written(label_format(name), labels, drive, tmp_path / "out")
+    assert all(isinstance(line, str) and line and "\n" not in line for line in lost)
+    assert files(tmp_path / "out")
+    found = import_labels(name, tmp_path / "out", drive, PLAIN)
+    assert found.timestamps_ns == street.TIMES_NS
+    assert_same_boxes(found.tracks, labels.tracks)
+    for track, true in zip(found.tracks, labels.tracks, strict=True):
+        for state, expected in zip(track.states, true.states, strict=True):
+            assert np.linalg.norm(state.velocity_mps - expected.velocity_mps) < 0.5  # written, or from the places
+    write_annotations(tmp_path / "street.json", found.tracks, timestamps_ns=found.timestamps_ns)
+    assert len(read_annotations(tmp_path / "street.json")) == len(found.tracks)
+
+
+@pytest.mark.parametrize("name", WRITABLE)
+def test_writing_twice_gives_the_same_bytes(name, drive):
+    first, second = (label_format(name).write(street.label_set(), drive, PLAIN) for _ in range(2))
+    assert first == second
+
+
+@pytest.mark.parametrize("name", WRITABLE)
+def test_a_drive_without_objects_comes_back_empty(name, tmp_path, drive):
+    nothing = LabelSet(tracks=(), timestamps_ns=street.TIMES_NS)
+    written(label_format(name), nothing, drive, tmp_path / "out")
+    assert import_labels(name, tmp_path / "out", drive, PLAIN).tracks == ()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("content", [None, b"", b"\0" * 64, b"{}", b"[[[[", b"PAR1" + bytes(60)])
+def test_what_is_no_such_file_is_one_clear_line(name, content, tmp_path, drive):
+    for file in ("boxes.csv", "openlabel.json", "tracklet_labels.xml", "000000.label"):
+        if content is not None:
+            (tmp_path / "in").mkdir(exist_ok=True)
+            (tmp_path / "in" / file).write_bytes(content)
+    with pytest.raises(BenchError) as told:
+        label_format(name).read(tmp_path / "in", drive, PLAIN)
+    assert isinstance(told.value, DataError)
+    assert "\n" not in str(told.value)
+
+
+def test_unknown_formats_are_told_with_the_nearest_and_some_are_only_read():
+    with pytest.raises(UnknownNameError, match="did you mean 'openlabel'"):
+        label_format("openlable")
+    with pytest.raises(UsageError, match="'semantickitti': expected one that can be written"):
+        writable_format("semantickitti")
+    assert set(LABEL_FORMATS) <= set(known_formats())

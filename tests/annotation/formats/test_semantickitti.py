@@ -1,0 +1,193 @@
+"""`.label` files of moving points: to objects, with their velocities."""
+
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.annotation.formats import LabelOptions, import_labels
+from bench.errors import DataError
+from bench.lidar import LidarSweep, read_sweep
+from bench.recordings import PointIndices, SweepRef
+from tests.annotation.formats import street
+
+CAR, MOVING_CAR, MOVING_PERSON, ROAD, MOVING = 10, 252, 254, 40, 251
+PLAIN = LabelOptions()
+
+
+def read(source, drive, options=PLAIN):
+    return import_labels("semantickitti", source, drive, options)
+
+
+def packed(labels, instances):
+    """As the data set packs them: 16 bits of label below 16 bits of instance, little-endian."""
+    return b"".join(
+        int(label).to_bytes(2, "little") + int(i).to_bytes(2, "little")
+        for label, i in zip(labels, instances, strict=True)
+    )
+
+
+def true_labels(index, kinds):
+    """Labels and instances of a sweep; `kinds` gives (label, instance) of each object, all else is road."""
+    made, rows = street.sweep(index)
+    labels, instances = np.full(len(made.points_lidar), ROAD), np.zeros(len(made.points_lidar), dtype=int)
+    for name, (label, instance) in kinds.items():
+        labels[rows[name]], instances[rows[name]] = label, instance
+    return labels, instances
+
+
+WITH_INSTANCES = {"car": (MOVING_CAR, 7), "walker": (MOVING_PERSON, 7), "parked": (CAR, 7)}
+
+
+def write_sequence(folder, kinds=None, *, sweeps=range(street.SWEEPS)):
+    folder.mkdir(parents=True, exist_ok=True)
+    for i in sweeps:
+        (folder / f"{i:06d}.label").write_bytes(packed(*true_labels(i, kinds or WITH_INSTANCES)))
+
+
+def test_label_and_instance_together_are_an_object_and_what_stands_is_none(tmp_path, drive):
+    write_sequence(tmp_path / "00" / "labels")
+    label_set = read(tmp_path / "00", drive)
+    assert {t.track_id: t.object_class for t in label_set.tracks} == {
+        "moving-car-7": "vehicle",
+        "moving-person-7": "pedestrian",
+    }
+    assert label_set.timestamps_ns == street.TIMES_NS
+    names = {"moving-car-7": "car", "moving-person-7": "walker"}
+    for track in label_set.tracks:
+        assert [s.timestamp_ns for s in track.states] == list(street.TIMES_NS)
+        for i, state in enumerate(track.states):
+            assert isinstance(state.shape, PointIndices)
+            assert state.shape.sweep_timestamp_ns == street.TIMES_NS[i]
+            assert state.shape.indices.tolist() == street.sweep(i)[1][names[track.track_id]].tolist()
+    assert f"{street.POINTS * street.SWEEPS} points of label {CAR}, which does not say moving" in label_set.lost
+
+
+def test_what_moves_has_the_velocity_of_its_middle(tmp_path, drive):
+    write_sequence(tmp_path / "labels")
+    tracks = {t.track_id: t for t in read(tmp_path, drive).tracks}
+    for name, speed, within in (("moving-car-7", street.CAR_MPS, 1.0), ("moving-person-7", street.WALKER_MPS, 0.3)):
+        for state in tracks[name].states:
+            world = drive.trajectory.world_from_vehicle(state.timestamp_ns).rotate(state.velocity_mps)
+            assert np.abs(world - speed).max() < within  # the points are drawn at random in the object
+
+
+def test_an_object_that_moves_in_one_sweep_only_has_an_unknown_velocity(tmp_path, drive):
+    write_sequence(tmp_path / "labels", sweeps=[2])
+    label_set = read(tmp_path, drive)
+    assert label_set.timestamps_ns == (street.TIMES_NS[2],)
+    assert all(np.isnan(t.states[0].velocity_mps).all() for t in label_set.tracks)
+    assert any(line.startswith("2 objects are seen once") for line in label_set.lost)
+
+
+def test_moving_points_without_instance_are_grouped_and_followed(tmp_path, drive):
+    """Masks of moving-object segmentation: 9 and 251, in a folder predictions/."""
+    kinds = {"car": (MOVING, 0), "walker": (MOVING, 0), "parked": (9, 0)}
+    write_sequence(tmp_path / "predictions", kinds)
+    options = LabelOptions(classes={"moving": "vehicle"})
+    label_set = read(tmp_path, drive, options)
+    found = [sorted(s.shape.indices.tolist() for s in t.states) for t in label_set.tracks]
+    truth = [sorted(street.sweep(i)[1][name].tolist() for i in range(street.SWEEPS)) for name in ("car", "walker")]
+    # The random points of a car lie up to a metre apart: what belongs together stays together, over all sweeps.
+    whole = [sorted(chain(*rows)) for rows in found]
+    assert all(any(set(part) <= set(chain(*rows)) for rows in truth) for part in whole)
+    assert sum(map(len, whole)) == 2 * street.POINTS * street.SWEEPS
+    assert max(len(track.states) for track in label_set.tracks) == street.SWEEPS
+    assert any("places of moving without an id: followed by nearness" in line for line in label_set.lost)
+
+
+def test_a_moving_mask_does_not_say_of_which_class(tmp_path, drive):
+    write_sequence(tmp_path / "predictions", {"car": (MOVING, 0), "walker": (300, 4)})
+    with pytest.raises(DataError, match=r"got 'moving'; map each of them: --class moving=CLASS"):
+        read(tmp_path, drive)
+    count = street.POINTS * street.SWEEPS
+    label_set = read(tmp_path / "predictions", drive, LabelOptions(classes={"moving": "vehicle"}))
+    assert f"{count} points of label 300, which does not say moving" in label_set.lost
+    options = LabelOptions(classes={"moving": None, "300": "pedestrian"})
+    label_set = read(tmp_path, drive, options)
+    assert [(t.track_id, t.object_class) for t in label_set.tracks] == [("300-4", "pedestrian")]
+    assert any("places of class 'moving', left out as asked" in line for line in label_set.lost)
+    assert np.isfinite(label_set.tracks[0].states[0].velocity_mps).all()
+    assert np.abs(label_set.tracks[0].states[2].velocity_mps).max() > 0.5  # a number says nothing of standing
+
+
+def test_points_without_a_class_are_reported(tmp_path, drive):
+    write_sequence(tmp_path, {"car": (0, 0), "walker": (1, 0), "parked": (CAR, 0)})
+    label_set = read(tmp_path, drive)
+    count = street.POINTS * street.SWEEPS
+    assert label_set.tracks == ()
+    assert label_set.timestamps_ns == street.TIMES_NS
+    assert {f"{count} points of label {label}, which does not say moving" for label in (0, 1, CAR)} <= set(
+        label_set.lost
+    )
+
+
+def test_labels_count_in_the_sweep_as_it_is_read(tmp_path, drive):
+    """A reader that leaves points out must have labels of the points that it keeps."""
+    ref = drive.sweeps[0]
+    short = replace(drive, sweeps=(SweepRef(timestamp_ns=ref.timestamp_ns, path=ref.path, reader=without_first_ten),))
+    write_sequence(tmp_path / "raw", sweeps=[0])
+    with pytest.raises(DataError, match=r"expected 170 labels .* got 180 labels; labels count in the sweep"):
+        read(tmp_path / "raw", short)
+    labels, instances = true_labels(0, WITH_INSTANCES)
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept/000000.label").write_bytes(packed(labels[10:], instances[10:]))
+    label_set = read(tmp_path / "kept", short)
+    of_car = next(t for t in label_set.tracks if t.track_id == "moving-car-7").states[0].shape.indices
+    rows = street.sweep(0)[1]["car"]
+    assert of_car.tolist() == (rows[rows >= 10] - 10).tolist()
+
+
+def without_first_ten(path, timestamp_ns):
+    whole = read_sweep(path, timestamp_ns)
+    return LidarSweep(
+        timestamp_ns=timestamp_ns, points_lidar=whole.points_lidar[10:], time_offset_ns=whole.time_offset_ns[10:]
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (Path.exists, "expected a folder of .label files, got nothing"),
+        (lambda f: f.write_bytes(b"1234"), "expected a folder of .label files, got a file"),
+        (lambda f: f.mkdir(), "expected files <frame>.label"),
+        (lambda f: (f / "000000.label").mkdir(parents=True), "got a folder"),
+        (lambda f: put(f, "000000", b""), "expected 180 labels .* got 0 labels"),
+        (lambda f: put(f, "000000", bytes(4 * 180 - 1)), "got 179.75 labels"),
+        (lambda f: put(f, "000000", bytes(4 * 181)), "181 labels"),
+        (lambda f: put(f, "000009", bytes(4 * 180)), "got 000009"),
+        (lambda f: put(f, "a", bytes(4 * 180)), "got a;"),
+        (lambda f: [put(f / d, "000000", bytes(4 * 180)) for d in ("labels", "predictions")], "labels and predictions"),
+    ],
+)
+def test_files_that_are_not_labels(tmp_path, drive, make, message):
+    make(tmp_path / "in")
+    with pytest.raises(DataError, match=message):
+        read(tmp_path / "in", drive)
+
+
+def put(folder, stem, content):
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{stem}.label").write_bytes(content)
+
+
+def test_a_link_that_leads_out_is_refused(tmp_path, drive):
+    put(tmp_path / "elsewhere", "000000", bytes(4 * 180))
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in/000000.label").symlink_to(tmp_path / "elsewhere/000000.label")
+    with pytest.raises(DataError, match="a link that leads outside"):
+        read(tmp_path / "in", drive)
+
+
+def test_a_sweep_without_points(tmp_path, drive):
+    empty = replace(drive, sweeps=(replace(drive.sweeps[0], reader=nothing),))
+    put(tmp_path / "in", "000000", b"")
+    label_set = read(tmp_path / "in", empty)
+    assert label_set.tracks == ()
+    assert label_set.timestamps_ns == (street.TIMES_NS[0],)
+
+
+def nothing(path, timestamp_ns):
+    return LidarSweep(timestamp_ns=timestamp_ns, points_lidar=np.empty((0, 3)))
