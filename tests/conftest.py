@@ -87,7 +87,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     unmarked = [
         (seconds, report.nodeid)
         for seconds, what, report in costs
-        if seconds > LIMIT_S and not what and "slow" not in report.keywords and report.nodeid not in ABOVE_THE_LIMIT
+        if seconds > LIMIT_S
+        and not (what or "slow" in report.keywords or report.nodeid.partition("[")[0] in ABOVE_THE_LIMIT)
     ]
     if unmarked:
         terminalreporter.section(f"above {LIMIT_S:g} s, neither marked slow nor listed in tests/conftest.py", red=True)

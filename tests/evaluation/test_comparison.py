@@ -6,7 +6,7 @@ import math
 
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.evaluation import PairedChange, compare_sums, holm, sum_run, summarise
@@ -14,8 +14,6 @@ from bench.evaluation.comparison import improvements_by_recording, pair_sums
 from bench.evaluation.definitions import object_metrics
 from bench.evaluation.sums import KEY, TERMS
 from tests.evaluation.runs import PAPER, random_run
-
-few = settings(max_examples=8, deadline=None)
 
 Sums = dict[str, tuple[float, float]]  # numerator and denominator by recording
 
@@ -172,10 +170,9 @@ def test_recordings_with_cases_of_one_run_count_in_the_change_and_not_as_recordi
     assert found.ci95[0] < found.difference < found.ci95[1]
 
 
-@few
-@given(st.integers(0, 100))
+@pytest.mark.parametrize("seed", [0, 3])
 def test_a_change_does_not_depend_on_the_order_of_the_rows(seed: int) -> None:
-    before, after = (recording_sums_of(s, recordings=7) for s in (seed % 5, seed % 5 + 1))
+    before, after = (recording_sums_of(s, recordings=7) for s in (seed, seed + 1))
     turned = [side.sample(frac=1, random_state=seed) for side in (before, after)]
     pd.testing.assert_frame_equal(compare_sums(*turned), compare_sums(before, after))
 

@@ -9,8 +9,6 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from bench.errors import DataError
 from bench.evaluation import (
@@ -33,7 +31,6 @@ from tests.support.counts import write_counts
 from tests.support.large_runs import write_tables
 
 Tables = tuple[Rows, Rows]
-few = settings(max_examples=8, deadline=None)
 
 
 def reduced(tables: Tables, rows_at_once: int | None = None) -> pd.DataFrame:
@@ -106,16 +103,14 @@ def test_a_cause_that_a_recordings_images_do_not_name_has_none_of_its_pixels_but
     assert of_static["drive-0"][0] == of_static["drive-0"][1] > 0
 
 
-@few
-@given(st.integers(0, 20), st.sampled_from([1, 30, 10_000]))
+@pytest.mark.parametrize(("seed", "rows_at_once"), [(0, 1), (1, 30), (2, 10_000)])
 def test_neither_the_order_of_the_rows_nor_the_size_of_the_parts_matters(seed: int, rows_at_once: int) -> None:
-    objects, frames = random_run(seed % 4)
+    objects, frames = random_run(seed)
     turned = shuffled(objects, seed), shuffled(frames, seed + 1)
     assert_same(reduced(turned, rows_at_once), reduced((objects, frames)))
 
 
-@few
-@given(st.integers(0, 4), st.lists(st.integers(0, 2), min_size=6, max_size=6))
+@pytest.mark.parametrize(("seed", "part_of"), [(0, [0, 1, 2, 1, 0, 2]), (3, [1, 1, 1, 1, 1, 1])])
 def test_sums_of_parts_are_the_sums_of_the_whole(seed: int, part_of: list[int]) -> None:
     objects, frames = map(to_frame, random_run(seed))
     number = {f"drive-{k}": part for k, part in enumerate(part_of)}
@@ -124,7 +119,7 @@ def test_sums_of_parts_are_the_sums_of_the_whole(seed: int, part_of: list[int]) 
     assert_same(add_sums([add_sums(parts[:2]), parts[2]]), add_sums(parts))
 
 
-@pytest.mark.parametrize("rows_at_once", [7, 25, 10_000])
+@pytest.mark.parametrize("rows_at_once", [7, 10_000])
 def test_stored_rows_give_the_same(tmp_path: Path, rows_at_once: int) -> None:
     tables = random_run(3)
     kept = stored((shuffled(tables[0], 1), shuffled(tables[1], 2)), tmp_path)

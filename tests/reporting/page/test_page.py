@@ -99,6 +99,7 @@ def test_the_same_bytes_twice(tiny_run, tmp_path):
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
+@pytest.mark.slow
 def test_figures_for_papers_are_vectors_and_the_same_twice(tiny_run):
     files = {file.name: file.read_bytes() for file in write_figures(tiny_run)}
     made = {name: content for name, content in files.items() if name.endswith(".pdf")}
@@ -201,7 +202,7 @@ def test_pictures_show_what_was_scored_and_call_no_method(tiny_run, tmp_path, mo
     run = shutil.copytree(tiny_run, tmp_path / "run")
     trap = {"name": "my-own", "place": "subprocess:Popen", "settings": {"args": ["touch", str(tmp_path / "p")]}}
     change_manifest(run, lambda content: content["method"].update(trap))
-    text = write_page(run).file.read_text()
+    text = write_page(run, category=Category.CROSSING).file.read_text()
     assert "<img" in text
     assert not (tmp_path / "p").exists()
 
@@ -214,7 +215,7 @@ def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(tiny_run, tm
         return frames.set_column(frames.schema.get_field_index("fp_px"), "fp_px", counts)
 
     change_table(run / "paper-v1", "frames", one_more)
-    page = write_page(run)
+    page = write_page(run, category=Category.CROSSING)
     assert "<img" not in page.file.read_text()
     assert all("code or data changed since" in problem for problem in page.problems)
 
@@ -223,9 +224,9 @@ def test_without_answers_there_are_no_pictures_and_the_reason_is_said(tiny_run, 
     run = shutil.copytree(tiny_run, tmp_path / "run")
     for file in (run / "answers").rglob("*.parquet"):
         file.write_bytes(file.read_bytes()[:-50])
-    assert "expected answers of a run" in str(write_page(run).problems)
+    assert "expected answers of a run" in str(write_page(run, category=Category.CROSSING).problems)
     shutil.rmtree(run / "answers")
-    assert "the run holds no answer" in str(write_page(run).problems)
+    assert "the run holds no answer" in str(write_page(run, category=Category.CROSSING).problems)
 
 
 def test_a_page_of_one_kind_has_only_its_rows(tiny_run):
