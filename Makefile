@@ -19,6 +19,7 @@ INSTALLED_DOCS := $(VENV)/installed-docs
 INSTALLED_RELEASE := $(VENV)/installed-release
 FRESH := .release
 export NO_MKDOCS_2_WARNING := 1
+unexport PYTHONDONTWRITEBYTECODE # tests start hundreds of processes, each of which would compile what it imports
 
 .DEFAULT_GOAL := help
 .PHONY: help benchmark leaderboard paper report gate perf docs release-check test test-all coverage check format clean
@@ -63,13 +64,13 @@ perf: $(INSTALLED_DEV) ## measure speed and memory into reports/perf.md, then th
 	$(BIN)/pytest benchmarks --benchmark-enable --benchmark-only --benchmark-columns=min,median,ops -p no:cacheprovider
 
 test: $(INSTALLED_DEV) ## run the tests
-	$(BIN)/pytest --numprocesses auto --dist loadfile
+	$(BIN)/pytest --numprocesses auto --dist worksteal
 
 test-all: $(INSTALLED_DEV) ## run the tests, the slow rounds among them (damaged files, kills, simulations)
-	$(BIN)/pytest --numprocesses $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist loadfile -m "slow or not slow"
+	$(BIN)/pytest --numprocesses $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist worksteal -m "slow or not slow"
 
 coverage: $(INSTALLED_DEV) ## run all tests as test-all does, and list what they do not cover, the least covered last (half as long again)
-	$(BIN)/pytest --numprocesses $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist loadfile -m "slow or not slow" --cov
+	$(BIN)/pytest --numprocesses $(shell expr $$(nproc 2>/dev/null || echo 2) + 1) --dist worksteal -m "slow or not slow" --cov
 
 check: $(INSTALLED_DEV) ## format, lint, types, layers, documentation
 	$(BIN)/ruff format --check

@@ -1,10 +1,11 @@
-"""A small rendered data set that the tests of the upper packages share."""
+"""A rendered data set and a cache that all tests share, and a list of the tests that take most processor time."""
 
 import gc
 import os
+import resource
 import shutil
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -25,6 +26,74 @@ DATASETS = Path(__file__).parents[1] / "datasets"
 
 # A shell starts background jobs with SIGINT ignored, and so would be all processes that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+LIMIT_S = 2.0
+ABOVE_THE_LIMIT: frozenset[str] = frozenset()  # tests that may take longer, and run with `make test` nevertheless
+
+RUNNING = pytest.StashKey[pytest.Item]()
+STARTED_S = pytest.StashKey[float]()
+
+
+def processor_time_s() -> float:
+    """Processor time of this process and of those that it started and waited for."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in used)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
+    item.config.stash[RUNNING] = item
+    item.stash[STARTED_S] = processor_time_s()
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(fixturedef: pytest.FixtureDef, request: pytest.FixtureRequest) -> Generator[None, object]:
+    """Count what several tests share for itself, not for the test that asks first."""
+    before = processor_time_s()
+    try:
+        return (yield)
+    finally:
+        if fixturedef.scope != "function":
+            item, took = request.config.stash[RUNNING], processor_time_s() - before
+            item.stash[STARTED_S] += took
+            item.user_properties.append((f"fixture {fixturedef.argname} of ", took))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None]:
+    try:
+        return (yield)
+    finally:
+        item.user_properties.append(("", processor_time_s() - item.stash[STARTED_S]))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """List what takes most processor time, and the tests over the limit that nobody marked as slow."""
+    reports = [*terminalreporter.getreports("passed"), *terminalreporter.getreports("failed")]
+    costs = [
+        (seconds, what, report)
+        for report in reports
+        if report.when == "call"
+        for what, seconds in report.user_properties
+    ]
+    if len(costs) < 100 and not os.environ.get("CI"):  # who runs a file looks for something else
+        return
+    costs.sort(key=lambda cost: -cost[0])
+    terminalreporter.section("ten slowest, processor time")
+    for seconds, what, report in costs[:10]:
+        terminalreporter.line(f"{seconds:6.2f} s  {what}{report.nodeid}")
+    unmarked = [
+        (seconds, report.nodeid)
+        for seconds, what, report in costs
+        if seconds > LIMIT_S
+        and not (what or "slow" in report.keywords or report.nodeid.partition("[")[0] in ABOVE_THE_LIMIT)
+    ]
+    if unmarked:
+        terminalreporter.section(f"above {LIMIT_S:g} s, neither marked slow nor listed in tests/conftest.py", red=True)
+        for seconds, test in unmarked:
+            terminalreporter.line(f"{seconds:6.2f} s  {test}", red=True)
 
 
 def pytest_collection_finish() -> None:

@@ -96,6 +96,7 @@ def test_an_enlarged_drive_opens_and_sees_the_same(tiny_card, tmp_path):
     np.testing.assert_allclose(larger.model.project(points)[0], 2 * smaller.model.project(points)[0] + 0.5)
 
 
+@pytest.mark.slow
 def test_a_run_tells_what_it_cost(tiny_card):
     cost = parallel.run_cost(tiny_card, "--method", "nothing", "--workers", 2)
     assert cost.images == 12

@@ -104,6 +104,15 @@ def test_ray_grid_is_the_unprojection_of_cell_centres(camera):
 
 
 @every_lens
+def test_an_image_ends_half_a_pixel_beyond_the_centres_of_its_outer_pixels(camera):
+    right, bottom = camera.width - 0.5, camera.height - 0.5
+    inside = np.array([[-0.5, -0.5], [np.nextafter(right, 0), np.nextafter(bottom, 0)]])
+    outside = np.array([[-0.51, 0], [0, -0.51], [right, 0], [0, bottom], [np.nan, 0]])
+    assert camera.contains(inside).all()
+    assert not camera.contains(outside).any()
+
+
+@every_lens
 def test_wrong_shapes_are_refused(camera):
     with pytest.raises(ShapeError, match=r"points_camera: expected \(N, 3\)"):
         camera.project(np.zeros((4, 2)))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer, load_protocol
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer, load_protocol, sum_run
 from bench.records.reference import Direction, IgnoreReason, ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
 from tests.support.result_rows import NO_COUNTS
@@ -31,6 +33,13 @@ def joined(tables: Sequence[tuple[pa.Table, pa.Table]]) -> tuple[pa.Table, pa.Ta
     return pa.concat_tables([t[0] for t in tables]), pa.concat_tables([t[1] for t in tables])
 
 
+@cache
+def random_sums(seed: int, *, recordings: int = 6) -> pd.DataFrame:
+    """The sums of a random run; nobody changes them."""
+    return sum_run(*random_run(seed, recordings=recordings), protocol=PAPER)
+
+
+@cache
 def random_run(seed: int, *, recordings: int = 6, images: int = 12) -> tuple[pa.Table, pa.Table]:
     """A run with every status, category, class and camera, and rows that fit no reality."""
     draw = np.random.default_rng(seed)

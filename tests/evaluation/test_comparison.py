@@ -6,22 +6,16 @@ import math
 
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.evaluation import PairedChange, compare_sums, holm, sum_run, summarise
+from bench.evaluation import PairedChange, compare_sums, holm, summarise
 from bench.evaluation.comparison import improvements_by_recording, pair_sums
 from bench.evaluation.definitions import object_metrics
 from bench.evaluation.sums import KEY, TERMS
-from tests.evaluation.runs import PAPER, random_run
-
-few = settings(max_examples=8, deadline=None)
+from tests.evaluation.runs import PAPER, random_run, random_sums
 
 Sums = dict[str, tuple[float, float]]  # numerator and denominator by recording
-
-
-def recording_sums_of(seed: int, **options: int) -> pd.DataFrame:
-    return sum_run(*random_run(seed, **options), protocol=PAPER)
 
 
 def table(by_recording: Sums, *, metric: str = "tpr_all") -> pd.DataFrame:
@@ -38,7 +32,7 @@ def change_of(before: Sums, after: Sums, *, metric: str = "tpr_all") -> PairedCh
 @pytest.mark.parametrize("seed", [1, 2])
 def test_every_value_of_the_summaries_that_has_a_direction_is_compared(seed: int) -> None:
     runs = random_run(seed), random_run(seed + 1)
-    compared = compare_sums(*(sum_run(*run, protocol=PAPER) for run in runs))
+    compared = compare_sums(random_sums(seed), random_sums(seed + 1))
     for side, run in zip(("before", "after"), runs, strict=True):
         summary = summarise(*run, protocol=PAPER)
         for name, row in summary.categories.items():
@@ -64,12 +58,12 @@ def test_better_is_said_by_the_direction_of_the_metric() -> None:
 
 
 def test_counts_and_what_has_no_direction_are_not_compared() -> None:
-    names = {metric for _, _, metric in compare_sums(recording_sums_of(1), recording_sums_of(2)).index}
+    names = {metric for _, _, metric in compare_sums(random_sums(1), random_sums(2)).index}
     assert not names & {"tracks", "annotated", "images", "chance", "false_positives_by_epipolar"}
 
 
 def test_identical_runs_do_not_differ() -> None:
-    sums = recording_sums_of(4, recordings=6)
+    sums = random_sums(4, recordings=6)
     compared = compare_sums(sums, sums).loc["all_moving"]
     levels = PAPER.scoring.detection_levels
     assert {*compared.index.get_level_values("metric")} == {
@@ -172,10 +166,9 @@ def test_recordings_with_cases_of_one_run_count_in_the_change_and_not_as_recordi
     assert found.ci95[0] < found.difference < found.ci95[1]
 
 
-@few
-@given(st.integers(0, 100))
+@pytest.mark.parametrize("seed", [0, 3])
 def test_a_change_does_not_depend_on_the_order_of_the_rows(seed: int) -> None:
-    before, after = (recording_sums_of(s, recordings=7) for s in (seed % 5, seed % 5 + 1))
+    before, after = (random_sums(s, recordings=7) for s in (seed, seed + 1))
     turned = [side.sample(frac=1, random_state=seed) for side in (before, after)]
     pd.testing.assert_frame_equal(compare_sums(*turned), compare_sums(before, after))
 

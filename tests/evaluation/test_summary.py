@@ -21,7 +21,7 @@ from bench.records.reference import Category, ReferenceFrame, Status
 from tests.evaluation.frames import frames, mask, picture, reference_frame, reference_object
 from tests.evaluation.runs import PAPER, joined, random_run, scored
 
-few = settings(max_examples=8, deadline=None)
+few = settings(max_examples=4, deadline=None)
 Predict = Callable[[ReferenceFrame], NDArray[np.bool_]]
 
 

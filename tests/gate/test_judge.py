@@ -141,7 +141,7 @@ def test_every_metric_of_a_run_has_a_tolerance_and_every_tolerance_a_metric():
     assert {row.metric for row in rows} == {*TOLERATED, "f1"}  # F1 follows from precision and recall
 
 
-@settings(max_examples=5, deadline=None)  # each judges some 150 metrics
+@settings(max_examples=3, deadline=None)  # each judges some 150 metrics
 @given(seed=st.integers(0, 1000))
 def test_a_run_never_fails_against_itself(seed):
     run = drawn(seed, recordings=7, images=3)
@@ -151,7 +151,7 @@ def test_a_run_never_fails_against_itself(seed):
     assert any(row.outcome is Outcome.PASSED for row in verdict.rows)
 
 
-@settings(deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     before=st.lists(st.floats(0, 1), min_size=6, max_size=9),
     loss=st.floats(0.0, 1.0),

@@ -58,7 +58,7 @@ def npz(**arrays: np.ndarray) -> bytes:
 
 def zipped(packing: int = zipfile.ZIP_DEFLATED, **members: bytes) -> bytes:
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", packing, compresslevel=9) as archive:
+    with zipfile.ZipFile(file, "w", packing, compresslevel=1) as archive:
         for name, content in members.items():
             archive.writestr(f"{name}.npy", content)
     return file.getvalue()
@@ -81,7 +81,7 @@ def zeros(count: int) -> bytes:
     """Compressed zeros that unpack to `count` points, written without ever being whole in memory."""
     file = io.BytesIO()
     with (
-        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
         archive.open("points_lidar.npy", "w", force_zip64=True) as member,
     ):
         member.write(npy_header((count, 3)))

@@ -18,6 +18,7 @@ MOTION = SETTINGS.motion
         ((3, 0.5), (5, 0), Category.PRECEDING),
         ((-4, 0), (5, 0), Category.APPROACHING),
         ((-3, 3.001), (5, 0), Category.CROSSING),  # just under 135 degrees
+        ((-3, 3), (5, 0), Category.CROSSING),  # 135 degrees themselves
         ((-3.001, 3), (5, 0), Category.APPROACHING),
         ((8, 0), (0.04, 0), Category.STATIC_EGO),
         ((-2, 0), (-1, 0), Category.OVERTAKING),  # both reverse, the object faster

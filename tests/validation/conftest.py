@@ -1,4 +1,4 @@
-"""A clean drive, written once for all tests, and a copy of it that a test may damage."""
+"""Drives that are made once for all tests, and a copy that a test may damage."""
 
 import shutil
 from pathlib import Path
@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 
 from bench.synthesis import synthesize
+from tests.conftest import made_once
 from tests.validation import drive
 
 
 @pytest.fixture(scope="session")
-def clean(tmp_path_factory):
-    return drive.write_drive(tmp_path_factory.mktemp("clean") / "drive")
+def clean(shared):
+    return made_once(shared, "clean", lambda folder: drive.write_drive(folder / "drive")) / "drive"
 
 
 @pytest.fixture
@@ -20,8 +21,7 @@ def root(clean, tmp_path):
 
 
 @pytest.fixture(scope="session")
-def turning(tmp_path_factory):
+def turning(shared):
     """A rendered turn on an empty street."""
-    folder = tmp_path_factory.mktemp("drives")
-    synthesize(Path(__file__).with_name("turning.scenario.yaml"), folder / "data", workers=1)
-    return folder / "data" / "turning"
+    scenario = Path(__file__).with_name("turning.scenario.yaml")
+    return made_once(shared, "turning", lambda folder: synthesize(scenario, folder, workers=1)) / "turning"

@@ -1,5 +1,6 @@
 """A clean recording of a street with boxes for houses and posts, ray cast, small enough to corrupt in a second."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from unittest.mock import patch
 
@@ -134,11 +135,13 @@ def quaternion_wxyz(transform: RigidTransform, turn: Rotation) -> list[float]:
 STATIC_WORLD = (check_static_world, check_cameras)
 
 
-def found(root, depth=Depth.SAMPLED, *, static_world=False):
-    """Findings in the drive; those of the static world, which take most of the time, only where they are asked for."""
+def found(root, depth=Depth.SAMPLED, *, static_world=False, returns=False):
+    """Findings in the drive; by the static world and by returns in boxes, which take most of the time, where asked."""
     checks = [check for check in report.CHECKS if static_world or check[0] not in STATIC_WORLD]
     (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
-    with patch.object(report, "CHECKS", checks):
+    with patch.object(report, "CHECKS", checks), ExitStack() as without:
+        if not returns:
+            without.enter_context(patch.multiple(report, BoxFit=lambda _: None, check_unboxed=lambda _: ()))
         return list(validate_recording(handle, depth=depth).findings)
 
 

@@ -20,22 +20,31 @@ def verdict(root):
     return cameras.camera_verdict(drive, drive.cameras["front"])
 
 
+def test_a_drive_is_checked_for_its_cameras():
+    assert cameras.check_cameras in [check for check, _, _ in CHECKS]
+
+
+@pytest.mark.slow
 def test_a_clean_camera_passes(turning):
     assert verdict(turning) is None
-    assert cameras.check_cameras in [check for check, _, _ in CHECKS]
 
 
 @pytest.mark.parametrize(
     "name",
     [
-        "front camera turned -5 deg about the vehicle's z",
-        "front camera turned 1 deg about the vehicle's z",
         "quaternion as x, y, z, w",
-        "focal length times 0.95",
-        "focal length times 2",
-        "principal point 20 px off",
         "images mirrored",
-        "images +50 ms",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)  # each fit of a camera takes 10 s and more
+            for name in (
+                "front camera turned -5 deg about the vehicle's z",
+                "front camera turned 1 deg about the vehicle's z",
+                "focal length times 0.95",
+                "focal length times 2",
+                "principal point 20 px off",
+                "images +50 ms",
+            )
+        ),
     ],
 )
 def test_a_planted_fault_is_named(turning, tmp_path, name):
@@ -47,6 +56,7 @@ def test_a_planted_fault_is_named(turning, tmp_path, name):
     assert re.search(TOLD[name].lead.removeprefix("camera.*"), text), text
 
 
+@pytest.mark.slow
 def test_where_little_of_the_flow_fits_images_that_are_clearly_late_are_told_as_a_doubt(turning, tmp_path, monkeypatch):
     monkeypatch.setattr(cameras, "LIMITS", replace(cameras.LIMITS, sure=1.0))
     clean = verdict(turning)

@@ -6,6 +6,7 @@ import pytest
 from bench.egomotion.time_units import other_unit
 from bench.lidar import LidarSweep
 from bench.validation import Severity
+from bench.validation.report import BY_EGO_MOTION
 from tests.support.planting import change_boxes, change_bus, change_head, change_json, change_sweeps
 from tests.validation import drive
 from tests.validation.drive import found, with_points
@@ -43,9 +44,9 @@ def pose_times(root, factor):
     (root / "poses.csv").write_text("\n".join(lines) + "\n")
 
 
-def cause(root):
+def cause(root, *, returns=False):
     """The first finding; all that may follow from it comes later, as warnings."""
-    first, *others = found(root)
+    first, *others = found(root, returns=returns)
     assert first.severity is Severity.ERROR
     assert {one.severity for one in others} <= {Severity.WARNING}, others
     return first
@@ -138,7 +139,7 @@ def scale_head(*keys):
 )
 def test_lengths(root, unit, change, file, field):
     change(root, LENGTHS[unit])
-    told = cause(root)
+    told = cause(root, returns=unit == "centimetres")  # the same follows from either unit
     assert told.check == "length-unit"
     assert told.file.endswith(file)
     assert told.field.startswith(field)
@@ -146,17 +147,26 @@ def test_lengths(root, unit, change, file, field):
 
 
 @pytest.mark.parametrize(
-    ("column", "factor", "remedy"),
+    ("column", "factor", "field", "remedy"),
     [
-        ("speed_mps", 3.6, "multiply the speed by 0.2778"),
-        ("speed_mps", 1000.0, "multiply the speed by 0.001"),
-        ("yaw_rate_radps", 180 / np.pi, "multiply the yaw rate by 0.01745"),
+        ("speed_mps", 3.6, "speed", "multiply the speed by 0.2778"),
+        pytest.param("speed_mps", 1 / 3.6, "speed", "multiply the speed by 3.6", marks=pytest.mark.slow),
+        pytest.param("speed_mps", 1000.0, "speed", "multiply the speed by 0.001", marks=pytest.mark.slow),
+        pytest.param(
+            "yaw_rate_radps", -1.0, "sign of the yaw rate", "multiply the yaw rate by -1", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            "yaw_rate_radps", 180 / np.pi, "yaw rate", "multiply the yaw rate by 0.01745", marks=pytest.mark.slow
+        ),
     ],
 )
-def test_speed_and_yaw_rate_of_the_bus(root, column, factor, remedy):
+def test_speed_and_yaw_rate_of_the_bus_are_tried_against_the_lidar(root, column, factor, field, remedy):
     change_bus(root, lambda row: row.update({column: str(float(row[column]) * factor)}))
-    (told,) = [finding for finding in found(root, static_world=True) if finding.check == "ego-motion-unit"]
-    assert told.hint == f"check unit and sign: {remedy}"
+    findings = found(root, static_world=True, returns=True)
+    (told,) = [finding for finding in findings if finding.check == "ego-motion-unit"]
+    assert (told.field, told.severity, told.hint) == (field, Severity.ERROR, f"check unit and sign: {remedy}")
+    assert told.file.endswith("egomotion.csv")
+    assert {finding.severity for finding in findings if finding.check in BY_EGO_MOTION} <= {Severity.WARNING}
 
 
 @pytest.mark.parametrize("start_ns", [0, 3 * 10**14, 1_700_000_000 * 10**9])

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
+import pandas as pd
 import pyarrow as pa
 
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol, sum_run, summary_of, write_sums
+from bench.evaluation import (
+    FRAMES_SCHEMA,
+    OBJECTS_SCHEMA,
+    Summary,
+    load_protocol,
+    sum_run,
+    summary_of,
+    write_sums,
+)
 from bench.harness import stored
 from bench.harness.manifest import ANSWERS_MANIFEST, write_manifest
 from bench.harness.stored import SUMS
@@ -50,14 +60,10 @@ def write_run(
 ) -> Path:
     """Store a run; all of its reference comes from the keys of `detected` and from `region_px`."""
     results = folder / protocol
-    objects = pa.Table.from_pylist([_object(*key, px, region_px) for key, px in detected.items()], OBJECTS_SCHEMA)
-    images = sorted({key[:2] for key in detected})
-    frames = pa.Table.from_pylist([_frame(*image, fp_px, region_px) for image in images], FRAMES_SCHEMA)
-    write_counts(results, objects, frames)
     rules = load_protocol(protocol)
-    sums = sum_run(objects, frames, protocol=rules)
+    objects, frames, sums, metrics = _counted(tuple(detected.items()), fp_px, region_px, protocol)
+    write_counts(results, objects, frames)
     write_sums(sums, results / SUMS)
-    metrics = summary_of(sums, protocol=rules)
     own = manifest(
         dataset=dataset, card=card, split=split, method=method, settings=settings, protocol=rules,
         commit=commit, recordings=recordings,
@@ -65,10 +71,23 @@ def write_run(
     write_manifest(folder / ANSWERS_MANIFEST, own)
     stored.write_run(
         results, metrics, protocol=rules, manifest=own,
-        provenance=provenance(images=len(images), started_utc=started_utc),
+        provenance=provenance(images=len(frames), started_utc=started_utc),
         vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip
     return folder
+
+
+@cache
+def _counted(
+    detected: tuple[tuple[tuple[int, int, str], int], ...], fp_px: int, region_px: int, protocol: str
+) -> tuple[pa.Table, pa.Table, pd.DataFrame, Summary]:
+    """Objects and frames, their sums and metrics; tests draw the same few runs again and again."""
+    rules = load_protocol(protocol)
+    objects = pa.Table.from_pylist([_object(*key, px, region_px) for key, px in detected], OBJECTS_SCHEMA)
+    images = sorted({key[:2] for key, _ in detected})
+    frames = pa.Table.from_pylist([_frame(*image, fp_px, region_px) for image in images], FRAMES_SCHEMA)
+    sums = sum_run(objects, frames, protocol=rules)
+    return objects, frames, sums, summary_of(sums, protocol=rules)
 
 
 def _object(recording: int, image: int, category: str, px: int, region_px: int) -> dict[str, object]:

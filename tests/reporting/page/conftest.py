@@ -4,30 +4,34 @@ from pathlib import Path
 
 import pytest
 
-from bench.evaluation import load_protocol
-from bench.methods import build_method
-from bench.recordings import load_card
 from bench.reporting.page.build import write_page
+from tests.conftest import made_once
 from tests.reporting.page.hostile import hostile_run
 from tests.support.browser import headless_chromium
-from tests.support.runs import run_one
+from tests.support.runs import score
 
 
 @pytest.fixture(scope="session")
-def tiny_run(tiny_card, tmp_path_factory) -> Path:
-    """A run of the tiny data set; tests that change it copy it first."""
-    run = tmp_path_factory.mktemp("runs") / "tiny-run"
-    method = build_method("spherical", {"threshold": 5e-4})
-    run_one(card=load_card(tiny_card), method=method, protocol=load_protocol("paper-v1"), out=run)
-    return run
+def tiny_page(shared, tiny_card) -> Path:
+    """The page of a run of the tiny data set, with its pictures."""
+
+    def make(run: Path) -> None:
+        score(tiny_card, run, settings={"threshold": 5e-4})
+        assert write_page(run).problems == ()
+
+    return made_once(shared, "tiny-run", make) / "index.html"
 
 
 @pytest.fixture(scope="session")
-def tiny_page(tiny_run) -> Path:
-    """The page of that run, with its pictures."""
-    page = write_page(tiny_run)
-    assert page.problems == ()
-    return page.file
+def tiny_run(tiny_page) -> Path:
+    """That run; tests that change it copy it first."""
+    return tiny_page.parent
+
+
+@pytest.fixture
+def without_charts(monkeypatch) -> None:
+    """Pages of this test show no chart, which takes most of their time."""
+    monkeypatch.setattr("bench.reporting.page.build.inline_svg", lambda chart: f"chart {chart.name}")
 
 
 @pytest.fixture(scope="session")

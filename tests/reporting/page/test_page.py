@@ -75,6 +75,7 @@ def test_every_recording_has_a_row_that_leads_to_its_frames_and_its_worst_case(t
     assert shown[3] == str(len(scored))
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_two_runs_stand_side_by_side_on_the_same_images(tiny_run, tmp_path):
     other = shutil.copytree(tiny_run, tmp_path / "other")
     page = write_page(tiny_run, category=Category.CROSSING, other=other, out=tmp_path / "pair.html")
@@ -99,6 +100,7 @@ def test_the_same_bytes_twice(tiny_run, tmp_path):
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
+@pytest.mark.slow
 def test_figures_for_papers_are_vectors_and_the_same_twice(tiny_run):
     files = {file.name: file.read_bytes() for file in write_figures(tiny_run)}
     made = {name: content for name, content in files.items() if name.endswith(".pdf")}
@@ -174,6 +176,7 @@ def test_names_from_the_data_are_escaped(hostile_page):
     assert "&lt;b&gt;one &amp; all&lt;/b&gt;" in text
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
     change_manifest(run, lambda content: content["dataset"].update(card=str(tmp_path / "gone.yaml")))
@@ -188,6 +191,7 @@ def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     assert re.search(r'<p class="facts">found \d+ %, range \d', text)
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_a_run_without_maps_of_the_image_plane_still_makes_a_page(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
     for file in run.rglob("*.map.npz"):
@@ -197,15 +201,17 @@ def test_a_run_without_maps_of_the_image_plane_still_makes_a_page(tiny_run, tmp_
     assert [name for name, _ in sections(text)] == SECTIONS
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_pictures_show_what_was_scored_and_call_no_method(tiny_run, tmp_path, monkeypatch):
     run = shutil.copytree(tiny_run, tmp_path / "run")
     trap = {"name": "my-own", "place": "subprocess:Popen", "settings": {"args": ["touch", str(tmp_path / "p")]}}
     change_manifest(run, lambda content: content["method"].update(trap))
-    text = write_page(run).file.read_text()
+    text = write_page(run, category=Category.CROSSING).file.read_text()
     assert "<img" in text
     assert not (tmp_path / "p").exists()
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
 
@@ -214,20 +220,22 @@ def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(tiny_run, tm
         return frames.set_column(frames.schema.get_field_index("fp_px"), "fp_px", counts)
 
     change_table(run / "paper-v1", "frames", one_more)
-    page = write_page(run)
+    page = write_page(run, category=Category.CROSSING)
     assert "<img" not in page.file.read_text()
     assert all("code or data changed since" in problem for problem in page.problems)
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_without_answers_there_are_no_pictures_and_the_reason_is_said(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
     for file in (run / "answers").rglob("*.parquet"):
         file.write_bytes(file.read_bytes()[:-50])
-    assert "expected answers of a run" in str(write_page(run).problems)
+    assert "expected answers of a run" in str(write_page(run, category=Category.CROSSING).problems)
     shutil.rmtree(run / "answers")
-    assert "the run holds no answer" in str(write_page(run).problems)
+    assert "the run holds no answer" in str(write_page(run, category=Category.CROSSING).problems)
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_a_page_of_one_kind_has_only_its_rows(tiny_run):
     page = write_page(tiny_run, category=Category.OVERTAKING)
     text = page.file.read_text()
@@ -239,6 +247,7 @@ def test_a_page_of_one_kind_has_only_its_rows(tiny_run):
     assert 'id="worst-overtaking-0"' in text
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_a_kind_without_cases_is_no_error(tiny_run, tmp_path):
     text = write_page(tiny_run, category=Category.PRECEDING, out=tmp_path / "page.html").file.read_text()
     assert "No object-frame of this kind was evaluated." in text
