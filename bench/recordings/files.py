@@ -16,7 +16,6 @@ from defusedxml.ElementTree import iterparse
 
 from bench.atomic import open_regular, read_regular, refuse_escape
 from bench.errors import DataError
-from bench.recordings.error_handlers import OnError, reporting
 
 LARGEST_BYTES = 100_000_000  # a million rows of poses
 LARGEST_NUMBER = 1e12  # nothing that is measured comes near, and squares of it stay finite
@@ -24,21 +23,18 @@ READ_BYTES = 65_536
 LONGEST_FRAME_NUMBER = 18  # digits
 
 
-def numbered_files(
-    root: Path, folder: Path, number_of: Callable[[Path], int | None], on_error: OnError, *, each: str
-) -> dict[int, Path]:
+def numbered_files(root: Path, folder: Path, number_of: Callable[[Path], int | None], *, each: str) -> dict[int, Path]:
     """The files of a folder by their number, in order; none where the folder does not exist.
 
     Args:
         root: folder of the data set, which no file may leave.
         folder: below it.
         number_of: of a file, by its name; None for one to pass over.
-        on_error: takes errors of single files: a name that `number_of` refuses, a link that leads outside, a number
-            that two files have.
         each: what has one file, for messages.
 
     Raises:
-        DataError: the folder leads outside of `root`.
+        DataError: a name that `number_of` refuses, a file or folder that leads outside of `root`, or a number that two
+            files have.
     """
     if not folder.is_dir():
         return {}
@@ -46,19 +42,18 @@ def numbered_files(
     found: dict[int, Path] = {}
     for entry in sorted(scandir(folder), key=lambda entry: entry.name):
         path = folder / entry.name
-        with reporting(on_error):
-            number = number_of(path)
-            if number is None:
-                continue
-            if entry.is_symlink():
-                refuse_escape(root, path, file=path)
-            if number in found:
-                raise DataError(path, expected=f"one file for each {each}", got=f"also {found[number].name}")
-            found[number] = path
+        number = number_of(path)
+        if number is None:
+            continue
+        if entry.is_symlink():
+            refuse_escape(root, path, file=path)
+        if number in found:
+            raise DataError(path, expected=f"one file for each {each}", got=f"also {found[number].name}")
+        found[number] = path
     return dict(sorted(found.items()))
 
 
-def framed_files(root: Path, folder: Path, pattern: str, on_error: OnError) -> dict[int, Path]:
+def framed_files(root: Path, folder: Path, pattern: str) -> dict[int, Path]:
     """The files of a folder whose whole name fits a pattern, by the frame number in its first group, in order."""
     named = re.compile(pattern)
 
@@ -66,7 +61,7 @@ def framed_files(root: Path, folder: Path, pattern: str, on_error: OnError) -> d
         match = named.fullmatch(path.name)
         return None if match is None or len(match[1]) > LONGEST_FRAME_NUMBER else int(match[1])
 
-    return numbered_files(root, folder, number_of, on_error, each="frame")
+    return numbered_files(root, folder, number_of, each="frame")
 
 
 def read_object(root: Path, file: Path, *, expected: str) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from os.path import lexists
 from pathlib import Path
@@ -12,18 +12,17 @@ import numpy as np
 from pydantic import Field
 
 from bench.atomic import path_inside, refuse_escape
-from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals, read_tum
+from bench.egomotion import Trajectory, read_bus_signals, read_tum
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
-from bench.recordings.annotations import Statement, annotated_as, annotation_file_in, annotations_or_none
-from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, reporting_all, stationary
+from bench.recordings.annotations import Statement, annotated_as, annotation_file_in, read_annotations
 from bench.recordings.files import numbered_files
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_mask
 from bench.recordings.mounting import camera_model, mounted_camera
 from bench.recordings.schema import CameraHead, RecordingHead, TrueCalibration
-from bench.recordings.validation import LATEST_NS, FileModel, SidePx, json_faults, read_json, validated
+from bench.recordings.validation import LATEST_NS, FileModel, SidePx, read_json, validated
 from bench.records.recording import NOT_ANNOTATED, Annotated, ImageRef, MountedCamera, Recording, SweepRef, Track
 
 HEAD = "recording.json"
@@ -125,26 +124,26 @@ def _refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
             raise DataError(root / HEAD, field=f"cameras.{path.name}", expected=expected, got="none")
 
 
-def _image_refs(root: Path, camera: str, on_error: OnError) -> tuple[ImageRef, ...]:
-    """The images of a camera, by time; what is wrong with a name goes to `on_error`."""
+def _image_refs(root: Path, camera: str) -> tuple[ImageRef, ...]:
+    """The images of a camera, by time."""
     folder = root / "images" / camera
-    paths = _timed_files(root, folder, IMAGE_SUFFIXES, on_error)
+    paths = _timed_files(root, folder, IMAGE_SUFFIXES)
     if not paths:
-        on_error(DataError(folder, expected="images named <timestamp_ns>.png or .jpg", got="none"))
-    truth = _timed_files(root, root / "truth" / camera, (".png",), on_error)
+        raise DataError(folder, expected="images named <timestamp_ns>.png or .jpg", got="none")
+    truth = _timed_files(root, root / "truth" / camera, (".png",))
     return tuple(
         ImageRef(camera=camera, timestamp_ns=time_ns, path=path, truth_path=truth.get(time_ns))
         for time_ns, path in paths.items()
     )
 
 
-def _sweep_refs(root: Path, on_error: OnError) -> tuple[SweepRef, ...]:
-    """The sweeps, by time; what is wrong with a name goes to `on_error`."""
-    paths = _timed_files(root, root / "lidar", SWEEP_SUFFIXES, on_error)
+def _sweep_refs(root: Path) -> tuple[SweepRef, ...]:
+    """The sweeps, by time."""
+    paths = _timed_files(root, root / "lidar", SWEEP_SUFFIXES)
     return tuple(SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in paths.items())
 
 
-def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], on_error: OnError) -> dict[int, Path]:
+def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...]) -> dict[int, Path]:
     """Files named by their time; hidden ones are not finished and passed over."""
 
     def time_ns(path: Path) -> int | None:
@@ -156,20 +155,7 @@ def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], on_error: 
             raise DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem), hint=hint)
         return int(path.stem)
 
-    return numbered_files(root, folder, time_ns, on_error, each="time")
-
-
-def _trajectory(root: Path, ego_motion: Source, on_error: ErrorHandler) -> Trajectory:
-    """Read the ego-motion; a stand-in after an error."""
-
-    def find_all(error: DataError) -> Iterable[DataError]:
-        file = root / EGOMOTION_FILES[0]
-        return bus_signal_faults(file) if ego_motion == "recorded" and error.file == str(file) else ()
-
-    with reporting_all(on_error, find_all):
-        return _ego_motion(root, ego_motion)
-    on_error.leave_out("trajectory")
-    return stationary(root)
+    return numbered_files(root, folder, time_ns, each="time")
 
 
 def _ego_motion(root: Path, ego_motion: Source) -> Trajectory:
@@ -187,20 +173,12 @@ def _ego_motion(root: Path, ego_motion: Source) -> Trajectory:
     return read_tum(present[0])
 
 
-def _tracks(
-    root: Path, annotations: Path | None, stated: Statement | None, on_error: ErrorHandler
-) -> tuple[tuple[Track, ...], Annotated]:
+def _tracks(root: Path, annotations: Path | None, stated: Statement | None) -> tuple[tuple[Track, ...], Annotated]:
     """The objects of `annotations`, else of the recording's own file, and what they cover: without a file nothing."""
-    tracks = None
-    with reporting(on_error):
-        file = annotations or _own_annotations(root, stated)
-        if file is None:
-            return (), NOT_ANNOTATED
-        tracks = annotations_or_none(file, on_error)
-    if tracks is None:
-        on_error.leave_out("annotations")
+    file = annotations or _own_annotations(root, stated)
+    if file is None:
         return (), NOT_ANNOTATED
-    return tracks, annotated_as(stated or "complete")
+    return read_annotations(file), annotated_as(stated or "complete")
 
 
 def _own_annotations(root: Path, stated: Statement | None) -> Path | None:
@@ -221,7 +199,6 @@ def open_native(
     ego_motion: Source = "recorded",
     calibration: Source = "recorded",
     annotations: Path | None = None,
-    on_error: ErrorHandler = STRICT,
 ) -> Recording:
     """Open a native recording.
 
@@ -231,45 +208,25 @@ def open_native(
         ego_motion: "exact" for the true poses of a synthetic recording instead of what its car reports.
         calibration: "exact" for where its sensors are instead of where its calibration says that they are.
         annotations: annotation file that stands in for the recording's own; None for none.
-        on_error: takes errors; the default raises the first.
 
     Raises:
         DataError: a file that is missing or not what the format asks for.
     """
-    head: RecordingHead | None = None
-    cameras: dict[str, MountedCamera] = {}
-    images: dict[str, tuple[ImageRef, ...]] = {}
-    with reporting_all(on_error, lambda _: json_faults(RecordingHead, root / HEAD)):
-        head = _read_head(root, calibration)
-    if head is not None:
-        for refuse in (_refuse_other_name, _refuse_uncalibrated):
-            with reporting(on_error):
-                refuse(root, head)
-        for name, entry in head.cameras.items():
-            with reporting(on_error):
-                cameras[name] = _mounted_camera(root, name, entry, head, evaluated_size_px)
-        for name in head.cameras:
-            with reporting(on_error):
-                images[name] = _image_refs(root, name, on_error)
-    trajectory = _trajectory(root, ego_motion, on_error)
-    sweeps: tuple[SweepRef, ...] = ()
-    with reporting(on_error):
-        sweeps = _sweep_refs(root, on_error)
-    tracks, annotated = _tracks(root, annotations, None if head is None else head.annotated, on_error)
-    usable = [name for name in cameras if name in images]
-    if head is None or not usable:
-        on_error.stop()
+    head = _read_head(root, calibration)
+    _refuse_other_name(root, head)
+    _refuse_uncalibrated(root, head)
+    tracks, annotated = _tracks(root, annotations, head.annotated)
     beams = head.lidar.lidar_from_sensor
     return Recording(
         name=root.resolve().name,
         root=root,
         licence=head.licence,
         frame_interval_ns=head.frame_interval_ns,
-        cameras={name: cameras[name] for name in usable},
-        images={name: images[name] for name in usable},
-        trajectory=trajectory,
+        cameras={n: _mounted_camera(root, n, entry, head, evaluated_size_px) for n, entry in head.cameras.items()},
+        images={name: _image_refs(root, name) for name in head.cameras},
+        trajectory=_ego_motion(root, ego_motion),
         vehicle_from_lidar=head.lidar.vehicle_from_lidar.transform,
-        sweeps=sweeps,
+        sweeps=_sweep_refs(root),
         tracks=tracks,
         annotated=annotated,
         vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
@@ -299,7 +256,7 @@ def native_recordings(
             calibration=chosen.calibration,
             annotations=annotation_file_in(annotations, folder.name),
         )
-        handles.append(RecordingHandle(name=folder.name, opener=opener, lenient=True))
+        handles.append(RecordingHandle(name=folder.name, opener=opener))
     return tuple(handles)
 
 

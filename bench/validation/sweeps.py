@@ -120,7 +120,7 @@ class SweepChecks:
         box_fit: finds the boxes that are empty.
     """
 
-    def __init__(self, recording: Recording, box_fit: BoxFit | None) -> None:
+    def __init__(self, recording: Recording, box_fit: BoxFit) -> None:
         self._recording, self._box_fit = recording, box_fit
         self._counts: list[tuple[int, int, str]] = []
         self._roads: list[SeenRoad] = []
@@ -168,8 +168,7 @@ class SweepChecks:
         road = seen_road(points_vehicle)
         if road is not None:
             self._roads.append(road)
-        if self._box_fit is not None:
-            self._box_fit.add(sweep)
+        self._box_fit.add(sweep)
 
     def _look_at_times(self, sweep: LidarSweep, file: str) -> None:
         offsets_ns = sweep.time_offset_ns

@@ -95,7 +95,6 @@ def indices(recording):
 def test_nothing_is_wrong_with_a_whole_bag(whole, tmp_path):
     root = copied(whole, tmp_path)
     assert indices(handle_of(root).open()) == list(range(IMAGES))
-    assert handle_of(root).read_leniently().errors == ()
 
 
 REPAIR = {
@@ -112,9 +111,6 @@ def refused(root, file, told=""):
         assert str(caught.value).startswith(str(root / "drive" / file.name))
         assert told in str(caught.value)
         assert str(caught.value).endswith(REPAIR[file.suffix])
-    reading = handle_of(root).read_leniently()
-    assert reading.recording is None
-    assert str(reading.errors[-1]) == str(caught.value)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.999])
@@ -138,8 +134,7 @@ def test_a_recorder_that_died_left_no_metadata(whole, tmp_path):
     with pytest.raises(DataError, match=r"accept_losses: true to use the rest") as caught:
         handle_of(root).open()
     assert told in str(caught.value)
-    (fault,) = handle_of(root).read_leniently().errors
-    assert told in str(fault)
+    assert not caught.value.others
     assert indices(handle_of(root, accept_losses=True).open()) == list(range(IMAGES))
 
 
@@ -237,17 +232,15 @@ def test_random_damage_is_told_and_never_a_bug(tmp_path, storage):
         if random.random() < 0.3:
             damaged = damaged[: random.integers(1, len(content))]
         root = copied(small, tmp_path, bytes(damaged))
-        for lenient in (False, True):
-            handle = handle_of(root, accept_losses=True)
-            try:
-                recording = handle.read_leniently().recording if lenient else handle.open()
-                for ref in recording.images["front"] if recording else ():
-                    read_image(ref, recording.cameras["front"])
-                for ref in recording.sweeps if recording else ():
-                    ref.read()
-            except BenchError:
-                told += 1
-    assert told > 10
+        try:
+            recording = handle_of(root, accept_losses=True).open()
+            for ref in recording.images["front"]:
+                read_image(ref, recording.cameras["front"])
+            for ref in recording.sweeps:
+                ref.read()
+        except BenchError:
+            told += 1
+    assert told > 5
 
 
 def record(kind, content):
@@ -559,13 +552,10 @@ def test_numbers_that_are_none_in_poses(tmp_path):
     assert len(handle_of(root, accept_losses=True).open().trajectory.timestamps_ns) == 3
 
 
-def test_a_lost_trajectory_leaves_the_rest(tmp_path):
+def test_a_bag_without_ego_motion_is_refused(tmp_path):
     root = bags.data_set(tmp_path, [row for row in bags.drive() if row[0] != bags.ODOM])
     with pytest.raises(DataError, match=r"/odom: expected messages of the ego-motion, got none"):
         handle_of(root, accept_losses=True).open()
-    reading = handle_of(root).read_leniently()
-    assert "trajectory" in reading.missing
-    assert indices_of_tiny(reading.recording) == [0, 1, 2]
 
 
 def test_memory_does_not_grow_with_the_length(tmp_path):

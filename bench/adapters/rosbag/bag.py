@@ -30,7 +30,6 @@ from bench.adapters.rosbag.storage import (
 from bench.atomic import path_inside, refuse_escape
 from bench.errors import DataError
 from bench.plain_yaml import parse_yaml
-from bench.recordings.error_handlers import OnError
 from bench.recordings.files import read_text
 from bench.recordings.validation import LATEST_NS, validated
 
@@ -130,13 +129,13 @@ class TimedRows:
         self._times_ns.extend((message.log_ns, message.stamp_ns))
         self._numbers.extend(numbers)
 
-    def usable(self, clock: Clock, *, file: Path, on_loss: OnError) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    def usable(self, clock: Clock, *, file: Path, losses: list[DataError]) -> tuple[NDArray[np.int64], NDArray[Any]]:
         """The rows whose times can be used and increase, and whose numbers are finite.
 
         Args:
             clock: whether the time of the recording or that of the header counts.
             file: for errors.
-            on_loss: takes an error for each kind of row that is left out.
+            losses: gets an error for each kind of row that is left out.
 
         Returns:
             times_ns: (N,) int64.
@@ -154,7 +153,7 @@ class TimedRows:
             if bad.any():
                 got = f"{got} in {bad.sum()} of {len(bad)} messages, the first recorded at {log_ns[np.argmax(bad)]} ns"
                 field = self.topic.name if self.topic else None
-                on_loss(DataError(file, field=field, expected=expected, got=got, hint=hint))
+                losses.append(DataError(file, field=field, expected=expected, got=got, hint=hint))
             valid[bad] = False
 
         hint = "set the card's option clock: bag where the driver sets no stamps"
