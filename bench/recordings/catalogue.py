@@ -6,14 +6,16 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
-from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_targets
 from bench.recordings.annotations import REVIEW_SUFFIX, annotated_as
 from bench.recordings.cards import DatasetCard
 from bench.recordings.handles import RecordingHandle
+
+if TYPE_CHECKING:
+    from bench.recordings.contract import Adapter
 
 ADAPTERS = {
     "native": "bench.recordings.native:native_recordings",
@@ -26,27 +28,6 @@ ADAPTERS = {
 ENTRY_POINTS = "fisheye_bench.adapters"
 SHOWN = 10  # names that a message lists
 FIRST_IMAGES = re.compile(r"\[:([1-9][0-9]{0,8})\]$")
-
-
-class Adapter(Protocol):
-    """Adapter of a data set: a function that lists the recordings below a folder without opening them."""
-
-    def __call__(
-        self, root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
-    ) -> tuple[RecordingHandle, ...]:
-        """List recordings.
-
-        Args:
-            root: the data set's folder, which exists.
-            options: the card's `options`, for the adapter to validate.
-            card: the card's file, for messages.
-            annotations: folder of `<recording>.json` files that stand in for the data set's own annotations where
-                they exist; None for none.
-
-        Raises:
-            DataError: options that are wrong, or a folder that is not of this data set.
-        """
-        ...
 
 
 def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[RecordingHandle, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from pydantic import Field
@@ -44,7 +44,9 @@ class RecordingHandle:
 
     Attributes:
         name: of the recording.
-        opener: opens it; a function of a module, or a `functools.partial` of one.
+        opener: opens it; a function of a module, or a `functools.partial` of one. The first error ends it.
+        parts: gives readers of its files one by one, which `validate` calls where opening fails, so that the errors of
+            every file are listed; of other openers the first alone.
         exclusions: images that are left out on opening.
         first_images: of each camera that is left, how many there are after opening; None for all.
         input_errors: injected into the method's input.
@@ -52,7 +54,8 @@ class RecordingHandle:
     """
 
     name: str
-    opener: Callable[..., Recording]
+    opener: Callable[[], Recording]
+    parts: Callable[[], Iterable[Callable[[], object]]] = tuple
     exclusions: tuple[Exclusion, ...] = ()
     first_images: int | None = None
     input_errors: InputErrors = NO_INPUT_ERRORS

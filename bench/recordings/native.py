@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from os.path import lexists
 from pathlib import Path
@@ -19,9 +19,9 @@ from bench.lidar import read_sweep
 from bench.recordings.annotations import Statement, annotated_as, annotation_file_in, read_annotations
 from bench.recordings.files import numbered_files
 from bench.recordings.handles import RecordingHandle
-from bench.recordings.images import read_mask
+from bench.recordings.images import WhiteLevelImage, read_mask
 from bench.recordings.mounting import camera_model, mounted_camera
-from bench.recordings.schema import CameraHead, RecordingHead, TrueCalibration
+from bench.recordings.schema import RecordingHead, TrueCalibration
 from bench.recordings.validation import LATEST_NS, FileModel, SidePx, read_json, validated
 from bench.records.recording import NOT_ANNOTATED, Annotated, ImageRef, MountedCamera, Recording, SweepRef, Track
 
@@ -53,14 +53,16 @@ def _read_head(root: Path, calibration: Source) -> RecordingHead:
     file = root / HEAD
     head = read_json(RecordingHead, file)
     refuse_escape(root, file, file=file)
-    return head if calibration == "recorded" else _truly_calibrated(root, head)
-
-
-def _refuse_other_name(root: Path, head: RecordingHead) -> None:
-    """Refuse a name that is not the folder's."""
     if head.name != root.resolve().name:
         expected = f"{root.resolve().name!r}, as its folder"
-        raise DataError(root / HEAD, field="name", expected=expected, got=repr(head.name))
+        raise DataError(file, field="name", expected=expected, got=repr(head.name))
+    folder = root / "images"
+    if not folder.is_dir():
+        raise DataError(folder, expected="a folder with one folder of images per camera", got="no such folder")
+    for name in sorted(path.name for path in folder.iterdir() if path.is_dir() and path.name not in head.cameras):
+        expected = f"a calibration for images/{name}"
+        raise DataError(file, field=f"cameras.{name}", expected=expected, got="none")
+    return head if calibration == "recorded" else _truly_calibrated(root, head)
 
 
 def _truly_calibrated(root: Path, head: RecordingHead) -> RecordingHead:
@@ -91,40 +93,30 @@ def _truth(root: Path, name: str, option: str) -> Path:
     return file
 
 
-def _mounted_camera(
-    root: Path, name: str, entry: CameraHead, head: RecordingHead, size_px: tuple[int, int] | None
-) -> MountedCamera:
-    """A camera of the head, at the size at which it is evaluated."""
-    file, field = root / HEAD, f"cameras.{name}"
-    ego_body = None
-    if entry.ego_body_mask is not None:
-        path = path_inside(root, entry.ego_body_mask, file=file, field=f"{field}.ego_body_mask")
-        ego_body = read_mask(path, entry.image_size)
-    return mounted_camera(
-        name,
-        camera_model(entry.model, entry.image_size, file=file, field=f"{field}.model"),
-        entry.vehicle_from_camera.transform,
-        ground_height_m=head.vehicle.ground_height_m,
-        ego_body=ego_body,
-        evaluated_size_px=size_px,
-        rolling_shutter=entry.rolling_shutter,
-        file=file,
-        field=f"{field}.vehicle_from_camera",
-    )
+def _cameras(head: RecordingHead, root: Path, size_px: tuple[int, int] | None) -> dict[str, MountedCamera]:
+    """The cameras of the head, at the size at which they are evaluated."""
+    file, cameras = root / HEAD, dict[str, MountedCamera]()
+    for name, entry in head.cameras.items():
+        field = f"cameras.{name}"
+        ego_body = None
+        if entry.ego_body_mask is not None:
+            path = path_inside(root, entry.ego_body_mask, file=file, field=f"{field}.ego_body_mask")
+            ego_body = read_mask(path, entry.image_size)
+        cameras[name] = mounted_camera(
+            name,
+            camera_model(entry.model, entry.image_size, file=file, field=f"{field}.model"),
+            entry.vehicle_from_camera.transform,
+            ground_height_m=head.vehicle.ground_height_m,
+            ego_body=ego_body,
+            evaluated_size_px=size_px,
+            rolling_shutter=entry.rolling_shutter,
+            file=file,
+            field=f"{field}.vehicle_from_camera",
+        )
+    return cameras
 
 
-def _refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
-    """Refuse folders of images that the head has no camera for."""
-    folder = root / "images"
-    if not folder.is_dir():
-        raise DataError(folder, expected="a folder with one folder of images per camera", got="no such folder")
-    for path in sorted(folder.iterdir()):
-        if path.is_dir() and path.name not in head.cameras:
-            expected = f"a calibration for images/{path.name}"
-            raise DataError(root / HEAD, field=f"cameras.{path.name}", expected=expected, got="none")
-
-
-def _image_refs(root: Path, camera: str) -> tuple[ImageRef, ...]:
+def _image_refs(root: Path, camera: str, white_level: int | None = None) -> tuple[ImageRef, ...]:
     """The images of a camera, by time."""
     folder = root / "images" / camera
     paths = _timed_files(root, folder, IMAGE_SUFFIXES)
@@ -132,7 +124,13 @@ def _image_refs(root: Path, camera: str) -> tuple[ImageRef, ...]:
         raise DataError(folder, expected="images named <timestamp_ns>.png or .jpg", got="none")
     truth = _timed_files(root, root / "truth" / camera, (".png",))
     return tuple(
-        ImageRef(camera=camera, timestamp_ns=time_ns, path=path, truth_path=truth.get(time_ns))
+        ImageRef(
+            camera=camera,
+            timestamp_ns=time_ns,
+            path=path,
+            truth_path=truth.get(time_ns),
+            stored=None if white_level is None else WhiteLevelImage(path, white_level),
+        )
         for time_ns, path in paths.items()
     )
 
@@ -213,8 +211,9 @@ def open_native(
         DataError: a file that is missing or not what the format asks for.
     """
     head = _read_head(root, calibration)
-    _refuse_other_name(root, head)
-    _refuse_uncalibrated(root, head)
+    cameras = _cameras(head, root, evaluated_size_px)
+    images = {name: _image_refs(root, name, entry.white_level) for name, entry in head.cameras.items()}
+    trajectory, sweeps = _ego_motion(root, ego_motion), _sweep_refs(root)
     tracks, annotated = _tracks(root, annotations, head.annotated)
     beams = head.lidar.lidar_from_sensor
     return Recording(
@@ -222,11 +221,11 @@ def open_native(
         root=root,
         licence=head.licence,
         frame_interval_ns=head.frame_interval_ns,
-        cameras={n: _mounted_camera(root, n, entry, head, evaluated_size_px) for n, entry in head.cameras.items()},
-        images={name: _image_refs(root, name) for name in head.cameras},
-        trajectory=_ego_motion(root, ego_motion),
+        cameras=cameras,
+        images=images,
+        trajectory=trajectory,
         vehicle_from_lidar=head.lidar.vehicle_from_lidar.transform,
-        sweeps=_sweep_refs(root),
+        sweeps=sweeps,
         tracks=tracks,
         annotated=annotated,
         vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
@@ -256,8 +255,22 @@ def native_recordings(
             calibration=chosen.calibration,
             annotations=annotation_file_in(annotations, folder.name),
         )
-        handles.append(RecordingHandle(name=folder.name, opener=opener))
+        handles.append(
+            RecordingHandle(name=folder.name, opener=opener, parts=partial(_parts, folder, chosen, annotations))
+        )
     return tuple(handles)
+
+
+def _parts(root: Path, options: NativeOptions, annotations: Path | None) -> tuple[Callable[[], object], ...]:
+    """Readers of the files of a recording, one by one."""
+    cameras = sorted(path.name for path in root.glob("images/*/"))
+    return (
+        partial(_read_head, root, options.calibration),
+        *(partial(_image_refs, root, name) for name in cameras),
+        partial(_ego_motion, root, options.ego_motion),
+        partial(_sweep_refs, root),
+        partial(_tracks, root, annotation_file_in(annotations, root.name), None),
+    )
 
 
 def _is_recording(folder: Path) -> bool:

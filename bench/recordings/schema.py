@@ -10,6 +10,7 @@ from bench.cameras import RollingShutter
 from bench.cameras.rolling_shutter import LONGEST_READOUT_S, ReadoutDirection
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import Statement
+from bench.recordings.images import MOST_WHITE
 from bench.recordings.validation import FileModel, SidePx
 
 SCHEMA_VERSION = 1
@@ -22,6 +23,7 @@ CONVENTIONS = (
 )
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+WhiteLevel = Annotated[int, Field(ge=255, le=MOST_WHITE)]
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
@@ -91,6 +93,7 @@ class CameraHead(FileModel):
         vehicle_from_camera: the mounting.
         ego_body_mask: image in the recording, not 0 where the camera sees its own vehicle; null for nowhere.
         rolling_shutter: null where all rows are exposed at once.
+        white_level: value of files of 16 bits that is white; fixed, since flow compares images. null for 65535.
     """
 
     model: dict[str, Any]
@@ -98,6 +101,7 @@ class CameraHead(FileModel):
     vehicle_from_camera: Mounting
     ego_body_mask: str | None = None
     rolling_shutter: RollingShutterHead | None = None
+    white_level: WhiteLevel | None = None
 
 
 class LidarHead(FileModel):

@@ -124,7 +124,7 @@ def validate_recording(
     try:
         recording = handle.open()
     except DataError as error:
-        findings += [unusable(each) for each in (error, *error.others)]
+        findings += _file_by_file(handle, error)
     else:
         for check, file in CHECKS:
             for found in check(recording):
@@ -153,6 +153,17 @@ def validate_recording(
         named = _causes_first(named, name, causing, following)
     ordered = tuple(sorted(named, key=lambda finding: finding.severity != "error"))
     return RecordingReport(name=handle.name, findings=ordered, undecided=tuple(undecided), images=images, sweeps=sweeps)
+
+
+def _file_by_file(handle: RecordingHandle, error: DataError) -> Iterator[Finding]:
+    """The error that opening raised, and those of every file that can be read by itself."""
+    errors = {str(each): each for each in (error, *error.others)}
+    for read in handle.parts():
+        try:
+            read()
+        except DataError as other:
+            errors |= {str(each): each for each in (other, *other.others)}
+    return (unusable(each) for each in errors.values())
 
 
 def _causes_first(

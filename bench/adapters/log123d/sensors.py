@@ -37,7 +37,7 @@ class LogImage(StoredCell):
         """
         value = self.value()
         if isinstance(value, bytes):
-            return decode_image(value, cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE, file=self.container)
+            return decode_image(value, colour=colour, file=self.container)
         frame = _video_frame(self.container.with_suffix(".mp4"), int(value))
         return frame if colour else np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 

@@ -17,8 +17,9 @@ from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
+from bench.recordings.images import MOST_WHITE
 from bench.recordings.mounting import Polygon
-from bench.recordings.schema import Mounting, Name, RollingShutterHead
+from bench.recordings.schema import Mounting, Name, RollingShutterHead, WhiteLevel
 from bench.recordings.validation import FileModel, SidePx, validated
 
 STATIC_FRAMES = "/tf_static"
@@ -85,7 +86,7 @@ class CameraRig(MountedRig):
     model: dict[str, Any]
     image_size: tuple[SidePx, SidePx]
     time_offset_ns: OffsetNs = 0
-    white_level: int = Field(default=65535, ge=255, le=65535)
+    white_level: WhiteLevel = MOST_WHITE
     body_polygons: tuple[Polygon, ...] = ()
     ego_body_mask: str | None = None
     rolling_shutter: RollingShutterHead | None = None

@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from bench.atomic import read_regular
 from bench.errors import DataError
-from bench.recordings.images import PNG_START, decode_image, stated_size_px
+from bench.recordings.images import PNG_START, decode_values, stated_size_px
 
 
 class FaultKind(StrEnum):
@@ -173,7 +173,7 @@ def read_png_map(path: Path, sizes: ImageSizes) -> NDArray[Any]:
         got = f"{len(content)} bytes that begin with {content[:8].hex(' ')}" if content else "an empty file"
         raise DataError(path, expected="a whole PNG file", got=got)
     sizes.refuse_unfit(size_px, file=path)
-    values = decode_image(content, cv2.IMREAD_UNCHANGED, file=path)
+    values = decode_values(content, file=path)
     if values.ndim != 2:
         raise DataError(path, expected="one grey channel", got=f"{values.shape[2]} channels")
     if values.dtype == np.uint16:
