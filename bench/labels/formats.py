@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,11 +26,16 @@ WELL_KNOWN = {  # names that need no explanation, in lower case; upper and lower
     **dict.fromkeys(("bicycle", "bicyclist", "bike", "motorbike", "motorcycle", "motorcyclist", "rider"), "cyclist"),
     **dict.fromkeys(("car", "van", "truck", "bus", "tram", "train", "trailer", "caravan"), "vehicle"),
 }
-CLASS_HINTS = {  # of names, for proposals
-    "cyclist": ("cycl", "bike", "rider", "scooter"),
-    "pedestrian": ("pedestrian", "person", "people", "human", "walker"),
-    "vehicle": ("vehicle", "car", "truck", "lorry", "bus", "van", "tram", "trailer"),
-    "animal": ("animal", "dog", "deer", "horse"),
+IGNORED = ({"dontcare"}, {"dont", "care"}, {"ignore"}, {"ignored"}, {"ignore", "area"}, {"ignore", "region"})
+CLASS_HINTS = {  # words, for proposals; the last word of a name says what a thing is
+    **dict.fromkeys(
+        ("cyclist", "bicyclist", "bicycle", "cycle", "bike", "biker", "rider", "scooter", "moped"), "cyclist"
+    ),
+    **dict.fromkeys(("motorbike", "motorcycle", "motorcyclist"), "cyclist"),
+    **dict.fromkeys(("pedestrian", "person", "people", "human", "walker", "adult", "child"), "pedestrian"),
+    **dict.fromkeys(("vehicle", "car", "truck", "lorry", "bus", "van", "tram", "train", "trailer", "taxi"), "vehicle"),
+    **dict.fromkeys(("suv", "pickup", "minibus", "caravan"), "vehicle"),
+    **dict.fromkeys(("animal", "dog", "deer", "horse", "cat", "cow", "sheep", "bird"), "animal"),
 }
 SHOWN_HINTS = 6
 LARGEST_M = 1e8  # coordinates of any map are below
@@ -144,8 +150,9 @@ def map_classes(
         DataError: unknown classes, all at once.
     """
     table: dict[str, str | None] = {**WELL_KNOWN, **(known or {})}
-    table |= {name.casefold(): ours for name, ours in options.classes.items()}
     classes = sorted(set(found))
+    table |= {name.casefold(): "vehicle" for name in classes if is_ignored(name)}  # of any class: the format ignores it
+    table |= {name.casefold(): ours for name, ours in options.classes.items()}
     unknown = [name for name in classes if name.casefold() not in table]
     if unknown:
         raise DataError(
@@ -160,7 +167,7 @@ def map_classes(
 
 def _class_hint(unknown: Sequence[str]) -> str:
     """Options that map the classes, with a proposal for those with a telling name."""
-    proposed = {name: _proposed_class(name.casefold()) for name in unknown[:SHOWN_HINTS]}
+    proposed = {name: _proposed_class(name) for name in unknown[:SHOWN_HINTS]}
     options = " ".join(f"--class {shlex.quote(f'{name}={ours}')}" for name, ours in proposed.items())
     more = " and so on" if len(unknown) > SHOWN_HINTS else ""
     asked = f"; CLASS is one of {', '.join(OBJECT_CLASSES)}, or none to leave the objects out"
@@ -168,9 +175,24 @@ def _class_hint(unknown: Sequence[str]) -> str:
 
 
 def _proposed_class(name: str) -> str:
-    if name.startswith("ego"):  # the vehicle that carries the sensors is no object of its own scene
+    if name.casefold().startswith("ego"):  # the vehicle that carries the sensors is no object of its own scene
         return "none"
-    return next((ours for ours, parts in CLASS_HINTS.items() if any(part in name for part in parts)), "CLASS")
+    for part in reversed(re.split(r"[./:]", name)):  # the finest category first
+        words = class_words(part)
+        if words and words[-1] in CLASS_HINTS:
+            return CLASS_HINTS[words[-1]]
+    return "CLASS"
+
+
+def class_words(name: str) -> list[str]:
+    """The words of a tool's class in order, in lower case and without the s of a plural."""
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name)
+    return [re.sub(r"(?<=..[^s])s$", "", word) for word in re.split(r"[^a-z]+", apart.lower()) if word]
+
+
+def is_ignored(name: str) -> bool:
+    """Return True for a tool's class of areas in which nobody looked for objects."""
+    return set(class_words(name)) in IGNORED
 
 
 def tool_class(object_class: str, options: LabelOptions, defaults: Mapping[str, str] | None = None) -> str:
@@ -312,6 +334,11 @@ def import_labels(
     label_set = label_format(format_name).read(source, recording, options)
     _refuse_twice(label_set, source)
     write_annotations(file, label_set.tracks, timestamps_ns=label_set.timestamps_ns)
+    if once := sum(_is_unknown(track) for track in label_set.tracks):
+        line = (
+            f"{once} of {len(label_set.tracks)} objects are seen once: nothing tells their velocity, and none is scored"
+        )
+        label_set = replace(label_set, lost=(*label_set.lost, line))
     annotated = set(label_set.timestamps_ns)
     missing = [sweep for sweep in recording.sweeps if sweep.timestamp_ns not in annotated]
     if not missing:
@@ -321,6 +348,10 @@ def import_labels(
         f"their images count as annotated and empty unless the card excludes them"
     )
     return replace(label_set, lost=(*label_set.lost, line))
+
+
+def _is_unknown(track: Track) -> bool:
+    return len(track.states) == 1 and not np.isfinite(track.states[0].velocity_mps).all()
 
 
 def export_labels(

@@ -42,7 +42,7 @@ from scipy.spatial.transform import Rotation
 from bench.atomic import write_text
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.labels.formats import LabelOptions, LabelSet, left_out, map_classes, tool_class
+from bench.labels.formats import LabelOptions, LabelSet, is_ignored, left_out, map_classes, tool_class
 from bench.labels.frames import SHOWN, frame_names, frame_numbers, pair_with_sweeps
 from bench.labels.motion import box_state, floating, lidar_from_object, motion_lost, states_at_sweeps, with_motion
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
@@ -376,7 +376,8 @@ class KittiTracklets:
             if not self.centred:
                 _refuse_lean(pose, file, f"{field}, frame {number}")
             lidar_from_box, size_m = self._placed(tracklet, pose)
-            states.append(box_state(recording, sweeps[number].timestamp_ns, lidar_from_box, size_m))
+            ignored = is_ignored(tracklet.object_type)
+            states.append(box_state(recording, sweeps[number].timestamp_ns, lidar_from_box, size_m, unclear=ignored))
         return tuple(sorted(states, key=lambda state: state.timestamp_ns))
 
     def _placed(self, tracklet: Tracklet, pose: TrackletPose) -> tuple[RigidTransform, NDArray[np.float64]]:

@@ -29,7 +29,17 @@ from scipy.spatial.transform import Rotation
 from bench.atomic import write_text
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
-from bench.labels.formats import LabelOptions, LabelSet, Length, ToolModel, Vector, left_out, map_classes, tool_class
+from bench.labels.formats import (
+    LabelOptions,
+    LabelSet,
+    Length,
+    ToolModel,
+    Vector,
+    is_ignored,
+    left_out,
+    map_classes,
+    tool_class,
+)
 from bench.labels.frames import frame_files, frame_names, pair_with_sweeps, refuse_other_frames
 from bench.labels.motion import (
     GroupedSweep,
@@ -218,7 +228,8 @@ class LabelCloud:
                     if isinstance(one, VerticesObject)
                     else box_of_centroid(one, degrees=self.way == "centroid_abs")
                 )
-            found.append((one.name, box_state(recording, sweep.timestamp_ns, *box)))
+            state = box_state(recording, sweep.timestamp_ns, *box, unclear=is_ignored(one.name))
+            found.append((one.name, state))
         return found
 
     def _objects(self, file: Path) -> Sequence[VerticesObject | CentroidObject]:

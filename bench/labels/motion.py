@@ -156,8 +156,8 @@ def motion_lost(tracks: Sequence[Track]) -> list[str]:
 
 
 NEIGHBOUR_M = 0.5  # points nearer than this belong together; people who walk abreast stay apart
-FARTHEST_STEP_M = 3.0  # between sweeps, beyond what the motion so far predicts: 30 m/s at ten sweeps a second
-LONGEST_UNSEEN_NS = 600_000_000  # some annotate twice a second
+FASTEST_MPS = 30.0  # from one sweep to the next that shows an object, beyond what the motion so far predicts
+LONGEST_UNSEEN_NS = 600_000_000  # or one and a half times from sweep to sweep: some annotate once a second
 SECOND_NS = 1_000_000_000
 
 
@@ -194,7 +194,7 @@ def linked_groups(sweeps: Sequence[GroupedSweep]) -> tuple[tuple[int, ...], ...]
     """Number the groups so that one object keeps its number from sweep to sweep.
 
     Groups are paired with where the objects so far should be, all at once with the smallest sum of distances; what is
-    further than a step away is a new object.
+    further away than anything goes in that time is a new object.
 
     Args:
         sweeps: by increasing time.
@@ -203,12 +203,15 @@ def linked_groups(sweeps: Sequence[GroupedSweep]) -> tuple[tuple[int, ...], ...]
         For each sweep the object of each of its groups, from 0 on.
     """
     followed: dict[int, _LastSeen] = {}
+    steps_ns = np.diff([sweep.timestamp_ns for sweep in sweeps])
+    unseen_ns = max(LONGEST_UNSEEN_NS, 1.5 * float(np.median(steps_ns)) if len(steps_ns) else 0.0)
     count = 0
     numbers = []
     for sweep in sweeps:
-        followed = {i: o for i, o in followed.items() if sweep.timestamp_ns - o.seen_ns <= LONGEST_UNSEEN_NS}
+        followed = {i: o for i, o in followed.items() if sweep.timestamp_ns - o.seen_ns <= unseen_ns}
         predicted = np.array([one.predicted(sweep.timestamp_ns) for one in followed.values()]).reshape(-1, 3)
-        numbers_followed, found = list(followed), dict(_pairs(sweep.middles_m, predicted))
+        gaps_s = np.array([sweep.timestamp_ns - one.seen_ns for one in followed.values()]) / SECOND_NS
+        numbers_followed, found = list(followed), dict(_pairs(sweep.middles_m, predicted, FASTEST_MPS * gaps_s))
         row = []
         for group, middle in enumerate(sweep.middles_m):
             if group in found:
@@ -238,12 +241,15 @@ class _LastSeen:
         return _LastSeen(seen_ns=timestamp_ns, place_m=place_m, velocity_mps=velocity)
 
 
-def _pairs(middles_m: NDArray[np.float64], predicted_m: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """(group, object) of all pairs within a step, with the smallest sum of distances."""
+def _pairs(
+    middles_m: NDArray[np.float64], predicted_m: NDArray[np.float64], reach_m: NDArray[np.float64]
+) -> list[tuple[int, int]]:
+    """(group, object) of all pairs within the object's reach, (K,), with the smallest sum of distances."""
     away_m = np.nan_to_num(cdist(middles_m, predicted_m), nan=np.inf)
+    near = away_m < reach_m
     # Pairs that are too far cost the same, so that they do not push near ones apart.
-    rows, columns = linear_sum_assignment(np.minimum(away_m, FARTHEST_STEP_M))
-    return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if away_m[r, c] < FARTHEST_STEP_M]
+    rows, columns = linear_sum_assignment(np.where(near, away_m, reach_m.max(initial=0.0)))
+    return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if near[r, c]]
 
 
 WINDOW_NS = SECOND_NS  # the visible side of an object changes: shorter windows give its jitter, not its motion
@@ -251,6 +257,8 @@ WINDOW_NS = SECOND_NS  # the visible side of an object changes: shorter windows 
 
 def middle_velocities(times_ns: NDArray[np.int64], middles_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Velocity at each time: the slope of a straight line through the middles half a second before and after.
+
+    Where they are further apart than that, it goes through the neighbours.
 
     Args:
         times_ns: (N,) int64, increasing; mean time of the points.
@@ -262,8 +270,9 @@ def middle_velocities(times_ns: NDArray[np.int64], middles_m: NDArray[np.float64
     velocities = np.full(middles_m.shape, np.nan)
     known = np.flatnonzero(np.isfinite(middles_m).all(axis=1))
     known_ns = times_ns[known]
-    first = np.searchsorted(known_ns, times_ns - WINDOW_NS // 2, side="left")
-    last = np.searchsorted(known_ns, times_ns + WINDOW_NS // 2, side="right")
+    half_ns = max(WINDOW_NS // 2, int(np.median(np.diff(known_ns)))) if len(known) > 1 else WINDOW_NS // 2
+    first = np.searchsorted(known_ns, times_ns - half_ns, side="left")
+    last = np.searchsorted(known_ns, times_ns + half_ns, side="right")
     for row in np.flatnonzero(last - first >= 2):
         used = known[first[row] : last[row]]
         seconds = (times_ns[used] - times_ns[row]) / SECOND_NS

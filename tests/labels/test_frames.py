@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bench.errors import DataError, UsageError
 from bench.labels import LabelOptions
-from bench.labels.formats import left_out, map_classes, tool_class
+from bench.labels.formats import is_ignored, left_out, map_classes, tool_class
 from bench.labels.frames import frame_numbers, pair_with_sweeps
 from bench.lidar import read_sweep
 from bench.recordings import SweepRef
@@ -133,11 +133,27 @@ def test_all_unknown_classes_are_named_at_once():
         ("Ego vehicle", "--class 'Ego vehicle=none'"),
         ("police_car", "--class police_car=vehicle"),
         ("vehicle.bicycle", "--class vehicle.bicycle=cyclist"),
+        ("vehicle.bus.rigid", "--class vehicle.bus.rigid=vehicle"),
+        ("parkedCars", "--class parkedCars=vehicle"),
     ],
 )
 def test_a_name_that_tells_its_class_is_proposed_as_that(name, told):
     with pytest.raises(DataError, match=rf"map each of them: {told}$"):
         map_classes([name], PLAIN, source=SOURCE)
+
+
+@pytest.mark.parametrize("name", ["cart", "bus_stop", "cargo", "scarecrow", "carpet", "dogma", "bicycle_rack", "Busch"])
+def test_a_name_that_only_holds_the_letters_of_a_class_is_not(name):
+    with pytest.raises(DataError, match=rf"map each of them: --class {name}=CLASS;"):
+        map_classes([name], PLAIN, source=SOURCE)
+
+
+@pytest.mark.parametrize("name", ["DontCare", "dontcare", "DONT_CARE", "ignore", "Ignore Area"])
+def test_areas_in_which_nobody_looked_are_known(name):
+    assert is_ignored(name)
+    assert map_classes([name], PLAIN, source=SOURCE)
+    assert map_classes([name], LabelOptions(classes={name: None}), source=SOURCE) == {name: None}
+    assert not is_ignored("car")
 
 
 def test_classes_that_are_none_of_ours_are_refused():

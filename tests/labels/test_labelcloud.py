@@ -82,6 +82,15 @@ def test_angles_turn_about_x_then_the_fixed_y_then_the_fixed_z(tmp_path, drive):
     assert track.states[0].shape.vehicle_from_object.rotation == pytest.approx(about_z @ about_y @ about_x, abs=1e-12)
 
 
+def test_areas_that_nobody_looked_at_are_ignored(tmp_path, drive):
+    put(tmp_path, "000000", labelled(by_middle((0, 0, 0), name="DontCare"), by_middle((0, 0, 0), at=(20.0, 2.0, 3.0))))
+    label_set = label_format("labelcloud-centroid-rel").read(tmp_path, drive, PLAIN)
+    assert {track.track_id: track.states[0].unclear for track in label_set.tracks} == {
+        "DontCare-1": True,
+        "car-1": False,
+    }
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_there_and_back(tmp_path, drive, way):
     """The tool numbers no objects: those that come back are followed, and called after their class."""

@@ -35,6 +35,18 @@ def test_fast_ones_are_followed_once_they_are_known():
     assert linked_groups(sweeps) == ((0,), (0,), (0,), (), (0,))
 
 
+@pytest.mark.parametrize("step_s", [0.1, 0.2, 0.5, 1.0, 2.0])
+@pytest.mark.parametrize("speed_mps", [1.5, 7.0, 25.0])
+def test_one_object_stays_one_whatever_the_time_between(step_s, speed_mps):
+    """A cyclist at 7 m/s, labelled twice a second, was a new object in every frame."""
+    times_ns = [round(i * step_s * 1e9) for i in range(6)]
+    middles_m = [np.array([[speed_mps * time_ns / 1e9, 2.0, 0.0]]) for time_ns in times_ns]
+    sweeps = [GroupedSweep(timestamp_ns=t, middles_m=m) for t, m in zip(times_ns, middles_m, strict=True)]
+    assert linked_groups(sweeps) == ((0,),) * 6
+    velocities = middle_velocities(np.array(times_ns), np.concatenate(middles_m))
+    assert velocities == pytest.approx(np.tile([speed_mps, 0.0, 0.0], (6, 1)), abs=1e-9)
+
+
 def test_far_or_long_gone_ones_are_new():
     assert linked_groups(swept([[0, 0, 0]], [[3.1, 0, 0]])) == ((0,), (1,))
     assert linked_groups(swept([[0, 0, 0]], *[[]] * 6, [[0, 0, 0]])) == ((0,), *[()] * 6, (1,))
