@@ -242,23 +242,34 @@ def _sweep_labels(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     """Labels and instances of the points of a sweep, (N,) int64 each, and how many objects have none of them."""
     sweep = ref.read()
-    count = len(sweep.points_lidar)
+    count = sweep.rows_stored
+    stored = np.arange(count) if sweep.stored_rows is None else sweep.stored_rows
     numbers = np.full(count, STATIC, dtype=np.int64)
     instances = np.zeros(count, dtype=np.int64)
     pointless = 0
     placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
-    if placed is None and count and any(not isinstance(state.shape, PointIndices) for _, state in objects):
+    if (
+        placed is None
+        and len(sweep.points_lidar)
+        and any(not isinstance(state.shape, PointIndices) for _, state in objects)
+    ):
         hint = "give ego-motion that covers every sweep"
         raise DataError(ref.path, expected="ego-motion during the whole sweep", got="none for part of it", hint=hint)
     for track, state in sorted(objects, key=lambda one: -_volume(one[1].shape)):
-        rows = _rows(track, state, ref, count, placed, recording)
+        rows = _rows(track, state, ref, stored, count, placed, recording)
         pointless += not len(rows)
         numbers[rows], instances[rows] = (UNLABELED, 0) if state.unclear else labels[track.track_id]
     return numbers, instances, pointless
 
 
 def _rows(
-    track: Track, state: ObjectState, ref: SweepRef, count: int, placed: PosedSweep | None, recording: Recording
+    track: Track,
+    state: ObjectState,
+    ref: SweepRef,
+    stored: NDArray[np.int64],
+    count: int,
+    placed: PosedSweep | None,
+    recording: Recording,
 ) -> NDArray[np.int64]:
     if isinstance(state.shape, PointIndices):
         rows = state.shape.indices
@@ -278,7 +289,7 @@ def _rows(
         exposure_ns=state.timestamp_ns,
         clearance_m=CLEARANCE_M,
     )
-    return found.rows.astype(np.int64)
+    return stored[found.rows]
 
 
 def _volume(shape: ObjectShape) -> float:
@@ -385,14 +396,16 @@ def _is_stationary(label: int) -> bool:
 
 def _gather(gathered: _Gathered, file: Path, sweep: SweepRef, recording: Recording, expected: set[int]) -> None:
     points = sweep.read()
-    labels, instances = read_labels(file, points=len(points.points_lidar))
+    labels, instances = read_labels(file, points=points.rows_stored)
+    stored = np.arange(len(labels)) if points.stored_rows is None else points.stored_rows
+    labels, instances = labels[stored], instances[stored]  # those of lost returns say nothing
     placed = pose_sweep(points, recording.trajectory, recording.vehicle_from_lidar)
 
     def seen(rows: NDArray[np.int64]) -> _Seen:
         offset_ns = round(float((points.times_ns[rows] - sweep.timestamp_ns).mean()))
         return _Seen(
             timestamp_ns=sweep.timestamp_ns,
-            rows=rows,
+            rows=stored[rows],
             seen_ns=sweep.timestamp_ns + offset_ns,
             middle_m=np.full(3, np.nan) if placed is None else placed.points_world(rows).mean(axis=0),
         )

@@ -68,6 +68,37 @@ def test_label_and_instance_together_are_an_object(tmp_path, drive, semantickitt
             assert state.shape.indices.tolist() == street.sweep(i)[1][names[track.track_id]].tolist()
 
 
+def test_labels_count_all_rows_of_sweeps_with_lost_returns(tmp_path, drive, semantickitti):
+    """An organised cloud has rows without a position; its labels have a number for each of them, too."""
+    folder = tmp_path / "labels"
+    folder.mkdir()
+    for i, ref in enumerate(drive.sweeps):
+        sweep = ref.read()
+        count = len(sweep.points_lidar)
+        points = np.full((2 * count, 3), np.nan, dtype=np.float32)
+        points[1::2] = sweep.points_lidar
+        np.savez(ref.path, points_lidar=points, time_offset_ns=np.repeat(sweep.time_offset_ns, 2))
+        labels, instances = true_labels(i, WITH_INSTANCES)
+        both = packed(
+            np.stack([np.full(count, ROAD), labels], 1).ravel(), np.stack([0 * instances, instances], 1).ravel()
+        )
+        (folder / f"{i:06d}.label").write_bytes(both)
+    label_set = semantickitti.read(tmp_path, drive, PLAIN)
+    names = {"car-7": "parked", "moving-car-7": "car", "moving-person-7": "walker"}
+    assert {track.track_id for track in label_set.tracks} == set(names)
+    for track in label_set.tracks:
+        for i, state in enumerate(track.states):
+            rows = street.sweep(i)[1][names[track.track_id]]
+            assert state.shape.indices.tolist() == (2 * rows + 1).tolist()
+            read = drive.sweeps[i].read()
+            assert read.rows_of(state.shape.indices).tolist() == rows.tolist()
+    semantickitti.write(label_set, drive, tmp_path / "out", PLAIN)
+    (written,) = [*(tmp_path / "out").rglob("000002.label")]
+    stored = np.fromfile(written, "<u4") & 0xFFFF
+    assert len(stored) == len(np.fromfile(folder / "000002.label", "<u4"))
+    assert set(np.flatnonzero(stored == MOVING_CAR)) == set(2 * street.sweep(2)[1]["car"] + 1)
+
+
 def test_what_stands_has_no_velocity_and_what_moves_that_of_its_middle(tmp_path, drive, semantickitti):
     write_sequence(tmp_path / "labels")
     tracks = {t.track_id: t for t in semantickitti.read(tmp_path, drive, PLAIN).tracks}

@@ -14,7 +14,7 @@ from bench.adapters.kitti360.calibration import TURN_OVER
 from bench.egomotion import Trajectory
 from bench.errors import DataError, refuse
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep, read_points
+from bench.lidar import LidarSweep, read_sweep
 from bench.recordings.files import numbers, read_text
 from bench.recordings.validation import located
 
@@ -235,12 +235,7 @@ def read_turn(path: Path, timestamp_ns: int, *, period_ns: int) -> LidarSweep:
     """
     if path.is_file() and path.stat().st_size > LARGEST_BYTES:
         raise DataError(path, expected=f"at most {LARGEST_BYTES} bytes", got=str(path.stat().st_size))
-    arrays = read_points(path)
-    points = arrays["points_lidar"]
+    sweep = read_sweep(path, timestamp_ns, bin_columns=("x", "y", "z", "intensity"))
+    points = sweep.points_lidar
     turn = np.arctan2(points[:, 1].astype(np.float64), points[:, 0].astype(np.float64)) / (2 * np.pi)
-    return LidarSweep(
-        timestamp_ns=timestamp_ns,
-        points_lidar=points,
-        time_offset_ns=np.rint(-turn * period_ns).astype(np.int64),
-        intensity=arrays["intensity"],
-    )
+    return replace(sweep, time_offset_ns=np.rint(-turn * period_ns).astype(np.int64))
