@@ -23,6 +23,7 @@ CONVENTIONS = (
 )
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+FolderName = Annotated[str, Field(pattern=r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$")]
 WhiteLevel = Annotated[int, Field(ge=255, le=MOST_WHITE)]
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -142,7 +143,7 @@ class RecordingHead(FileModel):
     """
 
     schema_version: Literal[1]
-    name: Name
+    name: FolderName
     licence: str
     frame_interval_ns: int = Field(gt=0, le=LONGEST_INTERVAL_NS)
     conventions: str = CONVENTIONS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -48,13 +49,13 @@ def read_json(model: type[Model], file: Path) -> Model:
 
 
 def parse_json(model: type[Model], content: bytes, file: Path, *, strict: bool = True) -> Model:
-    """Validate the content of a JSON file.
+    """Validate the content of a JSON file, which may begin with a byte-order mark.
 
     Raises:
         DataError: not JSON, or not what the model asks for.
     """
     try:
-        return model.model_validate_json(content, strict=strict)
+        return model.model_validate_json(content.removeprefix(codecs.BOM_UTF8), strict=strict)
     except ValidationError as error:
         raise _data_error(error, file) from None
 
@@ -78,7 +79,7 @@ def keys_twice(file: Path) -> tuple[DataError, ...]:
             seen.add(key)
 
     with suppress(OSError, RecursionError, ValueError):  # the file's reader reports those
-        json.loads(read_regular(file), object_pairs_hook=keep)
+        json.loads(read_regular(file).removeprefix(codecs.BOM_UTF8), object_pairs_hook=keep)
     return tuple(
         DataError(file, field=_short(key), expected="each key of an object once", got="it twice")
         for key in twice[:MOST_FAULTS]

@@ -17,6 +17,7 @@ from pydantic import computed_field
 from bench.errors import DataError
 from bench.recordings import Recording, RecordingHandle
 from bench.recordings.validation import FileModel, read_json
+from bench.records.recording import Content
 from bench.validation.annotated import check_annotated
 from bench.validation.box_fit import BoxFit
 from bench.validation.boxes import check_boxes
@@ -59,6 +60,7 @@ class RecordingReport(FileModel):
         images: of all cameras.
         sweeps: of the lidar.
         undecided: quantities that the recording cannot tell.
+        contents: what is in its files, read and not read.
         findings: errors first, in the order in which they were found; causes before their possible consequences.
     """
 
@@ -66,6 +68,7 @@ class RecordingReport(FileModel):
     images: Count = Count()
     sweeps: Count = Count()
     undecided: tuple[Undecided, ...] = ()
+    contents: tuple[Content, ...] = ()
     findings: tuple[Finding, ...]
 
 
@@ -121,6 +124,7 @@ def validate_recording(
     findings: list[Finding] = []
     undecided: list[Undecided] = []
     images = sweeps = Count()
+    contents: tuple[Content, ...] = ()
     try:
         recording = handle.open()
     except DataError as error:
@@ -144,7 +148,10 @@ def validate_recording(
 
         for camera in recording.cameras:
             findings += check_images(recording, camera, rows[camera], step)
-        findings += SweepChecks(recording, box_fit).check(sweep_rows, step)
+        sweep_checks = SweepChecks(recording, box_fit)
+        findings += sweep_checks.check(sweep_rows, step)
+        contents = (*recording.contents, *sweep_checks.contents())
+        findings += _passed_over(recording)
         findings += box_fit.findings()
         if not any(finding.severity is Severity.ERROR for finding in findings):
             findings += check_unboxed(recording)  # by wrong calibration or boxes nothing would have its box
@@ -152,7 +159,30 @@ def validate_recording(
     for name, causing, following in CAUSES:
         named = _causes_first(named, name, causing, following)
     ordered = tuple(sorted(named, key=lambda finding: finding.severity != "error"))
-    return RecordingReport(name=handle.name, findings=ordered, undecided=tuple(undecided), images=images, sweeps=sweeps)
+    return RecordingReport(
+        name=handle.name,
+        findings=ordered,
+        undecided=tuple(undecided),
+        contents=contents,
+        images=images,
+        sweeps=sweeps,
+    )
+
+
+def _passed_over(recording: Recording) -> Iterator[Finding]:
+    """Files and messages that lie among those that are read, and are not."""
+    for content in recording.contents:
+        if content.suspect:
+            yield Finding(
+                check="not-read",
+                severity=Severity.WARNING,
+                file=str(recording.root),
+                field=content.what,
+                expected="files and messages that are read",
+                got=f"{content.count} that are passed over: {content.why}",
+                hint="convert, unpack or remove them",
+                times=content.count,
+            )
 
 
 def _file_by_file(handle: RecordingHandle, error: DataError) -> Iterator[Finding]:

@@ -120,7 +120,9 @@ def test_a_rule_that_could_never_apply_or_never_fail_is_refused(tmp_path, rule, 
         load_tolerances(file)
 
 
-@pytest.mark.parametrize("pattern", ["all_moving", "frames", "cross*", "points=*", "range_m=[[]0, 2)", "object_class=van"])
+@pytest.mark.parametrize(
+    "pattern", ["all_moving", "frames", "cross*", "points=*", "range_m=[[]0, 2)", "object_class=van"]
+)
 def test_slices_and_patterns_of_slices_are_taken(tmp_path, pattern):
     file = tmp_path / "ours.yaml"
     file.write_text(f'based_on: default-v1\nname: ours\nslices: {{"{pattern}": {{iou: {{absolute: 0.05}}}}}}\n')

@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from io import BytesIO
 from pathlib import Path
 
 import cv2
@@ -203,3 +204,23 @@ def test_truth_is_sixteen_bits_and_only_where_there_is_some(root, tmp_path):
     cv2.imwrite(str(first.truth_path), np.zeros((48, 64), np.uint8))
     with pytest.raises(DataError, match="expected a 16-bit grey PNG, got uint8"):
         read_truth(first, recording.cameras["front"])
+
+
+@pytest.mark.parametrize("kind", JPEGS)
+@pytest.mark.parametrize("padding", [bytes(60), bytes(512), b"\xff" * 4096, b"\xff\xd8 another", b"text"])
+def test_what_follows_the_end_of_a_jpeg_is_none_of_it(kind, padding):
+    whole = decode_image(jpeg(kind), file=Path("1.jpg"))
+    assert np.array_equal(decode_image(jpeg(kind) + padding, file=Path("1.jpg")), whole)
+
+
+@pytest.mark.parametrize("colour", [False, True])
+def test_an_indexed_png_is_seen_in_its_colours(colour):
+    picture = Image.fromarray(scene()).quantize(16)
+    content = BytesIO()
+    picture.save(content, "PNG")
+    bgr = np.asarray(picture.convert("RGB"))[..., ::-1]
+    seen = decode_image(content.getvalue(), colour=colour, file=Path("1.png"))
+    wanted = bgr if colour else cv2.cvtColor(np.ascontiguousarray(bgr), cv2.COLOR_BGR2GRAY)
+    assert np.abs(seen.astype(int) - wanted).max() <= 1
+    with pytest.raises(DataError, match=r"expected a PNG of grey values, got an indexed one.*; store the indices"):
+        decode_values(content.getvalue(), file=Path("1.png"))

@@ -40,10 +40,10 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
 from bench.recordings.annotations import annotation_file_in, read_annotations
-from bench.recordings.files import framed_files
+from bench.recordings.files import file_contents, framed_files
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.validation import validated
-from bench.records.recording import COMPLETELY, ImageRef, Recording, SweepRef
+from bench.records.recording import COMPLETELY, Content, ImageRef, Recording, SweepRef
 
 BOXES, SWEEPS = "dynamic/box/3d_body", "dynamic/raw-revolutions"
 
@@ -120,7 +120,24 @@ def open_aimotive(
         annotated=COMPLETELY,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
         lidar_from_sensor=read_lidar_mounting(within, folder),
+        contents=tuple(_contents(folder, images, revolutions)),
     )
+
+
+def _contents(
+    folder: Path, images: Mapping[str, tuple[ImageRef, ...]], revolutions: Mapping[int, Path]
+) -> Iterator[Content]:
+    """What is in the sequence's folder, read and not read."""
+    sensor, dynamic = folder / "sensor", folder / "dynamic"
+    yield from file_contents(
+        folder, sensor, [sensor / name for name in ("calibration", "camera", "gnssins")], "sensors"
+    )
+    yield from file_contents(folder, sensor / "camera", [sensor / "camera" / name for name in images], "cameras")
+    for name, refs in images.items():
+        place = sensor / "camera" / name
+        yield from file_contents(folder, place, [ref.path for ref in refs], "images", suffixes=(".jpg", ".png"))
+    yield from file_contents(folder, dynamic, [dynamic / name for name in ("box", "raw-revolutions")], "boxes, sweeps")
+    yield from file_contents(folder, folder / SWEEPS, revolutions.values(), "sweeps", suffixes=(".laz",))
 
 
 def _timed(paths: Mapping[int, Path], times_ns: Mapping[int, int]) -> Iterator[tuple[int, Path]]:

@@ -35,10 +35,10 @@ from bench.adapters.kitti360.tracks import Annotated, tracks_from_world
 from bench.atomic import linked_folder, refuse_escape
 from bench.errors import DataError
 from bench.recordings.annotations import annotation_file_in, read_annotations
-from bench.recordings.files import framed_files
+from bench.recordings.files import file_contents, framed_files
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.validation import validated
-from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, Recording, SweepRef
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED, Content, ImageRef, Recording, SweepRef
 
 IMAGES, SWEEPS, POSES, BOXES = "data_2d_raw", "data_3d_raw", "data_poses", "data_3d_bboxes"
 NO_BOXES = Annotated(tracks=(), windows=())
@@ -120,7 +120,25 @@ def open_kitti360(
         tracks=annotated.tracks,
         annotated=NOT_ANNOTATED if annotated is NO_BOXES else COMPLETELY,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
+        contents=tuple(_contents(root, sequence, images, scans)),
     )
+
+
+def _contents(
+    root: Path, sequence: str, images: Mapping[CameraName, Mapping[int, Path]], scans: Mapping[int, Path]
+) -> Iterator[Content]:
+    """What is in the sequence's folders, read and not read."""
+    folder = root / IMAGES / sequence
+    yield from file_contents(root, folder, [folder / name for name in images], "cameras")
+    for name, files in images.items():
+        yield from file_contents(
+            root, folder / name, [folder / name / "data_rgb", folder / name / "timestamps.txt"], "images"
+        )
+        yield from file_contents(root, folder / name / "data_rgb", files.values(), "images", suffixes=(".png",))
+    velodyne = root / SWEEPS / sequence / "velodyne_points"
+    yield from file_contents(root, velodyne.parent, [velodyne], "scans")
+    yield from file_contents(root, velodyne / "data", scans.values(), "scans", suffixes=(".bin",))
+    yield from file_contents(root, root / POSES / sequence, [root / POSES / sequence / "poses.txt"], "ego-motion")
 
 
 def _camera_names(folder: Path, options: Kitti360Options) -> tuple[CameraName, ...]:

@@ -39,7 +39,7 @@ from bench.geometry import RigidTransform
 from bench.recordings.annotations import annotation_file_in, read_annotations
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.validation import validated
-from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, Recording, SweepRef
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED, Content, ImageRef, Recording, SweepRef
 
 SYNC, EGO, BOXES = "sync.arrow", "ego_state_se3.arrow", "box_detections_se3.arrow"
 MERGED = "lidar_merged"
@@ -140,7 +140,19 @@ def open_log(
         annotated=COMPLETELY if annotations is not None or boxes.is_file() else NOT_ANNOTATED,
         vehicle_outline_m=ego_head.outline_m(),
         lidar_from_sensor=imu_from_sensor,
+        contents=tuple(
+            Content(
+                what=path.name,
+                read_as="a table" if _is_read(path.name, tables) else "",
+                why="" if _is_read(path.name, tables) else "not asked for",
+            )
+            for path in sorted(folder.glob("*.arrow"))
+        ),
     )
+
+
+def _is_read(name: str, cameras: Mapping[str, LogTable]) -> bool:
+    return name in (SYNC, EGO, BOXES, *(f"camera.{camera}.arrow" for camera in cameras)) or name.startswith("lidar.")
 
 
 def _camera_tables(folder: Path, options: LogOptions) -> Iterator[tuple[str, LogTable]]:

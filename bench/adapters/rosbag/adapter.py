@@ -24,7 +24,7 @@ one by one after that.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ from bench.recordings.images import read_mask
 from bench.recordings.mounting import body_mask, camera_model, mounted_camera
 from bench.recordings.schema import Mounting
 from bench.recordings.validation import validated
-from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, MountedCamera, Recording, SweepRef
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED, Content, ImageRef, MountedCamera, Recording, SweepRef
 
 
 def rosbag_recordings(
@@ -152,7 +152,19 @@ class _Opening:
             tracks=() if file is None else read_annotations(file),
             annotated=NOT_ANNOTATED if file is None else COMPLETELY,
             vehicle_outline_m=np.array(self.rig.vehicle.outline_m, dtype=np.float64),
+            contents=tuple(self._contents(motion.topics)),
         )
+
+    def _contents(self, motion: Set[str]) -> Iterator[Content]:
+        """The topics of the bag, read and not read, and what is lost of them."""
+        uses = dict.fromkeys(motion, "ego-motion") | {STATIC_FRAMES: "frames"}
+        uses |= {camera.topic: f"images of {name}" for name, camera in self.rig.cameras.items()}
+        uses |= {self.rig.lidar.topic: "sweeps"} if self.rig.lidar else {}
+        for topic, count in sorted(self.counts.items()):
+            why = "" if topic in uses else f"not named in {self.rig_file.name}"
+            yield Content(what=f"topic {topic}", count=count, read_as=uses.get(topic, ""), why=why)
+        for loss in self.losses:
+            yield Content(what=loss.field or loss.file, why=f"expected {loss.expected}, got {loss.got}", suspect=True)
 
     def _walk(self, motion: EgoMotionMessages) -> None:
         """Find the messages of the sensors, and read those of the ego-motion and the frames."""

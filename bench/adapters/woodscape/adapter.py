@@ -34,7 +34,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.validation import validated
-from bench.records.recording import COMPLETELY, ImageRef, Recording
+from bench.records.recording import COMPLETELY, Content, ImageRef, Recording
 
 
 def woodscape_recordings(
@@ -85,4 +85,9 @@ def open_woodscape(root: Path, *, pair: str, options: WoodscapeOptions) -> Recor
         tracks=(),
         annotated=COMPLETELY,
         vehicle_outline_m=np.array(options.outline_m(int(pair.split("_")[0])), dtype=np.float64),
+        contents=(
+            *(Content(what=path.relative_to(root).as_posix(), read_as=kind) for kind, path in files.items()),
+            Content(what="acceleration and steering of vehicle_data", why="of unknown unit"),
+            Content(what="classes of motion_annotations", why="names and numbers do not line up"),
+        ),
     )
