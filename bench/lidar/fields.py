@@ -22,16 +22,19 @@ SHORTEST_SWEEP_NS, FARTHEST_TIME_NS = 10_000_000, 1_000_000_000  # a point furth
 
 INTENSITY_FIELDS = ("intensity", "intensities", "reflectivity", "reflectance", "i")
 RING_FIELDS = ("ring", "channel", "laser_id", "line")
-TIME_WORDS = {"t", "time", "times", "timestamp", "timestamps", "stamp", "stamps", "tstamp", "toffset", "dt"}
-TIME_QUALIFIERS = {
-    *("offset", "offsets", "point", "points", "gps", "relative", "rel", "delta", "from", "since", "scan", "sweep"),
-    *("s", "sec", "secs", "seconds", "ms", "milliseconds", "us", "usec", "microseconds", "ns", "nsec", "nanoseconds"),
-}
 UNITS_IN_NAMES: Mapping[str, TimeUnit] = {
-    **dict.fromkeys(("ns", "nsec", "nanoseconds"), "ns"),
-    **dict.fromkeys(("us", "usec", "microseconds"), "us"),
-    **dict.fromkeys(("ms", "milliseconds"), "ms"),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
+    **dict.fromkeys(("us", "usec", "usecs", "microsec", "microseconds"), "us"),
+    **dict.fromkeys(("ms", "msec", "msecs", "millisec", "milliseconds"), "ms"),
 }
+_UNITS = "|".join((*UNITS_IN_NAMES, "secs", "sec", "seconds", "s"))
+_BEFORE = "offset|point|gps|relative|rel|delta|scan|sweep|lidar|laser|firing|fire|return|pulse|beam|packet|d"
+_AFTER = f"offsets?|from|since|scan|start|sweep|relative|rel|{_UNITS}"
+# The words of a name without what is between them: point_time_offset, timeStamp, offset_ns, ts.
+TIME_NAME = re.compile(
+    rf"(?:{_BEFORE})*(?:timestamps?|tstamps?|stamps?|times?|t)(?:{_AFTER})*|(?:{_BEFORE})*offsets?(?:{_UNITS})"
+)
+UNIT_OF_NAME = re.compile(rf".*?({'|'.join(sorted(UNITS_IN_NAMES, key=len, reverse=True))})")
 
 GPS_EPOCH_S, ADJUSTED_S, WEEK_S = 315_964_800, 1_000_000_000, 604_800  # adjusted GPS time, as LAS files have it
 LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
@@ -45,10 +48,8 @@ CLOCKS: Mapping[str, Callable[[int], int]] = {  # zero of a clock, ns since 1970
 
 
 def is_time(field: str) -> bool:
-    """Return True for a field with the times of points, by the words of its name."""
-    words = _words(field)
-    known = words <= TIME_WORDS | TIME_QUALIFIERS
-    return known and bool(words & TIME_WORDS or (len(words) > 1 and words & UNITS_IN_NAMES.keys()))
+    """Return True for a field with the times of points, by its name."""
+    return TIME_NAME.fullmatch(_letters(field)) is not None
 
 
 def sweep_of(
@@ -179,10 +180,10 @@ def _counts_lasers(values: NDArray[Any]) -> bool:
 
 
 def _unit_in(field: str) -> TimeUnit | None:
-    return next((UNITS_IN_NAMES[word] for word in _words(field) if word in UNITS_IN_NAMES), None)
+    """The unit that a name ends with."""
+    unit = UNIT_OF_NAME.fullmatch(_letters(field))
+    return UNITS_IN_NAMES[unit[1]] if unit is not None else None
 
 
-def _words(field: str) -> frozenset[str]:
-    """The words of a name: `offset_ns`, `offsetNs` and `Offset NS` have the same."""
-    apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", field)
-    return frozenset(word for word in re.split(r"[^a-z0-9]+", apart.lower()) if word)
+def _letters(field: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", field.lower())

@@ -197,13 +197,16 @@ def test_a_bin_file_of_no_whole_rows_names_the_columns(tmp_path):
         read_sweep(tmp_path / "1.bin", 0)
 
 
-NAMES = ["t", "time", "time_stamp", "stamps", "point_time_offset", "offset_ns", "Timestamp", "timeStamp", "offset_time",
-         "t_us", "gps_time", "relative_time", "point_timestamp_ns", "timestamps"]  # fmt: skip
+NAMES = [
+    *("t", "time", "time_stamp", "stamps", "point_time_offset", "offset_ns", "Timestamp", "timeStamp", "offset_time"),
+    *("t_us", "gps_time", "ts", "reltime", "firing_time", "t_offset", "dt", "timestampNs", "stampUs", "laserTime"),
+    *("relative_time", "point_timestamp_ns", "timestamps"),
+]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_fields_with_times_are_known_by_the_words_of_their_names(tmp_path, name):
-    unit_ns = 1 if name.lower().endswith("ns") else 1_000
+    unit_ns = 1 if name.lower().endswith("ns") else 1_000  # also where the name says nothing
     columns = [*XYZ, (name, 4, "I", 1), ("label", 4, "I", 1)]
     rows = np.zeros(3, dtype=[*PLACE, (name, "<i4"), ("label", "<i4")])
     rows[name] = OFFSETS_NS // unit_ns
@@ -212,7 +215,26 @@ def test_fields_with_times_are_known_by_the_words_of_their_names(tmp_path, name)
     assert (sweep.read_fields, sweep.unread_fields) == ((name,), ("label",))
 
 
-@pytest.mark.parametrize("name", ["tag", "distance", "offset", "point", "ns", "tint", "timer", "curvature", "state"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "tag",
+        "distance",
+        "offset",
+        "point",
+        "ns",
+        "tint",
+        "timer",
+        "curvature",
+        "state",
+        "test",
+        "intensity",
+        "status",
+        "points",
+        "set",
+        "d",
+    ],
+)
 def test_other_fields_are_no_times(name):
     assert not is_time(name)
 
