@@ -170,7 +170,7 @@ HEAD_FAULTS = [
     (
         "cameras.front.model.model",
         "egg",
-        "cameras.front.model.model: expected one of brown_conrady, kannala_brandt",
+        "cameras.front.model.model: expected one of brown_conrady, double_sphere, extended_unified, kannala_brandt",
     ),
     (
         "cameras.front.model.principal_point",
