@@ -211,7 +211,9 @@ def folder_lock(folder: Path, *, shared: bool = False, wait: bool = True) -> Ite
         os.close(handle)
 
 
-def path_inside(root: Path, relative: str, *, file: Path, field: str | None = None) -> Path:
+def path_inside(
+    root: Path, relative: str, *, file: Path, field: str | None = None, links_into: Path | None = None
+) -> Path:
     """A path named by a data file.
 
     Args:
@@ -219,6 +221,7 @@ def path_inside(root: Path, relative: str, *, file: Path, field: str | None = No
         relative: the path as it stands in the file, relative to `root`.
         file: the file that names it, for the message.
         field: where in the file.
+        links_into: as of `refuse_escape`.
 
     Returns:
         The path below `root`; it need not exist.
@@ -231,7 +234,7 @@ def path_inside(root: Path, relative: str, *, file: Path, field: str | None = No
     if not parts or absolute or ".." in parts or "\\" in relative or "\0" in relative:
         raise DataError(file, field=field, expected="a relative path without '..'", got=repr(relative))
     path = root.joinpath(*parts)
-    refuse_escape(root, path, file=file, field=field)
+    refuse_escape(root, path, file=file, field=field, links_into=links_into)
     return path
 
 
@@ -254,11 +257,22 @@ def linked_folder(root: Path, path: Path, *, levels: int) -> Path:
     return next((top for top in reversed(tops) if top.is_symlink() and top.is_dir()), root)
 
 
-def refuse_escape(root: Path, path: Path, *, file: Path, field: str | None = None) -> None:
+def refuse_escape(
+    root: Path, path: Path, *, file: Path, field: str | None = None, links_into: Path | None = None
+) -> None:
     """Refuse a path that leaves the root once symbolic links are followed.
+
+    Args:
+        root: the folder.
+        path: below it.
+        file: for the message.
+        field: the same.
+        links_into: a folder that links may lead into, too, such as the cache of a tool that stores data by their
+            digests.
 
     Raises:
         DataError: it does.
     """
-    if not path.resolve().is_relative_to(root.resolve()):
+    place = path.resolve()
+    if not (place.is_relative_to(root.resolve()) or (links_into is not None and place.is_relative_to(links_into))):
         raise DataError(file, field=field, expected=f"a path inside {root}", got=f"{path}, a link that leads outside")

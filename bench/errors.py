@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import os
 from difflib import get_close_matches
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from bench.plain_text import plain
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 
 MAX_GOT_CHARS = 1000  # characters of what was found instead
+MOST_FAULTS = 200  # of one file that are listed one by one
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -48,12 +50,21 @@ class DataError(BenchError):
     def __init__(self, file: Path | str, *, field: str | None = None, expected: str, got: str, hint: str = "") -> None:
         got = got if len(got) <= MAX_GOT_CHARS else got[: MAX_GOT_CHARS - 3] + "..."
         self.file, self.field, self.expected, self.got, self.hint = str(file), field, expected, got, hint
+        self.others: tuple[DataError, ...] = ()  # of the same file, which `validate` lists too
         where = self.file if field is None else f"{self.file}: {field}"
         super().__init__(plain(f"{where}: expected {expected}, got {got}" + (f"; {hint}" if hint else "")))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way back from a worker process, keyword arguments included."""
         return _data_error, (self.file, self.field, self.expected, self.got, self.hint)
+
+
+def refuse(errors: Iterable[DataError]) -> None:
+    """Raise the first of a file's errors, if there is one; it carries the others, at most 200 in all."""
+    found = tuple(islice(errors, MOST_FAULTS))
+    if found:
+        found[0].others = found[1:]
+        raise found[0]
 
 
 class OutputError(BenchError):

@@ -66,16 +66,16 @@ def croissant(card: DatasetCard, more: Mapping[str, Any]) -> dict[str, Any]:
     """Describe a data set, as JSON-LD; paths are relative to the root of the data.
 
     Args:
-        card: of a data set in the native format, on this machine.
+        card: of a data set in the native format.
         more: properties of schema.org's `Dataset` to add.
 
     Raises:
-        UsageError: another format, data elsewhere, or a root that is itself a recording.
+        UsageError: another format, or a root that is itself a recording.
         DataError: the data are not there.
     """
     content = card.content
-    if content.adapter != "native" or card.remote_root is not None:
-        raise UsageError(f"{card.file}: expected a data set in the native format on this machine")
+    if content.adapter != "native":
+        raise UsageError(f"{card.file}: expected a data set in the native format")
     folders = [card.root / recording.name for recording in open_dataset(card)]
     if (card.root / HEAD).is_file():
         raise UsageError(f"{card.root}: expected a folder of recordings, got one recording")

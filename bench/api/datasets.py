@@ -175,7 +175,7 @@ def rendered_card(
         DataError: the card or its scenario cannot be used.
     """
     card = as_card(dataset)
-    if not (as_it_is and card.remote_root is None and card.root.is_dir()):
+    if not (as_it_is and card.root.is_dir()):
         render_if_missing(card, split, workers=1 if executor is None else executor.workers)
     return card
 
@@ -201,7 +201,7 @@ def render_if_missing(
         UnknownNameError: no such split, nor recordings of these names.
         DataError: the scenario is not one, or something else lies where a recording goes.
     """
-    if card.scenario is None or card.remote_root is not None:
+    if card.scenario is None:
         return 0
     from bench.synthesis import read_scenario, synthesize  # a second, and recorded data need none of it
 

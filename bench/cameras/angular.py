@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,15 +99,37 @@ def _horner(coefficients: tuple[float, ...] | list[float], x: NDArray[np.float64
     return total
 
 
+class Radius(Protocol):
+    """Image radius as a function of the angle to the optical axis."""
+
+    @property
+    def limit(self) -> float:
+        """Largest angle at which it rises."""
+        ...
+
+    @property
+    def top(self) -> float:
+        """The radius there; may be infinite."""
+        ...
+
+    def __call__(self, theta: NDArray[np.float64], /) -> NDArray[np.float64]:
+        """Evaluate; anything beyond `limit`."""
+        ...
+
+    def inverse(self, radius: NDArray[np.float64], /) -> NDArray[np.float64]:
+        """The angle of a radius; anything beyond `top`."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class AngularCamera(CameraModel):
     """Base of `u = scale_u r(theta) x/chi + cu`, `v = scale_v r(theta) y/chi + cv` with chi = hypot(x, y)."""
 
-    _radius: MonotonePolynomial = field(init=False, repr=False, compare=False)
+    _radius: Radius = field(init=False, repr=False, compare=False)
     _scale: tuple[float, float] = field(init=False, repr=False, compare=False)
     _centre: tuple[float, float] = field(init=False, repr=False, compare=False)
 
-    def _prepare(self, radius: MonotonePolynomial, *, scale: tuple[float, float], centre: tuple[float, float]) -> None:
+    def _prepare(self, radius: Radius, *, scale: tuple[float, float], centre: tuple[float, float]) -> None:
         object.__setattr__(self, "_radius", radius)
         object.__setattr__(self, "_scale", scale)
         object.__setattr__(self, "_centre", centre)

@@ -15,6 +15,17 @@ CAMERA_MODELS = {
     "unified": "bench.cameras.unified:UnifiedCamera",
     "brown_conrady": "bench.cameras.brown:BrownConradyCamera",
     "pinhole": "bench.cameras.pinhole:PinholeCamera",
+    "double_sphere": "bench.cameras.spheres:DoubleSphereCamera",
+    "extended_unified": "bench.cameras.spheres:ExtendedUnifiedCamera",
+    "ocam": "bench.cameras.ocam:OcamCamera",
+}
+OTHER_NAMES = {  # of ROS, Kalibr, OpenCV and others
+    **dict.fromkeys(("equidistant", "equidist", "fisheye", "opencv_fisheye", "kb4", "kb8"), "kannala_brandt"),
+    **dict.fromkeys(("mei", "omni", "cmei", "ucm"), "unified"),
+    **dict.fromkeys(("plumb_bob", "radtan", "opencv", "opencv_pinhole", "brown"), "brown_conrady"),
+    **dict.fromkeys(("ds", "doublesphere"), "double_sphere"),
+    **dict.fromkeys(("eucm", "extended_unified_camera"), "extended_unified"),
+    **dict.fromkeys(("scaramuzza", "ocamcalib", "omnidirectional"), "ocam"),
 }
 
 
@@ -22,7 +33,7 @@ def camera_from_parameters(model: str, *, width: int, height: int, **parameters:
     """Build a camera from its stored form.
 
     Args:
-        model: a name of `CAMERA_MODELS`.
+        model: a name of `CAMERA_MODELS` or `OTHER_NAMES`, in any case.
         width: image width, px.
         height: image height, px.
         parameters: the model's own fields.
@@ -31,12 +42,13 @@ def camera_from_parameters(model: str, *, width: int, height: int, **parameters:
         UnknownNameError: no such model.
         ShapeError: parameters that are missing, unknown or out of their domain.
     """
-    cls = _model_class(model)
+    cls = _model_class(OTHER_NAMES.get(model.lower(), model.lower()))
     try:
         return cls(width=width, height=height, **parameters)
     except TypeError as error:
         known = ", ".join(f.name for f in fields(cls) if f.init)
-        raise ShapeError(f"camera model {model!r}: expected the parameters {known}; {error}") from error
+        given = ", ".join(("width", "height", *parameters))
+        raise ShapeError(f"camera model {model!r}: expected the parameters {known}, got {given}") from error
 
 
 def camera_parameters(camera: CameraModel) -> dict[str, Any]:

@@ -56,11 +56,11 @@ for name in GROUPS:
 def main() -> None:
     """Run the command line and exit."""
     atexit.register(gc.freeze)  # or the end takes half a second of looking through all libraries for garbage
-    if not sys.flags.safe_path and str(Path.cwd()) not in sys.path:
-        sys.path.append(str(Path.cwd()))  # a method or adapter beside the user, named as MODULE:CLASS
     warnings.showwarning = _warn
     try:
         refuse_unfit(sys.argv[1:])
+        if not sys.flags.safe_path and str(Path.cwd()) not in sys.path:
+            sys.path.append(str(Path.cwd()))  # a method or adapter beside the user, named as MODULE:CLASS
         app(args=take_verbosity(sys.argv[1:]))
     except Exception as error:  # noqa: BLE001 - the last of all handlers
         message = user_message(error)
@@ -79,8 +79,13 @@ def refuse_unfit(arguments: Sequence[str]) -> None:
         arguments: of the command line.
 
     Raises:
-        UsageError: an argument that is not UTF-8, or a limit below which libraries cannot be loaded.
+        UsageError: a working folder that was removed, an argument that is not UTF-8, or a limit below which libraries
+            cannot be loaded.
     """
+    try:
+        Path.cwd()
+    except FileNotFoundError as error:
+        raise UsageError("expected a working folder that exists, got one that was removed; go to another") from error
     for argument in arguments:
         if any("\ud800" <= letter <= "\udfff" for letter in argument):
             raise UsageError(f"expected arguments in UTF-8, got {argument!r}; rename the file or folder")

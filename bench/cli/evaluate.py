@@ -68,6 +68,8 @@ def evaluate(
     if (table := prediction_table(found)) is not None:
         show([table])
     note(prediction_line(found))
+    for doubt in found.doubts:
+        note(f"warning: {doubt}")
     refuse_unfit(card, method, found)
     request = equip(request, workers=workers, scheduler=scheduler)
     (run,) = score(

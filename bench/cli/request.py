@@ -56,7 +56,7 @@ def rendered_card(dataset: str | DatasetCard, split: str | None = None, *, as_it
     """The card of a data set, rendered as by `bench.api.datasets.rendered_card`, with a bar."""
     card = as_card(dataset)
     detail(f"card {card.file}, root {card.content.root}")
-    if card.scenario is not None and card.remote_root is None and not (as_it_is and card.root.is_dir()):
+    if card.scenario is not None and not (as_it_is and card.root.is_dir()):
         with rendering(card.scenario, card.root) as report:
             count = render_if_missing(card, split, progress=report)
         if count:

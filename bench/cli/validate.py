@@ -14,7 +14,7 @@ from bench.errors import UsageError
 
 if TYPE_CHECKING:
     from bench.recordings import DatasetCard
-    from bench.recordings.catalogue import Adapter
+    from bench.recordings.contract import Adapter
     from bench.validation import ValidationReport
 
 

@@ -4,7 +4,7 @@ A `Trajectory` is a sequence of poses. Between them the vehicle moves with const
 ends no pose is valid.
 """
 
-from bench.egomotion.bus import BusSignals, bus_signal_faults, planar_trajectory, read_bus_signals
+from bench.egomotion.bus import BusSignals, planar_trajectory, read_bus_signals
 from bench.egomotion.trajectory import Trajectory, camera_motion
 from bench.egomotion.tum import read_tum, write_tum
 from bench.egomotion.visual import VisualMotion, VisualOdometry
@@ -14,7 +14,6 @@ __all__ = [
     "Trajectory",
     "VisualMotion",
     "VisualOdometry",
-    "bus_signal_faults",
     "camera_motion",
     "planar_trajectory",
     "read_bus_signals",

@@ -1,11 +1,11 @@
-"""Signals of the vehicle's bus: reading, everything that is wrong with a file, and planar odometry from them."""
+"""Signals of the vehicle's bus: reading, and planar odometry from them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from itertools import islice, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.egomotion.time_units import unit_hint
 from bench.egomotion.trajectory import SECOND_NS, Trajectory
-from bench.errors import DataError
+from bench.errors import DataError, refuse
 from bench.geometry import advance_twist
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 LARGEST_SIGNAL = 1e6  # m/s or rad/s; larger ones are no signals, and their sums no numbers
 REVERSE_GEARS = frozenset({"R", "REVERSE", "-1", "-1.0"})
 LARGEST_TIME_NS = 2**63 - 1
-MOST_FAULTS = 200
 SIGNALS = ("speed_mps", "yaw_rate_radps")
 Source = str | Sequence[str] | float | None  # of a signal: its column, several whose mean is taken, or a constant
 
@@ -131,8 +130,7 @@ def read_bus_signals(path: Path, *, columns: Mapping[str, Source] | None = None)
     sources = [columns.get(name, name) for name in SIGNALS]
     gear_name = columns.get("gear", "gear")
     has_gear = isinstance(gear_name, str) and (gear_name in table or gear_name != "gear")
-    for fault in _faults(path, table, times_name, [name for source in sources for name in _names(source)]):
-        raise fault
+    refuse(_faults(path, table, times_name, [name for source in sources for name in _names(source)]))
     if has_gear and gear_name not in table:
         raise _absent(path, table, str(gear_name))
     speed_mps, yaw_rate_radps = (_signal(table, source) for source in sources)
@@ -143,18 +141,6 @@ def read_bus_signals(path: Path, *, columns: Mapping[str, Source] | None = None)
         yaw_rate_radps=yaw_rate_radps,
         gear=table[gear_name].to_numpy(dtype=object).astype(np.str_) if has_gear else None,
     )
-
-
-def bus_signal_faults(path: Path) -> tuple[DataError, ...]:
-    """All that is wrong with a file of bus signals in the usual columns, row by row; at most 200 faults."""
-    try:
-        table = _read_table(path)
-    except DataError as error:
-        return (error,)
-    faults = tuple(islice(_faults(path, table, "timestamp_ns", SIGNALS), MOST_FAULTS))
-    if len(table) < 2 and {"timestamp_ns", *SIGNALS} <= set(table.columns):
-        return (*faults, DataError(path, expected="at least two rows", got=str(len(table))))
-    return faults
 
 
 def _read_table(path: Path) -> pd.DataFrame:

@@ -23,18 +23,20 @@ UNITS = {1_000: "milliseconds", 1_000_000: "microseconds", 1_000_000_000: "nanos
 def read_tum(path: Path) -> Trajectory:
     """Read poses: `t x y z qx qy qz qw` a line, separated by spaces or commas; "#" begins a comment.
 
-    Times are seconds as decimal text and come out as exact nanoseconds; poses are world_from_vehicle.
+    Times are seconds as decimal text and come out as exact nanoseconds; poses are world_from_vehicle. A pose that is
+    there twice counts once.
 
     Raises:
-        DataError: missing, a line that is not a pose, times that do not increase, or times in another unit, which it
-            names.
+        DataError: missing, a line that is not a pose, two poses at one time, times that do not increase, or times in
+            another unit, which it names.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(path, expected="a readable text file", got=str(error)) from error
     times_s: list[Decimal] = []
     values: list[list[float]] = []
+    at: dict[Decimal, tuple[list[float], int]] = {}
     for number, line in enumerate(lines, start=1):
         words = line.split("#")[0].replace(",", " ").split()
         if not words:
@@ -42,8 +44,16 @@ def read_tum(path: Path) -> Trajectory:
         if len(words) != len(COLUMNS):
             expected = f"{len(COLUMNS)} numbers, {' '.join(COLUMNS)}"
             raise DataError(path, field=f"line {number}", expected=expected, got=f"{len(words)}")
-        times_s.append(_seconds(words[0], path, number))
-        values.append([_number(w, path, number, column) for column, w in zip(COLUMNS[1:], words[1:], strict=True)])
+        time_s = _seconds(words[0], path, number)
+        pose = [_number(w, path, number, column) for column, w in zip(COLUMNS[1:], words[1:], strict=True)]
+        before, at_line = at.get(time_s, (pose, number))
+        if before != pose:
+            got = f"others at {words[0]} in the lines {at_line} and {number}"
+            raise DataError(path, field=f"line {number}", expected="one pose for each time", got=got)
+        if time_s not in at:
+            at[time_s] = pose, number
+            times_s.append(time_s)
+            values.append(pose)
     rows = np.array(values, dtype=np.float64).reshape(-1, len(COLUMNS) - 1)
     if rows.size and np.abs(rows[:, :3]).max() > FARTHEST_M:
         got = f"{np.abs(rows[:, :3]).max():g} m"

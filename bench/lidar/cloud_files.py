@@ -1,13 +1,12 @@
 """Point clouds in .pcd and .ply: the header gives the offset of each number in a point, all that NumPy needs.
 
 A field of COUNT 0, which some tools write for padding of another length, means that the offsets of the
-fields behind it are unknown: files in which one of them is needed are refused.
+fields behind it are unknown: files in which one of them is needed are refused. Compressed .pcd files are unpacked here:
+open3d drops times of points that are whole numbers, and fields that pad a point (`_`) crash it.
 
-open3d unpacks compressed .pcd files, and no others: it drops times of points that are whole numbers, and fields that
-pad a point (`_`) crash it. This is the only module that imports it. The import takes 0.6 s, so it is done when
-it is needed. The wheel links against `libusb-1.0.so.0`, which servers and containers often lack; the `libusb-package`
-wheel carries that library, and once it is loaded for the whole process the import finds it, with no system package and
-no root.
+This is the only module that imports open3d. The import takes 0.6 s, so it is done when it is needed. The wheel links
+against `libusb-1.0.so.0`, which servers and containers often lack; the `libusb-package` wheel carries that library,
+and once it is loaded for the whole process the import finds it, with no system package and no root.
 """
 
 from __future__ import annotations
@@ -28,6 +27,7 @@ from numpy.typing import NDArray
 
 from bench.atomic import write_bytes
 from bench.errors import DataError, UsageError
+from bench.lidar.fields import INTENSITY_FIELDS, RING_FIELDS, is_time
 from bench.lidar.sweep import LARGEST_BYTES, Arrays
 
 
@@ -78,8 +78,7 @@ PCD_TYPES = {"I": "i", "U": "u", "F": "f"}
 PCD_SIZES = {"I": (1, 2, 4, 8), "U": (1, 2, 4, 8), "F": (4, 8)}
 PADDING = "_"
 PLY_WORDS = frozenset({"comment", "obj_info", "element", "property", "end_header"})  # behind the first two lines
-TIME_FIELDS = ("t", "time", "timestamp", "offset_time", "time_offset", "time_offset_ns", "gps_time")
-WANTED = frozenset({"x", "y", "z", "intensity", "ring", *TIME_FIELDS})
+WANTED = frozenset({*"xyz", *INTENSITY_FIELDS, *RING_FIELDS})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,28 +105,31 @@ class Layout:
         """Fields that are needed and follow one of no numbers."""
         counts = [count for _, _, count in self.columns]
         behind = self.columns[counts.index(0) :] if 0 in counts else ()
-        return [name for name, _, _ in behind if name in WANTED]
-
-    @property
-    def padded(self) -> bool:
-        """True where points have fields that are no single number with a name."""
-        return any(name == PADDING or count != 1 for name, _, count in self.columns)
+        return [name for name, _, _ in behind if name in WANTED or is_time(name)]
 
 
 def read_cloud(path: Path) -> Arrays:
-    """Read points, and intensities, rings and times where they are.
+    """Read points, and every other field of one number by its name.
 
     Raises:
         DataError: cut short, empty, or not of the suffix's format.
     """
     content = path.read_bytes()
     end = re.search(rb"^(end_header|DATA \w+)\r?\n", content, re.MULTILINE)
-    head = content[: end.end()].decode("ascii", "replace").split("\n") if end else []
+    last = "end_header" if path.suffix.lower() == ".ply" else "DATA"
+    if not end:
+        got = f"none in {len(content)} bytes"
+        raise DataError(path, field=last, expected=f"the line that ends the header of a {path.suffix} file", got=got)
+    head = content[: end.end()].decode("ascii", "replace").split("\n")
     words = [line.split() for line in head if line.strip() and not line.startswith("#")]
     try:
         layout = _ply_layout(words) if path.suffix.lower() == ".ply" else _pcd_layout(words)
-    except (ValueError, IndexError, KeyError, StopIteration):
-        raise DataError(path, expected=f"the header of a {path.suffix} file", got="another or none") from None
+    except (ValueError, IndexError, KeyError, StopIteration) as error:
+        missing = isinstance(error, KeyError) and str(error.args[0]).isupper()
+        got = f"no line {error.args[0]}" if missing else " ".join(str(error).split()) or "lines cut short"
+        raise DataError(path, field="header", expected=f"the header of a {path.suffix} file", got=got) from None
+    if not layout.rows:
+        raise DataError(path, field="POINTS", expected="points", got="0, an empty cloud", hint="remove the file")
     if layout.lost:
         hint = "write the cloud again without padding, or without these fields"
         got = "0, so that their offsets are unknown"
@@ -136,12 +138,12 @@ def read_cloud(path: Path) -> Arrays:
     if not 0 < layout.rows * layout.row_bytes <= LARGEST_BYTES:
         got = f"a header of {layout.rows} points of {layout.row_bytes} bytes"
         raise DataError(path, expected=f"points of at most {LARGEST_BYTES} bytes", got=got)
-    body = content[end.end() :] if end else b""
+    body = content[end.end() :]
     match layout.kind:
         case "ascii":
             fields = _written(path, body, layout)
         case "binary_compressed":
-            fields = _compressed(path, body, layout)
+            fields = _packed(path, _unpacked(path, body, layout), layout, by_column=True)
         case _:
             fields = _packed(path, body, layout)
     return _arrays(fields)
@@ -170,35 +172,26 @@ def write_pcd(path: Path, points: NDArray[np.floating], intensity: NDArray[np.fl
 
 
 def _arrays(fields: dict[str, NDArray[Any]]) -> Arrays:
-    points = np.stack([fields[axis] for axis in "xyz"], axis=-1)
-    arrays: Arrays = {"points_lidar": points if points.dtype.kind == "f" else points.astype(np.float64)}
-    if "intensity" in fields:
-        arrays["intensity"] = fields["intensity"].astype(np.float32)
-    ring = fields.get("ring")
-    if ring is not None and 0 <= ring.min() <= ring.max() < 256:  # a byte counts no more lasers
-        arrays["ring"] = ring.astype(np.uint8)
-    time = next((fields[name] for name in TIME_FIELDS if name in fields), None)
-    if time is not None:
-        arrays["time"] = time
-    return arrays
+    points = np.stack([fields.pop(axis) for axis in "xyz"], axis=-1)
+    return {"points_lidar": points if points.dtype.kind == "f" else points.astype(np.float64)} | fields
 
 
-def _packed(path: Path, body: bytes, layout: Layout) -> dict[str, NDArray[Any]]:
+def _packed(path: Path, body: bytes, layout: Layout, *, by_column: bool = False) -> dict[str, NDArray[Any]]:
+    """Points as bytes, one after the other, or all of a field and then of the next."""
     needed = layout.rows * layout.row_bytes
     if len(body) < needed:
         got = f"{len(body)}; the file is cut short"
         expected = f"{layout.rows} points of {layout.row_bytes} bytes, {needed} bytes in all"
         raise DataError(path, expected=expected, got=got)
-    offsets = np.cumsum([0, *(dtype.itemsize * count for _, dtype, count in layout.columns)])
-    single = {
-        name: (dtype, int(offset))
-        for (name, dtype, count), offset in zip(layout.columns, offsets[:-1], strict=True)
-        if count == 1 and name != PADDING
-    }
-    formats, places = [dtype for dtype, _ in single.values()], [offset for _, offset in single.values()]
-    row = np.dtype({"names": list(single), "formats": formats, "offsets": places, "itemsize": layout.row_bytes})
-    rows = np.frombuffer(body, dtype=row, count=layout.rows)
-    return {name: rows[name].astype(rows.dtype[name].newbyteorder("=")) for name in single}
+    fields, offset = dict[str, NDArray[Any]](), 0
+    for name, dtype, count in layout.columns:
+        if count == 1 and name != PADDING:
+            start = offset * layout.rows if by_column else offset
+            step = dtype.itemsize if by_column else layout.row_bytes
+            values = np.ndarray((layout.rows,), dtype, body, start, (step,))
+            fields[name] = values.astype(dtype.newbyteorder("="))
+        offset += dtype.itemsize * count
+    return fields
 
 
 def _written(path: Path, body: bytes, layout: Layout) -> dict[str, NDArray[Any]]:
@@ -226,31 +219,24 @@ def _typed(path: Path, name: str, words: NDArray[np.bytes_], dtype: np.dtype[Any
         raise DataError(path, field=name, expected=f"numbers of type {dtype}", got=got) from None
 
 
-def _compressed(path: Path, body: bytes, layout: Layout) -> dict[str, NDArray[Any]]:
-    """By open3d, which allocates what the two lengths before the points state, and prints what it cannot read."""
-    if layout.padded:
-        hint = "store the points as binary: pcl_convert_pcd_ascii_binary IN OUT 1"
-        expected = "fields of one number each in compressed points"
-        raise DataError(path, field="FIELDS", expected=expected, got="padding, or several", hint=hint)
-    unpacked = layout.rows * layout.row_bytes
+def _unpacked(path: Path, body: bytes, layout: Layout) -> bytes:
+    """The points of a compressed file; the two lengths before them are compared with the file first."""
+    from bench.lidar.lzf import unpack_lzf  # numba takes half a second, and only these files need it
+
     if len(body) < 8:
         raise DataError(path, expected="compressed points", got=f"{len(body)} bytes; the file is cut short")
     packed, stated = struct.unpack_from("<II", body)
+    unpacked = layout.rows * layout.row_bytes
     if stated != unpacked:
         raise DataError(path, expected=f"{unpacked} bytes when unpacked, as the header says", got=str(stated))
     if packed > len(body) - 8:
         raise DataError(path, expected=f"{packed} bytes packed", got=f"{len(body) - 8}; the file is cut short")
-    library = open3d()
-    try:
-        with library.utility.VerbosityContextManager(library.utility.VerbosityLevel.Error):
-            cloud = library.t.io.read_point_cloud(str(path))
-    except RuntimeError as error:
-        raise DataError(path, expected=f"a whole {path.suffix} file", got=" ".join(str(error).split())) from error
-    fields = {str(name): cloud.point[name].numpy() for name in cloud.point}
-    if not len(fields.get("positions", ())):
-        raise DataError(path, expected=f"a whole {path.suffix} file with points", got="none that could be read")
-    places = {axis: fields["positions"][:, i].copy() for i, axis in enumerate("xyz")}
-    return {name: values.reshape(-1).copy() for name, values in fields.items() if values.size == layout.rows} | places
+    points = np.empty(unpacked, dtype=np.uint8)
+    written = unpack_lzf(np.frombuffer(body, dtype=np.uint8, count=packed, offset=8), points)
+    if written != unpacked:
+        got = "data that is damaged" if written < 0 else f"{written}"
+        raise DataError(path, expected=f"{unpacked} bytes of unpacked points", got=got)
+    return points.tobytes()
 
 
 def _ply_layout(words: list[list[str]]) -> Layout:
@@ -270,21 +256,26 @@ def _pcd_layout(words: list[list[str]]) -> Layout:
     entries = {w[0]: w[1:] for w in words}
     names, kinds, sizes = entries["FIELDS"], entries["TYPE"], list(map(int, entries["SIZE"]))
     counts = list(map(int, entries.get("COUNT", ["1"] * len(names))))
-    if any(size not in PCD_SIZES[kind] for kind, size in zip(kinds, sizes, strict=True)) or min(counts) < 0:
-        raise ValueError("columns of no type")
-    if int(entries["WIDTH"][0]) * int(entries["HEIGHT"][0]) != int(entries["POINTS"][0]):
-        raise ValueError("WIDTH and HEIGHT that do not make POINTS")
+    if len({len(names), len(kinds), len(sizes), len(counts)}) > 1:
+        numbers = f"{len(names)} FIELDS, {len(kinds)} TYPE, {len(sizes)} SIZE and {len(counts)} COUNT"
+        raise ValueError(f"{numbers}, not one for each field")
+    if any(size not in PCD_SIZES.get(kind, ()) for kind, size in zip(kinds, sizes, strict=True)) or min(counts) < 0:
+        raise ValueError("a TYPE, SIZE or COUNT that no field has")
+    width, height = int(entries["WIDTH"][0]), int(entries.get("HEIGHT", ["1"])[0])
+    rows = int(entries.get("POINTS", [str(width * height)])[0])
+    if width * height != rows:
+        raise ValueError(f"WIDTH {width} and HEIGHT {height} that do not make POINTS {rows}")
     kind = entries["DATA"][0]
     if kind not in {"ascii", "binary", "binary_compressed"}:
-        raise ValueError("data of another kind")
+        raise ValueError(f"DATA {kind}")
     types = [np.dtype(f"<{PCD_TYPES[kind]}{size}") for kind, size in zip(kinds, sizes, strict=True)]
     columns = tuple(zip(names, types, counts, strict=True))
-    return _checked(Layout(kind=kind, rows=int(entries["POINTS"][0]), columns=columns))
+    return _checked(Layout(kind=kind, rows=rows, columns=columns))
 
 
 def _checked(layout: Layout) -> Layout:
     """Refuse points without x, y and z, and fields that share a name."""
     named = [name for name, _, count in layout.columns if count == 1 and name != PADDING]
     if not {"x", "y", "z"} <= set(named) or len(set(named)) < len(named):
-        raise ValueError("points without x, y and z")
+        raise ValueError(f"the fields {', '.join(named)}, without x, y and z or with a name twice")
     return layout

@@ -1,8 +1,6 @@
-"""Point-cloud files: .npz (ours) and .bin (KITTI) here, .pcd, .ply and .laz by their own modules.
+"""Point-cloud files: .npz (ours) and .bin (KITTI) here, .pcd, .ply, .las and .laz by their own modules.
 
-Every reader gives the same named arrays: `points_lidar` (N, 3) and, where the file has them, `intensity`,
-`time_offset_ns`, `ring`, `gps_time` and `time`. Points that are not finite are refused: a file that holds them was
-written by a tool that writes rows for lost returns, and row numbers would depend on whether they count.
+Every reader gives named arrays: `points_lidar` (N, 3) and what else the file has, by the file's own names.
 """
 
 from __future__ import annotations
@@ -11,7 +9,7 @@ import io
 import math
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any
@@ -22,10 +20,14 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError, UnknownNameError
 from bench.lidar.cloud_files import read_cloud
+from bench.lidar.fields import FARTHEST_TIME_NS, sweep_of
 from bench.lidar.laz_files import read_laz
 from bench.lidar.sweep import LARGEST_BYTES, Arrays, LidarSweep
 
 BIN_COLUMNS = 4  # x, y, z, intensity
+LEAST_BIN_VALUES = 400  # from which on the numbers show their columns
+BIN_TOLERANCE, SMALLEST_SPREAD = 0.3, 1e-3
+BIN_HINT = "name the columns in the card's option bin_columns, for example [x, y, z, intensity, ring]"
 UNREADABLE = (
     *(OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, MemoryError),
     *(NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile),
@@ -39,9 +41,6 @@ NPZ_TYPES: Mapping[str, tuple[str, str, type[Any] | None]] = {  # kinds of type,
     "ring": ("ui", "uint8 or integers", np.uint8),
 }
 FARTHEST_M = 1e8  # coordinates of any map are below
-SHORTEST_SWEEP_NS = 10_000_000
-UNITS_NS = (1_000_000_000, 1_000_000, 1_000, 1)
-FARTHEST_TIME_NS = 1_000_000_000  # a point's time further from its sweep's means another clock or unit
 
 
 def read_npz(path: Path) -> Arrays:
@@ -103,19 +102,47 @@ def _array(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDAr
     return values.reshape(shape, order="F" if by_column else "C")
 
 
-def read_bin(path: Path) -> Arrays:
-    """Read KITTI's float32 rows of x, y, z and intensity.
+def read_bin(path: Path, columns: Sequence[str] | None = None) -> Arrays:
+    """Read float32 rows of x, y, z and, as KITTI has it, intensity.
+
+    Args:
+        path: the file.
+        columns: names of the columns, x, y and z among them; None for as many as the numbers themselves show: the
+            fourth is then taken for the intensity, and further ones are called by their number.
 
     Raises:
         DataError: empty, or not whole rows.
     """
     size = path.stat().st_size
-    if not size or size % (4 * BIN_COLUMNS):
-        raise DataError(
-            path, expected="rows of four float32 (16 bytes)", got=f"{size} bytes; the file may be cut short"
-        )
-    rows = np.fromfile(path, dtype="<f4").reshape(-1, BIN_COLUMNS)
-    return {"points_lidar": rows[:, :3].copy(), "intensity": rows[:, 3].copy()}
+    values = np.fromfile(path, dtype="<f4")
+    count = (bin_columns(values) or BIN_COLUMNS) if columns is None else len(columns)
+    if not size or size % (4 * count):
+        got = f"{size} bytes; the file may be cut short, or have another number of columns"
+        raise DataError(path, expected=f"rows of {count} float32 ({4 * count} bytes)", got=got, hint=BIN_HINT)
+    names = columns or [*"xyz", "intensity", *(f"column {i + 1}" for i in range(BIN_COLUMNS, count))][:count]
+    rows = values.reshape(-1, count)
+    table = {name: rows[:, i] for i, name in enumerate(names)}
+    return {"points_lidar": np.stack([table.pop(axis) for axis in "xyz"], axis=1)} | {
+        name: column.copy() for name, column in table.items()
+    }
+
+
+def bin_columns(values: NDArray[np.float32]) -> int | None:
+    """How many columns rows of numbers have, 3 to 8; None where that cannot be told.
+
+    By the right number, each column is of one kind: their spreads, as logarithms, have the lowest mean. Twice
+    the number is as good, so the smallest counts.
+    """
+    if len(values) < LEAST_BIN_VALUES or not np.isfinite(values).all():
+        return None
+    mean_logs = {}
+    for count in range(3, 9):
+        if len(values) % count == 0:
+            low, high = np.percentile(values.reshape(-1, count), (10, 90), axis=0)
+            mean_logs[count] = float(np.log(high - low + SMALLEST_SPREAD).mean())
+    best = min(mean_logs.values(), default=0.0)
+    likely = [count for count, mean_log in mean_logs.items() if mean_log < best + BIN_TOLERANCE]
+    return None if not likely or BIN_COLUMNS in likely else likely[0]
 
 
 FORMATS: Mapping[str, Callable[[Path], Arrays]] = {
@@ -123,24 +150,25 @@ FORMATS: Mapping[str, Callable[[Path], Arrays]] = {
     ".bin": read_bin,
     ".pcd": read_cloud,
     ".ply": read_cloud,
+    ".las": read_laz,
     ".laz": read_laz,
 }
 
 
-def read_points(path: Path) -> Arrays:
+def read_points(path: Path, *, bin_columns: Sequence[str] | None = None) -> Arrays:
     """Read the arrays of a point-cloud file, chosen by its suffix.
 
+    Args:
+        path: the file.
+        bin_columns: names of the columns of .bin; None for what the numbers show.
+
     Returns:
-        points_lidar: (N, 3) float32 or float64, m, finite.
-        intensity: (N,) float32 as the file has it, if it has.
-        time_offset_ns: (N,) int64, from .npz, if it has.
-        ring: (N,) uint8, from .npz, .pcd and .ply, if it has.
-        gps_time: (N,) float64 as the file has it, from .laz, if it has.
-        time: (N,) as the file has it, from a field of .pcd and .ply that is called as one of `TIME_FIELDS`.
+        points_lidar: (N, 3) float32 or float64, m; NaN or infinity where a return has no position.
+        others: (N,) each, as the file has them, by the file's names.
 
     Raises:
         UnknownNameError: a suffix that is not read here.
-        DataError: missing, cut short, an array that is missing or of another shape, or points that are not finite.
+        DataError: missing, cut short, or an array that is missing or of another shape.
     """
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
@@ -150,7 +178,7 @@ def read_points(path: Path) -> Arrays:
     if path.stat().st_size > LARGEST_BYTES:
         raise DataError(path, expected=f"a sweep of at most {LARGEST_BYTES} bytes", got=str(path.stat().st_size))
     try:
-        arrays = FORMATS[suffix](path)
+        arrays = read_bin(path, bin_columns) if suffix == ".bin" else FORMATS[suffix](path)
     except OSError as error:
         raise DataError(path, expected="a readable point-cloud file", got=error.strerror or str(error)) from error
     points = arrays["points_lidar"]
@@ -160,88 +188,47 @@ def read_points(path: Path) -> Arrays:
     for name, values in arrays.items():
         if name != "points_lidar" and values.shape != (len(points),):
             raise DataError(path, field=name, expected=f"({len(points)},), one per point", got=str(values.shape))
-        if values.dtype.kind == "f" and not np.isfinite(values).all():
-            rows = ~np.isfinite(values.reshape(len(points), -1)).all(axis=1)
-            got = f"NaN or infinity in {rows.sum()} rows, the first is {int(rows.argmax())}"
-            raise DataError(path, field=name, expected="finite numbers", got=got)
-    if points.size and np.abs(points).max() > FARTHEST_M:
-        expected, got = f"coordinates within {FARTHEST_M:g} m", f"{np.abs(points).max():g}"
-        raise DataError(path, field="points_lidar", expected=expected, got=got)
+    finite = points[np.isfinite(points).all(axis=1)]
+    if len(points) and not len(finite):
+        raise DataError(path, field="points_lidar", expected="finite numbers", got="none in any row")
+    if finite.size and np.abs(finite).max() > FARTHEST_M:
+        expected, got = f"coordinates within {FARTHEST_M:g} m", f"{np.abs(finite).max():g}"
+        hint = BIN_HINT if suffix == ".bin" else ""
+        raise DataError(path, field="points_lidar", expected=expected, got=got, hint=hint)
     return arrays
 
 
-def read_sweep(path: Path, timestamp_ns: int) -> LidarSweep:
-    """Read one revolution.
-
-    In .laz files `gps_time` is taken as absolute nanoseconds in the clock of `timestamp_ns`, and intensities as
-    0 to 255. Times in .pcd and .ply have no stated unit or origin. They are seconds, milliseconds, microseconds or
-    nanoseconds, whichever makes the sweep last 10 ms to a second, which only one of them can; and they count from
-    `timestamp_ns`, or in its clock where that puts them nearer to it.
+def read_sweep(path: Path, timestamp_ns: int, *, bin_columns: Sequence[str] | None = None) -> LidarSweep:
+    """Read one revolution; how times and intensities are taken is said in `fields.sweep_of`.
 
     Args:
         path: the file.
         timestamp_ns: the sweep's reference time.
+        bin_columns: names of the columns of .bin; None for what the numbers show.
 
     Raises:
         DataError: as `read_points`, or points a second or more away from the sweep's time.
     """
-    arrays = read_points(path)
-    intensity = arrays.get("intensity")
-    offsets_ns = arrays.get("time_offset_ns")
-    field = "time_offset_ns"
-    if path.suffix.lower() == ".laz":
-        intensity = None if intensity is None else intensity / np.float32(255.0)
-        field = "gps_time"
-        if field in arrays:
-            offsets_ns = _whole_ns(path, arrays[field], timestamp_ns)
-    if "time" in arrays:
-        field, offsets_ns = "time", _offsets_ns(path, arrays["time"], timestamp_ns)
-    if offsets_ns is not None and offsets_ns.size and not _is_near(offsets_ns):
+    fields = read_points(path, bin_columns=bin_columns)
+    points = fields.pop("points_lidar")
+    if path.suffix.lower() != ".npz":
+        return sweep_of(points, fields, timestamp_ns, name=path)
+    kept = np.isfinite(points).all(axis=1)
+    rows = None if kept.all() else np.flatnonzero(kept)
+    offsets_ns = fields.get("time_offset_ns")
+    if offsets_ns is not None and offsets_ns.size and np.abs(offsets_ns).max() >= FARTHEST_TIME_NS:
         expected = f"times within a second of {timestamp_ns}, ns"
         got = f"{int(offsets_ns.min())} to {int(offsets_ns.max())} ns away"
-        raise DataError(path, field=field, expected=expected, got=got)
+        raise DataError(path, field="time_offset_ns", expected=expected, got=got)
+    taken: dict[str, Any] = {name: values if rows is None else values[rows] for name, values in fields.items()}
     return LidarSweep(
         timestamp_ns=timestamp_ns,
-        points_lidar=arrays["points_lidar"],
-        time_offset_ns=offsets_ns,
-        intensity=intensity,
-        ring=arrays.get("ring"),
+        points_lidar=points if rows is None else points[rows],
+        stored_rows=rows,
+        stored_count=len(points),
+        read_fields=tuple(fields),
+        **taken,
     )
-
-
-def _whole_ns(path: Path, gps_time: NDArray[np.float64], timestamp_ns: int) -> NDArray[np.int64]:
-    """Whole nanoseconds below 2^53 (104 days) are exact in the file's float64; beyond 2^62 they are no times."""
-    if gps_time.size and np.abs(gps_time).max() >= 2.0**62:
-        got = f"{gps_time.min():g} to {gps_time.max():g}"
-        raise DataError(path, field="gps_time", expected=f"times within a second of {timestamp_ns}, ns", got=got)
-    return np.asarray(gps_time.round().astype(np.int64) - timestamp_ns)
-
-
-def _offsets_ns(path: Path, times: NDArray[Any], timestamp_ns: int) -> NDArray[np.int64] | None:
-    """Times of points from the sweep's; None where all are 0, as where a tool had none."""
-    if not times.any():
-        return None
-    first, last = times.min(), times.max()
-    span = float(last - first)
-    unit_ns = next((unit for unit in UNITS_NS if SHORTEST_SWEEP_NS <= span * unit < FARTHEST_TIME_NS), None)
-    if unit_ns is None:
-        expected = "times of points that are 10 ms to a second apart, in s, ms, us or ns"
-        raise DataError(path, field="time", expected=expected, got=f"{first} to {last}")
-    whole = times.dtype.kind != "f"  # nanoseconds since 1970 have more digits than a float
-    first_ns = int(first) * unit_ns if whole else round(float(first) * unit_ns)
-    since_first_ns = np.rint((times - first).astype(np.float64) * unit_ns).astype(np.int64)
-    middle_ns = first_ns + int(since_first_ns.max()) // 2
-    origin_ns = 0 if abs(middle_ns) <= abs(middle_ns - timestamp_ns) else timestamp_ns
-    if abs(first_ns - origin_ns) >= FARTHEST_TIME_NS:
-        expected = f"times within a second of {timestamp_ns} or of 0, ns"
-        raise DataError(
-            path, field="time", expected=expected, got=f"{first_ns} to {first_ns + int(since_first_ns.max())}"
-        )
-    return np.asarray(since_first_ns + (first_ns - origin_ns))
-
-
-def _is_near(offsets_ns: NDArray[np.int64]) -> bool:
-    return int(offsets_ns.min()) > -FARTHEST_TIME_NS and int(offsets_ns.max()) < FARTHEST_TIME_NS
 
 
 def write_sweep(path: Path, sweep: LidarSweep) -> None:

@@ -1,4 +1,4 @@
-"""Reading .laz.
+"""Reading .las and .laz.
 
 The decompressor allocates what a file states before it checks whether the file holds as much, and where that fails the
 process is aborted. So every length in a file is compared with the file first.
@@ -21,24 +21,26 @@ HEADER = struct.Struct("<94xHII")  # bytes of the header, offset of the points, 
 RECORD_BYTES = 54  # at least, of a record between header and points
 CHUNKED, LAYERED = 2, 3  # ways of compression, the first field of the LASzip record
 ITEMS_AT, ITEM = 34, struct.Struct("<HHH")  # what a point consists of, in the LASzip record: kind, bytes, version
+PLACES = frozenset({"X", "Y", "Z"})
 LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of a layered chunk, by kind of item
 LAYER_A_BYTE = 14  # the kind of extra bytes
 
 
 def read_laz(path: Path) -> Arrays:
-    """Read points, intensities and times as they are in the file.
+    """Read points, and the other dimensions that say something, by their names.
+
+    Every point has all dimensions of its format; those in which all are 0 hold nothing.
 
     Raises:
-        DataError: cut short, or not a .laz file.
+        DataError: cut short, or not a .las or .laz file.
     """
     with path.open("rb") as file:
         points = laz_points(path, file)
-    arrays: Arrays = {
-        "points_lidar": laz_coordinates(points),
-        "intensity": np.asarray(points.intensity, dtype=np.float32),
-    }
-    if "gps_time" in set(points.point_format.dimension_names):
-        arrays["gps_time"] = np.asarray(points.gps_time, dtype=np.float64)
+    arrays: Arrays = {"points_lidar": laz_coordinates(points)}
+    for dimension in points.point_format.dimensions:
+        values = np.asarray(points[dimension.name])
+        if dimension.name not in PLACES and values.ndim == 1 and values.any():
+            arrays[dimension.name] = values
     return arrays
 
 
@@ -74,7 +76,7 @@ def laz_points(name: Path, file: BinaryIO) -> Any:
         raise
     except BaseException as error:  # the decompressor raises its own kinds, down to a panic that is no Exception
         got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise DataError(name, expected="a whole .laz file", got=got) from error
+        raise DataError(name, expected=f"a whole {name.suffix} file", got=got) from error
     if header.point_count != len(points):
         got = f"{len(points)}; the file may be cut short"
         raise DataError(name, field="points", expected=f"{header.point_count} points as its header says", got=got)

@@ -26,6 +26,11 @@ class LidarSweep:
             every point counts as taken at `timestamp_ns`.
         intensity: (N,) float32 in [0, 1], or None.
         ring: (N,) uint8, index of the laser, or None.
+        stored_rows: (N,) int64, increasing, which rows of the stored cloud the points are, where returns without a
+            position were left out; None for all of them.
+        stored_count: rows of the stored cloud; None for N.
+        read_fields: of the stored cloud, beside the positions.
+        unread_fields: of the stored cloud, that nothing here is made of.
 
     Raises:
         ShapeError: arrays that do not fit together.
@@ -36,6 +41,10 @@ class LidarSweep:
     time_offset_ns: NDArray[np.int64] | None = None
     intensity: NDArray[np.float32] | None = None
     ring: NDArray[np.uint8] | None = None
+    stored_rows: NDArray[np.int64] | None = None
+    stored_count: int | None = None
+    read_fields: tuple[str, ...] = ()
+    unread_fields: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.points_lidar.ndim != 2 or self.points_lidar.shape[1] != 3:
@@ -44,6 +53,20 @@ class LidarSweep:
             values = getattr(self, name)
             if values is not None and values.shape != (len(self.points_lidar),):
                 raise ShapeError(f"{name}: expected one per point ({len(self.points_lidar)},), got {values.shape}")
+
+    @property
+    def rows_stored(self) -> int:
+        """Rows of the stored cloud, lost returns among them: what labels of points count."""
+        return len(self.points_lidar) if self.stored_count is None else self.stored_count
+
+    def rows_of(self, stored: NDArray[np.integer]) -> NDArray[np.intp]:
+        """Rows of the points that rows of the stored cloud are; those of lost returns are left out."""
+        rows = np.asarray(stored, dtype=np.intp)
+        if self.stored_rows is None:
+            return rows
+        places = np.full(self.rows_stored, -1, dtype=np.intp)
+        places[self.stored_rows] = np.arange(len(self.stored_rows))
+        return places[rows][places[rows] >= 0]
 
     @property
     def times_ns(self) -> NDArray[np.int64]:

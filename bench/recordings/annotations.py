@@ -12,11 +12,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from bench.egomotion.time_units import unit_hint
-from bench.errors import DataError
+from bench.errors import DataError, refuse
 from bench.geometry import RigidTransform, quaternions_wxyz
 from bench.recordings import openlabel
-from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting_all
-from bench.recordings.validation import MOST_FAULTS, FileModel, TimeNs, lenient_json, read_json
+from bench.recordings.validation import FileModel, TimeNs, read_json
 from bench.records.recording import (
     ALWAYS_NS,
     COMPLETELY,
@@ -85,7 +84,7 @@ def read_annotations(file: Path) -> tuple[Track, ...]:
         DataError: missing, not of the OpenLABEL subset, or objects and frames that do not fit together.
     """
     content = read_json(openlabel.AnnotationFile, file).openlabel
-    states = _states(content, file, STRICT)
+    states = _states(content, file)
     return tuple(
         Track(
             track_id=uid,
@@ -98,49 +97,32 @@ def read_annotations(file: Path) -> tuple[Track, ...]:
     )
 
 
-def annotations_or_none(file: Path, on_error: ErrorHandler) -> tuple[Track, ...] | None:
-    """Like `read_annotations`; None after an error, which is reported with all others of the file, at most 200.
-
-    Faults of a value come first: only a file without any is searched for objects and frames that do not fit together.
-    """
-    with reporting_all(on_error, lambda _: _faults(file)):
-        return read_annotations(file)
-    return None
-
-
-def _faults(file: Path) -> tuple[DataError, ...]:
-    content, faults = lenient_json(openlabel.AnnotationFile, file)
-    if content is None:
-        return faults
-    found: list[DataError] = []
-    _states(content.openlabel, file, found.append)
-    return tuple(found[:MOST_FAULTS])
-
-
-def _states(content: openlabel.OpenLabel, file: Path, on_error: OnError) -> dict[str, list[ObjectState]]:
+def _states(content: openlabel.OpenLabel, file: Path) -> dict[str, list[ObjectState]]:
     """The states of each object, by time."""
     states: dict[str, list[ObjectState]] = {uid: [] for uid in content.objects}
     times_ns = [frame.frame_properties.timestamp for frame in content.frames.values()]
     if len(set(times_ns)) < len(times_ns) and (hint := unit_hint(times_ns)):
         expected, got = "nanoseconds, each time once", f"{len(times_ns)} frames at {len(set(times_ns))} times"
-        on_error(DataError(file, field="openlabel.frames: timestamp", expected=expected, got=got, hint=hint))
-        return states
+        raise DataError(file, field="openlabel.frames: timestamp", expected=expected, got=got, hint=hint)
     last_ns: dict[str, int] = {}
+    errors: list[DataError] = []
     for number, frame in sorted(content.frames.items(), key=lambda item: item[1].frame_properties.timestamp):
         timestamp_ns = frame.frame_properties.timestamp
         for uid, entry in frame.objects.items():
             field = f"openlabel.frames.{number}.objects.{uid}"
             if uid not in content.objects:
                 expected = "an object listed under openlabel.objects"
-                on_error(DataError(file, field=field, expected=expected, got=repr(uid)))
+                errors.append(DataError(file, field=field, expected=expected, got=repr(uid)))
             if last_ns.get(uid) == timestamp_ns:
-                on_error(DataError(file, field=field, expected="one frame for each time", got=f"{timestamp_ns} twice"))
+                got = f"{timestamp_ns} twice"
+                errors.append(DataError(file, field=field, expected="one frame for each time", got=got))
             last_ns[uid] = timestamp_ns
             try:
                 state = read_state(entry.object_data, timestamp_ns, file=file, field=field)
                 states.setdefault(uid, []).append(state)
             except DataError as error:
-                on_error(error)
+                errors.append(error)
+    refuse(errors)
     return states
 
 

@@ -19,12 +19,11 @@ from typing import Any, Literal
 from platformdirs import user_cache_path, user_config_path
 from pydantic import Field, model_validator
 
-from bench.errors import DataError, UnknownNameError, UsageError
+from bench.errors import DataError, UnknownNameError
 from bench.plain_yaml import parse_yaml
 from bench.recordings.annotations import Statement
 from bench.recordings.files import read_text
 from bench.recordings.handles import Exclusion
-from bench.recordings.object_storage import RemoteUrl, parse_location
 from bench.recordings.validation import FileModel, validated
 
 WORKING_FOLDER = Path("datasets")
@@ -42,9 +41,8 @@ class CardFile(FileModel):
         title: one line for lists.
         adapter: a name of `ADAPTERS` or of an entry point.
         root: folder of the data; relative to the card (of cards that ship with the package, see `data_folder`),
-            `${VARIABLE}` expanded; or an address as `s3://bucket/folder`.
-        scenario: scenario file, relative to the card, that is rendered into `root` when that is missing and
-            no address.
+            `${VARIABLE}` expanded.
+        scenario: scenario file, relative to the card, that is rendered into `root` when that is missing.
         annotations: folder of annotation files apart from the data, relative to the card.
         annotated: "complete", "none", or which times and areas are; null for what each recording says of itself.
         licence: of the data.
@@ -108,19 +106,9 @@ class DatasetCard:
         """Folder of the data, which need not exist.
 
         Raises:
-            DataError: it names an environment variable that is not set, or is an address.
+            DataError: it names an environment variable that is not set, or an address.
         """
         return self._beside_card(self.content.root, "root")
-
-    @property
-    def remote_root(self) -> RemoteUrl | None:
-        """Address of the data's folder; None where it is one of this machine.
-
-        Raises:
-            DataError: it names an environment variable that is not set, or is an address that cannot be used.
-        """
-        place = self._place(self.content.root, "root")
-        return place if isinstance(place, RemoteUrl) else None
 
     @property
     def address(self) -> str:
@@ -141,12 +129,6 @@ class DatasetCard:
         return None if self.content.annotations is None else self._beside_card(self.content.annotations, "annotations")
 
     def _beside_card(self, path: str, field: str) -> Path:
-        place = self._place(path, field)
-        if isinstance(place, RemoteUrl):
-            raise DataError(self.file, field=field, expected="a folder or file of this machine", got=str(place))
-        return place
-
-    def _place(self, path: str, field: str) -> Path | RemoteUrl:
         def expanded(match: re.Match[str]) -> str:
             value = os.environ.get(match[1])
             if not value:
@@ -156,13 +138,11 @@ class DatasetCard:
                 raise DataError(self.file, field=field, expected="a folder", got=got, hint=hint)
             return value
 
-        try:
-            place = parse_location(re.sub(r"\$\{(\w+)\}", expanded, path))
-        except UsageError as error:
-            raise DataError(self.file, field=field, expected="a folder or an address", got=str(error)) from error
-        if isinstance(place, RemoteUrl):
-            return place
-        place = place.expanduser()
+        text = re.sub(r"\$\{(\w+)\}", expanded, path)
+        if "://" in text:
+            hint = "copy the data with the storage's own tool (aws s3 sync, gsutil rsync), or mount it (rclone mount)"
+            raise DataError(self.file, field=field, expected="a folder of this machine", got="an address", hint=hint)
+        place = Path(text).expanduser()
         data = data_folder()
         ships = data is not None and field == "root" and _same(self.file.parent, shipped_folder())
         if data is not None and ships and place.is_relative_to(RENDERED):

@@ -6,16 +6,16 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
-from functools import partial
-from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_targets
 from bench.recordings.annotations import REVIEW_SUFFIX, annotated_as
 from bench.recordings.cards import DatasetCard
 from bench.recordings.handles import RecordingHandle
-from bench.recordings.object_storage import remote_recordings
+
+if TYPE_CHECKING:
+    from bench.recordings.contract import Adapter
 
 ADAPTERS = {
     "native": "bench.recordings.native:native_recordings",
@@ -28,27 +28,6 @@ ADAPTERS = {
 ENTRY_POINTS = "fisheye_bench.adapters"
 SHOWN = 10  # names that a message lists
 FIRST_IMAGES = re.compile(r"\[:([1-9][0-9]{0,8})\]$")
-
-
-class Adapter(Protocol):
-    """Adapter of a data set: a function that lists the recordings below a folder without opening them."""
-
-    def __call__(
-        self, root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
-    ) -> tuple[RecordingHandle, ...]:
-        """List recordings.
-
-        Args:
-            root: the data set's folder, which exists.
-            options: the card's `options`, for the adapter to validate.
-            card: the card's file, for messages.
-            annotations: folder of `<recording>.json` files that stand in for the data set's own annotations where
-                they exist; None for none.
-
-        Raises:
-            DataError: options that are wrong, or a folder that is not of this data set.
-        """
-        ...
 
 
 def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[RecordingHandle, ...]:
@@ -69,12 +48,12 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
     handles = {handle.name: handle for handle in listed}
     if len(handles) < len(listed):
         twice = next(handle.name for handle in listed if handles[handle.name] is not handle)
-        raise DataError(_root(card), expected="recordings of different names", got=f"{twice!r} twice")
+        raise DataError(card.root, expected="recordings of different names", got=f"{twice!r} twice")
     for name in handles:
         if any("\ud800" <= character <= "\udfff" for character in name):
-            raise DataError(_root(card), expected="recordings with names in UTF-8", got=repr(name), hint="rename it")
+            raise DataError(card.root, expected="recordings with names in UTF-8", got=repr(name), hint="rename it")
     if not handles:
-        raise DataError(_root(card), expected=f"recordings of the adapter {card.content.adapter!r}", got="none")
+        raise DataError(card.root, expected=f"recordings of the adapter {card.content.adapter!r}", got="none")
     names, limit = chosen_recordings(card, split, tuple(handles))
     excluded = card.content.exclusions
     _refuse_unknown((e.recording for e in excluded), handles, card, "exclusions")
@@ -124,18 +103,11 @@ def chosen_recordings(card: DatasetCard, split: str | None, known: Sequence[str]
 
 
 def _listed(card: DatasetCard) -> tuple[RecordingHandle, ...]:
-    adapter, url = _adapter(card.content.adapter), card.remote_root
-    list_recordings = partial(adapter, options=card.content.options, card=card.file, annotations=card.annotations)
-    if url is not None:
-        return remote_recordings(url, card.content.adapter, list_recordings)
+    adapter = _adapter(card.content.adapter)
     if not card.root.is_dir():
         hint, got = card.content.how_to_get or "see the card", f"{card.root}, which is missing"
         raise DataError(card.file, field="root", expected="a folder with the data", got=got, hint=hint)
-    return list_recordings(card.root)
-
-
-def _root(card: DatasetCard) -> str:
-    return str(card.remote_root or card.root)
+    return adapter(card.root, options=card.content.options, card=card.file, annotations=card.annotations)
 
 
 def _adapter(name: str) -> Adapter:
@@ -150,7 +122,7 @@ def _refuse_unknown(names: Iterable[str], known: Collection[str], card: DatasetC
     for name in names:
         if name not in known:
             some = ", ".join(sorted(known)[:SHOWN])
-            raise DataError(card.file, field=field, expected=f"recordings of {_root(card)}: {some}", got=repr(name))
+            raise DataError(card.file, field=field, expected=f"recordings of {card.root}: {some}", got=repr(name))
 
 
 def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, RecordingHandle]) -> None:

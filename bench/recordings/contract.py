@@ -1,4 +1,4 @@
-"""Contract of every adapter, as a test that its author can run on his own data.
+"""Contract of every adapter: its signature, and what it promises as a test that its author can run on his own data.
 
     from bench.recordings.contract import check_adapter
 
@@ -20,14 +20,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from unittest.mock import patch
 
 import numpy as np
 
 from bench.atomic import linked_folder
 from bench.errors import BenchError, DataError
-from bench.recordings.catalogue import Adapter
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_image
 from bench.records.recording import OBJECT_CLASSES, Recording, SweepRef, Track
@@ -36,6 +35,27 @@ LARGEST_HANDLE_BYTES = 100_000
 READ_IMAGES, READ_SWEEPS = 12, 4
 LEAK_BYTES = 1_000_000
 NO_SUCH_OPTION = "no_such_option_of_any_adapter"
+
+
+class Adapter(Protocol):
+    """Adapter of a data set: a function that lists the recordings below a folder without opening them."""
+
+    def __call__(
+        self, root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
+    ) -> tuple[RecordingHandle, ...]:
+        """List recordings.
+
+        Args:
+            root: the data set's folder, which exists.
+            options: the card's `options`, for the adapter to validate.
+            card: the card's file, for messages.
+            annotations: folder of `<recording>.json` files that stand in for the data set's own annotations where
+                they exist; None for none.
+
+        Raises:
+            DataError: options that are wrong, or a folder that is not of this data set.
+        """
+        ...
 
 
 def check_adapter(adapter: Adapter, root: Path, *, options: Mapping[str, Any] | None = None) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from os import scandir
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import IO, Any
 from xml.etree.ElementTree import Element, ParseError
 
@@ -15,8 +16,8 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
 from bench.atomic import open_regular, read_regular, refuse_escape
-from bench.errors import DataError
-from bench.recordings.error_handlers import OnError, reporting
+from bench.errors import DataError, refuse
+from bench.records.recording import Content
 
 LARGEST_BYTES = 100_000_000  # a million rows of poses
 LARGEST_NUMBER = 1e12  # nothing that is measured comes near, and squares of it stay finite
@@ -25,7 +26,7 @@ LONGEST_FRAME_NUMBER = 18  # digits
 
 
 def numbered_files(
-    root: Path, folder: Path, number_of: Callable[[Path], int | None], on_error: OnError, *, each: str
+    root: Path, folder: Path, number_of: Callable[[Path], int | None], *, each: str, links_into: Path | None = None
 ) -> dict[int, Path]:
     """The files of a folder by their number, in order; none where the folder does not exist.
 
@@ -33,32 +34,77 @@ def numbered_files(
         root: folder of the data set, which no file may leave.
         folder: below it.
         number_of: of a file, by its name; None for one to pass over.
-        on_error: takes errors of single files: a name that `number_of` refuses, a link that leads outside, a number
-            that two files have.
         each: what has one file, for messages.
+        links_into: as of `refuse_escape`.
 
     Raises:
-        DataError: the folder leads outside of `root`.
+        DataError: a name that `number_of` refuses, a file or folder that leads outside of `root`, or a number that two
+            files have.
     """
     if not folder.is_dir():
         return {}
-    refuse_escape(root, folder, file=folder)
+    refuse_escape(root, folder, file=folder, links_into=links_into)
     found: dict[int, Path] = {}
+    errors: list[DataError] = []
     for entry in sorted(scandir(folder), key=lambda entry: entry.name):
         path = folder / entry.name
-        with reporting(on_error):
+        try:
             number = number_of(path)
             if number is None:
                 continue
             if entry.is_symlink():
-                refuse_escape(root, path, file=path)
+                refuse_escape(root, path, file=path, links_into=links_into)
             if number in found:
                 raise DataError(path, expected=f"one file for each {each}", got=f"also {found[number].name}")
             found[number] = path
+        except DataError as error:
+            errors.append(error)
+    refuse(errors)
     return dict(sorted(found.items()))
 
 
-def framed_files(root: Path, folder: Path, pattern: str, on_error: OnError) -> dict[int, Path]:
+PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".lz4")
+
+
+def file_contents(
+    root: Path, folder: Path, read: Iterable[Path], read_as: str, *, suffixes: Sequence[str] = ()
+) -> Iterator[Content]:
+    """What a folder holds: files that are read, and others by their suffix; nothing where it does not exist.
+
+    Args:
+        root: of the recording, from which the folder is named.
+        folder: below it.
+        read: its files that are read.
+        read_as: what they become.
+        suffixes: those that files of the folder should have; none where others are usual beside them.
+    """
+    if not folder.is_dir():
+        return
+    names = {path.name for path in read}
+    groups: dict[tuple[str, bool], list[str]] = defaultdict(list)
+    for entry in scandir(folder):
+        if not entry.name.startswith("."):
+            pattern = f"{entry.name}/" if entry.is_dir() else f"*{_whole_suffix(entry.name)}"
+            groups[pattern, entry.name in names].append(pattern if entry.is_dir() else entry.name)
+    place = "" if folder == root else f"{folder.relative_to(root).as_posix()}/"
+    why = f"no {' or '.join(suffixes)}" if suffixes else "not asked for"
+    for (pattern, is_read), entries in sorted(groups.items()):
+        yield Content(
+            what=f"{place}{pattern if len(entries) > 1 else entries[0]}",
+            count=len(entries),
+            read_as=read_as if is_read else "",
+            why="" if is_read else why,
+            suspect=bool(suffixes) and not is_read,
+        )
+
+
+def _whole_suffix(name: str) -> str:
+    """The suffix of a file, with that of what is packed in it."""
+    path = PurePath(name)
+    return "".join(path.suffixes[-2:]) if path.suffix.lower() in PACKED else path.suffix
+
+
+def framed_files(root: Path, folder: Path, pattern: str) -> dict[int, Path]:
     """The files of a folder whose whole name fits a pattern, by the frame number in its first group, in order."""
     named = re.compile(pattern)
 
@@ -66,7 +112,7 @@ def framed_files(root: Path, folder: Path, pattern: str, on_error: OnError) -> d
         match = named.fullmatch(path.name)
         return None if match is None or len(match[1]) > LONGEST_FRAME_NUMBER else int(match[1])
 
-    return numbered_files(root, folder, number_of, on_error, each="frame")
+    return numbered_files(root, folder, number_of, each="frame")
 
 
 def read_object(root: Path, file: Path, *, expected: str) -> dict[str, Any]:
@@ -102,7 +148,7 @@ def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES, expected: str =
         DataError: missing, too large, empty, or not UTF-8.
     """
     try:
-        text = read_regular(file, largest_bytes=largest_bytes).decode()
+        text = read_regular(file, largest_bytes=largest_bytes).decode("utf-8-sig")
     except OSError as error:
         raise DataError(file, expected=expected, got=error.strerror or str(error)) from error
     except UnicodeDecodeError as error:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from pydantic import Field
 
-from bench.errors import DataError
-from bench.recordings.error_handlers import ErrorCollector, NothingUsableError, Part
 from bench.recordings.validation import FileModel
 from bench.records.recording import NO_INPUT_ERRORS, NOT_ANNOTATED, Annotated, ImageRef, InputErrors, Recording
 
@@ -40,41 +38,26 @@ class Exclusion(FileModel):
         return _within(frame, self.frames) and _within(timestamp_ns, self.timestamps_ns)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LenientReading:
-    """Every error of the files that opening reads, and the rest of the recording.
-
-    Attributes:
-        errors: one for each fault.
-        recording: what is left; cameras, images, sweeps and objects that cannot be used are not in it. None where not
-            even the calibration can be used.
-        missing: parts of `recording` that only have a stand-in: a stationary trajectory, no tracks.
-    """
-
-    errors: tuple[DataError, ...]
-    recording: Recording | None
-    missing: frozenset[Part] = frozenset()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingHandle:
     """A recording by name; it travels to other processes and is opened there.
 
     Attributes:
         name: of the recording.
-        opener: opens it; a function of a module, or a `functools.partial` of one.
+        opener: opens it; a function of a module, or a `functools.partial` of one. The first error ends it.
+        parts: gives readers of its files one by one, which `validate` calls where opening fails, so that the errors of
+            every file are listed; of other openers the first alone.
         exclusions: images that are left out on opening.
         first_images: of each camera that is left, how many there are after opening; None for all.
-        lenient: the opener takes an error handler, `on_error`; False where the first error is the only one known.
         input_errors: injected into the method's input.
         annotated: what the card says is annotated of a recording that is; None for what that says itself.
     """
 
     name: str
-    opener: Callable[..., Recording]
+    opener: Callable[[], Recording]
+    parts: Callable[[], Iterable[Callable[[], object]]] = tuple
     exclusions: tuple[Exclusion, ...] = ()
     first_images: int | None = None
-    lenient: bool = False
     input_errors: InputErrors = NO_INPUT_ERRORS
     annotated: Annotated | None = None
 
@@ -93,17 +76,6 @@ class RecordingHandle:
             return recording
         images = {camera: self._included(refs)[: self.first_images] for camera, refs in recording.images.items()}
         return replace(recording, images=images)
-
-    def read_leniently(self) -> LenientReading:
-        """Find all errors of a recording that does not open, and what of it can be used, exclusions included."""
-        collector, recording = ErrorCollector(), None
-        try:
-            recording = self.opener(on_error=collector) if self.lenient else self.opener()
-        except NothingUsableError:
-            pass
-        except DataError as error:
-            collector(error)
-        return LenientReading(errors=tuple(collector.errors), recording=recording, missing=frozenset(collector.missing))
 
     def _included(self, refs: tuple[ImageRef, ...]) -> tuple[ImageRef, ...]:
         return tuple(

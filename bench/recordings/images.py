@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,10 @@ from bench.records.recording import ImageRef, MountedCamera
 
 PNG_START, PNG_END = b"\x89PNG\r\n\x1a\n", b"\0\0\0\0IEND\xaeB`\x82"
 JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"
-JPEG_TAIL_BYTES = 64  # some cameras pad the end
 JPEG_SCAN, MOST_SCANS = b"\xff\xda", 100  # each takes the time of a whole image; encoders write ten or so
 PNG_8_BIT_GREY = b"\x08\x00"  # depth and kind of colour, in the header
+PNG_INDEXED = b"\x03"  # kind of colour
+MOST_WHITE = 65535
 LARGEST_PX = 1 << 26  # 8192 x 8192; a header of a few bytes can ask for far more
 
 
@@ -40,11 +42,31 @@ def read_image(image: ImageRef, camera: MountedCamera, *, colour: bool = False) 
         DataError: missing, cut short, not to be decoded, or of another size than the calibration's.
     """
     if image.stored is None:
-        kind = cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE
-        pixels = _decode(image.path, kind | cv2.IMREAD_IGNORE_ORIENTATION)
+        pixels = decode_image(_content(image.path), colour=colour, file=image.path)
     else:
         pixels = image.stored.pixels(colour=colour)
     return np.asarray(_at_model_size(pixels, image.path, camera, cv2.INTER_AREA), dtype=np.uint8)
+
+
+@dataclass(frozen=True, slots=True)
+class WhiteLevelImage:
+    """A file of more than 8 bits a value whose white is stated; a `bench.records.recording.StoredImage`.
+
+    Attributes:
+        container: the file.
+        white_level: value that becomes 255; what is brighter becomes 255 too.
+    """
+
+    container: Path
+    white_level: int
+
+    def content(self) -> bytes:
+        """Bytes of the file, after its white level."""
+        return f"white level {self.white_level} ".encode() + _content(self.container)
+
+    def pixels(self, *, colour: bool) -> NDArray[np.uint8]:
+        """Decode it, as `decode_image`."""
+        return decode_image(_content(self.container), colour=colour, white_level=self.white_level, file=self.container)
 
 
 def read_truth(image: ImageRef, camera: MountedCamera | None = None) -> NDArray[np.uint16]:
@@ -62,7 +84,7 @@ def read_truth(image: ImageRef, camera: MountedCamera | None = None) -> NDArray[
     """
     if image.truth_path is None:
         raise DataError(image.path, expected="an image with truth beside it", got="one of a recording without")
-    ids = _decode(image.truth_path, cv2.IMREAD_UNCHANGED)
+    ids = decode_values(_content(image.truth_path), file=image.truth_path)
     if ids.dtype != np.uint16 or ids.ndim != 2:
         raise DataError(image.truth_path, expected="a 16-bit grey PNG", got=f"{ids.dtype} {ids.shape}")
     if camera is not None:
@@ -85,7 +107,7 @@ def read_moving_mask(image: ImageRef, camera: MountedCamera) -> NDArray[np.bool_
     """
     if image.moving_path is None:
         raise DataError(image.path, expected="an image with a mask of what moves", got="one without")
-    classes = _decode(image.moving_path, cv2.IMREAD_UNCHANGED)
+    classes = decode_values(_content(image.moving_path), file=image.moving_path)
     if classes.dtype != np.uint8 or classes.ndim != 2:
         raise DataError(image.moving_path, expected="an 8-bit grey PNG", got=f"{classes.dtype} {classes.shape}")
     return np.asarray(_at_model_size(classes, image.moving_path, camera, cv2.INTER_NEAREST) > 0)
@@ -101,24 +123,60 @@ def read_mask(path: Path, size_px: tuple[int, int]) -> NDArray[np.bool_]:
     Raises:
         DataError: missing, cut short, or of another size.
     """
-    pixels = _decode(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    pixels = decode_image(_content(path), file=path)
     got = (pixels.shape[1], pixels.shape[0])
     if got != tuple(size_px):
         raise DataError(path, expected="{} x {} px".format(*size_px), got="{} x {}".format(*got))
     return np.asarray(pixels > 0)
 
 
-def decode_image(content: bytes, flags: int, *, file: Path) -> NDArray[Any]:
-    """Decode the content of an image file.
+def decode_image(
+    content: bytes, *, colour: bool = False, white_level: int = MOST_WHITE, file: Path
+) -> NDArray[np.uint8]:
+    """Decode an image file to what is seen.
 
     Args:
         content: a whole PNG or JPEG file.
-        flags: as `cv2.imdecode` takes them.
+        colour: BGR instead of grey.
+        white_level: value of files of 16 bits that becomes 255; what is brighter becomes 255 too.
         file: it comes from, for messages.
+
+    Returns:
+        (height, width) uint8 or (height, width, 3) uint8 BGR.
 
     Raises:
         DataError: cut short, damaged, or not to be decoded.
     """
+    kind = cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE
+    if not _has_16_bits(content):
+        return np.asarray(_decoded(content, kind | cv2.IMREAD_IGNORE_ORIENTATION, file), dtype=np.uint8)
+    return as_seen(_decoded(content, kind | cv2.IMREAD_ANYDEPTH, file), white_level)
+
+
+def decode_values(content: bytes, *, file: Path) -> NDArray[Any]:
+    """Decode an image file to the values that it holds: (height, width) or (height, width, channels), uint8 or uint16.
+
+    Args:
+        content: a whole PNG or JPEG file.
+        file: it comes from, for messages.
+
+    Raises:
+        DataError: cut short, damaged, not to be decoded, or indices into a palette.
+    """
+    if content.startswith(PNG_START) and content[25:26] == PNG_INDEXED:
+        got = "an indexed one, of which a decoder gives colours"
+        raise DataError(file, expected="a PNG of grey values", got=got, hint="store the indices as a grey PNG")
+    return _decoded(content, cv2.IMREAD_UNCHANGED, file)
+
+
+def as_seen(values: NDArray[np.uint16], white_level: int) -> NDArray[np.uint8]:
+    """Values of 16 bits on the scale of 8, where `white_level` and all above is 255."""
+    scaled = np.minimum(values.astype(np.float32) * (255.0 / white_level), 255.0)
+    return np.asarray(scaled.round(), dtype=np.uint8)
+
+
+def _decoded(content: bytes, flags: int, file: Path) -> NDArray[Any]:
+    """The decoder of all images; `flags` as `cv2.imdecode` takes them."""
     fault = _fault(content)
     if fault is not None:
         raise DataError(file, expected="a whole PNG or JPEG file", got=fault)
@@ -142,6 +200,10 @@ def decode_image(content: bytes, flags: int, *, file: Path) -> NDArray[Any]:
     if pixels is None:
         raise DataError(file, expected="an image that can be decoded", got=f"{len(content)} bytes that cannot")
     return pixels
+
+
+def _has_16_bits(content: bytes) -> bool:
+    return content.startswith(PNG_START) and content[24:25] == b"\x10"
 
 
 def _grey_png(content: bytes, header: PngImageFile | JpegImageFile) -> NDArray[np.uint8] | None:
@@ -179,12 +241,11 @@ def _jpeg(content: bytes, header: PngImageFile | JpegImageFile | None, kind: int
     return seen[..., 0] if grey else np.asarray(cv2.cvtColor(seen, cv2.COLOR_RGB2BGR), dtype=np.uint8)
 
 
-def _decode(path: Path, flags: int) -> NDArray[Any]:
+def _content(path: Path) -> bytes:
     try:
-        content = read_regular(path)
+        return read_regular(path)
     except OSError as error:
         raise DataError(path, expected="an image file", got=error.strerror or str(error)) from error
-    return decode_image(content, flags, file=path)
 
 
 def _at_model_size(pixels: NDArray[Any], path: Path, camera: MountedCamera, interpolation: int) -> NDArray[Any]:
@@ -203,7 +264,7 @@ def _fault(content: bytes) -> str | None:
     if content.startswith(PNG_START):
         return None if PNG_END in content else f"a PNG cut short at {len(content)} bytes"
     if content.startswith(JPEG_START):
-        return None if JPEG_END in content[-JPEG_TAIL_BYTES:] else f"a JPEG cut short at {len(content)} bytes"
+        return None if JPEG_END in content else f"a JPEG cut short at {len(content)} bytes"  # what follows is padding
     return f"{len(content)} bytes that begin with {content[:8].hex(' ')}" if content else "an empty file"
 
 

@@ -2,37 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from os.path import lexists
 from pathlib import Path
+from typing import Annotated as Of
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from bench.atomic import path_inside, refuse_escape
-from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals, read_tum
+from bench.egomotion import Trajectory, read_bus_signals, read_tum
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
-from bench.recordings.annotations import Statement, annotated_as, annotation_file_in, annotations_or_none
-from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, reporting_all, stationary
-from bench.recordings.files import numbered_files
+from bench.lidar.files import FORMATS
+from bench.recordings.annotations import Statement, annotated_as, annotation_file_in, read_annotations
+from bench.recordings.files import file_contents, numbered_files
 from bench.recordings.handles import RecordingHandle
-from bench.recordings.images import read_mask
+from bench.recordings.images import WhiteLevelImage, read_mask
 from bench.recordings.mounting import camera_model, mounted_camera
-from bench.recordings.schema import CameraHead, RecordingHead, TrueCalibration
-from bench.recordings.validation import LATEST_NS, FileModel, SidePx, json_faults, read_json, validated
-from bench.records.recording import NOT_ANNOTATED, Annotated, ImageRef, MountedCamera, Recording, SweepRef, Track
+from bench.recordings.schema import RecordingHead, TrueCalibration
+from bench.recordings.validation import LATEST_NS, FileModel, SidePx, read_json, validated
+from bench.records.recording import (
+    NOT_ANNOTATED,
+    Annotated,
+    Content,
+    ImageRef,
+    MountedCamera,
+    Recording,
+    SweepRef,
+    Track,
+)
 
 HEAD = "recording.json"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
-SWEEP_SUFFIXES = (".npz", ".bin", ".pcd", ".ply", ".laz")
+SWEEP_SUFFIXES = tuple(FORMATS)
 EGOMOTION_FILES = ("egomotion.csv", "poses.csv")
+READ = (HEAD, *EGOMOTION_FILES, "annotations.json", "images", "lidar", "truth", "ego_body")
 TRUE_POSES, TRUE_CALIBRATION = "truth/poses.csv", "truth/calibration.json"
 
 Source = Literal["recorded", "exact"]
+
+
+def _with_places(columns: tuple[str, ...]) -> tuple[str, ...]:
+    if not set("xyz") <= set(columns) or len(set(columns)) < len(columns):
+        raise ValueError("each column once, x, y and z among them")
+    return columns
+
+
+BinColumns = Of[tuple[str, ...], Field(min_length=3, max_length=32), AfterValidator(_with_places)]
 
 
 class NativeOptions(FileModel):
@@ -42,239 +63,228 @@ class NativeOptions(FileModel):
         evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
         ego_motion: "recorded", what the car reports, or "exact", the true poses of a synthetic recording.
         calibration: "recorded", what `recording.json` says, or "exact", where the sensors of a synthetic recording are.
+        bin_columns: names of the columns of sweeps in .bin; null for x, y, z, the intensity, and what the numbers show.
+        links_into: folder of files that links in a recording may lead to, relative to the data set's root, such as the
+            cache of DVC or of Hugging Face; null for none.
     """
 
     evaluated_size_px: tuple[SidePx, SidePx] | None = Field(default=None)
     ego_motion: Source = "recorded"
     calibration: Source = "recorded"
+    bin_columns: BinColumns | None = None
+    links_into: str | None = None
 
 
-def _read_head(root: Path, calibration: Source) -> RecordingHead:
-    """`recording.json`, with the true mountings where `calibration` is "exact"."""
-    file = root / HEAD
-    head = read_json(RecordingHead, file)
-    refuse_escape(root, file, file=file)
-    return head if calibration == "recorded" else _truly_calibrated(root, head)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NativeFolder:
+    """Folder of a recording, and how it is to be read.
 
+    Attributes:
+        root: the folder.
+        options: as in the card.
+        annotations: annotation file that stands in for the recording's own; None for none.
+        links_into: folder outside of `root` that links may lead into; None for none.
+    """
 
-def _refuse_other_name(root: Path, head: RecordingHead) -> None:
-    """Refuse a name that is not the folder's."""
-    if head.name != root.resolve().name:
-        expected = f"{root.resolve().name!r}, as its folder"
-        raise DataError(root / HEAD, field="name", expected=expected, got=repr(head.name))
+    root: Path
+    options: NativeOptions = field(default_factory=NativeOptions)
+    annotations: Path | None = None
+    links_into: Path | None = None
 
+    def open(self) -> Recording:
+        """Open the recording.
 
-def _truly_calibrated(root: Path, head: RecordingHead) -> RecordingHead:
-    file = _truth(root, TRUE_CALIBRATION, "calibration")
-    true = read_json(TrueCalibration, file)
-    if set(true.vehicle_from_camera) != set(head.cameras):
-        raise DataError(
-            file,
-            field="vehicle_from_camera",
-            expected=f"the cameras of {HEAD}: {', '.join(sorted(head.cameras))}",
-            got=", ".join(sorted(true.vehicle_from_camera)) or "none",
+        Raises:
+            DataError: a file that is missing or not what the format asks for.
+        """
+        head = self._head()
+        cameras = self._cameras(head)
+        images = {name: self._images(name, entry.white_level) for name, entry in head.cameras.items()}
+        trajectory, sweeps = self._trajectory(), self._sweeps()
+        tracks, annotated = self._tracks(head.annotated)
+        beams = head.lidar.lidar_from_sensor
+        return Recording(
+            name=self.root.resolve().name,
+            root=self.root,
+            licence=head.licence,
+            frame_interval_ns=head.frame_interval_ns,
+            cameras=cameras,
+            images=images,
+            trajectory=trajectory,
+            vehicle_from_lidar=head.lidar.vehicle_from_lidar.transform,
+            sweeps=sweeps,
+            tracks=tracks,
+            annotated=annotated,
+            vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
+            lidar_from_sensor=RigidTransform.identity() if beams is None else beams.transform,
+            contents=tuple(self._contents(images, sweeps)),
         )
-    cameras = {
-        name: entry.model_copy(update={"vehicle_from_camera": true.vehicle_from_camera[name]})
-        for name, entry in head.cameras.items()
-    }
-    lidar = head.lidar.model_copy(update={"vehicle_from_lidar": true.vehicle_from_lidar})
-    return head.model_copy(update={"cameras": cameras, "lidar": lidar})
 
+    def parts(self) -> tuple[Callable[[], object], ...]:
+        """Readers of the files, one by one."""
+        cameras = sorted(path.name for path in self.root.glob("images/*/"))
+        images = (partial(self._images, name) for name in cameras)
+        return (self._head, *images, self._trajectory, self._sweeps, self._tracks)
 
-def _truth(root: Path, name: str, option: str) -> Path:
-    """A file of the exact truth, which only synthetic recordings have."""
-    file = root / name
-    if not file.is_file():
-        hint = f"set the card's option {option}: recorded, or render the recording again"
-        raise DataError(file, expected=f"the truth for {option}: exact", got="no such file", hint=hint)
-    refuse_escape(root, file, file=file)
-    return file
+    def _head(self) -> RecordingHead:
+        """`recording.json`, with the true mountings where the card asks for these."""
+        file = self._inside(HEAD)
+        head = read_json(RecordingHead, file)
+        if head.name != self.root.resolve().name:
+            expected = f"{self.root.resolve().name!r}, as its folder"
+            raise DataError(file, field="name", expected=expected, got=repr(head.name))
+        folder = self.root / "images"
+        if not folder.is_dir():
+            raise DataError(folder, expected="a folder with one folder of images per camera", got="no such folder")
+        for name in sorted(path.name for path in folder.iterdir() if path.is_dir() and path.name not in head.cameras):
+            expected = f"a calibration for images/{name}"
+            raise DataError(file, field=f"cameras.{name}", expected=expected, got="none")
+        return head if self.options.calibration == "recorded" else self._truly_calibrated(head)
 
+    def _truly_calibrated(self, head: RecordingHead) -> RecordingHead:
+        file = self._truth(TRUE_CALIBRATION, "calibration")
+        true = read_json(TrueCalibration, file)
+        if set(true.vehicle_from_camera) != set(head.cameras):
+            raise DataError(
+                file,
+                field="vehicle_from_camera",
+                expected=f"the cameras of {HEAD}: {', '.join(sorted(head.cameras))}",
+                got=", ".join(sorted(true.vehicle_from_camera)) or "none",
+            )
+        cameras = {
+            name: entry.model_copy(update={"vehicle_from_camera": true.vehicle_from_camera[name]})
+            for name, entry in head.cameras.items()
+        }
+        lidar = head.lidar.model_copy(update={"vehicle_from_lidar": true.vehicle_from_lidar})
+        return head.model_copy(update={"cameras": cameras, "lidar": lidar})
 
-def _mounted_camera(
-    root: Path, name: str, entry: CameraHead, head: RecordingHead, size_px: tuple[int, int] | None
-) -> MountedCamera:
-    """A camera of the head, at the size at which it is evaluated."""
-    file, field = root / HEAD, f"cameras.{name}"
-    ego_body = None
-    if entry.ego_body_mask is not None:
-        path = path_inside(root, entry.ego_body_mask, file=file, field=f"{field}.ego_body_mask")
-        ego_body = read_mask(path, entry.image_size)
-    return mounted_camera(
-        name,
-        camera_model(entry.model, entry.image_size, file=file, field=f"{field}.model"),
-        entry.vehicle_from_camera.transform,
-        ground_height_m=head.vehicle.ground_height_m,
-        ego_body=ego_body,
-        evaluated_size_px=size_px,
-        rolling_shutter=entry.rolling_shutter,
-        file=file,
-        field=f"{field}.vehicle_from_camera",
-    )
-
-
-def _refuse_uncalibrated(root: Path, head: RecordingHead) -> None:
-    """Refuse folders of images that the head has no camera for."""
-    folder = root / "images"
-    if not folder.is_dir():
-        raise DataError(folder, expected="a folder with one folder of images per camera", got="no such folder")
-    for path in sorted(folder.iterdir()):
-        if path.is_dir() and path.name not in head.cameras:
-            expected = f"a calibration for images/{path.name}"
-            raise DataError(root / HEAD, field=f"cameras.{path.name}", expected=expected, got="none")
-
-
-def _image_refs(root: Path, camera: str, on_error: OnError) -> tuple[ImageRef, ...]:
-    """The images of a camera, by time; what is wrong with a name goes to `on_error`."""
-    folder = root / "images" / camera
-    paths = _timed_files(root, folder, IMAGE_SUFFIXES, on_error)
-    if not paths:
-        on_error(DataError(folder, expected="images named <timestamp_ns>.png or .jpg", got="none"))
-    truth = _timed_files(root, root / "truth" / camera, (".png",), on_error)
-    return tuple(
-        ImageRef(camera=camera, timestamp_ns=time_ns, path=path, truth_path=truth.get(time_ns))
-        for time_ns, path in paths.items()
-    )
-
-
-def _sweep_refs(root: Path, on_error: OnError) -> tuple[SweepRef, ...]:
-    """The sweeps, by time; what is wrong with a name goes to `on_error`."""
-    paths = _timed_files(root, root / "lidar", SWEEP_SUFFIXES, on_error)
-    return tuple(SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in paths.items())
-
-
-def _timed_files(root: Path, folder: Path, suffixes: tuple[str, ...], on_error: OnError) -> dict[int, Path]:
-    """Files named by their time; hidden ones are not finished and passed over."""
-
-    def time_ns(path: Path) -> int | None:
-        if path.name.startswith(".") or path.suffix.lower() not in suffixes:
-            return None
-        if not path.stem.isascii() or not path.stem.isdigit() or int(path.stem) > LATEST_NS:
-            seconds = path.stem.replace(".", "", 1).isdigit() and "." in path.stem
-            hint = "these would be seconds: multiply them by 1000000000" if seconds else ""
-            raise DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem), hint=hint)
-        return int(path.stem)
-
-    return numbered_files(root, folder, time_ns, on_error, each="time")
-
-
-def _trajectory(root: Path, ego_motion: Source, on_error: ErrorHandler) -> Trajectory:
-    """Read the ego-motion; a stand-in after an error."""
-
-    def find_all(error: DataError) -> Iterable[DataError]:
-        file = root / EGOMOTION_FILES[0]
-        return bus_signal_faults(file) if ego_motion == "recorded" and error.file == str(file) else ()
-
-    with reporting_all(on_error, find_all):
-        return _ego_motion(root, ego_motion)
-    on_error.leave_out("trajectory")
-    return stationary(root)
-
-
-def _ego_motion(root: Path, ego_motion: Source) -> Trajectory:
-    """Read the motion that the car reports, or the true poses."""
-    if ego_motion == "exact":
-        return read_tum(_truth(root, TRUE_POSES, "ego_motion"))
-    present = [root / name for name in EGOMOTION_FILES if (root / name).is_file()]
-    if len(present) != 1:
-        expected = f"one of {' and '.join(EGOMOTION_FILES)}"
-        hint = "" if present else "the reference cannot do without: it moves lidar points to the time of the image"
-        raise DataError(root, expected=expected, got="both" if present else "neither", hint=hint)
-    refuse_escape(root, present[0], file=present[0])
-    if present[0].name == "egomotion.csv":
-        return read_bus_signals(present[0]).trajectory()
-    return read_tum(present[0])
-
-
-def _tracks(
-    root: Path, annotations: Path | None, stated: Statement | None, on_error: ErrorHandler
-) -> tuple[tuple[Track, ...], Annotated]:
-    """The objects of `annotations`, else of the recording's own file, and what they cover: without a file nothing."""
-    tracks = None
-    with reporting(on_error):
-        file = annotations or _own_annotations(root, stated)
-        if file is None:
-            return (), NOT_ANNOTATED
-        tracks = annotations_or_none(file, on_error)
-    if tracks is None:
-        on_error.leave_out("annotations")
-        return (), NOT_ANNOTATED
-    return tracks, annotated_as(stated or "complete")
-
-
-def _own_annotations(root: Path, stated: Statement | None) -> Path | None:
-    file = root / "annotations.json"
-    if lexists(file):
-        refuse_escape(root, file, file=file)
+    def _truth(self, name: str, option: str) -> Path:
+        """A file of the exact truth, which only synthetic recordings have."""
+        file = self._inside(name)
+        if not file.is_file():
+            hint = f"set the card's option {option}: recorded, or render the recording again"
+            raise DataError(file, expected=f"the truth for {option}: exact", got="no such file", hint=hint)
         return file
-    if stated not in {None, "none"}:
-        hint = f'write it, without objects where nothing moves, or state "annotated": "none" in {HEAD}'
-        raise DataError(file, expected=f"annotations, as {HEAD} states them", got="no such file", hint=hint)
-    return None
+
+    def _cameras(self, head: RecordingHead) -> dict[str, MountedCamera]:
+        """The cameras, at the size at which they are evaluated."""
+        file, cameras = self.root / HEAD, dict[str, MountedCamera]()
+        for name, entry in head.cameras.items():
+            place = f"cameras.{name}"
+            ego_body = None
+            if entry.ego_body_mask is not None:
+                path = path_inside(
+                    self.root, entry.ego_body_mask,
+                    file=file, field=f"{place}.ego_body_mask", links_into=self.links_into,
+                )  # fmt: skip
+                ego_body = read_mask(path, entry.image_size)
+            cameras[name] = mounted_camera(
+                name,
+                camera_model(entry.model, entry.image_size, file=file, field=f"{place}.model"),
+                entry.vehicle_from_camera.transform,
+                ground_height_m=head.vehicle.ground_height_m,
+                ego_body=ego_body,
+                evaluated_size_px=self.options.evaluated_size_px,
+                rolling_shutter=entry.rolling_shutter,
+                file=file,
+                field=f"{place}.vehicle_from_camera",
+            )
+        return cameras
+
+    def _images(self, camera: str, white_level: int | None = None) -> tuple[ImageRef, ...]:
+        """The images of a camera, by time."""
+        paths = self._timed_files(f"images/{camera}", IMAGE_SUFFIXES)
+        if not paths:
+            folder = self.root / "images" / camera
+            raise DataError(folder, expected="images named <timestamp_ns>.png or .jpg", got="none")
+        truth = self._timed_files(f"truth/{camera}", (".png",))
+        return tuple(
+            ImageRef(
+                camera=camera,
+                timestamp_ns=time_ns,
+                path=path,
+                truth_path=truth.get(time_ns),
+                stored=None if white_level is None else WhiteLevelImage(path, white_level),
+            )
+            for time_ns, path in paths.items()
+        )
+
+    def _sweeps(self) -> tuple[SweepRef, ...]:
+        """The sweeps, by time."""
+        columns = self.options.bin_columns
+        reader = read_sweep if columns is None else partial(read_sweep, bin_columns=columns)
+        paths = self._timed_files("lidar", SWEEP_SUFFIXES)
+        return tuple(SweepRef(timestamp_ns=t, path=path, reader=reader) for t, path in paths.items())
+
+    def _timed_files(self, folder: str, suffixes: tuple[str, ...]) -> dict[int, Path]:
+        """Files named by their time; hidden ones are not finished and passed over."""
+
+        def time_ns(path: Path) -> int | None:
+            if path.name.startswith(".") or path.suffix.lower() not in suffixes:
+                return None
+            if not path.stem.isascii() or not path.stem.isdigit() or int(path.stem) > LATEST_NS:
+                seconds = path.stem.replace(".", "", 1).isdigit() and "." in path.stem
+                hint = "these would be seconds: multiply them by 1000000000" if seconds else ""
+                raise DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem), hint=hint)
+            return int(path.stem)
+
+        return numbered_files(self.root, self.root / folder, time_ns, each="time", links_into=self.links_into)
+
+    def _trajectory(self) -> Trajectory:
+        """The motion that the car reports, or the true poses."""
+        if self.options.ego_motion == "exact":
+            return read_tum(self._truth(TRUE_POSES, "ego_motion"))
+        present = [name for name in EGOMOTION_FILES if (self.root / name).is_file()]
+        if len(present) != 1:
+            expected = f"one of {' and '.join(EGOMOTION_FILES)}"
+            hint = "" if present else "the reference cannot do without: it moves lidar points to the time of the image"
+            raise DataError(self.root, expected=expected, got="both" if present else "neither", hint=hint)
+        file = self._inside(present[0])
+        return read_bus_signals(file).trajectory() if present[0] == "egomotion.csv" else read_tum(file)
+
+    def _tracks(self, stated: Statement | None = None) -> tuple[tuple[Track, ...], Annotated]:
+        """The objects of `annotations`, else of the recording's own file, and what they cover; without one nothing."""
+        file = self.annotations
+        if file is None and lexists(self.root / "annotations.json"):
+            file = self._inside("annotations.json")
+        if file is not None:
+            return read_annotations(file), annotated_as(stated or "complete")
+        if stated not in {None, "none"}:
+            hint = f'write it, without objects where nothing moves, or state "annotated": "none" in {HEAD}'
+            file = self.root / "annotations.json"
+            raise DataError(file, expected=f"annotations, as {HEAD} states them", got="no such file", hint=hint)
+        return (), NOT_ANNOTATED
+
+    def _inside(self, name: str) -> Path:
+        """A file of the folder, which no link may lead out of."""
+        file = self.root / name
+        refuse_escape(self.root, file, file=file, links_into=self.links_into)
+        return file
+
+    def _contents(self, images: Mapping[str, tuple[ImageRef, ...]], sweeps: tuple[SweepRef, ...]) -> Iterator[Content]:
+        """What is in the folder, read and not read."""
+        root = self.root
+        yield from file_contents(root, root, [root / name for name in READ], "part of the recording")
+        for name, refs in images.items():
+            folder, truth = root / "images" / name, root / "truth" / name
+            yield from file_contents(root, folder, [ref.path for ref in refs], "images", suffixes=IMAGE_SUFFIXES)
+            yield from file_contents(root, truth, [r.truth_path for r in refs if r.truth_path], "exact instances")
+        yield from file_contents(root, root / "lidar", [ref.path for ref in sweeps], "sweeps", suffixes=SWEEP_SUFFIXES)
 
 
-def open_native(
-    root: Path,
-    *,
-    evaluated_size_px: tuple[int, int] | None = None,
-    ego_motion: Source = "recorded",
-    calibration: Source = "recorded",
-    annotations: Path | None = None,
-    on_error: ErrorHandler = STRICT,
-) -> Recording:
+def open_native(root: Path, *, annotations: Path | None = None, **options: Any) -> Recording:
     """Open a native recording.
 
     Args:
         root: its folder.
-        evaluated_size_px: (width, height) at which images are evaluated; None for as stored.
-        ego_motion: "exact" for the true poses of a synthetic recording instead of what its car reports.
-        calibration: "exact" for where its sensors are instead of where its calibration says that they are.
         annotations: annotation file that stands in for the recording's own; None for none.
-        on_error: takes errors; the default raises the first.
+        options: those of a card.
 
     Raises:
         DataError: a file that is missing or not what the format asks for.
     """
-    head: RecordingHead | None = None
-    cameras: dict[str, MountedCamera] = {}
-    images: dict[str, tuple[ImageRef, ...]] = {}
-    with reporting_all(on_error, lambda _: json_faults(RecordingHead, root / HEAD)):
-        head = _read_head(root, calibration)
-    if head is not None:
-        for refuse in (_refuse_other_name, _refuse_uncalibrated):
-            with reporting(on_error):
-                refuse(root, head)
-        for name, entry in head.cameras.items():
-            with reporting(on_error):
-                cameras[name] = _mounted_camera(root, name, entry, head, evaluated_size_px)
-        for name in head.cameras:
-            with reporting(on_error):
-                images[name] = _image_refs(root, name, on_error)
-    trajectory = _trajectory(root, ego_motion, on_error)
-    sweeps: tuple[SweepRef, ...] = ()
-    with reporting(on_error):
-        sweeps = _sweep_refs(root, on_error)
-    tracks, annotated = _tracks(root, annotations, None if head is None else head.annotated, on_error)
-    usable = [name for name in cameras if name in images]
-    if head is None or not usable:
-        on_error.stop()
-    beams = head.lidar.lidar_from_sensor
-    return Recording(
-        name=root.resolve().name,
-        root=root,
-        licence=head.licence,
-        frame_interval_ns=head.frame_interval_ns,
-        cameras={name: cameras[name] for name in usable},
-        images={name: images[name] for name in usable},
-        trajectory=trajectory,
-        vehicle_from_lidar=head.lidar.vehicle_from_lidar.transform,
-        sweeps=sweeps,
-        tracks=tracks,
-        annotated=annotated,
-        vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
-        lidar_from_sensor=RigidTransform.identity() if beams is None else beams.transform,
-    )
+    chosen = validated(NativeOptions, options, file=root / HEAD, field="options")
+    return NativeFolder(root=root, options=chosen, annotations=annotations).open()
 
 
 def native_recordings(
@@ -288,19 +298,20 @@ def native_recordings(
         DataError: options that do not exist.
     """
     chosen = validated(NativeOptions, options, file=card, field="options")
-    folders = [root] if (root / HEAD).is_file() else sorted(path for path in root.glob("[!.]*/") if _is_recording(path))
-    handles = []
-    for folder in folders:
-        opener = partial(
-            open_native,
-            folder,
-            evaluated_size_px=chosen.evaluated_size_px,
-            ego_motion=chosen.ego_motion,
-            calibration=chosen.calibration,
-            annotations=annotation_file_in(annotations, folder.name),
+    links_into = None if chosen.links_into is None else (root / chosen.links_into).resolve()
+    if links_into is not None and not links_into.is_dir():
+        raise DataError(card, field="options.links_into", expected="a folder", got=f"{links_into}, which is missing")
+    names = [root] if (root / HEAD).is_file() else sorted(path for path in root.glob("[!.]*/") if _is_recording(path))
+    folders = [
+        NativeFolder(
+            root=path,
+            options=chosen,
+            annotations=annotation_file_in(annotations, path.name),
+            links_into=links_into,
         )
-        handles.append(RecordingHandle(name=folder.name, opener=opener, lenient=True))
-    return tuple(handles)
+        for path in names
+    ]
+    return tuple(RecordingHandle(name=each.root.name, opener=each.open, parts=each.parts) for each in folders)
 
 
 def _is_recording(folder: Path) -> bool:

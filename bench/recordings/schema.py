@@ -10,6 +10,7 @@ from bench.cameras import RollingShutter
 from bench.cameras.rolling_shutter import LONGEST_READOUT_S, ReadoutDirection
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import Statement
+from bench.recordings.images import MOST_WHITE
 from bench.recordings.validation import FileModel, SidePx
 
 SCHEMA_VERSION = 1
@@ -22,6 +23,8 @@ CONVENTIONS = (
 )
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+FolderName = Annotated[str, Field(pattern=r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$")]
+WhiteLevel = Annotated[int, Field(ge=255, le=MOST_WHITE)]
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
@@ -91,6 +94,7 @@ class CameraHead(FileModel):
         vehicle_from_camera: the mounting.
         ego_body_mask: image in the recording, not 0 where the camera sees its own vehicle; null for nowhere.
         rolling_shutter: null where all rows are exposed at once.
+        white_level: value of files of 16 bits that is white; fixed, since flow compares images. null for 65535.
     """
 
     model: dict[str, Any]
@@ -98,6 +102,7 @@ class CameraHead(FileModel):
     vehicle_from_camera: Mounting
     ego_body_mask: str | None = None
     rolling_shutter: RollingShutterHead | None = None
+    white_level: WhiteLevel | None = None
 
 
 class LidarHead(FileModel):
@@ -138,7 +143,7 @@ class RecordingHead(FileModel):
     """
 
     schema_version: Literal[1]
-    name: Name
+    name: FolderName
     licence: str
     frame_interval_ns: int = Field(gt=0, le=LONGEST_INTERVAL_NS)
     conventions: str = CONVENTIONS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -14,10 +15,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from bench.atomic import read_regular
-from bench.errors import DataError, ShapeError
+from bench.errors import MOST_FAULTS, DataError, ShapeError
 
 LONGEST_VALUE = 80  # characters of a wrong value that a message shows
-MOST_FAULTS = 200  # of one file that are reported one by one
 BRIEF = Repr()
 BRIEF.maxstring = BRIEF.maxlong = BRIEF.maxother = LONGEST_VALUE
 BRIEF.maxlist = BRIEF.maxtuple = BRIEF.maxdict = 10
@@ -49,31 +49,15 @@ def read_json(model: type[Model], file: Path) -> Model:
 
 
 def parse_json(model: type[Model], content: bytes, file: Path, *, strict: bool = True) -> Model:
-    """Validate the content of a JSON file.
+    """Validate the content of a JSON file, which may begin with a byte-order mark.
 
     Raises:
         DataError: not JSON, or not what the model asks for.
     """
     try:
-        return model.model_validate_json(content, strict=strict)
+        return model.model_validate_json(content.removeprefix(codecs.BOM_UTF8), strict=strict)
     except ValidationError as error:
         raise _data_error(error, file) from None
-
-
-def lenient_json(model: type[Model], file: Path) -> tuple[Model | None, tuple[DataError, ...]]:
-    """Like `read_json`, or None; with everything that it would refuse, one error each, at most 200."""
-    try:
-        return model.model_validate_json(_content(file), strict=True), ()
-    except DataError as error:
-        return None, (error,)
-    except ValidationError as error:
-        faults = error.errors(include_url=False, include_context=False)[:MOST_FAULTS]
-        return None, tuple(_one_error(fault, file) for fault in faults)
-
-
-def json_faults(model: type[BaseModel], file: Path) -> tuple[DataError, ...]:
-    """The faults of `lenient_json` alone."""
-    return lenient_json(model, file)[1]
 
 
 def _content(file: Path) -> bytes:
@@ -95,7 +79,7 @@ def keys_twice(file: Path) -> tuple[DataError, ...]:
             seen.add(key)
 
     with suppress(OSError, RecursionError, ValueError):  # the file's reader reports those
-        json.loads(read_regular(file), object_pairs_hook=keep)
+        json.loads(read_regular(file).removeprefix(codecs.BOM_UTF8), object_pairs_hook=keep)
     return tuple(
         DataError(file, field=_short(key), expected="each key of an object once", got="it twice")
         for key in twice[:MOST_FAULTS]
@@ -138,12 +122,15 @@ def located(file: Path, field: str) -> Iterator[None]:
 
 
 def _data_error(error: ValidationError, file: Path, prefix: str = "") -> DataError:
+    """The first fault, which carries the others."""
     faults = error.errors(include_url=False, include_context=False)
     hint = f"{len(faults) - 1} more faults in this file" if len(faults) > 1 else ""
-    return _one_error(faults[0], file, prefix, hint)
+    first = _one_error(faults[0], file, prefix, hint)
+    first.others = tuple(_one_error(fault, file, prefix) for fault in faults[1:MOST_FAULTS])
+    return first
 
 
-def _one_error(fault: ErrorDetails, file: Path, prefix: str = "", hint: str = "") -> DataError:
+def _one_error(fault: ErrorDetails, file: Path, prefix: str, hint: str = "") -> DataError:
     path = ".".join(str(part) for part in (*([prefix] if prefix else []), *fault["loc"]))
     expected, got = _expected_and_got(fault["type"], fault["msg"], fault.get("input"))
     return DataError(file, field=path or None, expected=expected, got=got, hint=hint)

@@ -23,7 +23,7 @@ from bench.lidar.files import write_sweep
 from bench.recordings.annotations import PartlyAnnotated, Statement, annotation_document
 from bench.recordings.openlabel import AnnotationFile
 from bench.recordings.schema import CONVENTIONS, SCHEMA_VERSION, Mounting, RecordingHead
-from bench.recordings.validation import validated
+from bench.recordings.validation import parse_json, validated
 from bench.records.recording import MountedCamera, Track
 
 
@@ -65,7 +65,8 @@ class RecordingWriter:
             annotated: "none", "complete", or times and areas that are; None for complete if annotations are written.
 
         Raises:
-            ShapeError: a camera whose lens has another size than its images, or a value that the format refuses.
+            ShapeError: a camera whose lens has another size than its images.
+            DataError: a value that the format refuses.
         """
         beams = {} if lidar_from_sensor is None else {"lidar_from_sensor": _mounting(lidar_from_sensor)}
         head = {
@@ -84,11 +85,9 @@ class RecordingWriter:
         if annotated is not None:
             head["annotated"] = annotated.model_dump() if isinstance(annotated, PartlyAnnotated) else annotated
         text = _json(head)
-        try:
-            RecordingHead.model_validate_json(text, strict=True)
-        except ValueError as error:
-            raise ShapeError(f"recording {name!r}: {error}") from error
-        write_text(self.root / "recording.json", text)
+        file = self.root / "recording.json"
+        parse_json(RecordingHead, text.encode(), file)
+        write_text(file, text)
 
     def image(
         self, camera: str, timestamp_ns: int, pixels: NDArray[np.uint8], *, jpeg_quality: int | None = None

@@ -303,6 +303,25 @@ class InputErrors:
 NO_INPUT_ERRORS = InputErrors()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Content:
+    """Something in a recording's files, and what is made of it.
+
+    Attributes:
+        what: files, a topic, a table or fields, as messages name them.
+        count: how many.
+        read_as: what they become; empty where they are not read.
+        why: reason why they are not read.
+        suspect: whether they lie where something else is expected.
+    """
+
+    what: str
+    count: int = 1
+    read_as: str = ""
+    why: str = ""
+    suspect: bool = False
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
     """One drive: cameras, images, lidar, ego-motion and annotations, opened but not yet read.
@@ -322,6 +341,7 @@ class Recording:
         vehicle_outline_m: (K, 2) float64, the ego vehicle seen from above, vehicle frame, m.
         lidar_from_sensor: where the beams start and the axes about which they turn, in the frame of the points; not the
             identity where a data set gives its points in other axes than the sensor's own, such as the vehicle's.
+        contents: what its files hold, read and not read.
         input_errors: injected into the method's input; calibration and ego-motion above are the true ones.
     """
 
@@ -340,6 +360,7 @@ class Recording:
         default_factory=lambda: np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
     )
     lidar_from_sensor: RigidTransform = field(default_factory=RigidTransform.identity)
+    contents: tuple[Content, ...] = ()
     input_errors: InputErrors = NO_INPUT_ERRORS
 
     @property

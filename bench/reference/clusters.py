@@ -113,7 +113,7 @@ def _candidates(
 ) -> NDArray[np.intp]:
     """Rows that could lie on the object, by a generous rectangle around it in the raw sweep."""
     if isinstance(state.shape, PointIndices):
-        return np.asarray(state.shape.indices, dtype=np.intp)
+        return placed.sweep.rows_of(state.shape.indices)
     middle_vehicle, radius_m = _circumscribed(state.shape)
     away_m = world_from_vehicle.apply(middle_vehicle) - placed.positions_m
     seen_from_lidar = np.einsum("kji,kj->ki", placed.rotations, away_m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -21,6 +22,7 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
     """The findings by recording and check, and what was read."""
     for recording in report.recordings:
         yield from _findings(recording)
+    yield from _contents(report)
     errors, warnings = report.count(Severity.ERROR), report.count(Severity.WARNING)
     images, sweeps = (
         Count(read=sum(one.read for one in counts), all=sum(one.all for one in counts))
@@ -32,6 +34,18 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
         f"read {images.read} of {images.all} images and {sweeps.read} of {sweeps.all} sweeps"
         + ("" if whole else "; --deep reads all")
     )
+
+
+def _contents(report: ValidationReport) -> Iterator[Block]:
+    """What is in the files of all recordings, read and not read, in one line each."""
+    counts: Counter[tuple[str, str, str]] = Counter()
+    for content in (content for recording in report.recordings for content in recording.contents):
+        counts[content.what, content.read_as, content.why] += content.count
+    if counts:
+        yield Heading("Read, and not read")
+    for (what, read_as, why), count in sorted(counts.items(), key=lambda entry: not entry[0][1]):
+        made = f"read as {read_as}" if read_as else f"not read: {why}"
+        yield Paragraph(f"  {what} ({count}): {made}" if count > 1 else f"  {what}: {made}", "dim")
 
 
 def run_findings(run: Path) -> list[Block]:

@@ -317,7 +317,7 @@ def _look_inside(tally: _Tally, box: Cuboid, near: Near, time_ns: int) -> None:
 def _look_at_indices(tally: _Tally, shape: PointIndices, sweep: LidarSweep) -> None:
     if shape.sweep_timestamp_ns != sweep.timestamp_ns or not len(shape.indices):
         return
-    largest, points = int(shape.indices.max()), len(sweep.points_lidar)
+    largest, points = int(shape.indices.max()), sweep.rows_stored
     if largest >= points or int(shape.indices.min()) < 0:
         tally.wrong_indices.append((sweep.timestamp_ns, f"row {largest} of a sweep of {points} points"))
     elif len(np.unique(shape.indices)) < len(shape.indices):

@@ -58,6 +58,7 @@ LIMITS = CameraLimits()
 # Light that moves along with the vehicle looks like a position, not like these; and what looks much like each of them.
 TOLD_AS_DOUBT = {"clock": (), "rotation": ("centre",)}
 INTERVAL = 1.96
+SMALLEST_PX = 16  # a side of images of which flow is computed
 EXPECTED = "flow of the static world as camera calibration, lidar and ego-motion predict it ({})"
 
 
@@ -77,6 +78,8 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     seen = reduced(camera)
     if not recording.sweeps:
         return undecided("no lidar")
+    if min(seen.model.width, seen.model.height) < SMALLEST_PX:
+        return undecided(f"images below {SMALLEST_PX} px show no flow")
     measured = measured_motion(recording, scan_steps(recording))
     flows = list(seen_flows(recording, seen, measured))
     if not flows:

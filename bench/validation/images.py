@@ -13,6 +13,8 @@ from bench.recordings.images import read_moving_mask
 from bench.validation.findings import Finding, Severity, unusable
 
 BLACK = 3.0  # grey levels
+FEW_LEVELS, DARK_LEVEL = 32, 64  # as of 12 bits in files of 16, read as if these were full
+WHITE_LEVELS = "state the camera's white_level where files of 16 bits hold fewer: 1023, 4095 or 16383 for 10, 12 or 14"
 MOVING_MPS = 0.5
 
 
@@ -30,6 +32,7 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
     dark: list[ImageRef] = []
     twice: list[ImageRef] = []
     still: list[ImageRef] = []
+    levels = np.zeros(256, dtype=bool)
     for row in rows:
         image = images[row]
         try:
@@ -38,6 +41,7 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
             yield unusable(error, check="image", timestamp_ns=image.timestamp_ns)
         else:
             seen = pixels if mounted.ego_body is None else pixels[~mounted.ego_body]
+            levels[seen] = True
             if seen.size and float(seen.mean()) < BLACK and float(seen.std()) < BLACK:
                 dark.append(image)
             digest = blake2b(pixels.tobytes(), digest_size=16).digest()
@@ -56,13 +60,32 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
                 yield unusable(error, check=check, timestamp_ns=image.timestamp_ns)
         progress()
     what = f"images of {camera}"
-    yield from _finding(dark, "black-image", what, "an image of something", "black ones", Severity.WARNING)
+    used = np.flatnonzero(levels)
+    if len(dark) < len(rows) and 1 < len(used) <= FEW_LEVELS and used[-1] < DARK_LEVEL:
+        yield Finding(
+            check="grey-levels",
+            severity=Severity.WARNING,
+            file=str(images[rows[0]].path),
+            field=what,
+            expected="images that use the levels from 0 to 255",
+            got=f"{len(used)} levels up to {used[-1]}",
+            hint=WHITE_LEVELS,
+        )
+    yield from _finding(
+        dark, "black-image", what, "an image of something", "black ones", Severity.WARNING, WHITE_LEVELS
+    )
     yield from _finding(twice, "same-image", what, "another image at another time", "the same pixels while driving")
     yield from _finding(still, "same-image", what, "the noise of a sensor", "the same pixels twice", Severity.WARNING)
 
 
 def _finding(
-    found: list[ImageRef], check: str, field: str, expected: str, got: str, severity: Severity = Severity.ERROR
+    found: list[ImageRef],
+    check: str,
+    field: str,
+    expected: str,
+    got: str,
+    severity: Severity = Severity.ERROR,
+    hint: str = "",
 ) -> Iterator[Finding]:
     if found:
         yield Finding(
@@ -72,6 +95,7 @@ def _finding(
             field=field,
             expected=expected,
             got=f"{got}, {len(found)} of those read",
+            hint=hint,
             times=len(found),
             timestamp_ns=found[0].timestamp_ns,
         )

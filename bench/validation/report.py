@@ -16,8 +16,8 @@ from pydantic import computed_field
 
 from bench.errors import DataError
 from bench.recordings import Recording, RecordingHandle
-from bench.recordings.handles import LenientReading
 from bench.recordings.validation import FileModel, read_json
+from bench.records.recording import Content
 from bench.validation.annotated import check_annotated
 from bench.validation.box_fit import BoxFit
 from bench.validation.boxes import check_boxes
@@ -60,6 +60,7 @@ class RecordingReport(FileModel):
         images: of all cameras.
         sweeps: of the lidar.
         undecided: quantities that the recording cannot tell.
+        contents: what is in its files, read and not read.
         findings: errors first, in the order in which they were found; causes before their possible consequences.
     """
 
@@ -67,24 +68,25 @@ class RecordingReport(FileModel):
     images: Count = Count()
     sweeps: Count = Count()
     undecided: tuple[Undecided, ...] = ()
+    contents: tuple[Content, ...] = ()
     findings: tuple[Finding, ...]
 
 
 Check = Callable[[Recording], Iterator[Finding | Undecided]]
-# Each with the parts of a recording that it cannot do without, and the file of findings that name none.
-CHECKS: tuple[tuple[Check, frozenset[str], Callable[[Recording], object]], ...] = (
-    (check_time_units, frozenset(), attrgetter("root")),
-    (check_length_units, frozenset(), attrgetter("root")),
-    (check_calibration, frozenset(), calibration_file),
-    (check_clocks, frozenset(), attrgetter("root")),
-    (check_coverage, frozenset({"trajectory"}), attrgetter("root")),
-    (check_ego_limits, frozenset({"trajectory"}), attrgetter("trajectory.source")),
-    (check_static_world, frozenset({"trajectory"}), attrgetter("trajectory.source")),
-    (check_annotated, frozenset({"annotations"}), annotation_file),
-    (check_annotation_times, frozenset({"annotations"}), annotation_file),
-    (check_boxes, frozenset({"annotations"}), annotation_file),
-    (check_motion, frozenset({"trajectory", "annotations"}), annotation_file),
-    (check_cameras, frozenset({"trajectory"}), calibration_file),
+# Each with the file of findings that name none.
+CHECKS: tuple[tuple[Check, Callable[[Recording], object]], ...] = (
+    (check_time_units, attrgetter("root")),
+    (check_length_units, attrgetter("root")),
+    (check_calibration, calibration_file),
+    (check_clocks, attrgetter("root")),
+    (check_coverage, attrgetter("root")),
+    (check_ego_limits, attrgetter("trajectory.source")),
+    (check_static_world, attrgetter("trajectory.source")),
+    (check_annotated, annotation_file),
+    (check_annotation_times, annotation_file),
+    (check_boxes, annotation_file),
+    (check_motion, annotation_file),
+    (check_cameras, calibration_file),
 )
 
 BY_EGO_MOTION = frozenset({
@@ -119,23 +121,26 @@ def validate_recording(
         depth: how many images and sweeps are read.
         progress: called with the share that is done, 0 to 1.
     """
-    opened = _opened(handle)
-    findings = [unusable(error) for error in opened.errors]
+    findings: list[Finding] = []
     undecided: list[Undecided] = []
     images = sweeps = Count()
-    if (recording := opened.recording) is not None:
-        for check, needs, file in CHECKS:
-            if not needs & opened.missing:
-                for found in check(recording):
-                    if isinstance(found, Undecided):
-                        undecided.append(found)
-                    else:
-                        findings.append(replace(found, file=found.file or str(file(recording))))
+    contents: tuple[Content, ...] = ()
+    try:
+        recording = handle.open()
+    except DataError as error:
+        findings += _file_by_file(handle, error)
+    else:
+        for check, file in CHECKS:
+            for found in check(recording):
+                if isinstance(found, Undecided):
+                    undecided.append(found)
+                else:
+                    findings.append(replace(found, file=found.file or str(file(recording))))
         rows = {camera: _pairs(len(recording.images[camera]), depth) for camera in recording.cameras}
         sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
         images = Count(read=sum(map(len, rows.values())), all=sum(map(len, recording.images.values())))
         sweeps = Count(read=len(sweep_rows), all=len(recording.sweeps))
-        box_fit = None if opened.missing else BoxFit(recording)
+        box_fit = BoxFit(recording)
         steps = count(1)
 
         def step() -> None:
@@ -143,15 +148,52 @@ def validate_recording(
 
         for camera in recording.cameras:
             findings += check_images(recording, camera, rows[camera], step)
-        findings += SweepChecks(recording, box_fit).check(sweep_rows, step)
-        findings += box_fit.findings() if box_fit is not None else ()
-        if not opened.missing and not any(finding.severity is Severity.ERROR for finding in findings):
+        sweep_checks = SweepChecks(recording, box_fit)
+        findings += sweep_checks.check(sweep_rows, step)
+        contents = (*recording.contents, *sweep_checks.contents())
+        findings += _passed_over(recording)
+        findings += box_fit.findings()
+        if not any(finding.severity is Severity.ERROR for finding in findings):
             findings += check_unboxed(recording)  # by wrong calibration or boxes nothing would have its box
     named = [replace(finding, recording=handle.name) for finding in findings]
     for name, causing, following in CAUSES:
         named = _causes_first(named, name, causing, following)
     ordered = tuple(sorted(named, key=lambda finding: finding.severity != "error"))
-    return RecordingReport(name=handle.name, findings=ordered, undecided=tuple(undecided), images=images, sweeps=sweeps)
+    return RecordingReport(
+        name=handle.name,
+        findings=ordered,
+        undecided=tuple(undecided),
+        contents=contents,
+        images=images,
+        sweeps=sweeps,
+    )
+
+
+def _passed_over(recording: Recording) -> Iterator[Finding]:
+    """Files and messages that lie among those that are read, and are not."""
+    for content in recording.contents:
+        if content.suspect:
+            yield Finding(
+                check="not-read",
+                severity=Severity.WARNING,
+                file=str(recording.root),
+                field=content.what,
+                expected="files and messages that are read",
+                got=f"{content.count} that are passed over: {content.why}",
+                hint="convert, unpack or remove them",
+                times=content.count,
+            )
+
+
+def _file_by_file(handle: RecordingHandle, error: DataError) -> Iterator[Finding]:
+    """The error that opening raised, and those of every file that can be read by itself."""
+    errors = {str(each): each for each in (error, *error.others)}
+    for read in handle.parts():
+        try:
+            read()
+        except DataError as other:
+            errors |= {str(each): each for each in (other, *other.others)}
+    return (unusable(each) for each in errors.values())
 
 
 def _causes_first(
@@ -164,15 +206,6 @@ def _causes_first(
     return [finding for finding in findings if finding.check not in following] + [
         replace(finding, severity=Severity.WARNING, hint=hint) for finding in findings if finding.check in following
     ]
-
-
-def _opened(handle: RecordingHandle) -> LenientReading:
-    try:
-        recording = handle.open()
-    except DataError as error:
-        reading = handle.read_leniently()
-        return reading if reading.errors else replace(reading, errors=(error,))
-    return LenientReading(errors=(), recording=recording)
 
 
 def _spread(count: int, most: int, depth: Depth) -> list[int]:

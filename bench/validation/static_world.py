@@ -29,6 +29,7 @@ from bench.validation.lidar_motion import (
     level_steps,
 )
 from bench.validation.mounting import mounting_name, returns_in_boxes, road_plane, some_sweeps
+from bench.validation.pose_readings import PoseReading, pose_readings
 from bench.validation.scan_matching import scan_steps
 
 Array = NDArray[np.float64]
@@ -71,12 +72,16 @@ class Hypothesis:
         mounting: of the lidar; the stated one where the cause is another.
         starts: values at which the fit begins.
         remounted: the mounting itself is the cause.
+        reading: how poses were misread, where that is the cause; nothing is fitted then.
+        odometry: of that reading; None for the stated one.
     """
 
     free: tuple[str, ...]
     mounting: Mounting
     starts: tuple[Array, ...]
     remounted: bool = False
+    reading: PoseReading | None = None
+    odometry: Odometry | None = None
 
     @property
     def quantity(self) -> Quantity:
@@ -156,10 +161,19 @@ class _Verdict:
 
     def findings(self) -> Iterator[Finding | Undecided]:
         """The cause that explains the steps, else the parameters that cannot be told."""
+        path, epoch_ns = self._recording.trajectory, self._compared.steps.epoch_ns
+        misread = [
+            Hypothesis(
+                free=(),
+                mounting=self._mounting,
+                starts=(STATED,),
+                reading=reading,
+                odometry=Odometry.of(read, epoch_ns),
+            )
+            for reading, read in pose_readings(path)
+        ]
         tried = [
-            (one, self._compared.fit(one.mounting, free=one.free, starts=one.starts))
-            for one in _hypotheses(self._mounting)
-            if self._upright or one.remounted
+            (one, self._fit(one)) for one in (*_hypotheses(self._mounting), *misread) if self._upright or one.remounted
         ]
         small = [pair for pair in tried if self._beyond(*pair) > VERDICTS.sigmas]
         best = min(tried, key=_penalised)
@@ -173,11 +187,17 @@ class _Verdict:
             yield self._small(*min(small, key=_penalised))
         yield from self._unknown(tried)
 
+    def _fit(self, one: Hypothesis) -> Fit:
+        compared = self._compared if one.odometry is None else replace(self._compared, odometry=one.odometry)
+        return compared.fit(one.mounting, free=one.free, starts=one.starts)
+
     def _clearly_better(self, fit: Fit) -> bool:
         return fit.apart_m < VERDICTS.better * self._stated.apart_m - VERDICTS.better_m
 
     def _beyond(self, one: Hypothesis, fit: Fit) -> float:
         """Standard deviations by which a value near the stated one is beyond what is tolerated."""
+        if not one.free:
+            return 0.0
         value, sigma = fit.of(one.free[0])
         off = abs(value - one.quantity.stated)
         vague = sigma > max(one.quantity.known, off / 10)
@@ -205,7 +225,7 @@ class _Verdict:
         counts = [self._witnesses(*pair) for pair in good]
         most = int(np.argmax(counts))
         if counts[most] < max(VERDICTS.witnesses, 2 * min(counts)):
-            names = dict.fromkeys(self._named(*pair)[1] for pair in good[1:] if len(pair[0].free) == 1)
+            names = dict.fromkeys(self._named(*pair)[1] for pair in good[1:] if len(pair[0].free) <= 1)
             return *good[0], "".join(f"; or {name}" for name in names)
         return *good[most], f"; {counts[most]} returns in annotated boxes then, not {min(counts)}"
 
@@ -226,6 +246,8 @@ class _Verdict:
             return "lidar.vehicle_from_lidar, or the axes of the points", mounting_name(
                 stated, self._rotation(one, fit)
             )
+        if one.reading is not None:
+            return "poses", one.reading.description
         speed, turn = fit.values[1:3]
         parts = []
         if "speed" in one.free:
@@ -298,6 +320,8 @@ class _Verdict:
     def _unknown(self, tried: Sequence[tuple[Hypothesis, Fit]]) -> Iterator[Undecided]:
         few = f"too few pairs of sweeps match ({len(self._compared.steps.motion)})"
         for one, fit in tried:
+            if not one.free:
+                continue
             about, (_, sigma) = one.quantity, fit.of(one.free[0])
             if len(one.free) == 1 and one.mounting is self._mounting and sigma > about.known:
                 known = f": known to {1.96 * about.scale * sigma:.2g} {about.unit} only"
@@ -321,7 +345,9 @@ def _factor_name(factor: float, names: dict[float, str]) -> str:
 
 
 def _remedy(one: Hypothesis, fit: Fit) -> str:
-    """Hint where odometry of these factors is right."""
+    """Hint where odometry of these factors, or of this reading, is right."""
+    if one.reading is not None:
+        return one.reading.hint
     known = (("speed", "the speed", SPEEDS), ("turn", "the yaw rate", TURNS))
     usual = {name: _usual(fit.of(free)[0], names) for free, name, names in known if free in one.free}
     scaled = [f"multiply {name} by {factor:.4g}" for name, factor in usual.items() if factor not in {0.0, 1.0}]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
+from bench.records.recording import Content
 from bench.validation.box_fit import BoxFit
 from bench.validation.drive import calibration_file, sweep_times
 from bench.validation.findings import LIDAR_REACH_M, Finding, Severity, unusable
@@ -120,12 +121,15 @@ class SweepChecks:
         box_fit: finds the boxes that are empty.
     """
 
-    def __init__(self, recording: Recording, box_fit: BoxFit | None) -> None:
+    def __init__(self, recording: Recording, box_fit: BoxFit) -> None:
         self._recording, self._box_fit = recording, box_fit
         self._counts: list[tuple[int, int, str]] = []
         self._roads: list[SeenRoad] = []
         self._faults: dict[str, list[tuple[int, str, str]]] = {}
         self._before: tuple[int, bytes] | None = None
+        self._read: dict[str, None] = {}
+        self._unread: dict[str, None] = {}
+        self._lost = 0
         steps_ns = np.diff(sweep_times(recording))
         self._interval_ns = float(np.median(steps_ns)) if len(steps_ns) else None
 
@@ -147,8 +151,20 @@ class SweepChecks:
             progress()
         yield from self._findings()
 
+    def contents(self) -> Iterator[Content]:
+        """Fields of the points, read and not read, in the sweeps that were looked at."""
+        if self._counts:
+            yield Content(what=f"fields of points: {', '.join(('x, y, z', *self._read))}", read_as="points")
+        if self._unread:
+            yield Content(what=f"fields of points: {', '.join(self._unread)}", why="nothing is made of them")
+        if self._lost:
+            yield Content(what="returns without a position", count=self._lost, why="left out")
+
     def _look_at(self, sweep: LidarSweep, row: int, file: str) -> None:
         points = sweep.points_lidar
+        self._read |= dict.fromkeys(sweep.read_fields)
+        self._unread |= dict.fromkeys(sweep.unread_fields)
+        self._lost += sweep.rows_stored - len(points)
         self._counts.append((sweep.timestamp_ns, len(points), file))
         if not len(points):
             return
@@ -168,11 +184,12 @@ class SweepChecks:
         road = seen_road(points_vehicle)
         if road is not None:
             self._roads.append(road)
-        if self._box_fit is not None:
-            self._box_fit.add(sweep)
+        self._box_fit.add(sweep)
 
     def _look_at_times(self, sweep: LidarSweep, file: str) -> None:
         offsets_ns = sweep.time_offset_ns
+        if offsets_ns is None:
+            self._note("point-times-missing", sweep, file, "none")
         if offsets_ns is None or self._interval_ns is None or len(offsets_ns) < 2:
             return
         span_ns = int(offsets_ns.max()) - int(offsets_ns.min())
@@ -197,6 +214,7 @@ class SweepChecks:
             "same-sweep": ("new points in each sweep", ""),
             "lost-returns": ("points with a return", "leave out lost returns"),
             "sweep-range": (f"points within {LIDAR_REACH_M:.0f} m", "check the unit: expected metres"),
+            "point-times-missing": ("a time for each point", self._without_times()),
             "point-times": ("points of one revolution around the sweep's time", "check the unit: expected nanoseconds"),
         }
         for check, found in {"empty-sweep": empty, "thin-sweep": few, **self._faults}.items():
@@ -205,7 +223,9 @@ class SweepChecks:
             time_ns, file, got = found[0]
             yield Finding(
                 check=check,
-                severity=Severity.WARNING if check in ("thin-sweep", "lost-returns") else Severity.ERROR,
+                severity=Severity.WARNING
+                if check in ("thin-sweep", "lost-returns", "point-times-missing")
+                else Severity.ERROR,
                 file=file,
                 expected=expected[check][0],
                 got=got,
@@ -214,6 +234,10 @@ class SweepChecks:
                 timestamp_ns=time_ns,
             )
         yield from self._road()
+
+    def _without_times(self) -> str:
+        fields = f"; fields that are not read: {', '.join(self._unread)}" if self._unread else ""
+        return f"right if they are motion-compensated; else moving objects are known less exactly{fields}"
 
     def _road(self) -> Iterator[Finding]:
         if len(self._roads) < LEAST_ROADS:

@@ -345,14 +345,13 @@ def test_damaged_scans(root):
     whole = scan_file(root).read_bytes()
     reference = opened(root).sweeps[5]
     scan_file(root).write_bytes(whole[:-5])
-    with pytest.raises(DataError, match=r"0000000006\.bin: expected rows of four float32 .* may be cut short"):
+    with pytest.raises(DataError, match=r"0000000006\.bin: expected rows of 4 float32 .* may be cut short"):
         reference.read()
     scan_file(root).write_bytes(b"")
     with pytest.raises(DataError, match=r"got 0 bytes"):
         reference.read()
     scan_file(root).write_bytes(np.array([[np.nan, 1, 1, 0]], dtype="<f4").tobytes() + whole)
-    with pytest.raises(DataError, match=r"points_lidar: expected finite numbers, got NaN or infinity in 1 rows"):
-        reference.read()
+    assert (reference.read().stored_rows[0], len(reference.read().points_lidar)) == (1, len(whole) // 16)
     with scan_file(root).open("wb") as sparse:
         sparse.truncate(10_000_000_000)
     with pytest.raises(DataError, match=r"expected at most 64000000 bytes, got 10000000000"):

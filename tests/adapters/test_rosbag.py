@@ -203,6 +203,33 @@ def test_mountings_from_frames(tmp_path):
         opened(root)
 
 
+@pytest.mark.parametrize("wxyz", [(np.nan, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (np.inf, 1.0, 0.0, 0.0)])
+def test_a_frame_that_is_no_transform_matters_where_it_is_asked_for(tmp_path, wxyz):
+    tree = bags.frames(("base_link", "imu", RigidTransform.identity()), ("imu", "tip", RigidTransform.identity()))
+    tree.transforms[0].transform.rotation = bags.quaternion(wxyz)
+    rows = [("/tf_static", bags.FRAMES, tiny.TIMES_NS[0], tree), *bags.drive()]
+    root = bags.data_set(tmp_path, rows)
+    assert opened(root).vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR.matrix)
+    rig = rig_with()
+    del rig["lidar"]["vehicle_from_sensor"]
+    bags.write_rig(root, rig | {"lidar": rig["lidar"] | {"frame": "tip"}})
+    with pytest.raises(DataError, match=r"/tf_static, imu: expected a transform"):
+        opened(root)
+
+
+def test_topics_without_a_slash_are_the_same(tmp_path):
+    rig = rig_with(front={"topic": bags.FRONT.lstrip("/")})
+    rig["ego_motion"]["odometry"]["topic"] = bags.ODOM.lstrip("/")
+    assert len(opened(bags.data_set(tmp_path, [*bags.drive()], rig)).images["front"]) == 3
+
+
+def test_what_of_a_bag_is_read_and_what_is_not(tmp_path):
+    rows = [*bags.drive(), ("/imu", bags.ODOMETRY, tiny.TIMES_NS[0], bags.odometry(tiny.TIMES_NS[0], (0.0, 0.0, 0.0)))]
+    contents = {content.what: content for content in opened(bags.data_set(tmp_path, rows)).contents}
+    assert contents[f"topic {bags.FRONT}"].read_as == "images of front"
+    assert (contents["topic /imu"].count, contents["topic /imu"].why) == (1, "not named in rig.yaml")
+
+
 def test_poses_of_a_frame_beside_the_vehicles(tmp_path):
     """A child frame 1 m ahead of the vehicle that turns left by 90 degrees: the vehicle swings around it."""
     rig = rig_with(
@@ -292,7 +319,7 @@ def test_one_rig_for_each_recording(tmp_path):
 
 RIGS = [
     (lambda rig: rig.update(colour=1), "colour: expected no such key, got 1"),
-    (lambda rig: rig["cameras"]["front"].update(topic="front"), "cameras.front.topic: expected String should match"),
+    (lambda rig: rig["cameras"]["front"].update(topic="a b"), "cameras.front.topic: expected String should match"),
     (lambda rig: rig["cameras"]["front"].update(frame="x"), "one of vehicle_from_sensor, the mounting, and frame"),
     (lambda rig: rig["cameras"]["front"]["model"].update(model="egg"), "cameras.front.model.model: expected one of"),
     (lambda rig: rig["cameras"]["front"].update(image_size=[10**9, 2]), "image_size.0: expected less than or equal"),

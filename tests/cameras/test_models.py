@@ -1,10 +1,22 @@
 """Each model against an independent implementation or numbers worked out by hand."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
 
-from bench.cameras import BrownConradyCamera, KannalaBrandtCamera, RadialPolynomialCamera, UnifiedCamera
+from bench.cameras import (
+    BrownConradyCamera,
+    DoubleSphereCamera,
+    ExtendedUnifiedCamera,
+    KannalaBrandtCamera,
+    OcamCamera,
+    RadialPolynomialCamera,
+    UnifiedCamera,
+    camera_from_parameters,
+    camera_parameters,
+)
 from bench.cameras.brown import BrownDistortion
 from bench.errors import ShapeError
 from tests.support.lenses import LENSES, real_kannala_brandt, real_unified, real_woodscape
@@ -195,3 +207,116 @@ def test_impossible_lenses_are_refused(change, message):
     good = {"width": 640, "height": 480, "coefficients": (170.0,), "principal_point": (320, 240)}
     with pytest.raises(ShapeError, match=message):
         RadialPolynomialCamera(**(good | change))
+
+
+RAYS = np.random.default_rng(3).normal((0.0, 0.0, 0.6), size=(400, 3))
+
+
+def double_sphere_by_hand(points, xi, alpha):
+    """Equations 40 to 45 of Usenko et al. 2018, for the focal length 1."""
+    x, y, z = points.T
+    d1 = np.sqrt(x * x + y * y + z * z)
+    d2 = np.sqrt(x * x + y * y + (xi * d1 + z) ** 2)
+    w1 = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
+    w2 = (w1 + xi) / np.sqrt(2 * w1 * xi + xi * xi + 1)
+    return np.stack([x, y], axis=1) / (alpha * d2 + (1 - alpha) * (xi * d1 + z))[:, None], z > -w2 * d1
+
+
+@pytest.mark.parametrize(
+    ("xi", "alpha"), [(-0.17, 0.59), (-0.27, 0.55), (0.0, 0.5), (0.4, 0.3), (0.9, 0.8), (-0.5, 0.2)]
+)
+def test_double_sphere_as_its_paper_has_it(xi, alpha):
+    camera = DoubleSphereCamera(
+        width=512, height=512, focal=(150.0, 152.0), principal_point=(255.0, 257.0), xi=xi, alpha=alpha
+    )
+    pixels, valid = camera.project(RAYS)
+    plane, within = double_sphere_by_hand(RAYS, xi, alpha)
+    assert valid[within].all()
+    np.testing.assert_allclose(pixels[valid], (plane * [150.0, 152.0] + [255.0, 257.0])[valid], rtol=1e-9, atol=1e-9)
+    back, known = camera.unproject(pixels[valid])
+    near = np.abs(pixels[valid]).max(axis=1) < 1e5
+    assert known[near].all()
+    np.testing.assert_allclose(back[near], (RAYS / np.linalg.norm(RAYS, axis=1)[:, None])[valid][near], atol=1e-6)
+
+
+@pytest.mark.parametrize(("alpha", "beta"), [(0.59, 1.13), (0.5, 1.0), (0.3, 0.7), (0.8, 2.0), (0.0, 1.0)])
+def test_extended_unified_as_its_paper_has_it(alpha, beta):
+    camera = ExtendedUnifiedCamera(
+        width=512, height=512, focal=(150.0, 152.0), principal_point=(255.0, 257.0), alpha=alpha, beta=beta
+    )
+    pixels, valid = camera.project(RAYS)
+    x, y, z = RAYS.T
+    d = np.sqrt(beta * (x * x + y * y) + z * z)
+    w = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
+    np.testing.assert_array_equal(valid, z > -w * d)
+    plane = np.stack([x, y], axis=1) / (alpha * d + (1 - alpha) * z)[:, None]
+    np.testing.assert_allclose(pixels[valid], (plane * [150.0, 152.0] + [255.0, 257.0])[valid], rtol=1e-9, atol=1e-9)
+
+
+def test_a_sphere_without_shift_and_stretch_is_the_unified_model():
+    lens = {"width": 640, "height": 480, "principal_point": (320.0, 240.0)}
+    unified = UnifiedCamera(**lens, focal=(300.0, 300.0), xi=1.5)
+    # fx x / (z + xi d) is fx/(1 + xi) x / (alpha d + (1 - alpha) z) with alpha = xi / (1 + xi).
+    alpha, focal = 1.5 / 2.5, (300.0 / 2.5, 300.0 / 2.5)
+    for same in (
+        DoubleSphereCamera(**lens, focal=focal, xi=0.0, alpha=alpha),
+        ExtendedUnifiedCamera(**lens, focal=focal, alpha=alpha, beta=1.0),
+    ):
+        assert same.limit_angle_rad == pytest.approx(unified.limit_angle_rad)
+        np.testing.assert_allclose(same.project(RAYS)[0], unified.project(RAYS)[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_ocam_as_its_toolbox_has_it(sign):
+    """`cam2world` of OCamCalib: rows are its x, columns its y, and the affine matrix is [c d; e 1]."""
+    c, d, e, centre_row, centre_column = 0.9991, 2e-4, -3e-4, 401.5, 643.5
+    polynomial = sign * np.array([-347.0, 0.0, 9.5e-4, -2.1e-7, 6.3e-10])
+    camera = OcamCamera(
+        width=1280,
+        height=800,
+        principal_point=(centre_column, centre_row),
+        coefficients=polynomial,
+        stretch=(1, e, d, c),
+    )
+    pixels = np.array([[643.5, 401.5], [10.0, 20.0], [1200.0, 700.0], [643.5, 100.0], [900.0, 401.5]])
+    rows = np.linalg.inv([[c, d], [e, 1.0]]) @ (pixels[:, ::-1] - [centre_row, centre_column]).T
+    depth = np.polyval(polynomial[::-1], np.hypot(*rows))
+    seen = np.stack([rows[1], rows[0], depth * np.sign(polynomial[0])], axis=1)
+    rays, valid = camera.unproject(pixels)
+    assert valid.all()
+    np.testing.assert_allclose(rays, seen / np.linalg.norm(seen, axis=1)[:, None], atol=1e-12)
+    assert rays[0].tolist() == [0.0, 0.0, 1.0]
+
+
+def test_matlabs_mapping_coefficients_make_the_same_lens():
+    """MATLAB gives a0, a2, a3, a4, looks along z, and has columns first in its stretch matrix."""
+    lens = {"width": 1280, "height": 800, "principal_point": (643.5, 401.5)}
+    by_toolbox = OcamCamera(**lens, coefficients=(-347.0, 0.0, 9.5e-4, -2.1e-7), stretch=(1, -3e-4, 2e-4, 0.999))
+    by_matlab = OcamCamera(**lens, coefficients=(347.0, 0.0, -9.5e-4, 2.1e-7), stretch=(1, -3e-4, 2e-4, 0.999))
+    np.testing.assert_array_equal(by_matlab.project(RAYS)[0], by_toolbox.project(RAYS)[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "model"),
+    [("mei", "unified"), ("equidistant", "kannala_brandt"), ("plumb_bob", "brown_conrady"), ("ds", "double_sphere"),
+     ("EUCM", "extended_unified"), ("scaramuzza", "ocam"), ("radtan", "brown_conrady")],
+)  # fmt: skip
+def test_names_of_other_tools_lead_to_the_model(name, model):
+    stored = camera_parameters(LENSES[model])
+    assert camera_from_parameters(**stored | {"model": name}) == LENSES[model]
+
+
+@pytest.mark.parametrize(
+    ("model", "wrong", "told"),
+    [
+        ("double_sphere", {"xi": -1.0}, "xi: expected a number above -1, got -1.0"),
+        ("double_sphere", {"alpha": 1.2}, "alpha: expected a number from 0 to 1, got 1.2"),
+        ("extended_unified", {"beta": 0.0}, "beta: expected a positive number, got 0.0"),
+        ("ocam", {"coefficients": (0.0, 1.0)}, "coefficients: expected a0 other than 0 first"),
+        ("ocam", {"stretch": (1.0, 0.0, 0.0)}, "stretch: expected four numbers of a matrix"),
+        ("ocam", {"stretch": (0.0, 1.0, 1.0, 0.0)}, "stretch: expected four numbers of a matrix that mirrors nothing"),
+    ],
+)
+def test_parameters_out_of_their_domain(model, wrong, told):
+    with pytest.raises(ShapeError, match=re.escape(told)):
+        camera_from_parameters(**camera_parameters(LENSES[model]) | wrong)

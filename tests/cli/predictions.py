@@ -64,6 +64,8 @@ def write_map(folder: Path, place: str, name: object, values: NDArray) -> Path:
     """Write a PNG file at its place."""
     file = folder / place / f"{name}.png"
     file.parent.mkdir(parents=True, exist_ok=True)
+    if values.dtype == np.uint16:
+        (folder / "predictions.yaml").write_text("sixteen_bits: score\n")
     assert cv2.imwrite(str(file), values)
     return file
 

@@ -388,6 +388,19 @@ def test_folders_that_are_no_predictions(evaluate, images, masks, tmp_path, caps
     assert "4 files and none of them does, the first front/" in capsys.readouterr().err
 
 
+def test_instances_as_scores_are_refused_or_doubted_and_an_empty_folder_is_said(evaluate, images, tmp_path, capsys):
+    folder = write_maps(tmp_path / "p", images, lambda image: (image.moving > 0).astype(np.uint16) * 2001)
+    (folder / "predictions.yaml").unlink()
+    evaluate(folder, status=2)
+    assert "12 unclear" in capsys.readouterr().err
+    (folder / "predictions.yaml").write_text("sixteen_bits: score\n")
+    write_map(folder, images[0].place, images[0].timestamp_ns, (images[0].moving > 0).astype(np.uint16) * 40000)
+    evaluate(folder)
+    assert "warning: 16-bit scores of 3 values alone (the values 0, 2001, 40000)" in capsys.readouterr().out
+    evaluate(write_maps(tmp_path / "q", images, lambda image: image.moving.astype(np.uint8) * 0))
+    assert "warning: 12 predictions, none of which marks anything" in capsys.readouterr().out
+
+
 def test_masks_among_scores_and_scores_of_8_bits_are_refused(evaluate, images, masks, tmp_path, capsys):
     first = images[0]
     write_map(masks, first.place, first.timestamp_ns, first.moving.astype(np.uint16) * 257)

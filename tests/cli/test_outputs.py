@@ -219,7 +219,6 @@ def test_a_bug_keeps_its_traceback(monkeypatch, capsys, places):
 WRITERS = {
     "egomotion/tum.py": "to the temporary file of its caller",
     "recordings/contract.py": "copies in a temporary folder",
-    "recordings/object_storage.py": "empty files in a temporary folder",
 }
 
 

@@ -50,6 +50,9 @@ def test_faults_exit_with_1_and_stand_in_text_and_json(monkeypatch, capsys, fold
     assert (content["dataset"], content["errors"], content["warnings"]) == ("street", 8, 0)
     (recording,) = content["recordings"]
     findings = recording.pop("findings")
+    read = {content["what"]: content["count"] for content in recording.pop("contents") if content["read_as"]}
+    assert (read["images/front/*.png"], read["lidar/*.npz"]) == (24, 16)
+    assert "  images/front/*.png (24): read as images" in lines
     assert recording == {
         "name": "drive",
         "images": {"read": 24, "all": 24},

@@ -77,7 +77,8 @@ def test_times_that_no_unit_explains_are_refused(tmp_path, time):
         (LINE + "1 0 nan 0 0 0 0 1\n", "y, line 2: expected a finite number, got 'nan'"),
         (LINE + "one 0 0 0 0 0 0 1\n", "t, line 2: expected seconds, got 'one'"),
         (LINE + "1 0 0 0 0 0 0 2\n", "qx qy qz qw: expected a quaternion of length 1"),
-        (LINE + LINE, "timestamp_ns: expected times that increase"),
+        ("1 0 0 0 0 0 0 1\n" + LINE, "timestamp_ns: expected times that increase"),
+        (LINE + "0 1 0 0 0 0 0 1\n", "line 2: expected one pose for each time, got others at 0 in the lines 1 and 2"),
         ("# nothing\n", "expected at least two poses, got 0"),
     ],
 )

@@ -1,5 +1,8 @@
 """Point-cloud files, whole and broken."""
 
+import re
+import struct
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,17 +11,22 @@ from hypothesis.extra import numpy as hnp
 
 from bench.errors import DataError, UnknownNameError
 from bench.lidar import LidarSweep, read_points, read_sweep, write_sweep
+from bench.lidar.fields import is_time
 from bench.lidar.files import FORMATS
-from tests.support.clouds import pcd_of, ply, write_points
+from bench.lidar.lzf import unpack_lzf
+from tests.support.clouds import laz, pcd_of, ply, write_points
+from tests.support.clouds import pcd as pcd_head
 
 POINTS = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [-7.5, 8.25, 0.125]], dtype=np.float32)
 INTENSITY = np.array([0.0, 0.5, 1.0], dtype=np.float32)
+SWEEP_NS = 1_700_000_000_000_000_000
+OFFSETS_NS = np.array([-50_000_000, 0, 49_000_000])
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_points_and_intensities_survive_every_format(tmp_path, suffix):
     path = tmp_path / f"1{suffix}"
-    scale = 100 if suffix == ".laz" else 1
+    scale = 100 if suffix in (".las", ".laz") else 1
     write_points(path, {"points_lidar": POINTS, "intensity": INTENSITY * scale})
     arrays = read_points(path)
     assert arrays["points_lidar"] == pytest.approx(POINTS, abs=0.001)
@@ -38,16 +46,28 @@ def test_a_file_cut_short_is_refused(tmp_path, suffix, share):
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".bin", ".pcd", ".ply"])
-def test_points_that_are_not_finite_are_refused(tmp_path, suffix):
+@pytest.mark.parametrize("hole", [np.nan, np.inf, -np.inf])
+def test_returns_without_a_position_are_left_out_and_rows_are_known(tmp_path, suffix, hole):
     path = tmp_path / f"1{suffix}"
     points = POINTS.copy()
-    points[1, 2] = np.nan
-    write_points(path, {"points_lidar": points})
-    with pytest.raises(
-        DataError, match=r"points_lidar: expected finite numbers, got NaN or infinity in 1 rows"
-    ) as caught:
-        read_points(path)
-    assert str(path) in str(caught.value)
+    points[1, 2] = hole
+    write_points(path, {"points_lidar": points, "intensity": INTENSITY})
+    sweep = read_sweep(path, 0)
+    assert sweep.points_lidar.tolist() == POINTS[[0, 2]].tolist()
+    assert sweep.intensity.tolist() == [0.0, 1.0]
+    assert (sweep.stored_rows.tolist(), sweep.rows_stored) == ([0, 2], 3)
+    assert sweep.rows_of(np.array([2, 1])).tolist() == [1]
+    write_points(path, {"points_lidar": np.full_like(POINTS, hole)})
+    with pytest.raises(DataError, match=r"points_lidar: expected finite numbers, got none in any row"):
+        read_sweep(path, 0)
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".pcd", ".ply"])
+def test_an_intensity_that_is_no_number_costs_no_point(tmp_path, suffix):
+    write_points(tmp_path / f"1{suffix}", {"points_lidar": POINTS, "intensity": np.array([np.nan, 0.5, 1.0])})
+    sweep = read_sweep(tmp_path / f"1{suffix}", 0)
+    assert sweep.points_lidar.tolist() == POINTS.tolist()
+    assert sweep.intensity.tolist() == [0.0, 0.5, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -118,8 +138,132 @@ def test_laz_times_are_nanoseconds_in_the_clock_of_the_sweep(tmp_path):
     sweep = read_sweep(path, 4_833_189_570_000)
     assert sweep.time_offset_ns.tolist() == [-67_894_000, 0, 32_355_000]
     assert sweep.intensity == pytest.approx([0.0, 0.2, 1.0])
-    with pytest.raises(DataError, match="gps_time: expected times within a second of 0, ns"):
+    with pytest.raises(DataError, match=r"gps_time: expected times within a second of .*, in ns 4833\.17 s from it"):
         read_sweep(path, 0)
+
+
+LEAP_S = 18  # since 2017
+SWEEP_S = 1_700_000_000
+GPS_S = SWEEP_S - 315_964_800 + LEAP_S
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+@pytest.mark.parametrize("point_format", [1, 6])
+@pytest.mark.parametrize("zero_s", [SWEEP_S, GPS_S, GPS_S - 10**9, GPS_S % 604_800, SWEEP_S % 3600, 0])
+def test_times_of_las_may_be_of_every_clock_that_its_tools_have(tmp_path, suffix, point_format, zero_s):
+    times_s = zero_s + np.array([-0.05, 0.0, 0.049])
+    content = laz(POINTS, point_format=point_format, packed=suffix == ".laz", gps_time=times_s)
+    (tmp_path / f"1{suffix}").write_bytes(content)
+    sweep = read_sweep(tmp_path / f"1{suffix}", SWEEP_NS)
+    assert sweep.time_offset_ns == pytest.approx(OFFSETS_NS, abs=300)
+
+
+@pytest.mark.parametrize("point_format", [1, 3, 6])
+def test_times_of_las_that_are_all_zero_are_none(tmp_path, point_format):
+    (tmp_path / "1.laz").write_bytes(laz(POINTS, point_format=point_format, gps_time=np.zeros(3)))
+    assert read_sweep(tmp_path / "1.laz", SWEEP_NS).time_offset_ns is None
+
+
+@pytest.mark.parametrize(("stored", "full"), [([0, 100, 255], 255), ([0, 100, 300], 65535), ([0, 1, 1], 1)])
+def test_intensities_are_shares_whatever_the_scale(tmp_path, stored, full):
+    write_points(tmp_path / "1.laz", {"points_lidar": POINTS, "intensity": np.array(stored)})
+    assert read_sweep(tmp_path / "1.laz", 0).intensity == pytest.approx(np.array(stored) / full)
+
+
+@pytest.mark.parametrize("columns", range(3, 8))
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_the_columns_of_a_bin_file_are_found(tmp_path, columns, shuffled):
+    rng = np.random.default_rng(columns)
+    angle, rise = np.linspace(0, 2 * np.pi, 2100), rng.uniform(-0.3, 0.05, 2100)
+    away = rng.uniform(4, 40, 2100)
+    table = np.stack(
+        [away * np.cos(angle), away * np.sin(angle), away * rise, rng.random(2100), rng.integers(0, 32, 2100)]
+    )
+    rows = np.vstack([table, angle / 60, rng.random(2100)])[:columns].T.astype("<f4")
+    rows = rng.permutation(rows) if shuffled else rows
+    rows.tofile(tmp_path / "1.bin")
+    sweep = read_sweep(tmp_path / "1.bin", 0)
+    assert sweep.points_lidar.tolist() == rows[:, :3].tolist()
+    assert sweep.unread_fields == tuple(f"column {i}" for i in range(5, columns + 1))
+    names = ["x", "y", "z", "intensity", "ring", "time", "other"][:columns]
+    named = read_sweep(tmp_path / "1.bin", 0, bin_columns=names)
+    assert named.points_lidar.tolist() == rows[:, :3].tolist()
+    assert (named.time_offset_ns is not None) == (columns > 5)
+
+
+def test_a_bin_file_of_no_whole_rows_names_the_columns(tmp_path):
+    np.zeros(403, dtype="<f4").tofile(tmp_path / "1.bin")
+    with pytest.raises(DataError, match=r"rows of 4 float32 .* got 1612 bytes.* name the columns .* bin_columns"):
+        read_sweep(tmp_path / "1.bin", 0)
+
+
+NAMES = [
+    *("t", "time", "time_stamp", "stamps", "point_time_offset", "offset_ns", "Timestamp", "timeStamp", "offset_time"),
+    *("t_us", "gps_time", "ts", "reltime", "firing_time", "t_offset", "dt", "timestampNs", "stampUs", "laserTime"),
+    *("relative_time", "point_timestamp_ns", "timestamps"),
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_fields_with_times_are_known_by_the_words_of_their_names(tmp_path, name):
+    unit_ns = 1 if name.lower().endswith("ns") else 1_000  # also where the name says nothing
+    columns = [*XYZ, (name, 4, "I", 1), ("label", 4, "I", 1)]
+    rows = np.zeros(3, dtype=[*PLACE, (name, "<i4"), ("label", "<i4")])
+    rows[name] = OFFSETS_NS // unit_ns
+    sweep = read_sweep(pcd(tmp_path / "1.pcd", columns, 3, rows.tobytes()), SWEEP_NS)
+    assert sweep.time_offset_ns.tolist() == OFFSETS_NS.tolist()
+    assert (sweep.read_fields, sweep.unread_fields) == ((name,), ("label",))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "tag",
+        "distance",
+        "offset",
+        "point",
+        "ns",
+        "tint",
+        "timer",
+        "curvature",
+        "state",
+        "test",
+        "intensity",
+        "status",
+        "points",
+        "set",
+        "d",
+    ],
+)
+def test_other_fields_are_no_times(name):
+    assert not is_time(name)
+
+
+HEADS = [
+    ({"FIELDS": "a b c"}, "header: expected the header of a .pcd file, got the fields a, b, c, without x, y and z"),
+    ({"WIDTH": "2"}, "got WIDTH 2 and HEIGHT 1 that do not make POINTS 3"),
+    ({"SIZE": "4 4"}, "got 3 FIELDS, 3 TYPE, 2 SIZE and 3 COUNT, not one for each field"),
+    ({"TYPE": "F F Q"}, "got a TYPE, SIZE or COUNT that no field has"),
+    ({"POINTS": "0", "WIDTH": "0"}, "POINTS: expected points, got 0, an empty cloud; remove the file"),
+    ({"FIELDS": "x y z x", "SIZE": "4 4 4 4", "TYPE": "F F F F", "COUNT": "1 1 1 1"}, "or with a name twice"),
+]
+
+
+@pytest.mark.parametrize(("lines", "told"), HEADS)
+def test_each_fault_of_a_head_is_named(tmp_path, lines, told):
+    (tmp_path / "1.pcd").write_bytes(pcd_head(3, body=bytes(36), **lines))
+    with pytest.raises(DataError, match=re.escape(told)):
+        read_points(tmp_path / "1.pcd")
+
+
+def test_lines_of_a_head_that_say_what_others_say_may_be_left_out(tmp_path):
+    lines = pcd_head(3, body=POINTS.tobytes()).split(b"\n", 9)
+    kept = [line for line in lines[:-1] if not line.startswith((b"HEIGHT", b"POINTS", b"COUNT", b"VIEWPOINT"))]
+    (tmp_path / "1.pcd").write_bytes(b"\n".join([*kept, lines[-1]]))
+    assert read_points(tmp_path / "1.pcd")["points_lidar"].tolist() == POINTS.tolist()
+    (tmp_path / "1.pcd").write_bytes(b"VERSION 0.7\n")
+    with pytest.raises(DataError, match=r"DATA: expected the line that ends the header of a \.pcd file, got none"):
+        read_points(tmp_path / "1.pcd")
 
 
 PLACE = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
@@ -144,18 +288,42 @@ def test_fields_that_pad_a_point_are_passed_over(tmp_path):
     path = pcd(tmp_path / "1.pcd", [*XYZ, *padding], 3, rows.tobytes() + bytes(1000))
     sweep = read_sweep(path, SWEEP_NS)
     np.testing.assert_array_equal(sweep.points_lidar, POINTS)
-    assert sweep.intensity.tolist() == [1.0, 2.0, 3.0]
+    assert sweep.intensity == pytest.approx(np.array([1.0, 2.0, 3.0]) / 255)
     assert sweep.ring.tolist() == [0, 63, 127]
     assert sweep.time_offset_ns.tolist() == [0, 50_000_000, 100_000_000]
     text = "\n".join("1 2 3 0 0 0 0 9 0.05 0 0 0 0 0 0 7" for _ in range(2)).encode()
     arrays = read_points(pcd(tmp_path / "2.pcd", [*XYZ, *padding], 2, text, "ascii"))
     assert arrays["points_lidar"].tolist() == [[1, 2, 3]] * 2
     assert arrays["ring"].tolist() == [7, 7]
-    packed = pcd(tmp_path / "3.pcd", [*XYZ, *padding], 3, bytes(100), "binary_compressed")
-    with pytest.raises(
-        DataError, match=r"FIELDS: expected fields of one number each in compressed points, got padding"
-    ):
-        read_points(packed)
+    columns = [rows[name].tobytes() for name in rows.dtype.names]
+    packed = pcd(tmp_path / "3.pcd", [*XYZ, *padding], 3, lzf(b"".join(columns)), "binary_compressed")
+    again = read_sweep(packed, SWEEP_NS)
+    np.testing.assert_array_equal(again.points_lidar, POINTS)
+    assert again.time_offset_ns.tolist() == [0, 50_000_000, 100_000_000]
+
+
+def lzf(content):
+    """Content in LZF without any repetition, after the two lengths."""
+    runs = [content[i : i + 32] for i in range(0, len(content), 32)]
+    packed = b"".join(bytes([len(run) - 1]) + run for run in runs)
+    return struct.pack("<II", len(packed), len(content)) + packed
+
+
+@pytest.mark.parametrize(
+    ("packed", "content"),
+    [
+        (b"\x00a\xe0\x02\x00", b"a" * 12),  # one byte, and eleven times the one before
+        (b"\x02abc\x40\x02", b"abcabca"),
+        (b"\x02abc\x40\x05", None),  # from before the beginning
+        (b"\x05abc", None),
+        (b"\xe0", None),
+    ],
+)
+def test_lzf(packed, content):
+    unpacked = np.zeros(len(content or bytes(20)), dtype=np.uint8)
+    written = unpack_lzf(np.frombuffer(packed, dtype=np.uint8), unpacked)
+    assert written == (-1 if content is None else len(content))
+    assert content is None or unpacked.tobytes() == content
 
 
 def test_behind_a_field_of_no_numbers_nothing_is_read(tmp_path):
@@ -166,11 +334,7 @@ def test_behind_a_field_of_no_numbers_nothing_is_read(tmp_path):
     with pytest.raises(DataError, match=r"COUNT: expected a COUNT of 1 or more for each field before timestamp, got 0"):
         read_points(pcd(tmp_path / "1.pcd", columns, 3, rows.tobytes()))
     columns[-1] = ("other", 8, "F", 1)
-    assert set(read_points(pcd(tmp_path / "2.pcd", columns, 3, rows.tobytes()))) == {"points_lidar"}
-
-
-SWEEP_NS = 1_700_000_000_000_000_000
-OFFSETS_NS = np.array([-50_000_000, 0, 49_000_000])
+    assert set(read_points(pcd(tmp_path / "2.pcd", columns, 3, rows.tobytes()))) == {"points_lidar", "label", "other"}
 
 
 @pytest.mark.parametrize(
@@ -212,12 +376,11 @@ def test_times_of_points_that_make_no_sweep_are_refused(tmp_path):
         return read_sweep(path, timestamp_ns)
 
     assert sweep_of([0.0, 0.0, 0.0]).time_offset_ns is None
-    with pytest.raises(
-        DataError, match=r"time: expected times of points that are 10 ms to a second apart, .* 0.0 to 5.0"
-    ):
+    with pytest.raises(DataError, match=r"t: expected times of points that are 10 ms to a second apart, .* 0.0 to 5.0"):
         sweep_of([0.0, 1.0, 5.0])
     with pytest.raises(
-        DataError, match=rf"time: expected times within a second of {SWEEP_NS} or of 0, ns, got 9\d+ to"
+        DataError,
+        match=rf"t: expected times within a second of the sweep at {SWEEP_NS} ns, or of 0, got 999.95 to 1000.1, in s",
     ):
         sweep_of([1000.0, 1000.1, 999.95])
     assert sweep_of([0.5, 0.55, 0.6], timestamp_ns=520_000_000).time_offset_ns.tolist() == [

@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from io import BytesIO
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,7 @@ from PIL import Image
 
 from bench.errors import DataError
 from bench.recordings import ImageRef, open_native, read_image, read_truth
-from bench.recordings.images import JPEG_SCAN, PNG_START, decode_image
+from bench.recordings.images import JPEG_SCAN, PNG_START, decode_image, decode_values
 from tests.hostile.files import png, png_chunk
 from tests.support import tiny
 
@@ -108,7 +109,10 @@ JPEGS = ["plain", "grey", "best", "progressive", "restarts", "4:4:4", "4:2:2"]
 @pytest.mark.parametrize("flags", [cv2.IMREAD_GRAYSCALE, cv2.IMREAD_COLOR, cv2.IMREAD_UNCHANGED])
 def test_whole_jpegs_have_the_pixels_that_opencv_gives_them(kind, flags):
     content = jpeg(kind)
-    seen = decode_image(content, flags | cv2.IMREAD_IGNORE_ORIENTATION, file=Path("1.jpg"))
+    if flags == cv2.IMREAD_UNCHANGED:
+        seen = decode_values(content, file=Path("1.jpg"))
+    else:
+        seen = decode_image(content, colour=flags == cv2.IMREAD_COLOR, file=Path("1.jpg"))
     assert np.array_equal(seen, cv2.imdecode(np.frombuffer(content, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION))
 
 
@@ -140,7 +144,7 @@ def test_jpegs_whose_data_is_damaged_are_refused_as_far_as_the_decoder_sees_it(c
         warned = "JPEG" in capfd.readouterr().err
         found += warned
         try:
-            seen = decode_image(damaged, cv2.IMREAD_GRAYSCALE, file=Path("1.jpg"))
+            seen = decode_image(damaged, file=Path("1.jpg"))
         except DataError:
             seen = None
         assert seen is None or (not warned and np.array_equal(seen, pixels))
@@ -153,13 +157,13 @@ def test_a_jpeg_of_very_many_scans_is_refused():
     content = jpeg("progressive")
     last = content.rindex(JPEG_SCAN)
     with pytest.raises(DataError, match="expected at most 100 scans of a JPEG"):
-        decode_image(content[:-2] + content[last:-2] * 1000 + content[-2:], cv2.IMREAD_COLOR, file=Path("1.jpg"))
+        decode_image(content[:-2] + content[last:-2] * 1000 + content[-2:], colour=True, file=Path("1.jpg"))
 
 
 def test_a_jpeg_of_four_colours_is_refused(tmp_path):
     Image.fromarray(scene()).convert("CMYK").save(tmp_path / "1.jpg")
     with pytest.raises(DataError, match="expected a JPEG of one or three components of 8 bits, got 4 of 8 bits"):
-        decode_image((tmp_path / "1.jpg").read_bytes(), cv2.IMREAD_COLOR, file=tmp_path / "1.jpg")
+        decode_image((tmp_path / "1.jpg").read_bytes(), colour=True, file=tmp_path / "1.jpg")
 
 
 @pytest.mark.parametrize(
@@ -200,3 +204,23 @@ def test_truth_is_sixteen_bits_and_only_where_there_is_some(root, tmp_path):
     cv2.imwrite(str(first.truth_path), np.zeros((48, 64), np.uint8))
     with pytest.raises(DataError, match="expected a 16-bit grey PNG, got uint8"):
         read_truth(first, recording.cameras["front"])
+
+
+@pytest.mark.parametrize("kind", JPEGS)
+@pytest.mark.parametrize("padding", [bytes(60), bytes(512), b"\xff" * 4096, b"\xff\xd8 another", b"text"])
+def test_what_follows_the_end_of_a_jpeg_is_none_of_it(kind, padding):
+    whole = decode_image(jpeg(kind), file=Path("1.jpg"))
+    assert np.array_equal(decode_image(jpeg(kind) + padding, file=Path("1.jpg")), whole)
+
+
+@pytest.mark.parametrize("colour", [False, True])
+def test_an_indexed_png_is_seen_in_its_colours(colour):
+    picture = Image.fromarray(scene()).quantize(16)
+    content = BytesIO()
+    picture.save(content, "PNG")
+    bgr = np.asarray(picture.convert("RGB"))[..., ::-1]
+    seen = decode_image(content.getvalue(), colour=colour, file=Path("1.png"))
+    wanted = bgr if colour else cv2.cvtColor(np.ascontiguousarray(bgr), cv2.COLOR_BGR2GRAY)
+    assert np.abs(seen.astype(int) - wanted).max() <= 1
+    with pytest.raises(DataError, match=r"expected a PNG of grey values, got an indexed one.*; store the indices"):
+        decode_values(content.getvalue(), file=Path("1.png"))

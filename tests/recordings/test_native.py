@@ -14,7 +14,7 @@ from bench.egomotion import read_tum
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter, frame_gaps, open_native, read_image, read_truth
-from bench.recordings.error_handlers import ErrorCollector
+from bench.recordings.native import native_recordings
 from tests.support import tiny
 from tests.support.lenses import LENSES
 from tests.support.planting import change_head
@@ -118,9 +118,9 @@ def test_where_the_beams_start_may_be_told(root):
     assert np.array_equal(open_native(root).lidar_from_sensor.matrix, np.eye(4))
     assert "lidar_from_sensor" not in (root / "recording.json").read_text()
     tiny.write_head(root, lidar_from_sensor=BEAMS)
-    for recording in (open_native(root), open_native(root, on_error=ErrorCollector())):
-        assert recording.lidar_from_sensor.matrix == pytest.approx(BEAMS.matrix, abs=1e-12)
-        assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR.matrix, abs=1e-12)
+    recording = open_native(root)
+    assert recording.lidar_from_sensor.matrix == pytest.approx(BEAMS.matrix, abs=1e-12)
+    assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR.matrix, abs=1e-12)
 
 
 def test_exact_calibration_keeps_where_the_beams_start(root):
@@ -169,8 +169,8 @@ HEAD_FAULTS = [
     ("cameras.front.image_size", [64, 0], "cameras.front.image_size.1: expected greater than 0, got 0"),
     (
         "cameras.front.model.model",
-        "fisheye",
-        "cameras.front.model.model: expected one of brown_conrady, kannala_brandt",
+        "egg",
+        "cameras.front.model.model: expected one of brown_conrady, double_sphere, extended_unified, kannala_brandt",
     ),
     (
         "cameras.front.model.principal_point",
@@ -324,3 +324,82 @@ def test_colour_images_are_written(root):
     image = read_image(recording.images["front"][0], recording.cameras["front"], colour=True)
     assert image[5, 5].tolist() == [10, 20, 30]
     assert cv2.imread(str(recording.images["front"][0].path))[5, 5].tolist() == [10, 20, 30]
+
+
+@pytest.mark.parametrize("name", ["Fahrt 1", "Straße_7", "2024-05-01 10:30"])
+def test_a_recording_may_be_called_as_a_folder_may(tmp_path, name):
+    assert open_native(tiny.write_recording(tmp_path / name)).name == name
+
+
+@pytest.mark.parametrize("file", ["recording.json", "annotations.json", "egomotion.csv", "truth/poses.csv"])
+def test_a_byte_order_mark_changes_nothing(root, file):
+    plain = open_native(root, ego_motion="exact" if "truth" in file else "recorded")
+    (root / file).write_bytes(b"\xef\xbb\xbf" + (root / file).read_bytes())
+    marked = open_native(root, ego_motion="exact" if "truth" in file else "recorded")
+    assert [track.track_id for track in marked.tracks] == [track.track_id for track in plain.tracks]
+    assert np.array_equal(marked.trajectory.positions_m, plain.trajectory.positions_m)
+
+
+@pytest.mark.parametrize(("white", "bits"), [(1023, 10), (4095, 12), (16383, 14)])
+@pytest.mark.parametrize("colour", [False, True])
+def test_images_of_more_bits_are_read_by_their_white_level(root, white, bits, colour):
+    values = np.random.default_rng(bits).integers(0, white + 1, (tiny.HEIGHT, tiny.WIDTH), dtype=np.uint16)
+    for path in (root / "images/front").iterdir():
+        cv2.imwrite(str(path), values)
+    change_head(root, lambda head: head["cameras"]["front"].update(white_level=white))
+    recording = pickle.loads(pickle.dumps(open_native(root)))
+    image = recording.images["front"][0]
+    seen = read_image(image, recording.cameras["front"], colour=colour)
+    wanted = np.round(values.astype(np.float64) * 255 / white)
+    assert np.abs(seen.astype(float) - (wanted[..., None] if colour else wanted)).max() <= 1
+    before = image.stored.content()
+    change_head(root, lambda head: head["cameras"]["front"].update(white_level=white + 1))
+    assert open_native(root).images["front"][0].stored.content() != before
+
+
+def test_links_into_a_cache_are_followed_where_the_card_names_it(root, tmp_path):
+    """As DVC and Hugging Face store data: each file is a link to one that is called by its digest."""
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    files = [path for path in root.rglob("*") if path.is_file()]
+    for number, path in enumerate(files):
+        path.rename(cache / f"{number:032x}")
+        path.symlink_to(cache / f"{number:032x}")
+
+    def handle(**options):
+        (found,) = native_recordings(root, options=options, card=tmp_path / "card.yaml", annotations=None)
+        return found
+
+    with pytest.raises(DataError, match="a link that leads outside"):
+        handle().open()
+    recording = handle(links_into=str(cache)).open()
+    assert np.array_equal(read_image(recording.images["front"][1], recording.cameras["front"]), tiny.pixels(1))
+    with pytest.raises(DataError, match=r"options\.links_into: expected a folder, got .*, which is missing"):
+        handle(links_into="../nowhere")
+
+
+def test_what_of_a_recording_is_read_and_what_is_not(root):
+    (root / "notes.txt").write_text("x")
+    for name in ("1.PCD.gz", "2.PCD.gz", "3.npy"):
+        (root / "lidar" / name).write_bytes(b"")
+    contents = {content.what: content for content in open_native(root).contents}
+    assert (contents["lidar/*.npz"].count, contents["lidar/*.npz"].read_as) == (2, "sweeps")
+    assert (contents["lidar/*.PCD.gz"].count, contents["lidar/*.PCD.gz"].suspect) == (2, True)
+    assert contents["lidar/3.npy"].why == "no .npz or .bin or .pcd or .ply or .las or .laz"
+    assert (contents["notes.txt"].read_as, contents["notes.txt"].suspect) == ("", False)
+
+
+def test_a_value_that_the_format_refuses_is_named_in_one_line(tmp_path):
+    with pytest.raises(DataError, match=r"recording\.json: frame_interval_ns: expected greater than 0, got 0$"):
+        tiny.write_head(tmp_path / "drive", frame_interval_ns=0)
+
+
+def test_points_named_by_an_annotation_count_in_the_stored_sweep(root):
+    """Row 3 of a cloud whose row 1 is a lost return is the third point."""
+    file = sorted((root / "lidar").iterdir())[1]
+    sweep = tiny.sweep(1)
+    points = sweep.points_lidar.copy()
+    points[1] = np.nan
+    np.savez(file, points_lidar=points, time_offset_ns=sweep.time_offset_ns)
+    read = open_native(root).sweeps[1].read()
+    assert np.array_equal(read.points_lidar[read.rows_of(np.array([3, 1, 4]))], points[[3, 4]])

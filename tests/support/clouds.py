@@ -8,9 +8,14 @@ import numpy as np
 
 def write_points(path, arrays):
     """Write `points_lidar`, and what else the format of the suffix holds."""
-    {".npz": write_npz, ".bin": write_bin, ".pcd": write_cloud, ".ply": write_cloud, ".laz": write_laz}[path.suffix](
-        path, arrays
-    )
+    {
+        ".npz": write_npz,
+        ".bin": write_bin,
+        ".pcd": write_cloud,
+        ".ply": write_cloud,
+        ".las": write_laz,
+        ".laz": write_laz,
+    }[path.suffix](path, arrays)
 
 
 def write_npz(path, arrays):
@@ -56,10 +61,10 @@ def ply(vertices, *, form="binary_little_endian", body=b"", **columns):
 
 def write_laz(path, arrays):
     values = {name: arrays[name] for name in ("intensity", "gps_time") if name in arrays}
-    path.write_bytes(laz(arrays["points_lidar"], **values))
+    path.write_bytes(laz(arrays["points_lidar"], packed=path.suffix == ".laz", **values))
 
 
-def laz(points, *, point_format=1, **values):
+def laz(points, *, point_format=1, packed=True, **values):
     """A .laz with millimetres, and what else the points have."""
     header = laspy.LasHeader(point_format=point_format, version="1.4" if point_format > 5 else "1.2")
     header.scales = np.full(3, 0.001)
@@ -68,5 +73,5 @@ def laz(points, *, point_format=1, **values):
     for name, value in values.items():
         setattr(cloud, name, value)
     file = io.BytesIO()
-    cloud.write(file, do_compress=True)
+    cloud.write(file, do_compress=packed)
     return file.getvalue()

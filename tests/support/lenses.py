@@ -9,7 +9,10 @@ import yaml
 from bench.cameras import (
     BrownConradyCamera,
     CameraModel,
+    DoubleSphereCamera,
+    ExtendedUnifiedCamera,
     KannalaBrandtCamera,
+    OcamCamera,
     PinholeCamera,
     RadialPolynomialCamera,
     UnifiedCamera,
@@ -49,6 +52,19 @@ LENSES: dict[str, CameraModel] = {
         tangential=(1.1e-3, -6e-4),
     ),
     "pinhole": PinholeCamera(width=640, height=480, focal=(400.0, 410.0), principal_point=(319.5, 239.5)),
+    "double_sphere": DoubleSphereCamera(
+        width=512, height=512, focal=(158.0, 157.8), principal_point=(254.9, 256.7), xi=-0.172, alpha=0.593
+    ),
+    "extended_unified": ExtendedUnifiedCamera(
+        width=752, height=480, focal=(460.8, 459.4), principal_point=(371.6, 240.1), alpha=0.592, beta=1.13
+    ),
+    "ocam": OcamCamera(
+        width=1280,
+        height=800,
+        principal_point=(643.2, 401.4),
+        coefficients=(-347.0, 0.0, 9.5e-4, -2.1e-7, 6.3e-10),
+        stretch=(1.0, -2.1e-4, 3.4e-4, 0.9987),
+    ),
 }
 
 

@@ -55,6 +55,7 @@ RIG = {
     "lidar": {
         "topic": LIDAR,
         "full_intensity": 1.0,
+        "time_unit": "ns",
         "vehicle_from_sensor": {
             "quaternion_wxyz": tiny.VEHICLE_FROM_LIDAR.quaternion_wxyz.tolist(),
             "translation_m": tiny.VEHICLE_FROM_LIDAR.translation_m.tolist(),

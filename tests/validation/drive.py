@@ -79,7 +79,7 @@ def sweep(index, path):
     seen = reach < 60
     noise = np.random.default_rng(index).normal(scale=0.01, size=seen.sum())
     points = rays[seen] * (reach[seen] + noise)[:, None]
-    return LidarSweep(timestamp_ns=time_ns, points_lidar=points.astype(np.float32))
+    return as_at_once(time_ns, points.astype(np.float32))
 
 
 def tracks(path):
@@ -146,4 +146,9 @@ def found(root, depth=Depth.SAMPLED, *, static_world=False, returns=False):
 
 
 def with_points(points):
-    return lambda sweep: LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=points(sweep.points_lidar))
+    return lambda sweep: as_at_once(sweep.timestamp_ns, points(sweep.points_lidar))
+
+
+def as_at_once(time_ns, points):
+    """A sweep whose points are known to be of one time."""
+    return LidarSweep(timestamp_ns=time_ns, points_lidar=points, time_offset_ns=np.zeros(len(points), dtype=np.int64))

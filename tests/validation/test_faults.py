@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep
+from bench.lidar import LidarSweep, read_sweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings, open_native
 from bench.validation import Depth, Severity, box_fit, boxes
@@ -18,6 +18,7 @@ from bench.validation.boxes import check_boxes
 from bench.validation.report import BY_EGO_MOTION
 from bench.validation.sweeps import seen_road
 from tests.support import tiny
+from tests.support.clouds import pcd_of
 from tests.support.planting import (
     change_boxes,
     change_bus,
@@ -303,8 +304,8 @@ def test_black_images(root):
 
 
 def test_points_that_are_not_finite(root):
-    sweep_of(lambda points: np.where(points > 10, np.nan, points))(root)
-    (told,) = found(root, returns=True)
+    sweep_of(lambda points: np.full_like(points, np.nan))(root)
+    (told,) = found(root)
     assert (told.check, told.field) == ("sweep", "points_lidar")
 
 
@@ -560,12 +561,10 @@ def test_point_indices_beyond_the_sweep(root):
 
 
 def test_everything_at_once(root):
-    """A head, bus signals, annotations, names, images and sweeps, each with a fault: all are told in one pass."""
+    """A head, bus signals, annotations and names, each with a fault: all are told in one pass."""
     (root / "images" / "rear").mkdir()
     (root / "images" / "front" / "late.png").write_bytes(b"")
     (root / "lidar" / "x.npz").write_bytes(b"")
-    images(root)[2].write_bytes(b"\x89PNG\r\n\x1a\n")
-    sweep_of(lambda points: points[:0])(root)
     rows = (root / "egomotion.csv").read_text().splitlines()
     rows[5], rows[9] = rows[5].replace("8.0", "fast"), rows[9].replace("0.2", "nan")
     (root / "egomotion.csv").write_text("\n".join(rows) + "\n")
@@ -579,10 +578,17 @@ def test_everything_at_once(root):
         "speed_mps, row 5",
         "yaw_rate_radps, row 9",
         "frames.1.objects.nobody",
-        f"{images(root)[2]}",
-        f"{sorted((root / 'lidar').iterdir())[3]}",
     ):
         assert any(part in line for line in told), part
+
+
+def test_images_and_sweeps_are_read_file_by_file(root):
+    image, sweep = images(root)[2], sweep_files(root)[3]
+    image.write_bytes(b"\x89PNG\r\n\x1a\n")
+    change_sweep(sweep, with_points(lambda points: points[:0]))
+    sweep_files(root)[5].write_bytes(b"PK")
+    told = {finding.file for finding in found(root)}
+    assert {str(image), str(sweep), str(sweep_files(root)[5])} <= told
 
 
 def test_every_fault_of_a_head_is_told(root):
@@ -604,3 +610,45 @@ def test_a_name_that_stands_twice_in_the_annotations(root):
     file.write_text(text.replace('"objects": {"walker": ', twice, 1))
     (told,) = found(root)
     assert (told.check, told.field) == ("key-twice", "'walker'")
+
+
+# ---------------------------------------------------------------- what is there and not read
+
+
+def test_files_among_the_sweeps_that_nobody_reads(root):
+    for path in sweep_files(root)[:5]:
+        path.rename(path.with_name(f"{path.stem}.PCD.gz"))
+    (told,) = [finding for finding in found(root) if finding.check == "not-read"]
+    assert (told.field, told.times, told.severity) == ("lidar/*.PCD.gz", 5, Severity.WARNING)
+    assert "5 that are passed over: no .npz or .bin" in told.got
+
+
+def test_points_without_times(root):
+    def without(sweep):
+        return LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=sweep.points_lidar)
+
+    change_sweeps(root, without)
+    (told,) = found(root)
+    assert (told.check, told.severity, told.times) == ("point-times-missing", Severity.WARNING, drive.SWEEPS)
+
+
+def test_fields_of_points_that_nobody_reads_are_listed(root):
+    columns = [*((axis, 4, "F", 1) for axis in "xyz"), ("azimuth", 4, "F", 1)]
+    for path in sweep_files(root):
+        points = read_sweep(path, 0).points_lidar
+        body = np.column_stack([points, points[:, 0]]).astype("<f4").tobytes()
+        path.with_suffix(".pcd").write_bytes(pcd_of(columns, len(points), body))
+        path.unlink()
+    (told,) = found(root)
+    assert told.hint.endswith("fields that are not read: azimuth")
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_bits_that_are_read_as_sixteen(root, bits):
+    for number, path in enumerate(images(root)):
+        values = np.random.default_rng(number).integers(0, 2**bits, (drive.HEIGHT, drive.WIDTH), dtype=np.uint16)
+        cv2.imwrite(str(path), values)
+    told = [finding for finding in found(root) if finding.check == "grey-levels"]
+    assert [finding.severity for finding in told] == ([Severity.WARNING] if bits == 12 else [])
+    change_head(root, lambda head: head["cameras"]["front"].update(white_level=2**bits - 1))
+    assert found(root) == []

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bench.egomotion import planar_trajectory
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep
 from bench.recordings import RecordingWriter
 from bench.recordings.native import open_native
 from bench.validation.findings import Finding, Undecided
@@ -116,6 +116,46 @@ def winding(tmp_path_factory):
     return root
 
 
+def with_poses(root, change):
+    """The drive's own path as a file of poses, written by somebody who makes a mistake."""
+    path = open_native(root).trajectory
+    (root / "egomotion.csv").unlink()
+    rotations, positions_m = change(path.rotations, path.positions_m)
+    RecordingWriter(root).poses(path.timestamps_ns, rotations, positions_m)
+    return root
+
+
+def right_handed(rotations):
+    flip = np.diag([1.0, -1.0, 1.0])
+    return Rotation.from_matrix(flip @ rotations.as_matrix() @ flip)
+
+
+OPTICAL_FROM_VEHICLE = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+MISREAD = {
+    "quaternions w, x, y, z read as x, y, z, w": lambda r, p: (Rotation.from_quat(np.roll(r.as_quat(), 1, axis=1)), p),
+    "vehicle_from_world, the inverse": lambda r, p: (r.inv(), -r.inv().apply(p)),
+    "poses of left-handed axes, y to the right": lambda r, p: (right_handed(r), p * [1, -1, 1]),
+    "positions with y to the right": lambda r, p: (r, p * [1, -1, 1]),
+    "rotations to the right": lambda r, p: (right_handed(r), p),
+    "poses of a camera's axes, z forward": lambda r, p: (
+        Rotation.from_matrix(OPTICAL_FROM_VEHICLE @ r.as_matrix() @ OPTICAL_FROM_VEHICLE.T),
+        p @ OPTICAL_FROM_VEHICLE.T,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MISREAD)
+def test_poses_that_were_misread(root, name):
+    (found,) = told(with_poses(root, MISREAD[name]))
+    assert (found.check, found.field, found.file) == ("ego-motion-unit", "poses", str(root / "poses.csv"))
+    assert f"if this is {name}" in found.got
+    assert float(found.got.split(";")[1].split()[0]) < 3.0
+
+
+def test_poses_that_are_right_are_no_finding(root):
+    assert told(with_poses(root, lambda r, p: (r, p))) == []
+
+
 @pytest.mark.parametrize("late_ms", [-50, 10, *(pytest.param(ms, marks=pytest.mark.slow) for ms in (-10, 50))])
 def test_odometry_on_another_clock(winding, tmp_path, late_ms):
     root = shutil.copytree(winding, tmp_path / "drive")
@@ -150,7 +190,7 @@ def test_the_side_of_a_bus_beside_a_vehicle_that_stands_is_no_road(root):
     first = open_native(root).sweeps[0].read().points_lidar
     seen = np.concatenate([first, side])
     seen = seen[seen[:, 1] < 1.6]
-    change_sweeps(root, lambda sweep: LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=seen))
+    change_sweeps(root, lambda sweep: drive.as_at_once(sweep.timestamp_ns, seen))
     change_bus(root, lambda row: row.update(speed_mps="0.0", yaw_rate_radps="0.0"))
     recording = open_native(root)
     wall = road_plane([recording.sweeps[0].read()], np.zeros(3))

@@ -32,20 +32,18 @@ from typing import Any
 
 import numpy as np
 
-from bench.adapters.aimotive.boxes import BoxFrame, frames_in_order, read_box_frame, tracks_from_boxes
+from bench.adapters.aimotive.boxes import read_box_frames, tracks_from_boxes
 from bench.adapters.aimotive.calibration import FRAME_INTERVAL_NS, AimotiveOptions, read_cameras, read_lidar_mounting
 from bench.adapters.aimotive.egomotion import sequence_trajectory
 from bench.atomic import linked_folder
-from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
-from bench.recordings.annotations import annotation_file_in, annotations_or_none
-from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
-from bench.recordings.files import framed_files
+from bench.recordings.annotations import annotation_file_in, read_annotations
+from bench.recordings.files import file_contents, framed_files
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.validation import validated
-from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, Recording, SweepRef, Track
+from bench.records.recording import COMPLETELY, Content, ImageRef, Recording, SweepRef
 
 BOXES, SWEEPS = "dynamic/box/3d_body", "dynamic/raw-revolutions"
 
@@ -68,7 +66,7 @@ def aimotive_recordings(
             options=chosen,
             annotations=annotation_file_in(annotations, sequence.name),
         )
-        handles.append(RecordingHandle(name=sequence.name, opener=opener, lenient=True))
+        handles.append(RecordingHandle(name=sequence.name, opener=opener))
     return tuple(handles)
 
 
@@ -78,7 +76,6 @@ def open_aimotive(
     sequence: str,
     options: AimotiveOptions,
     annotations: Path | None = None,
-    on_error: ErrorHandler = STRICT,
 ) -> Recording:
     """Open a sequence.
 
@@ -87,38 +84,26 @@ def open_aimotive(
         sequence: path of the sequence below `root`.
         options: as in the card.
         annotations: annotation file that stands in for the boxes; None for none.
-        on_error: takes errors; the default raises the first.
 
     Raises:
         DataError: a file that is missing or not what the format asks for.
     """
     folder = root / sequence
     within = linked_folder(root, folder, levels=options.follow_links)
-    cameras = read_cameras(within, folder, options, on_error)
-    boxes, without_time = _boxes(within, folder, on_error)
-    times_ns = {number: frame.timestamp_ns for number, frame in boxes.items()}
-    trajectory = sequence_trajectory(root, folder, options, times_ns, on_error)
-    tracks = _tracks(boxes, trajectory, annotations, on_error)
-    timed = partial(_timed, times_ns=times_ns, without_time=without_time, on_error=on_error)
-    images: dict[str, tuple[ImageRef, ...]] = dict.fromkeys(cameras, ())
+    cameras = read_cameras(within, folder, options)
+    frames = read_box_frames(framed_files(within, folder / BOXES, r"frame_(\d+)\.json"), folder / BOXES)
+    times_ns = {number: frame.timestamp_ns for number, frame in frames.items()}
+    trajectory = sequence_trajectory(root, folder, options, times_ns)
+    own = None if annotations is None else read_annotations(annotations)
+    tracks = tracks_from_boxes(tuple(frames.values()), trajectory) if own is None else own
+    images: dict[str, tuple[ImageRef, ...]] = {}
     for name in cameras:
-        with reporting(on_error):
-            place = folder / "sensor/camera" / name
-            paths = framed_files(within, place, rf"{re.escape(name)}_(\d+)\.(?:jpg|png)", on_error)
-            if not paths:
-                on_error(DataError(place, expected=f"images {name}_<number>.jpg", got="none"))
-            images[name] = tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in timed(paths))
-    sweeps: tuple[SweepRef, ...] = ()
-    with reporting(on_error):
-        paths = framed_files(within, folder / SWEEPS, r"frame_(\d+)\.laz", on_error)
-        sweeps = tuple(SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in timed(paths))
-    lidar_from_sensor = _lidar_mounting(within, folder, on_error)
-    if not cameras or not boxes:
-        on_error.stop()
-    if trajectory is None:
-        on_error.leave_out("trajectory")
-    if tracks is None:
-        on_error.leave_out("annotations")
+        place = folder / "sensor/camera" / name
+        paths = framed_files(within, place, rf"{re.escape(name)}_(\d+)\.(?:jpg|png)")
+        if not paths:
+            raise DataError(place, expected=f"images {name}_<number>.jpg", got="none")
+        images[name] = tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in _timed(paths, times_ns))
+    revolutions = framed_files(within, folder / SWEEPS, r"frame_(\d+)\.laz")
     return Recording(
         name=folder.name,
         root=root,
@@ -126,57 +111,38 @@ def open_aimotive(
         frame_interval_ns=FRAME_INTERVAL_NS,
         cameras=cameras,
         images=images,
-        trajectory=trajectory or stationary(root),
+        trajectory=trajectory,
         vehicle_from_lidar=RigidTransform.identity(),
-        sweeps=sweeps,
-        tracks=tracks or (),
-        annotated=NOT_ANNOTATED if tracks is None else COMPLETELY,
+        sweeps=tuple(
+            SweepRef(timestamp_ns=t, path=path, reader=read_sweep) for t, path in _timed(revolutions, times_ns)
+        ),
+        tracks=tracks,
+        annotated=COMPLETELY,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
-        lidar_from_sensor=lidar_from_sensor,
+        lidar_from_sensor=read_lidar_mounting(within, folder),
+        contents=tuple(_contents(folder, images, revolutions)),
     )
 
 
-def _boxes(root: Path, folder: Path, on_error: ErrorHandler) -> tuple[dict[int, BoxFrame], frozenset[int]]:
-    """Frames by increasing time, and the numbers of those that cannot be used."""
-    files: Mapping[int, Path] = {}
-    with reporting(on_error):
-        files = framed_files(root, folder / BOXES, r"frame_(\d+)\.json", on_error)
-        if not files:
-            expected = "files frame_<number>.json, which hold the times of frames"
-            on_error(DataError(folder / BOXES, expected=expected, got="none"))
-    read = {number: read_box_frame(file, on_error) for number, file in files.items()}
-    frames = frames_in_order({number: frame for number, frame in read.items() if frame is not None}, on_error)
-    return frames, frozenset(files) - frozenset(frames)
+def _contents(
+    folder: Path, images: Mapping[str, tuple[ImageRef, ...]], revolutions: Mapping[int, Path]
+) -> Iterator[Content]:
+    """What is in the sequence's folder, read and not read."""
+    sensor, dynamic = folder / "sensor", folder / "dynamic"
+    yield from file_contents(
+        folder, sensor, [sensor / name for name in ("calibration", "camera", "gnssins")], "sensors"
+    )
+    yield from file_contents(folder, sensor / "camera", [sensor / "camera" / name for name in images], "cameras")
+    for name, refs in images.items():
+        place = sensor / "camera" / name
+        yield from file_contents(folder, place, [ref.path for ref in refs], "images", suffixes=(".jpg", ".png"))
+    yield from file_contents(folder, dynamic, [dynamic / name for name in ("box", "raw-revolutions")], "boxes, sweeps")
+    yield from file_contents(folder, folder / SWEEPS, revolutions.values(), "sweeps", suffixes=(".laz",))
 
 
-def _timed(
-    paths: Mapping[int, Path], *, times_ns: Mapping[int, int], without_time: frozenset[int], on_error: OnError
-) -> Iterator[tuple[int, Path]]:
-    """Files with the times of their frames; no time is an error, except for `without_time`, reported already."""
+def _timed(paths: Mapping[int, Path], times_ns: Mapping[int, int]) -> Iterator[tuple[int, Path]]:
+    """Files with the times of their frames."""
     for number, path in paths.items():
-        if number in times_ns:
-            yield times_ns[number], path
-        elif number not in without_time:
-            on_error(DataError(path, expected=f"{BOXES}/frame_{number:07d}.json with its time", got="no such file"))
-
-
-def _tracks(
-    boxes: Mapping[int, BoxFrame], trajectory: Trajectory | None, annotations: Path | None, on_error: ErrorHandler
-) -> tuple[Track, ...] | None:
-    """None after an error, or where there is no ego-motion to add to the velocities."""
-    if annotations is not None:
-        return annotations_or_none(annotations, on_error)
-    if trajectory is not None:
-        with reporting(on_error):
-            return tracks_from_boxes(tuple(boxes.values()), trajectory)
-    return None
-
-
-def _lidar_mounting(root: Path, folder: Path, on_error: ErrorHandler) -> RigidTransform:
-    """The identity after an error; one of the whole file was reported with the cameras."""
-    try:
-        return read_lidar_mounting(root, folder)
-    except DataError as error:
-        if error.field is not None:
-            on_error(error)
-        return RigidTransform.identity()
+        if number not in times_ns:
+            raise DataError(path, expected=f"{BOXES}/frame_{number:07d}.json with its time", got="no such file")
+        yield times_ns[number], path

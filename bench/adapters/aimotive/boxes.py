@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +12,9 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, field_validator
 
 from bench.egomotion import Trajectory
-from bench.errors import DataError
+from bench.errors import DataError, refuse
 from bench.geometry import RigidTransform
-from bench.recordings.error_handlers import ErrorHandler, OnError, reporting_all
-from bench.recordings.validation import MOST_FAULTS, FileModel, TimeNs, json_faults, read_json
+from bench.recordings.validation import FileModel, TimeNs, read_json
 from bench.records.recording import Cuboid, ObjectState, Track, yaw_rates
 
 CLASSES = {
@@ -77,25 +75,30 @@ class BoxFrame:
     boxes: tuple[Box, ...]
 
 
-def read_box_frame(file: Path, on_error: ErrorHandler) -> BoxFrame | None:
-    """Read a box file.
+def read_box_frames(files: Mapping[int, Path], folder: Path) -> dict[int, BoxFrame]:
+    """Read the box files of a sequence.
 
     Args:
-        file: JSON.
-        on_error: takes errors, at most 200: a missing file, a key that is absent or not a number, an unknown type of
-            object, an object named twice. Objects are looked at once the values are sound.
+        files: by frame number, increasing.
+        folder: for messages.
 
-    Returns:
-        The boxes; None after an error.
+    Raises:
+        DataError: no file; a key that is absent or not a number, an unknown type of object, an object named twice;
+            times that do not increase.
     """
-    with reporting_all(on_error, lambda _: json_faults(BoxFile, file)):
+    if not files:
+        raise DataError(folder, expected="files frame_<number>.json, which hold the times of frames", got="none")
+    frames: dict[int, BoxFrame] = {}
+    last_ns: int | None = None
+    for number, file in files.items():
         content = read_json(BoxFile, file)
-        faults = list(islice(_object_faults(content, file), MOST_FAULTS))
-        if not faults:
-            return BoxFrame(file=file, timestamp_ns=content.timestamp_ns, boxes=content.objects)
-        for fault in faults:
-            on_error(fault)
-    return None
+        refuse(_object_faults(content, file))
+        if last_ns is not None and content.timestamp_ns <= last_ns:
+            got = f"{content.timestamp_ns} after {last_ns}"
+            raise DataError(file, field="Timestamp", expected="times that increase", got=got)
+        last_ns = content.timestamp_ns
+        frames[number] = BoxFrame(file=file, timestamp_ns=last_ns, boxes=content.objects)
+    return frames
 
 
 def _object_faults(content: BoxFile, file: Path) -> Iterator[DataError]:
@@ -110,19 +113,6 @@ def _object_faults(content: BoxFile, file: Path) -> Iterator[DataError]:
         if not any((box.qw, box.qx, box.qy, box.qz)):
             yield DataError(file, field=f"{field}.BoundingBox3D Orientation Quat", expected="a quaternion", got="zeros")
         seen.add(box.object_id)
-
-
-def frames_in_order(frames: Mapping[int, BoxFrame], on_error: OnError) -> dict[int, BoxFrame]:
-    """The frames of increasing time; one that is not later than the one before it is an error."""
-    ordered: dict[int, BoxFrame] = {}
-    last_ns: int | None = None
-    for number, frame in frames.items():
-        if last_ns is not None and frame.timestamp_ns <= last_ns:
-            got = f"{frame.timestamp_ns} after {last_ns}"
-            on_error(DataError(frame.file, field="Timestamp", expected="times that increase", got=got))
-        else:
-            ordered[number], last_ns = frame, frame.timestamp_ns
-    return ordered
 
 
 def tracks_from_boxes(frames: Sequence[BoxFrame], trajectory: Trajectory) -> tuple[Track, ...]:

@@ -13,7 +13,6 @@ from bench.atomic import MOST_LINK_LEVELS
 from bench.cameras import camera_from_parameters
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.error_handlers import STRICT, OnError, reporting
 from bench.recordings.files import read_object
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
 from bench.recordings.schema import RollingShutterHead
@@ -86,36 +85,26 @@ class CameraCalibration(SensorCalibration):
     image_resolution_px: tuple[SidePx, SidePx]
 
 
-def read_cameras(
-    root: Path, folder: Path, options: AimotiveOptions, on_error: OnError = STRICT
-) -> dict[str, MountedCamera]:
+def read_cameras(root: Path, folder: Path, options: AimotiveOptions) -> dict[str, MountedCamera]:
     """Read the calibration of a sequence.
 
     Args:
         root: folder of the data set, which the file must not leave.
         folder: of the sequence.
         options: which cameras, at which size, with which masks.
-        on_error: takes errors: a missing file, a camera without a calibration, or one of another model.
 
-    Returns:
-        The cameras that can be used.
+    Raises:
+        DataError: a missing file, a camera without a calibration, or one of another model.
     """
     file = folder / CALIBRATION
-    try:
-        content = read_object(root, file, expected="calibrations by sensor name")
-        names = _camera_names(folder, content) if options.cameras is None else options.cameras
-        if not names:
-            raise DataError(folder / "sensor/camera", expected="images of a camera with a known model", got="none")
-    except DataError as error:
-        on_error(error)
-        return {}
-    cameras: dict[str, MountedCamera] = {}
+    content = read_object(root, file, expected="calibrations by sensor name")
+    names = _camera_names(folder, content) if options.cameras is None else options.cameras
+    if not names:
+        raise DataError(folder / "sensor/camera", expected="images of a camera with a known model", got="none")
     for name in names:
-        with reporting(on_error):
-            if name not in content:
-                raise DataError(file, field=name, expected="a calibration of this camera", got="none")
-            cameras[name] = _camera(name, content[name], file, options)
-    return cameras
+        if name not in content:
+            raise DataError(file, field=name, expected="a calibration of this camera", got="none")
+    return {name: _camera(name, content[name], file, options) for name in names}
 
 
 def _is_known(entry: Any) -> bool:

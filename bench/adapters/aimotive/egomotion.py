@@ -12,37 +12,27 @@ from scipy.spatial.transform import Rotation
 
 from bench.adapters.aimotive.calibration import AimotiveOptions
 from bench.atomic import linked_folder, path_inside
-from bench.egomotion import Trajectory, bus_signal_faults, read_bus_signals
+from bench.egomotion import Trajectory, read_bus_signals
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.error_handlers import ErrorHandler, OnError, at_most, reporting, reporting_all
 from bench.recordings.files import read_object
-from bench.recordings.validation import MOST_FAULTS, located
+from bench.recordings.validation import located
 
 FILE = "sensor/gnssins/egomotion.json"
 POSE = "RT_ECEF_body"
 AXES_M = np.array([6_378_137.0, 6_378_137.0, 6_356_752.3142])  # of the WGS 84 ellipsoid
 
 
-def sequence_trajectory(
-    root: Path, folder: Path, options: AimotiveOptions, times_ns: Mapping[int, int], on_error: ErrorHandler
-) -> Trajectory | None:
+def sequence_trajectory(root: Path, folder: Path, options: AimotiveOptions, times_ns: Mapping[int, int]) -> Trajectory:
     """The ego-motion that the card names, or the data set's own; arguments and errors as for `read_egomotion`."""
     if options.ego_motion is None:
-        with reporting(on_error):
-            within = linked_folder(root, folder, levels=options.follow_links)
-            return read_egomotion(within, folder, times_ns, on_error)
-        return None
-    columns = options.ego_motion.columns
-    with reporting(on_error):
-        name = options.ego_motion.file.replace("{sequence}", folder.name)
-        path = path_inside(root, name, file=root, field="options.ego_motion.file")
-        with reporting_all(on_error, lambda _: () if columns else bus_signal_faults(path)):
-            return read_bus_signals(path, columns=columns).trajectory()
-    return None
+        return read_egomotion(linked_folder(root, folder, levels=options.follow_links), folder, times_ns)
+    name = options.ego_motion.file.replace("{sequence}", folder.name)
+    path = path_inside(root, name, file=root, field="options.ego_motion.file")
+    return read_bus_signals(path, columns=options.ego_motion.columns).trajectory()
 
 
-def read_egomotion(root: Path, folder: Path, times_ns: Mapping[int, int], on_error: ErrorHandler) -> Trajectory | None:
+def read_egomotion(root: Path, folder: Path, times_ns: Mapping[int, int]) -> Trajectory:
     """Read the poses.
 
     The file maps frame numbers to entries with a 4 x 4 matrix that takes points of the body into the earth-centred,
@@ -52,18 +42,13 @@ def read_egomotion(root: Path, folder: Path, times_ns: Mapping[int, int], on_err
         root: folder of the data set, which the file must not leave.
         folder: of the sequence.
         times_ns: of frames, from the files of boxes; poses of other frames are passed over.
-        on_error: takes entries that are no poses, at most 200.
-
-    Returns:
-        The trajectory; None after an error.
 
     Raises:
-        DataError: missing, not JSON, or fewer than two poses.
+        DataError: missing, not JSON, an entry that is no pose, or fewer than two poses.
     """
     file = folder / FILE
-    poses = _poses(root, file, times_ns, at_most(MOST_FAULTS, on_error))
-    if poses is None or not times_ns:
-        return None
+    content = read_object(root, file, expected="poses by frame number")
+    poses = {int(key): _pose(entry, key, file) for key, entry in content.items() if _is_wanted(key, times_ns)}
     frames = sorted(poses)
     if len(frames) < 2:
         expected = f"poses of two frames at least, of those from {min(times_ns)} to {max(times_ns)}"
@@ -77,21 +62,6 @@ def read_egomotion(root: Path, folder: Path, times_ns: Mapping[int, int], on_err
         rotations=Rotation.from_matrix(np.stack([pose.rotation for pose in placed])),
         positions_m=np.stack([pose.translation_m for pose in placed]),
     )
-
-
-def _poses(root: Path, file: Path, times_ns: Mapping[int, int], on_error: OnError) -> dict[int, RigidTransform] | None:
-    """By frame; None after an error of one."""
-    content = read_object(root, file, expected="poses by frame number")
-    poses: dict[int, RigidTransform] = {}
-    complete = True
-    for key in content:
-        if _is_wanted(key, times_ns):
-            try:
-                poses[int(key)] = _pose(content[key], key, file)
-            except DataError as error:
-                on_error(error)
-                complete = False
-    return poses if complete else None
 
 
 def _is_wanted(key: str, times_ns: Mapping[int, int]) -> bool:

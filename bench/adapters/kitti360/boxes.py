@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from scipy.linalg import polar
 
 from bench.errors import DataError
-from bench.recordings.error_handlers import STRICT, OnError
 from bench.recordings.files import numbers, xml_parts
 
 
@@ -91,12 +90,11 @@ class WorldBox:
     size_m: NDArray[np.float64]
 
 
-def read_boxes(file: Path, on_error: OnError = STRICT) -> Iterator[WorldBox | tuple[int, int]]:
+def read_boxes(file: Path) -> Iterator[WorldBox | tuple[int, int]]:
     """Read the boxes of everything that can move.
 
     Args:
         file: of boxes.
-        on_error: takes objects that are not whole; where it returns, they are passed over.
 
     Yields:
         Boxes in the order of the file; for every other object its window of annotated frames, if it has one.
@@ -105,13 +103,9 @@ def read_boxes(file: Path, on_error: OnError = STRICT) -> Iterator[WorldBox | tu
         DataError: missing, cut short, not XML, with a document type or entities, or an object that is not whole.
     """
     for element in xml_parts(file, level=1, parts="objects", largest_bytes=LARGEST_OBJECT_BYTES, deepest=DEEPEST):
-        try:
-            found = _object(element, file)
-        except DataError as error:
-            on_error(error)
-        else:
-            if found is not None:
-                yield found
+        found = _object(element, file)
+        if found is not None:
+            yield found
 
 
 def _object(element: Element, file: Path) -> WorldBox | tuple[int, int] | None:

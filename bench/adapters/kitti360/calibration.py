@@ -24,7 +24,6 @@ from bench.cameras import UnifiedCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
-from bench.recordings.error_handlers import OnError, reporting
 from bench.recordings.files import numbers, read_text
 from bench.recordings.mounting import Polygon, body_mask, mounted_camera
 from bench.recordings.validation import FileModel, SidePx, located, validated
@@ -150,64 +149,48 @@ class Rig:
     cameras: dict[str, MountedCamera]
 
 
-def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Options, on_error: OnError) -> Rig | None:
+def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Options) -> Rig:
     """Read the calibration, which all sequences share.
 
     Args:
         root: folder of the data set, above `calibration`.
         cameras: which.
         options: sizes, masks and the place of the scanner.
-        on_error: takes errors: a file that is missing or not what the format asks for.
 
-    Returns:
-        What can be used, with the cameras that can be; None where sensors cannot be placed.
+    Raises:
+        DataError: a file that is missing or not what the format asks for.
     """
     folder = root / FOLDER
     within = linked_folder(root, folder, levels=options.follow_links)
-    imu_from = _cameras_in_imu(within, folder / "calib_cam_to_pose.txt", ("image_00", *cameras), on_error)
-    lidar_from_camera = _lidar_from_camera(within, folder / "calib_cam_to_velo.txt", on_error)
-    lenses = {
-        name: lens
-        for name in cameras
-        if (lens := _lens(within, folder / f"{name}.yaml", name, options, on_error)) is not None
-    }
-    if lidar_from_camera is None or "image_00" not in imu_from:
-        return None
+    imu_from = _cameras_in_imu(within, folder / "calib_cam_to_pose.txt", ("image_00", *cameras))
+    file = folder / "calib_cam_to_velo.txt"
+    lidar_from_camera = _transform(_text(within, file).split(), file=file, field="calib_cam_to_velo")
     imu_from_lidar = imu_from["image_00"] @ lidar_from_camera.inverse()
     rotated = RigidTransform(TURN_OVER, np.zeros(3))
     offset_m = np.array(options.lidar_position_m) - rotated.apply(imu_from_lidar.translation_m)
     vehicle_from_imu = RigidTransform(TURN_OVER, offset_m)
     mounted: dict[str, MountedCamera] = {}
-    for name in (name for name in cameras if name in lenses and name in imu_from):
-        with reporting(on_error):
-            lens = lenses[name]
-            mounted[name] = mounted_camera(
-                name,
-                lens,
-                vehicle_from_imu @ imu_from[name],
-                ego_body=body_mask((lens.width, lens.height), options.body_polygons.get(name, ())),
-                evaluated_size_px=options.evaluated_size_px,
-                file=folder / "calib_cam_to_pose.txt",
-                field=name,
-            )
+    for name in cameras:
+        lens = _lens(within, folder / f"{name}.yaml", name, options)
+        mounted[name] = mounted_camera(
+            name,
+            lens,
+            vehicle_from_imu @ imu_from[name],
+            ego_body=body_mask((lens.width, lens.height), options.body_polygons.get(name, ())),
+            evaluated_size_px=options.evaluated_size_px,
+            file=folder / "calib_cam_to_pose.txt",
+            field=name,
+        )
     return Rig(vehicle_from_imu=vehicle_from_imu, vehicle_from_lidar=vehicle_from_imu @ imu_from_lidar, cameras=mounted)
 
 
-def _lidar_from_camera(root: Path, file: Path, on_error: OnError) -> RigidTransform | None:
-    with reporting(on_error):
-        return _transform(_text(root, file).split(), file=file, field="calib_cam_to_velo")
-    return None
-
-
-def _lens(
-    root: Path, file: Path, name: CameraName, options: Kitti360Options, on_error: OnError
-) -> UnifiedCamera | None:
+def _lens(root: Path, file: Path, name: CameraName, options: Kitti360Options) -> UnifiedCamera:
     field_deg = options.field_of_view_deg.get(name)
-    with reporting(on_error), located(file, name):
-        content = _fisheye(root, file)
-        if content.camera_name != name:
-            raise DataError(file, field="camera_name", expected=repr(name), got=repr(content.camera_name))
-        focal, bend = content.projection_parameters, content.distortion_parameters
+    content = _fisheye(root, file)
+    if content.camera_name != name:
+        raise DataError(file, field="camera_name", expected=repr(name), got=repr(content.camera_name))
+    focal, bend = content.projection_parameters, content.distortion_parameters
+    with located(file, name):
         return UnifiedCamera(
             width=content.image_width,
             height=content.image_height,
@@ -218,7 +201,6 @@ def _lens(
             tangential=(bend.p1, bend.p2),
             max_angle_rad=None if field_deg is None else float(np.deg2rad(field_deg / 2)),
         )
-    return None
 
 
 def _fisheye(root: Path, file: Path) -> FisheyeFile:
@@ -231,20 +213,13 @@ def _fisheye(root: Path, file: Path) -> FisheyeFile:
     return validated(FisheyeFile, values, file=file)
 
 
-def _cameras_in_imu(root: Path, file: Path, names: tuple[str, ...], on_error: OnError) -> dict[str, RigidTransform]:
-    try:
-        lines = [line.partition(":") for line in _text(root, file).splitlines()]
-    except DataError as error:
-        on_error(error)
-        return {}
+def _cameras_in_imu(root: Path, file: Path, names: tuple[str, ...]) -> dict[str, RigidTransform]:
+    lines = [line.partition(":") for line in _text(root, file).splitlines()]
     stated = {name: words for name, colon, words in lines if colon and name in names}
-    found: dict[str, RigidTransform] = {}
     for name in names:
-        with reporting(on_error):
-            if name not in stated:
-                raise DataError(file, field=name, expected="a line with 12 numbers", got="none")
-            found[name] = _transform(stated[name].split(), file=file, field=name)
-    return found
+        if name not in stated:
+            raise DataError(file, field=name, expected="a line with 12 numbers", got="none")
+    return {name: _transform(stated[name].split(), file=file, field=name) for name in names}
 
 
 def _transform(words: list[str], *, file: Path, field: str) -> RigidTransform:

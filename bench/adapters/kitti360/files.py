@@ -12,12 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from bench.adapters.kitti360.calibration import TURN_OVER
 from bench.egomotion import Trajectory
-from bench.errors import DataError
+from bench.errors import DataError, refuse
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep, read_points
-from bench.recordings.error_handlers import STRICT, OnError, at_most, reporting
+from bench.lidar import LidarSweep, read_sweep
 from bench.recordings.files import numbers, read_text
-from bench.recordings.validation import MOST_FAULTS, located
+from bench.recordings.validation import located
 
 STAMP = re.compile(r"(19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d\.\d{1,9}", re.ASCII)  # other years do not fit int64
 SECOND_NS = 1_000_000_000
@@ -53,7 +52,7 @@ class FrameClock:
         return self.times_ns[frame]
 
 
-def read_clock(file: Path, frames: list[int], on_error: OnError = STRICT) -> FrameClock | None:
+def read_clock(file: Path, frames: list[int]) -> FrameClock:
     """Read a `timestamps.txt`.
 
     Line n is of frame n - 1. Where the first frames of a drive were cut off together with their lines, the file has as
@@ -62,34 +61,20 @@ def read_clock(file: Path, frames: list[int], on_error: OnError = STRICT) -> Fra
     Args:
         file: lines `YYYY-MM-DD hh:mm:ss.nnnnnnnnn`.
         frames: numbers of the images beside it, increasing.
-        on_error: takes errors: a line that is no time, times that do not increase, fewer lines than images. At most
-            200 lines are reported.
 
-    Returns:
-        The clock; None after an error.
+    Raises:
+        DataError: a line that is no time, times that do not increase, or fewer lines than images.
     """
-    lines: list[str] = []
-    numbered: list[int] | None = None
-    with reporting(on_error):
-        lines = read_text(file).rstrip().splitlines()
-        numbered = _frame_numbers(file, len(lines), frames)
-    on_line_error = at_most(MOST_FAULTS, on_error)
-    times_ns: dict[int, int] = {}  # by row
-    for row, line in enumerate(lines, start=1):
-        try:
-            times_ns[row] = _stamp_ns(line, row, file)
-        except DataError as error:
-            on_line_error(error)
-    rows = list(times_ns)
-    steps_ns = np.diff(np.fromiter(times_ns.values(), dtype=np.int64))
-    late = [rows[i + 1] for i in np.flatnonzero(steps_ns <= 0)]
-    for row in late:
-        got = lines[row - 1].strip()[:40]
-        on_line_error(DataError(file, field=f"line {row}", expected="times that increase", got=got))
-    if numbered is None or len(times_ns) < len(lines) or late:
-        return None
+    lines = read_text(file).rstrip().splitlines()
+    numbered = _frame_numbers(file, len(lines), frames)
+    times_ns = [_stamp_ns(line, row, file) for row, line in enumerate(lines, start=1)]
+    steps_ns = np.diff(times_ns)
+    refuse(
+        DataError(file, field=f"line {row + 2}", expected="times that increase", got=lines[row + 1].strip()[:40])
+        for row in np.flatnonzero(steps_ns <= 0)
+    )
     return FrameClock(
-        file=file, times_ns=dict(zip(numbered, times_ns.values(), strict=True)), interval_ns=int(np.median(steps_ns))
+        file=file, times_ns=dict(zip(numbered, times_ns, strict=True)), interval_ns=int(np.median(steps_ns))
     )
 
 
@@ -131,43 +116,37 @@ class Drive:
     world_from_global: RigidTransform
 
 
-def read_poses(file: Path, clock: FrameClock | None, on_error: OnError) -> dict[int, RigidTransform] | None:
+def read_poses(file: Path, clock: FrameClock) -> dict[int, RigidTransform]:
     """Read `poses.txt`.
 
     Args:
         file: lines of frame number and 3 x 4 matrix.
-        clock: times of frames; None where they are not known, so that any frame will do.
-        on_error: takes errors of lines, at most 200: one that is no pose, frames that do not increase or have no time.
+        clock: times of frames.
 
     Returns:
-        Frame -> global world from IMU, increasing; None after an error.
+        Frame -> global world from IMU, increasing.
 
     Raises:
-        DataError: missing, too large, empty, or not UTF-8.
+        DataError: missing, too large, empty, not UTF-8, a line that is no pose, or frames that do not increase or have
+            no time.
     """
     poses: dict[int, RigidTransform] = {}
-    before, whole, on_line_error = -1, True, at_most(MOST_FAULTS, on_error)
+    before = -1
     for row, line in enumerate(read_text(file).rstrip().splitlines(), start=1):
         if not line.strip():
             continue
-        try:
-            number, *matrix = numbers(line.split(), 13, file=file, field=f"line {row}")
-            if number != round(number) or not 0 <= number <= LARGEST_FRAME:
-                raise DataError(file, field=f"line {row}", expected="a whole frame number", got=f"{number:g}")
-            frame = int(number)
-            with located(file, f"row {row}"):
-                pose = RigidTransform.from_matrix(np.array(matrix).reshape(3, 4))
-            if clock is not None:
-                clock.at(frame, file=file)
-            after, before = before, frame
-            if frame <= after:
-                got = f"{frame} after {after}"
-                raise DataError(file, field=f"line {row}", expected="frames that increase", got=got)
-            poses[frame] = pose
-        except DataError as error:
-            whole = False
-            on_line_error(error)
-    return poses if whole else None
+        number, *matrix = numbers(line.split(), 13, file=file, field=f"line {row}")
+        if number != round(number) or not 0 <= number <= LARGEST_FRAME:
+            raise DataError(file, field=f"line {row}", expected="a whole frame number", got=f"{number:g}")
+        frame = int(number)
+        with located(file, f"row {row}"):
+            poses[frame] = RigidTransform.from_matrix(np.array(matrix).reshape(3, 4))
+        clock.at(frame, file=file)
+        if frame <= before:
+            got = f"{frame} after {before}"
+            raise DataError(file, field=f"line {row}", expected="frames that increase", got=got)
+        before = frame
+    return poses
 
 
 def drive_through(
@@ -256,12 +235,7 @@ def read_turn(path: Path, timestamp_ns: int, *, period_ns: int) -> LidarSweep:
     """
     if path.is_file() and path.stat().st_size > LARGEST_BYTES:
         raise DataError(path, expected=f"at most {LARGEST_BYTES} bytes", got=str(path.stat().st_size))
-    arrays = read_points(path)
-    points = arrays["points_lidar"]
+    sweep = read_sweep(path, timestamp_ns, bin_columns=("x", "y", "z", "intensity"))
+    points = sweep.points_lidar
     turn = np.arctan2(points[:, 1].astype(np.float64), points[:, 0].astype(np.float64)) / (2 * np.pi)
-    return LidarSweep(
-        timestamp_ns=timestamp_ns,
-        points_lidar=points,
-        time_offset_ns=np.rint(-turn * period_ns).astype(np.int64),
-        intensity=arrays["intensity"],
-    )
+    return replace(sweep, time_offset_ns=np.rint(-turn * period_ns).astype(np.int64))

@@ -36,11 +36,10 @@ from bench.atomic import linked_folder, refuse_escape
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.annotations import annotation_file_in, annotations_or_none
-from bench.recordings.error_handlers import STRICT, ErrorHandler, reporting, stationary
+from bench.recordings.annotations import annotation_file_in, read_annotations
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.validation import validated
-from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, MountedCamera, Recording, SweepRef, Track
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED, Content, ImageRef, Recording, SweepRef
 
 SYNC, EGO, BOXES = "sync.arrow", "ego_state_se3.arrow", "box_detections_se3.arrow"
 MERGED = "lidar_merged"
@@ -77,7 +76,6 @@ def log123d_recordings(
                 options=chosen,
                 annotations=annotation_file_in(annotations, sync.parent.name),
             ),
-            lenient=True,
         )
         for sync in found
     )
@@ -89,7 +87,6 @@ def open_log(
     log: str,
     options: LogOptions,
     annotations: Path | None = None,
-    on_error: ErrorHandler = STRICT,
 ) -> Recording:
     """Open a log.
 
@@ -98,7 +95,6 @@ def open_log(
         log: folder of the log, below `root`.
         options: as in the card.
         annotations: annotation file that stands in for the boxes; None for none.
-        on_error: takes errors; the default raises the first.
 
     Raises:
         DataError: a table that is missing or not what the format asks for.
@@ -110,38 +106,25 @@ def open_log(
     head = LogTable(folder / SYNC).head(LogHead)
     if not head.version.startswith(tuple(f"{known}." for known in KNOWN_VERSIONS)):
         expected = f"a log of 123D {' or '.join(KNOWN_VERSIONS)}"
-        on_error(DataError(folder / SYNC, field="metadata.version", expected=expected, got=head.version))
+        raise DataError(folder / SYNC, field="metadata.version", expected=expected, got=head.version)
     ego = LogTable(folder / EGO)
     ego_head = ego.head(EgoHead)
     imu_from_vehicle = ego_head.imu_from_vehicle(options.ground_height_m)
     vehicle_from_imu = imu_from_vehicle.inverse()
-    cameras: dict[str, MountedCamera] = {}
-    images: dict[str, tuple[ImageRef, ...]] = {}
-    for name, table in _camera_tables(folder, options):
-        with reporting(on_error):
-            camera = mounted(name, table, vehicle_from_imu=vehicle_from_imu, options=options)
-            images[name] = tuple(_images(root, name, table, options))
-            cameras[name] = camera
-    if not cameras:
-        on_error(DataError(folder, expected="a table camera.<name>.arrow that can be used", got="none"))
-        on_error.stop()
-    sweeps: tuple[SweepRef, ...] = ()
-    imu_from_sensor = RigidTransform.identity()
-    with reporting(on_error):
-        sweeps, imu_from_sensor = _sweeps(folder, options)
-    trajectory: Trajectory | None = None
-    tracks: tuple[Track, ...] | None = None
-    annotated = annotations is not None or (folder / BOXES).is_file()
-    with reporting(on_error):
-        trajectory = _trajectory(ego, imu_from_vehicle)
-        if annotations is not None:
-            tracks = annotations_or_none(annotations, on_error)
-        elif annotated:
-            tracks = read_tracks(LogTable(folder / BOXES), trajectory)
-    if trajectory is None:
-        on_error.leave_out("trajectory")
-    if annotated and tracks is None:
-        on_error.leave_out("annotations")
+    tables = dict(_camera_tables(folder, options))
+    if not tables:
+        raise DataError(folder, expected="a table camera.<name>.arrow", got="none")
+    cameras = {
+        name: mounted(name, table, vehicle_from_imu=vehicle_from_imu, options=options) for name, table in tables.items()
+    }
+    images = {name: tuple(_images(root, name, table, options)) for name, table in tables.items()}
+    sweeps, imu_from_sensor = _sweeps(folder, options)
+    trajectory = _trajectory(ego, imu_from_vehicle)
+    boxes = folder / BOXES
+    if annotations is not None:
+        tracks = read_annotations(annotations)
+    else:
+        tracks = read_tracks(LogTable(boxes), trajectory) if boxes.is_file() else ()
     steps_ns = [np.diff([image.timestamp_ns for image in own]) for own in images.values() if len(own) > 1]
     return Recording(
         name=folder.name,
@@ -150,14 +133,26 @@ def open_log(
         frame_interval_ns=int(np.median(np.concatenate(steps_ns))) if steps_ns else 100 * MILLISECOND_NS,
         cameras=cameras,
         images=images,
-        trajectory=trajectory or stationary(folder),
+        trajectory=trajectory,
         vehicle_from_lidar=vehicle_from_imu,
         sweeps=sweeps,
-        tracks=tracks or (),
-        annotated=NOT_ANNOTATED if tracks is None else COMPLETELY,
+        tracks=tracks,
+        annotated=COMPLETELY if annotations is not None or boxes.is_file() else NOT_ANNOTATED,
         vehicle_outline_m=ego_head.outline_m(),
         lidar_from_sensor=imu_from_sensor,
+        contents=tuple(
+            Content(
+                what=path.name,
+                read_as="a table" if _is_read(path.name, tables) else "",
+                why="" if _is_read(path.name, tables) else "not asked for",
+            )
+            for path in sorted(folder.glob("*.arrow"))
+        ),
     )
+
+
+def _is_read(name: str, cameras: Mapping[str, LogTable]) -> bool:
+    return name in (SYNC, EGO, BOXES, *(f"camera.{camera}.arrow" for camera in cameras)) or name.startswith("lidar.")
 
 
 def _camera_tables(folder: Path, options: LogOptions) -> Iterator[tuple[str, LogTable]]:

@@ -12,17 +12,18 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.adapters.log123d.tables import MICROSECOND_NS, StoredCell
+from bench.adapters.log123d.tables import StoredCell
 from bench.errors import DataError
 from bench.lidar import LidarSweep
+from bench.lidar.fields import sweep_of
 from bench.lidar.laz_files import laz_coordinates, laz_points
 from bench.lidar.sweep import LARGEST_BYTES
 from bench.recordings.images import decode_image
 
 ARROW_START, LAZ_START, DRACO_START = b"\xff\xff\xff\xff", b"LASF", b"DRACO"
-TIMES, RINGS, LIDARS, INTENSITIES = "timestamps", "channel", "ids", "intensity"
+TIMES, LIDARS = "timestamps", "ids"
 LARGEST_INTENSITY = 255
-LONGEST_SWEEP_NS = 1_000_000_000  # points further in time from their sweep's are of another clock or unit
+TIME_HINT = "set the card's option motion_compensated: start or end if they are no times of the points"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +38,7 @@ class LogImage(StoredCell):
         """
         value = self.value()
         if isinstance(value, bytes):
-            return decode_image(value, cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE, file=self.container)
+            return decode_image(value, colour=colour, file=self.container)
         frame = _video_frame(self.container.with_suffix(".mp4"), int(value))
         return frame if colour else np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
@@ -95,15 +96,16 @@ class LogSweep(StoredCell):
                 raise DataError(name, field=LIDARS, expected="the lidar of each point", got="none")
             own = fields[LIDARS] == self.lidar_id
             points, fields = points[own], {key: values[own] for key, values in fields.items()}
-        if not np.isfinite(points).all():
-            raise DataError(name, expected="finite points", got="NaN or infinity")
-        rings, intensity = fields.get(RINGS), fields.get(INTENSITIES)
-        return LidarSweep(
-            timestamp_ns=timestamp_ns,
-            points_lidar=points,
-            time_offset_ns=_offsets_ns(fields.get(TIMES), timestamp_ns, name) if self.as_measured else None,
-            intensity=None if intensity is None else (intensity / LARGEST_INTENSITY).astype(np.float32),
-            ring=None if rings is None else rings.astype(np.uint8),
+        if not self.as_measured:
+            fields.pop(TIMES, None)
+        return sweep_of(
+            points,
+            fields,
+            timestamp_ns,
+            name=name,
+            time_unit="us",
+            full_intensity=LARGEST_INTENSITY,
+            time_hint=TIME_HINT,
         )
 
 
@@ -148,16 +150,3 @@ def _from_laz(name: Path, content: bytes) -> dict[str, NDArray[Any]]:
     for dimension in points.point_format.extra_dimension_names:
         fields[dimension.removeprefix("extra_")] = np.asarray(points[dimension])
     return fields
-
-
-def _offsets_ns(times_us: NDArray[np.int64] | None, timestamp_ns: int, name: Path) -> NDArray[np.int64] | None:
-    """(N,) int64, times of points from the sweep's; None where the log does not say them."""
-    if times_us is None or not times_us.size:
-        return None
-    offsets_ns = times_us.astype(np.int64) * MICROSECOND_NS - timestamp_ns
-    farthest_ns = int(np.abs(offsets_ns).max())
-    if farthest_ns > LONGEST_SWEEP_NS:
-        expected, got = "times in microseconds, within 1 s of the sweep's", f"{farthest_ns / 1e9:.3g} s from it"
-        hint = "set the card's option motion_compensated: start or end if they are no times of the points"
-        raise DataError(name, field=TIMES, expected=expected, got=got, hint=hint)
-    return offsets_ns

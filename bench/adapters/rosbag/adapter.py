@@ -24,7 +24,7 @@ one by one after that.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -42,14 +42,13 @@ from bench.atomic import linked_folder, path_inside
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.annotations import annotation_file_in, annotations_or_none
-from bench.recordings.error_handlers import STRICT, ErrorHandler, OnError, reporting, stationary
+from bench.recordings.annotations import annotation_file_in, read_annotations
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_mask
 from bench.recordings.mounting import body_mask, camera_model, mounted_camera
 from bench.recordings.schema import Mounting
 from bench.recordings.validation import validated
-from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, MountedCamera, Recording, SweepRef, Track
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED, Content, ImageRef, MountedCamera, Recording, SweepRef
 
 
 def rosbag_recordings(
@@ -66,7 +65,7 @@ def rosbag_recordings(
         name = root.resolve().name if path == root else path.stem if path.is_file() else path.name
         file = annotation_file_in(annotations, name)
         sources.append(_Source(root=root, path=path, name=name, card=card, options=chosen, annotations=file))
-    return tuple(RecordingHandle(name=each.name, opener=each.open, lenient=True) for each in sources)
+    return tuple(RecordingHandle(name=each.name, opener=each.open) for each in sources)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,21 +88,23 @@ class _Source:
     options: RosbagOptions
     annotations: Path | None
 
-    def open(self, *, on_error: ErrorHandler = STRICT) -> Recording:
+    def open(self) -> Recording:
         """Open the bag.
 
         Raises:
             DataError: a file that is missing or not what the format asks for; files or messages that the bag lacks or
-                that cannot be used, unless the card accepts that. In lenient reading, no camera is left.
+                that cannot be used, unless the card accepts that.
         """
-        losses: list[DataError] = []
-        recording = _Opening(self, on_error, losses.append if on_error is STRICT else on_error).recording()
-        if losses and not self.options.accept_losses:
-            first, more = losses[0], len(losses) - 1
+        opening = _Opening(self)
+        recording = opening.recording()
+        if opening.losses and not self.options.accept_losses:
+            first, *others = opening.losses
             hints = [first.hint, "set the card's option accept_losses: true to use the rest"]
-            hints += [f"{more} more faults, which fisheye-bench validate lists"] if more else []
+            hints += [f"{len(others)} more faults, which fisheye-bench validate lists"] if others else []
             hint = "; ".join(filter(None, hints))
-            raise DataError(first.file, field=first.field, expected=first.expected, got=first.got, hint=hint)
+            error = DataError(first.file, field=first.field, expected=first.expected, got=first.got, hint=hint)
+            error.others = tuple(others)
+            raise error
         return recording
 
 
@@ -112,56 +113,58 @@ class _Opening:
 
     Args:
         source: where it comes from.
-        on_error: takes errors of parts that cannot be used.
-        on_loss: takes errors for what the bag lacks, which the card may accept.
+
+    Attributes:
+        losses: what the bag lacks, which the card may accept.
     """
 
-    def __init__(self, source: _Source, on_error: ErrorHandler, on_loss: OnError) -> None:
-        self.source, self.on_error, self.on_loss = source, on_error, on_loss
+    def __init__(self, source: _Source) -> None:
+        self.source = source
+        self.losses: list[DataError] = []
 
     def recording(self) -> Recording:
         """The recording.
 
         Raises:
-            DataError: no camera is left, or the bag or the rig file cannot be read.
+            DataError: the bag or the rig file cannot be read, or a sensor has no messages that can be used.
         """
         source = self.source
         within = linked_folder(source.root, source.path, levels=source.options.follow_links)
         self.bag = open_bag(within, source.path)
-        for loss in self.bag.losses:
-            self.on_loss(loss)
+        self.losses += self.bag.losses
         self.rig, self.rig_file = read_rig(source.root, source.options.rig, recording=source.name, card=source.card)
         self.frames, motion = StaticFrames(), EgoMotionMessages(self.rig.ego_motion)
         self._walk(motion)
-        tracks = self._tracks()
-        cameras: dict[str, MountedCamera] = {}
-        images: dict[str, tuple[ImageRef, ...]] = {}
-        for name, camera in self.rig.cameras.items():
-            with reporting(self.on_error):
-                refs = tuple(self._images(name, camera))
-                cameras[name], images[name] = self._camera(name, camera), refs
-        if not cameras:
-            raise DataError(self.bag.path, expected="a camera that can be used", got="none")
-        vehicle_from_lidar, lidar = RigidTransform.identity(), self.rig.lidar
-        sweeps: tuple[SweepRef, ...] = ()
-        if lidar is not None:
-            with reporting(self.on_error):
-                vehicle_from_lidar = self._vehicle_from(lidar.vehicle_from_sensor, lidar.frame, "lidar.frame")
-                sweeps = tuple(self._sweeps(lidar))
+        images = {name: tuple(self._images(name, camera)) for name, camera in self.rig.cameras.items()}
+        lidar, file = self.rig.lidar, source.annotations
         return Recording(
             name=source.name,
             root=source.root,
             licence=source.options.licence,
             frame_interval_ns=self.rig.frame_interval_ns or self._median_interval_ns(images),
-            cameras=cameras,
+            cameras={name: self._camera(name, camera) for name, camera in self.rig.cameras.items()},
             images=images,
             trajectory=self._trajectory(motion),
-            vehicle_from_lidar=vehicle_from_lidar,
-            sweeps=sweeps,
-            tracks=tracks or (),
-            annotated=NOT_ANNOTATED if tracks is None else COMPLETELY,
+            vehicle_from_lidar=RigidTransform.identity()
+            if lidar is None
+            else self._vehicle_from(lidar.vehicle_from_sensor, lidar.frame, "lidar.frame"),
+            sweeps=() if lidar is None else tuple(self._sweeps(lidar)),
+            tracks=() if file is None else read_annotations(file),
+            annotated=NOT_ANNOTATED if file is None else COMPLETELY,
             vehicle_outline_m=np.array(self.rig.vehicle.outline_m, dtype=np.float64),
+            contents=tuple(self._contents(motion.topics)),
         )
+
+    def _contents(self, motion: Set[str]) -> Iterator[Content]:
+        """The topics of the bag, read and not read, and what is lost of them."""
+        uses = dict.fromkeys(motion, "ego-motion") | {STATIC_FRAMES: "frames"}
+        uses |= {camera.topic: f"images of {name}" for name, camera in self.rig.cameras.items()}
+        uses |= {self.rig.lidar.topic: "sweeps"} if self.rig.lidar else {}
+        for topic, count in sorted(self.counts.items()):
+            why = "" if topic in uses else f"not named in {self.rig_file.name}"
+            yield Content(what=f"topic {topic}", count=count, read_as=uses.get(topic, ""), why=why)
+        for loss in self.losses:
+            yield Content(what=loss.field or loss.file, why=f"expected {loss.expected}, got {loss.got}", suspect=True)
 
     def _walk(self, motion: EgoMotionMessages) -> None:
         """Find the messages of the sensors, and read those of the ego-motion and the frames."""
@@ -180,7 +183,7 @@ class _Opening:
         for name, stated in self.bag.counts.items():
             if self.counts[name] < stated:
                 expected, got = f"{stated} messages, as metadata.yaml says", str(self.counts[name])
-                self.on_loss(DataError(self.bag.path, field=name[:80], expected=expected, got=got))
+                self.losses.append(DataError(self.bag.path, field=name[:80], expected=expected, got=got))
 
     def _camera(self, name: str, camera: CameraRig) -> MountedCamera:
         """A camera, at the size at which it is evaluated."""
@@ -227,7 +230,7 @@ class _Opening:
             raise DataError(self.rig_file, field=f"{field}.topic", expected=f"messages on {sensor.topic}", got=got)
         rows.topic.refuse_others(*types, file=path)
         topic = replace(rows.topic, definition="")  # ROS's own types need none, and references stay small
-        times_ns, positions = rows.usable(self.source.options.clock, file=path, on_loss=self.on_loss)
+        times_ns, positions = rows.usable(self.source.options.clock, file=path, losses=self.losses)
         if not len(times_ns):
             raise DataError(path, field=sensor.topic, expected="messages whose times can be used", got="none")
         for time_ns, (number, *position) in zip(times_ns.tolist(), positions.tolist(), strict=True):
@@ -243,20 +246,9 @@ class _Opening:
 
     def _trajectory(self, motion: EgoMotionMessages) -> Trajectory:
         odometry, clock, file = self.rig.ego_motion.odometry, self.source.options.clock, self.bag.path
-        with reporting(self.on_error):
-            mounting, frame = (odometry.vehicle_from_child, odometry.frame) if odometry else (None, None)
-            child_from_vehicle = self._vehicle_from(mounting, frame, "ego_motion.odometry.frame").inverse()
-            return motion.trajectory(clock, child_from_vehicle=child_from_vehicle, file=file, on_loss=self.on_loss)
-        self.on_error.leave_out("trajectory")
-        return stationary(file)
-
-    def _tracks(self) -> tuple[Track, ...] | None:
-        """The annotated objects; None where the bag is not annotated."""
-        file = self.source.annotations
-        tracks = None if file is None else annotations_or_none(file, self.on_error)
-        if file is not None and tracks is None:
-            self.on_error.leave_out("annotations")
-        return tracks
+        mounting, frame = (odometry.vehicle_from_child, odometry.frame) if odometry else (None, None)
+        child_from_vehicle = self._vehicle_from(mounting, frame, "ego_motion.odometry.frame").inverse()
+        return motion.trajectory(clock, child_from_vehicle=child_from_vehicle, file=file, losses=self.losses)
 
     def _median_interval_ns(self, images: Mapping[str, tuple[ImageRef, ...]]) -> int:
         steps_ns = [np.diff([ref.timestamp_ns for ref in refs]) for refs in images.values() if len(refs) > 1]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.adapters.rosbag.messages import HEADER_BYTES, SECOND_NS, Topic, has_header, header_stamp_ns
+from bench.adapters.rosbag.messages import HEADER_BYTES, SECOND_NS, Topic, full_name, has_header, header_stamp_ns
 from bench.adapters.rosbag.storage import (
     SUFFIXES,
     ZSTD_BLOCK_BYTES,
@@ -30,7 +30,6 @@ from bench.adapters.rosbag.storage import (
 from bench.atomic import path_inside, refuse_escape
 from bench.errors import DataError
 from bench.plain_yaml import parse_yaml
-from bench.recordings.error_handlers import OnError
 from bench.recordings.files import read_text
 from bench.recordings.validation import LATEST_NS, validated
 
@@ -38,7 +37,7 @@ METADATA = "metadata.yaml"
 ROS1_SUFFIX = ".bag"
 LARGEST_METADATA_BYTES = 4_000_000  # qualities of service of a thousand topics
 LARGEST_READ_BYTES = 1 << 22  # of a message that is read while the bag is walked through: speeds, poses, frames
-LARGEST_JUMP_NS = 10 * SECOND_NS  # a delay from stamp to recording that differs by more is of another clock
+LONGEST_JUMP_S = 10.0  # a delay from stamp to recording that differs by more is of another clock
 
 Clock = Literal["header", "bag"]
 
@@ -130,42 +129,68 @@ class TimedRows:
         self._times_ns.extend((message.log_ns, message.stamp_ns))
         self._numbers.extend(numbers)
 
-    def usable(self, clock: Clock, *, file: Path, on_loss: OnError) -> tuple[NDArray[np.int64], NDArray[Any]]:
-        """The rows whose times can be used and increase, and whose numbers are finite.
+    def usable(self, clock: Clock, *, file: Path, losses: list[DataError]) -> tuple[NDArray[np.int64], NDArray[Any]]:
+        """The rows whose times can be used, by time, and whose numbers are finite.
 
         Args:
             clock: whether the time of the recording or that of the header counts.
             file: for errors.
-            on_loss: takes an error for each kind of row that is left out.
+            losses: gets an error for each kind of row that is left out.
 
         Returns:
-            times_ns: (N,) int64.
+            times_ns: (N,) int64, increasing.
             numbers: (N, columns).
         """
-        table = np.array(self._times_ns, dtype=np.int64).reshape(-1, 2)
-        order = np.argsort(table[:, 0], kind="stable")
-        log_ns, stamp_ns = table[order].T
-        numbers = np.array(self._numbers).reshape(-1, self._columns)[order]
+        log_ns, stamp_ns = np.array(self._times_ns, dtype=np.int64).reshape(-1, 2).T
+        numbers = np.array(self._numbers).reshape(-1, self._columns)
         times_ns = log_ns if clock == "bag" else stamp_ns
-        valid = np.ones(len(table), dtype=bool)
+        valid = np.ones(len(times_ns), dtype=bool)
 
         def keep(good: NDArray[np.bool_], expected: str, got: str, hint: str = "") -> None:
             bad = valid & ~good
             if bad.any():
-                got = f"{got} in {bad.sum()} of {len(bad)} messages, the first recorded at {log_ns[np.argmax(bad)]} ns"
+                first = f"the first recorded at {log_ns[bad].min()} ns"
+                got = f"{got} in {bad.sum()} of {len(bad)} messages, {first}"
                 field = self.topic.name if self.topic else None
-                on_loss(DataError(file, field=field, expected=expected, got=got, hint=hint))
+                losses.append(DataError(file, field=field, expected=expected, got=got, hint=hint))
             valid[bad] = False
 
         hint = "set the card's option clock: bag where the driver sets no stamps"
         keep((times_ns > 0) & (times_ns < LATEST_NS), "a time in the header", "none", hint)
-        delay_ns = times_ns - log_ns
-        usual_ns = int(np.median(delay_ns[valid])) if valid.any() else 0
-        keep(np.abs(delay_ns - usual_ns) <= LARGEST_JUMP_NS, "stamps of one clock", "jumps")
-        latest_ns = np.maximum.accumulate(np.where(valid, times_ns, 0))
-        keep(times_ns > np.concatenate([[0], latest_ns[:-1]]), "times that increase", "others")
+        keep(~_jumps(times_ns, log_ns, valid), "stamps of one clock", "jumps")
+        order = np.lexsort((log_ns, times_ns))
+        again = np.zeros(len(order), dtype=bool)
+        again[order[1:]] = np.diff(times_ns[order]) == 0
+        same = np.zeros(len(order), dtype=bool)
+        same[order[1:]] = (numbers[order[1:]] == numbers[order[:-1]]).all(axis=1)
+        valid[again & same] = False  # a message that was recorded twice
+        keep(~again, "one message for each time", "others at the time of one before")
         keep(np.isfinite(numbers).all(axis=1), "finite numbers", "NaN or infinity")
-        return times_ns[valid], numbers[valid]
+        order = order[valid[order]]
+        return times_ns[order], numbers[order]
+
+
+def _jumps(times_ns: NDArray[np.int64], log_ns: NDArray[np.int64], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(N,) bool, stamps of another clock than most.
+
+    By the time of recording a clock goes on evenly; one of a simulation faster or slower than the recorder's, which
+    counts where it explains more stamps.
+    """
+    rows = np.flatnonzero(valid)[np.argsort(log_ns[valid], kind="stable")]
+    if not len(rows):
+        return np.zeros(len(times_ns), dtype=bool)
+    log_s, time_s = ((values - values[rows[0]]) / SECOND_NS for values in (log_ns, times_ns))
+    half = len(rows) // 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rates = (time_s[rows[half:]] - time_s[rows[: len(rows) - half]]) / (
+            log_s[rows[half:]] - log_s[rows[: len(rows) - half]]
+        )
+    fitted = float(np.median(rates[np.isfinite(rates)])) if half and np.isfinite(rates).any() else 1.0
+    jumps = []
+    for rate in (1.0, fitted):
+        delay_s = time_s - rate * log_s
+        jumps.append(valid & (np.abs(delay_s - np.median(delay_s[rows])) > LONGEST_JUMP_S))
+    return min(jumps, key=np.count_nonzero)
 
 
 def bags_below(root: Path) -> tuple[Path, ...]:
@@ -275,7 +300,7 @@ def _described_bag(path: Path, information: _Information) -> Bag:
             losses.append(DataError(entry, expected=f"a file of messages, as {METADATA} says", got="no such file"))
     counts: Counter[str] = Counter()
     for topic in information.topics_with_message_count:
-        counts[topic.topic_metadata.name] += topic.message_count
+        counts[full_name(topic.topic_metadata.name)] += topic.message_count
     return Bag(path=path, files=tuple(files), counts=counts, compressed=mode == "message", losses=tuple(losses))
 
 

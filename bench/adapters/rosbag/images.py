@@ -15,9 +15,7 @@ from typing_extensions import override
 from bench.adapters.rosbag.messages import COMPRESSED_IMAGE, decode
 from bench.adapters.rosbag.storage import StoredMessage
 from bench.errors import DataError
-from bench.recordings.images import PNG_START, decode_image, stated_size_px
-
-GREY_OF_16_BITS = b"\x10\x00"  # depth and kind in the head of a PNG
+from bench.recordings.images import as_seen, decode_image, stated_size_px
 
 
 class _Encoding(NamedTuple):
@@ -100,7 +98,7 @@ class BagImage(StoredMessage):
         self._refuse_other_size((int(message.width), int(message.height)))
         rows = self._rows(message, encoding)
         if message.encoding in ("mono16", "16UC1"):
-            pixels = self._from_16_bits(rows.view(">u2" if message.is_bigendian else "<u2"))
+            pixels = as_seen(rows.view(">u2" if message.is_bigendian else "<u2"), self.white_level)
         else:
             pixels = rows if encoding.channels == 1 else rows.reshape(len(rows), -1, encoding.channels)
         code = encoding.to_bgr if colour else encoding.to_grey
@@ -116,15 +114,7 @@ class BagImage(StoredMessage):
             got = f"{len(content)} bytes of the format {kind[:60]!r} that begin with {content[:8].hex(' ')}"
             raise DataError(self.name, field="data", expected="a JPEG or PNG image", got=got)
         self._refuse_other_size(stated_px)
-        if content.startswith(PNG_START) and content[24:26] == GREY_OF_16_BITS:
-            pixels = self._from_16_bits(decode_image(content, cv2.IMREAD_UNCHANGED, file=self.name))
-            return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if colour else pixels
-        flags = cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE
-        return np.asarray(decode_image(content, flags | cv2.IMREAD_IGNORE_ORIENTATION, file=self.name), dtype=np.uint8)
-
-    def _from_16_bits(self, values: NDArray[np.uint16]) -> NDArray[np.uint8]:
-        scaled = np.minimum(values.astype(np.float32) * (255.0 / self.white_level), 255.0)
-        return np.asarray(scaled.round(), dtype=np.uint8)
+        return decode_image(content, colour=colour, white_level=self.white_level, file=self.name)
 
     def _rows(self, message: Any, encoding: _Encoding) -> NDArray[np.uint8]:
         """(height, bytes of a row without padding) uint8, contiguous."""

@@ -27,6 +27,11 @@ LONGEST_DEFINITION = 100_000  # blank lines of this length take two seconds to p
 TYPE_NAME = re.compile(r"[A-Za-z]\w{0,99}(/[A-Za-z]\w{0,99}){1,2}", re.ASCII)
 
 
+def full_name(topic: str) -> str:
+    """The name of a topic with the slash that ROS puts before it."""
+    return f"/{topic.lstrip('/')}"
+
+
 @dataclass(frozen=True, slots=True)
 class Topic:
     """Description of a topic in a bag.

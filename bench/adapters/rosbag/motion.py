@@ -16,7 +16,6 @@ from bench.adapters.rosbag.rig import EgoMotionRig, OdometryRig, ReverseRig, Sig
 from bench.egomotion import Trajectory, planar_trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.error_handlers import OnError
 
 UNIT_TOLERANCE = 1e-2  # of the length of a quaternion
 
@@ -47,7 +46,7 @@ class EgoMotionMessages:
                 self._rows[name].add(message, _numbers(signal, content, message))
 
     def trajectory(
-        self, clock: Clock, *, child_from_vehicle: RigidTransform, file: Path, on_loss: OnError
+        self, clock: Clock, *, child_from_vehicle: RigidTransform, file: Path, losses: list[DataError]
     ) -> Trajectory:
         """The path of the vehicle.
 
@@ -55,7 +54,7 @@ class EgoMotionMessages:
             clock: whose times count.
             child_from_vehicle: of the frame whose poses the odometry gives.
             file: for errors.
-            on_loss: takes an error for what is left out.
+            losses: gets an error for what is left out.
 
         Raises:
             DataError: no messages, or too few that can be used.
@@ -65,14 +64,14 @@ class EgoMotionMessages:
             if rows.topic is None:
                 topic = self._signals[name].topic
                 raise DataError(file, field=topic, expected="messages of the ego-motion", got="none")
-            tables[name] = rows.usable(clock, file=file, on_loss=on_loss)
+            tables[name] = rows.usable(clock, file=file, losses=losses)
         if "odometry" not in tables:
             return replace(self._steered(tables, file), max_gap_ns=self._max_gap_ns)
         (times_ns, poses), topic = tables["odometry"], self._signals["odometry"].topic
         unit = np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1.0) < UNIT_TOLERANCE
         if not unit.all():
             got = f"{int((~unit).sum())} of {len(unit)} of another length"
-            on_loss(DataError(file, field=topic, expected="quaternions of length 1", got=got))
+            losses.append(DataError(file, field=topic, expected="quaternions of length 1", got=got))
         if unit.sum() < 2:
             raise DataError(file, field=topic, expected="at least two poses", got=f"{int(unit.sum())} that can be used")
         world_from_child = Rotation.from_quat(poses[unit, 3:], scalar_first=True)

@@ -8,23 +8,25 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from bench.adapters.rosbag.bag import BagMessage
-from bench.adapters.rosbag.messages import TRANSFORMS, decode
+from bench.adapters.rosbag.messages import TRANSFORMS, decode, full_name
 from bench.atomic import MOST_LINK_LEVELS, path_inside
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
+from bench.lidar.fields import TimeOrigin, TimeUnit
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
+from bench.recordings.images import MOST_WHITE
 from bench.recordings.mounting import Polygon
-from bench.recordings.schema import Mounting, Name, RollingShutterHead
+from bench.recordings.schema import Mounting, Name, RollingShutterHead, WhiteLevel
 from bench.recordings.validation import FileModel, SidePx, validated
 
 STATIC_FRAMES = "/tf_static"
 LARGEST_RIG_BYTES = 1_000_000
 MOST_FRAMES = 10_000
-TopicName = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/~.-]+$")]
+TopicName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_/~.-]+$"), AfterValidator(full_name)]
 FieldPath = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*|\.[0-9]{1,4})*$")]
 OffsetNs = Annotated[int, Field(ge=-(10**9), le=10**9)]
 
@@ -85,7 +87,7 @@ class CameraRig(MountedRig):
     model: dict[str, Any]
     image_size: tuple[SidePx, SidePx]
     time_offset_ns: OffsetNs = 0
-    white_level: int = Field(default=65535, ge=255, le=65535)
+    white_level: WhiteLevel = MOST_WHITE
     body_polygons: tuple[Polygon, ...] = ()
     ego_body_mask: str | None = None
     rolling_shutter: RollingShutterHead | None = None
@@ -98,18 +100,18 @@ class LidarRig(MountedRig):
         topic: of point clouds, one message for each revolution.
         time_offset_ns: added to the stamp, and with it to the times of the points.
         time_field: the field with times of points; null for the first of the usual names.
-        time_unit: its unit; null for what its type usually means.
-        time_from: whether it counts from the message's stamp or from the start of the clock; null for what fits.
-        full_intensity: value of the field `intensity` or `reflectivity` that is 1.
+        time_unit: its unit; null for the one by which a sweep lasts 10 ms to a second.
+        time_from: whether it counts from the message's stamp or from the start of a clock; null for what fits.
+        full_intensity: value of the intensity that is 1; null for 1, 255 or 65535, the first that none exceeds.
         drop_origin: leave out points at the lidar itself, which some drivers store for lost returns.
     """
 
     topic: TopicName
     time_offset_ns: OffsetNs = 0
     time_field: str | None = None
-    time_unit: Literal["s", "ms", "us", "ns"] | None = None
-    time_from: Literal["stamp", "start"] | None = None
-    full_intensity: float = Field(default=255.0, gt=0)
+    time_unit: TimeUnit | None = None
+    time_from: TimeOrigin | None = None
+    full_intensity: float | None = Field(default=None, gt=0)
     drop_origin: bool = False
 
 
@@ -256,25 +258,28 @@ class StaticFrames:
     """The frames of /tf_static. Each has one parent, the last that was published."""
 
     def __init__(self) -> None:
-        self._parents: dict[str, tuple[str, RigidTransform]] = {}  # child -> parent, parent_from_child
+        self._parents: dict[str, tuple[str, RigidTransform | DataError]] = {}  # child -> parent, parent_from_child
 
     def take(self, message: BagMessage) -> None:
         """Take a message of /tf_static.
 
+        A transform that is none matters where its frame is asked for.
+
         Raises:
-            DataError: another message, or a transform that is none.
+            DataError: another message.
         """
         message.topic.refuse_others(TRANSFORMS, file=message.file)
         for entry in decode(message.topic, message.start, file=message.file).transforms:
             child = str(entry.child_frame_id).lstrip("/")
             rotation, translation = entry.transform.rotation, entry.transform.translation
+            parent_from_child: RigidTransform | DataError
             try:
                 parent_from_child = RigidTransform.from_quaternion(
                     (rotation.w, rotation.x, rotation.y, rotation.z), (translation.x, translation.y, translation.z)
                 )
             except ShapeError as error:
                 field = f"{STATIC_FRAMES}, {child[:40]}"
-                raise DataError(message.file, field=field, expected="a transform", got=str(error)) from error
+                parent_from_child = DataError(message.file, field=field, expected="a transform", got=str(error))
             self._parents[child] = str(entry.header.frame_id).lstrip("/"), parent_from_child
         if len(self._parents) > MOST_FRAMES:
             raise DataError(message.file, field=STATIC_FRAMES, expected=f"at most {MOST_FRAMES} frames", got="more")
@@ -309,5 +314,7 @@ class StaticFrames:
         while root in self._parents and root not in passed:
             passed.add(root)
             root, parent_from_child = self._parents[root]
+            if isinstance(parent_from_child, DataError):
+                raise parent_from_child
             root_from_frame = parent_from_child @ root_from_frame
         return root, root_from_frame

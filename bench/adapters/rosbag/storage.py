@@ -27,7 +27,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema, Statistics
 from mcap.stream_reader import read_magic
 
-from bench.adapters.rosbag.messages import Topic
+from bench.adapters.rosbag.messages import Topic, full_name
 from bench.errors import DataError
 
 if sys.version_info >= (3, 14):
@@ -211,7 +211,7 @@ class _Definitions:
         else:
             channel = Channel.read(stream)
             name, text = self._types.get(channel.schema_id, ("", ""))
-            topic = Topic(channel.topic, name, channel.message_encoding, text)
+            topic = Topic(full_name(channel.topic), name, channel.message_encoding, text)
             if self.topics.setdefault(channel.id, topic) != topic:
                 raise McapError(f"two topics on channel {channel.id}")
         if len(self._types) + len(self.topics) > before:
@@ -338,7 +338,7 @@ def _sqlite_topics(connection: sqlite3.Connection, file: Path) -> dict[object, T
         definitions = {kind: str(text) for kind, text in _bounded_rows(connection, query)}
     query = "SELECT id, name, type, serialization_format FROM topics"
     return {
-        row: Topic(str(name), str(kind), str(encoding), definitions.get(kind, ""))
+        row: Topic(full_name(str(name)), str(kind), str(encoding), definitions.get(kind, ""))
         for row, name, kind, encoding in _bounded_rows(connection, query)
     }
 

@@ -28,17 +28,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.adapters.woodscape.camera import CalibrationFile, WoodscapeOptions, read_camera
-from bench.adapters.woodscape.files import Kind, VehicleFile, find_pair, list_pairs, read_arc
-from bench.egomotion import Trajectory
+from bench.adapters.woodscape.camera import WoodscapeOptions, read_camera
+from bench.adapters.woodscape.files import find_pair, list_pairs, read_arc
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.error_handlers import STRICT, ErrorHandler, reporting_all, stationary
 from bench.recordings.handles import RecordingHandle
-from bench.recordings.validation import json_faults, read_json, validated
-from bench.records.recording import COMPLETELY, ImageRef, MountedCamera, Recording
-
-STAND_IN_TIMES_NS = (0, 33_320_000)  # of a pair whose own cannot be read
+from bench.recordings.validation import validated
+from bench.records.recording import COMPLETELY, Content, ImageRef, Recording
 
 
 def woodscape_recordings(
@@ -53,69 +49,45 @@ def woodscape_recordings(
     if annotations is not None:
         raise DataError(card, field="annotations", expected="none: this data set has masks", got=str(annotations))
     return tuple(
-        RecordingHandle(name=name, opener=partial(open_woodscape, root, pair=name, options=chosen), lenient=True)
+        RecordingHandle(name=name, opener=partial(open_woodscape, root, pair=name, options=chosen))
         for name in list_pairs(root, chosen)
     )
 
 
-def open_woodscape(root: Path, *, pair: str, options: WoodscapeOptions, on_error: ErrorHandler = STRICT) -> Recording:
+def open_woodscape(root: Path, *, pair: str, options: WoodscapeOptions) -> Recording:
     """Open a pair.
 
     Args:
         root: folder of the data set.
         pair: `<index>_<camera>`.
         options: as in the card.
-        on_error: takes errors; the default raises the first.
 
     Raises:
         DataError: a file that is missing or not what the format asks for.
     """
-    files = find_pair(root, pair, options, on_error)
-    camera: MountedCamera | None = None
-    if "calibration" in files:
-        with reporting_all(on_error, lambda _: json_faults(CalibrationFile, files["calibration"])):
-            camera = read_camera(root, files["calibration"], pair, options)
-    trajectory, times_ns = _motion(files, options, on_error)
-    if camera is None:
-        on_error.stop()
-    if trajectory is None:
-        on_error.leave_out("trajectory")
-    name, images = camera.name, []
-    if "previous" in files:
-        images.append(ImageRef(camera=name, timestamp_ns=times_ns[0], path=files["previous"], scored=False))
-    if "current" in files:
-        images.append(
-            ImageRef(camera=name, timestamp_ns=times_ns[1], path=files["current"], moving_path=files.get("mask"))
-        )
+    files = find_pair(root, pair, options)
+    camera = read_camera(root, files["calibration"], pair, options)
+    trajectory, times_ns = read_arc(files["vehicle_before"], files["vehicle"], options)
+    images = (
+        ImageRef(camera=camera.name, timestamp_ns=times_ns[0], path=files["previous"], scored=False),
+        ImageRef(camera=camera.name, timestamp_ns=times_ns[1], path=files["current"], moving_path=files["mask"]),
+    )
     return Recording(
         name=pair,
         root=root,
         licence=options.licence,
         frame_interval_ns=times_ns[1] - times_ns[0],
-        cameras={name: camera},
-        images={name: tuple(images)},
-        trajectory=trajectory or stationary(root),
+        cameras={camera.name: camera},
+        images={camera.name: images},
+        trajectory=trajectory,
         vehicle_from_lidar=RigidTransform.identity(),
         sweeps=(),
         tracks=(),
         annotated=COMPLETELY,
         vehicle_outline_m=np.array(options.outline_m(int(pair.split("_")[0])), dtype=np.float64),
+        contents=(
+            *(Content(what=path.relative_to(root).as_posix(), read_as=kind) for kind, path in files.items()),
+            Content(what="acceleration and steering of vehicle_data", why="of unknown unit"),
+            Content(what="classes of motion_annotations", why="names and numbers do not line up"),
+        ),
     )
-
-
-def _motion(
-    files: Mapping[Kind, Path], options: WoodscapeOptions, on_error: ErrorHandler
-) -> tuple[Trajectory | None, tuple[int, int]]:
-    """Ego-motion and the times of both images; after an error None, with stand-ins for the times."""
-    before, after = files.get("vehicle_before"), files.get("vehicle")
-    present = [file for file in (before, after) if file is not None]
-
-    def find_all(_: DataError) -> list[DataError]:
-        return [fault for file in present for fault in json_faults(VehicleFile, file)]
-
-    with reporting_all(on_error, find_all):
-        if before is not None and after is not None:
-            return read_arc(before, after, options)
-        for file in present:
-            read_json(VehicleFile, file)
-    return None, STAND_IN_TIMES_NS

@@ -15,7 +15,6 @@ from bench.adapters.woodscape.camera import WoodscapeOptions
 from bench.atomic import linked_folder, refuse_escape
 from bench.egomotion import Trajectory, planar_trajectory
 from bench.errors import DataError
-from bench.recordings.error_handlers import OnError, reporting
 from bench.recordings.validation import FileModel, read_json
 
 # Of a pair: the annotated image, the one before it, what moves in the annotated one, the calibration of the camera, and
@@ -80,14 +79,16 @@ def list_pairs(root: Path, options: WoodscapeOptions) -> list[str]:
     return sorted(names)
 
 
-def find_pair(root: Path, name: str, options: WoodscapeOptions, on_error: OnError) -> dict[Kind, Path]:
+def find_pair(root: Path, name: str, options: WoodscapeOptions) -> dict[Kind, Path]:
     """The files of a pair, wherever the data set's variants have them.
 
     Args:
         root: of the data set.
         name: `<index>_<camera>`.
         options: for how far links are followed.
-        on_error: takes an error for each that is nowhere; it says where the file was looked for.
+
+    Raises:
+        DataError: one that is nowhere; it says where the file was looked for.
     """
     # The suffix is on the image only; the earlier vehicle data has the name of the later.
     befores = [f"{name}{suffix}.png" for suffix in ("_prev", "_PREV", "_Prev")]
@@ -99,11 +100,7 @@ def find_pair(root: Path, name: str, options: WoodscapeOptions, on_error: OnErro
         "vehicle": [f"{name}.json"],
         "vehicle_before": [f"{name}.json", f"{name}_prev.json"],
     }
-    found: dict[Kind, Path] = {}
-    for kind, candidates in names.items():
-        with reporting(on_error):
-            found[kind] = _found(root, PLACES[kind], candidates, options.follow_links)
-    return found
+    return {kind: _found(root, PLACES[kind], these, options.follow_links) for kind, these in names.items()}
 
 
 def _found(root: Path, folders: tuple[str, ...], names: list[str], levels: int) -> Path:

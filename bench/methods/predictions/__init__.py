@@ -1,10 +1,11 @@
 """Masks and scores that some other program has made, read from disk and paired with images by name.
 
 ```
-DIR/[recording/]camera/<name>.png     mask: 8 bits, 0 and 255 or 0 and 1; score: 16 bits, 0 to 65535 for 0 to 1
+DIR/[recording/]camera/<name>.png     mask: 8 bits, 0 and 255 or 0 and 1; see below for 16 bits
 DIR/[recording/]camera/<name>.npz     score: an array `score` of floats in [0, 1]
 DIR/[recording/]camera.json           masks: a list of {"image": name, "segmentation": COCO run lengths or null}
 DIR/recording.json                    the same, with "camera" in every entry
+DIR/predictions.yaml                  `sixteen_bits: score` where PNG of 16 bits hold scores, 0 to 65535 for 0 to 1
 ```
 
 The recording's folder may be left out where the data set has only one. `<name>` is the image's time in nanoseconds,

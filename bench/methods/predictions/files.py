@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from tokenize import TokenError
-from typing import IO, Annotated, Any
+from typing import IO, Annotated, Any, Literal
 
 import cv2
 import numpy as np
@@ -25,7 +25,10 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from bench.atomic import read_regular
 from bench.errors import DataError
-from bench.recordings.images import PNG_START, decode_image, stated_size_px
+from bench.plain_yaml import parse_yaml
+from bench.recordings.files import read_text
+from bench.recordings.images import PNG_START, decode_values, stated_size_px
+from bench.recordings.validation import FileModel, validated
 
 
 class FaultKind(StrEnum):
@@ -149,15 +152,43 @@ def _block_mean(values: NDArray[Any], factor: int) -> NDArray[np.float32]:
 
 
 LARGEST_SCORE = 65535
+STATEMENT = "predictions.yaml"  # in a folder of predictions: what they are
+
+
+class FolderStatement(FileModel):
+    """`predictions.yaml` of a folder of predictions.
+
+    Attributes:
+        sixteen_bits: "score" where PNG files of 16 bits hold scores, 0 to 65535 for 0 to 1.
+    """
+
+    sixteen_bits: Literal["score"] | None = None
+
+
+def read_statement(root: Path) -> FolderStatement:
+    """What a folder says of its predictions; nothing without a file.
+
+    Raises:
+        DataError: a file that says something else.
+    """
+    file = root / STATEMENT
+    if not file.exists():
+        return FolderStatement()
+    content = parse_yaml(read_text(file, largest_bytes=LARGEST_STATEMENT_BYTES), file=file)
+    return validated(FolderStatement, content or {}, file=file)
+
+
+LARGEST_STATEMENT_BYTES = 100_000
 LARGEST_BYTES = 1 << 28  # of a file
 
 
-def read_png_map(path: Path, sizes: ImageSizes) -> NDArray[Any]:
+def read_png_map(path: Path, sizes: ImageSizes, *, sixteen_bits: Literal["score"] | None = None) -> NDArray[Any]:
     """Read a prediction.
 
     Args:
         path: a PNG file of one grey channel.
         sizes: of the image.
+        sixteen_bits: what the folder says that files of 16 bits are; None where it does not say.
 
     Returns:
         (rows, columns) bool, moving, for files of up to 8 bits; float32 scores in [0, 1] for files of 16 bits.
@@ -165,7 +196,7 @@ def read_png_map(path: Path, sizes: ImageSizes) -> NDArray[Any]:
     Raises:
         DataError: missing, cut short, or no grey PNG.
         WrongSizeError: before anything is unpacked.
-        UnclearError: a mask with other values than 0 and 255, or 0 and 1.
+        UnclearError: a mask with other values than 0 and 255, or 0 and 1, or 16 bits of which the folder says nothing.
     """
     content = _content(path, LARGEST_BYTES)
     size_px = stated_size_px(content) if content.startswith(PNG_START) else None
@@ -173,21 +204,33 @@ def read_png_map(path: Path, sizes: ImageSizes) -> NDArray[Any]:
         got = f"{len(content)} bytes that begin with {content[:8].hex(' ')}" if content else "an empty file"
         raise DataError(path, expected="a whole PNG file", got=got)
     sizes.refuse_unfit(size_px, file=path)
-    values = decode_image(content, cv2.IMREAD_UNCHANGED, file=path)
+    values = decode_values(content, file=path)
     if values.ndim != 2:
         raise DataError(path, expected="one grey channel", got=f"{values.shape[2]} channels")
-    if values.dtype == np.uint16:
+    if values.dtype == np.uint16 and sixteen_bits == "score":
         return values.astype(np.float32) / np.float32(LARGEST_SCORE)
+    if values.dtype == np.uint16:
+        raise UnclearError(
+            path,
+            expected=f"a mask of 8 bits, or {STATEMENT} with `sixteen_bits: score`",
+            got=f"16 bits, {shown_values(np.unique(values).tolist())}",
+            hint="write ids as masks",
+        )
     present = np.flatnonzero(np.bincount(values.ravel(), minlength=256)).tolist()
     if not (set(present) <= {0, 255} or set(present) <= {0, 1}):
         raise UnclearError(
             path,
             expected="a mask of the values 0 and 255, or 0 and 1",
-            got=f"the values {', '.join(map(str, present[:6]))}{', ...' if len(present) > 6 else ''}",
-            hint="write scores as 16-bit PNG (0 to 65535) or .npz",
+            got=shown_values(present),
+            hint=f"write scores as .npz, or as 16-bit PNG (0 to 65535) with {STATEMENT}",
         )
     moving: NDArray[np.bool_] = values > 0
     return moving
+
+
+def shown_values(values: Sequence[int]) -> str:
+    """The first few of the values of a file."""
+    return f"the values {', '.join(map(str, values[:6]))}{', ...' if len(values) > 6 else ''}"
 
 
 def _content(path: Path, largest_bytes: int) -> bytes:
@@ -393,12 +436,14 @@ class Prediction:
         camera: of the image.
         names: by which the file's list names the image; empty for a file of one image.
         sizes: of the image.
+        sixteen_bits: what the folder says of PNG files of 16 bits.
     """
 
     file: Path
     camera: str
     names: tuple[str, ...]
     sizes: ImageSizes
+    sixteen_bits: Literal["score"] | None = None
 
 
 class PredictionReader:
@@ -435,4 +480,4 @@ class PredictionReader:
             return decode_union(chosen, prediction.sizes, file=prediction.file)
         if prediction.file.suffix.lower() == ".npz":
             return read_npz_scores(prediction.file, prediction.sizes)
-        return read_png_map(prediction.file, prediction.sizes)
+        return read_png_map(prediction.file, prediction.sizes, sixteen_bits=prediction.sixteen_bits)

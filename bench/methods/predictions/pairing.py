@@ -10,18 +10,24 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from numpy.typing import NDArray
 
 from bench.atomic import open_regular, refuse_escape
 from bench.errors import BenchError, DataError
 from bench.methods.predictions.files import (
+    LARGEST_SCORE,
+    STATEMENT,
     Fault,
     FaultKind,
+    FolderStatement,
     MaskEntry,
     Prediction,
     PredictionReader,
     kind_of,
+    read_statement,
     reason_of,
+    shown_values,
 )
 from bench.methods.predictions.images import CameraImages, ImageKey, NamedImage, Naming, camera_images, named_images
 from bench.recordings import DatasetCard, open_dataset
@@ -37,12 +43,14 @@ class PredictionFiles:
 
     Attributes:
         root: the folder.
+        statement: what it says of its files.
         maps: by folder relative to the root, with "/" in between, the files of single images.
         lists: by path relative to the root without the suffix, the files of many images; one each.
         faults: files that are no predictions.
     """
 
     root: Path
+    statement: FolderStatement = field(default_factory=FolderStatement)
     maps: Group = field(default_factory=lambda: defaultdict(list))
     lists: Group = field(default_factory=lambda: defaultdict(list))
     faults: list[Fault] = field(default_factory=list)
@@ -60,7 +68,7 @@ def list_predictions(root: Path) -> PredictionFiles:
     """
     if not root.is_dir():
         raise DataError(root, expected="a folder of predictions", got="no such folder")
-    found = PredictionFiles(root=root)
+    found = PredictionFiles(root=root, statement=read_statement(root))
 
     def unreadable(error: OSError) -> None:
         raise DataError(error.filename or root, expected="a folder to read", got=error.strerror or str(error))
@@ -69,7 +77,7 @@ def list_predictions(root: Path) -> PredictionFiles:
         links = [name for name in subfolders if (Path(folder) / name).is_symlink()]
         subfolders[:] = sorted(name for name in subfolders if not name.startswith(".") and name not in links)
         for name in sorted([*files, *links]):
-            if not name.startswith("."):
+            if not name.startswith(".") and Path(folder, name) != root / STATEMENT:
                 _sort_in(found, Path(folder) / name)
     return found
 
@@ -97,7 +105,8 @@ def _sort_in(found: PredictionFiles, path: Path) -> None:
 
 
 Form = Literal["mask", "score"]
-LARGEST_BYTE = 255 / 65535  # 16-bit scores that go no further were likely meant to have 8 bits
+LARGEST_BYTE = 255  # 16-bit scores that go no further were likely meant to have 8 bits
+FEW_SCORES = 32  # values of a whole folder; instances and classes have as few
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,6 +122,7 @@ class PredictionIndex:
         unscored: predictions of images that are not scored: first ones, those after a gap, excluded ones.
         elsewhere: files of recordings that are not of the split, excluded, or cannot be opened.
         unread: files of many images that cannot be read, relative to the folder; which images they are of is unknown.
+        doubts: what is odd about the values of all predictions together.
         digest: SHA-256 over the usable predictions' images and the content of their files.
     """
 
@@ -124,6 +134,7 @@ class PredictionIndex:
     unscored: int
     elsewhere: int
     unread: tuple[str, ...]
+    doubts: tuple[str, ...]
     digest: str
 
     def of_kind(self, kind: FaultKind) -> tuple[Fault, ...]:
@@ -147,7 +158,8 @@ class Pairing:
         self._faulty: dict[ImageKey, DataError] = {}
         self._faults: list[Fault] = []
         self._first_of: dict[Form, str] = {"mask": "", "score": ""}
-        self._largest_of_16_bits = 0.0
+        self._scores = np.zeros(LARGEST_SCORE + 1, dtype=bool)  # that PNG files hold
+        self._largest = 0.0
         self._unread: list[Path] = []
         self._digests: dict[Path, str] = {}
         self._seen: set[Path] = set()
@@ -218,6 +230,7 @@ class Pairing:
             unscored=self._unscored,
             elsewhere=elsewhere,
             unread=tuple(map(self.files.relative, self._unread)),
+            doubts=tuple(self._doubts()),
             digest=self._whole_digest(),
         )
 
@@ -273,7 +286,8 @@ class Pairing:
             self._fault(FaultKind.TWICE, str(key), reason_of(self._faulty[key]))
         else:
             ((file, names),) = sources.items()
-            prediction = Prediction(file=file, camera=camera.camera, names=names, sizes=camera.sizes)
+            bits = self.files.statement.sixteen_bits
+            prediction = Prediction(file=file, camera=camera.camera, names=names, sizes=camera.sizes, sixteen_bits=bits)
             try:
                 self._count(self._reader.read(prediction), prediction)
             except DataError as error:
@@ -285,8 +299,9 @@ class Pairing:
     def _count(self, values: NDArray[Any], prediction: Prediction) -> None:
         form: Form = "mask" if values.dtype == bool else "score"
         self._first_of[form] = self._first_of[form] or self.files.relative(prediction.file)
+        self._largest = max(self._largest, float(values.max()))
         if form == "score" and prediction.file.suffix.lower() == ".png":
-            self._largest_of_16_bits = max(self._largest_of_16_bits, float(values.max()))
+            self._scores[np.rint(values * LARGEST_SCORE).astype(np.int64)] = True
 
     def _digest(self, file: Path) -> str:
         if file not in self._digests:
@@ -311,13 +326,21 @@ class Pairing:
         if mask and score:
             got = f"both, for example the mask {mask} and the score {score}"
             raise DataError(self.files.root, expected="masks only or scores only", got=got)
-        if 0 < self._largest_of_16_bits <= LARGEST_BYTE:
+        scores = np.flatnonzero(self._scores)
+        if scores.any() and scores[-1] <= LARGEST_BYTE:
             raise DataError(
                 self.files.root,
                 expected="16-bit scores of 0 to 65535",
-                got=f"{round(self._largest_of_16_bits * 65535)} as the largest of all",
+                got=f"{scores[-1]} as the largest of all",
                 hint="multiply scores of 0 to 255 by 257, or write masks as 8-bit PNG",
             )
+
+    def _doubts(self) -> Iterator[str]:
+        if self._usable and not self._largest:
+            yield f"{len(self._usable)} predictions, none of which marks anything"
+        scores = np.flatnonzero(self._scores).tolist()
+        if 2 < len(scores) <= FEW_SCORES:
+            yield f"16-bit scores of {len(scores)} values alone ({shown_values(scores)}), as numbers of instances have"
 
 
 def _how_others_are_read(name: str, images: Mapping[str, NamedImage]) -> str:

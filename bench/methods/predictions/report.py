@@ -86,6 +86,7 @@ def write_report(file: Path, card: DatasetCard, method: PredictedMotion, found: 
         "unscored": found.unscored,
         "elsewhere": found.elsewhere,
         "unread": found.unread,
+        "doubts": found.doubts,
         "missing_policy": method.missing,
         "faults": faults,
     }

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 from pycocotools import mask as coco
 
 from bench.errors import DataError
@@ -48,18 +49,34 @@ def test_a_mask_of_one_bit(tmp_path):
     np.testing.assert_array_equal(read_png_map(tmp_path / "a.png", SIZES), MASK)
 
 
-def test_16_bits_are_scores(tmp_path):
+def test_16_bits_are_scores_where_the_folder_says_so(tmp_path):
     values = np.zeros((4, 6), dtype=np.uint16)
     values[0, :3] = 65535, 32768, 1
-    found = read_png_map(write_png(tmp_path / "a.png", values), SIZES)
+    found = read_png_map(write_png(tmp_path / "a.png", values), SIZES, sixteen_bits="score")
     assert found.dtype == np.float32
     np.testing.assert_allclose(found[0, :4], [1, 32768 / 65535, 1 / 65535, 0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("ids", [(0, 1001, 2003), (0, 26000, 26001), (0, 1)])
+def test_16_bits_may_be_instances_and_are_refused_where_the_folder_says_nothing(tmp_path, ids):
+    file = write_png(tmp_path / "a.png", np.resize(np.array(ids, dtype=np.uint16), (4, 6)))
+    got = ", ".join(map(str, ids))
+    with pytest.raises(UnclearError, match=rf"expected a mask of 8 bits, or .* got 16 bits, the values {got}; write"):
+        read_png_map(file, SIZES)
+
+
+def test_an_indexed_png_is_refused_with_the_remedy(tmp_path):
+    palette = Image.fromarray(MASK.astype(np.uint8), "P")
+    palette.putpalette([0, 0, 0, 255, 0, 0])
+    palette.save(tmp_path / "a.png")
+    with pytest.raises(DataError, match=r"got an indexed one.*; store the indices as a grey PNG"):
+        read_png_map(tmp_path / "a.png", SIZES)
 
 
 @pytest.mark.parametrize(("values", "got"), [((0, 1, 255), "0, 1, 255"), ((37,), "37"), ((0, 128), "0, 128")])
 def test_other_values_are_unclear(tmp_path, values, got):
     grey = np.resize(np.array(values, dtype=np.uint8), (4, 6))
-    with pytest.raises(UnclearError, match=f"got the values {got}; write scores as 16-bit"):
+    with pytest.raises(UnclearError, match=f"got the values {got}; write scores as .npz"):
         read_png_map(write_png(tmp_path / "a.png", grey), SIZES)
 
 
@@ -75,7 +92,7 @@ def black(*shape: int) -> bytes:
         (black(4, 6)[:20], "expected a whole PNG file, got 20 bytes"),
         (black(4, 6, 3), "expected one grey channel, got 3 channels"),
         (black(4, 6, 4), "expected one grey channel, got 4 channels"),
-        (png(6, 4, colour=3, rows=bytes(7) * 4), "expected one grey channel, got 3 channels"),
+        (png(6, 4, colour=3, rows=bytes(7) * 4), "expected a PNG of grey values, got an indexed one"),
         (png(6, 4, bits=7), "expected a whole PNG"),
         (png(6, 4)[:33], "expected a whole PNG file, got 33 bytes"),
         (png(6, 4)[:-12], "a PNG cut short at"),

@@ -1,0 +1,150 @@
+"""The double sphere and the extended unified model: a ray goes to a sphere, then from behind it to the image."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from bench.cameras.angular import AngularCamera
+from bench.cameras.model import checked_max_angle, finite_pair
+from bench.errors import ShapeError
+
+
+@dataclass(frozen=True, slots=True)
+class SphereRadius:
+    """`r(theta) = sin(phi) / (sqrt(beta) (alpha + (1 - alpha) cos(phi)))`, phi the angle on the last sphere.
+
+    That sphere is moved by `xi` along the optical axis, so that tan(phi) = sin(theta) / (xi + cos(theta)), or stretched
+    to an ellipsoid, tan(phi) = sqrt(beta) tan(theta). The radius rises up to cos(phi) = -(1 - alpha)/alpha for
+    alpha > 1/2 and without end towards cos(phi) = -alpha/(1 - alpha) else; and phi with theta up to
+    cos(theta) = -1/xi for xi > 1.
+
+    Attributes:
+        alpha: in [0, 1].
+        xi: above -1.
+        beta: above 0.
+        domain: largest angle of interest.
+        limit: largest angle up to which the radius rises.
+        top: the radius there.
+    """
+
+    alpha: float
+    xi: float
+    beta: float
+    domain: float
+    limit: float = field(init=False)
+    top: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.alpha <= 1.0:
+            raise ShapeError(f"alpha: expected a number from 0 to 1, got {self.alpha}")
+        weights = self.alpha, 1.0 - self.alpha
+        last = np.arccos(-min(weights) / max(weights))
+        if self.xi > 1.0:  # phi has its largest value before
+            last = np.arcsin(1.0 / self.xi)
+        limit = min(float(self._angle(np.asarray(last))), self.domain)
+        object.__setattr__(self, "limit", limit)
+        with np.errstate(divide="ignore"):
+            object.__setattr__(self, "top", float(self(np.asarray(limit))) if limit == self.domain else self._largest())
+
+    def __call__(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Evaluate; no check of the limit."""
+        across, along = np.sqrt(self.beta) * np.sin(theta), self.xi + np.cos(theta)
+        depth = self.alpha * np.hypot(across, along) + (1.0 - self.alpha) * along
+        return np.asarray(across / (np.sqrt(self.beta) * depth))
+
+    def inverse(self, radius: NDArray[np.float64]) -> NDArray[np.float64]:
+        """theta with r(theta) = radius; beyond `top` any number."""
+        squared = self.beta * radius * radius
+        root = np.sqrt(np.maximum(1.0 - (2.0 * self.alpha - 1.0) * squared, 0.0))
+        depth = (1.0 - self.alpha**2 * squared) / (self.alpha * root + 1.0 - self.alpha)
+        return self._angle(np.arctan2(np.sqrt(squared), depth))
+
+    def _angle(self, phi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """theta of phi: by the law of sines, or on the ellipsoid."""
+        if self.xi:
+            return phi + np.arcsin(np.clip(self.xi * np.sin(phi), -1.0, 1.0))
+        return np.asarray(np.arctan2(np.sin(phi) / np.sqrt(self.beta), np.cos(phi)))
+
+    def _largest(self) -> float:
+        """The radius at the end of the sphere."""
+        if self.xi > 1.0 and np.cos(self.limit) <= -1.0 / self.xi + 1e-12:
+            return float(self(np.asarray(self.limit)))
+        return 1.0 / np.sqrt(self.beta * (2.0 * self.alpha - 1.0)) if self.alpha > 0.5 else np.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphereCamera(AngularCamera):
+    """Base of both.
+
+    Attributes:
+        focal: (fx, fy), px.
+        alpha: how far behind the sphere the image is taken from, 0 to 1.
+        max_angle_rad: field limit of the lens; None for as far as the mapping is one-to-one.
+    """
+
+    focal: tuple[float, float]
+    alpha: float
+    max_angle_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "focal", finite_pair(self.focal, "focal", positive=True))
+        xi, beta = self._shape()
+        radius = SphereRadius(float(self.alpha), xi, beta, checked_max_angle(self.max_angle_rad))
+        self._prepare(radius, scale=self.focal, centre=self.principal_point)
+
+    @abstractmethod
+    def _shape(self) -> tuple[float, float]:
+        """Shift and stretch of the sphere, checked."""
+
+    @override
+    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
+        return {"focal": (self.focal[0] * scale_u, self.focal[1] * scale_v)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoubleSphereCamera(SphereCamera):
+    """`u = fx x / (alpha d2 + (1 - alpha)(xi d1 + z)) + cu` with d1 = |(x, y, z)| and d2 = |(x, y, xi d1 + z)|.
+
+    Attributes:
+        xi: distance of the two spheres, above -1; 0 is the unified model.
+
+    The limit is where the mapping stops being one-to-one, a little beyond the paper's w2.
+
+    Source:
+        Usenko, Demmel and Cremers 2018; Kalibr's `ds`, intrinsics xi, alpha, fu, fv, pu, pv.
+    """
+
+    xi: float
+
+    @override
+    def _shape(self) -> tuple[float, float]:
+        if not (np.isfinite(self.xi) and self.xi > -1.0):
+            raise ShapeError(f"xi: expected a number above -1, got {self.xi}")
+        return float(self.xi), 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExtendedUnifiedCamera(SphereCamera):
+    """`u = fx x / (alpha d + (1 - alpha) z) + cu` with d^2 = beta (x^2 + y^2) + z^2.
+
+    Attributes:
+        beta: stretch of the sphere, above 0; 1 is the unified model.
+
+    Source:
+        Khomutenko, Garcia and Martinet 2016; Kalibr's `eucm`, intrinsics alpha, beta, fu, fv, pu, pv.
+    """
+
+    beta: float
+
+    @override
+    def _shape(self) -> tuple[float, float]:
+        if not (np.isfinite(self.beta) and self.beta > 0.0):
+            raise ShapeError(f"beta: expected a positive number, got {self.beta}")
+        return 0.0, float(self.beta)
