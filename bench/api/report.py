@@ -41,7 +41,7 @@ def report(
         run: stored, or its folder.
         category: only this kind of motion, for example "preceding"; None for all.
         beside: another run of the same data and protocol, to show both on the same images; None for none.
-        out: the file; None for `index.html`, or `index-<category>.html`, in the run.
+        out: the file; None for `index.html`, or `index-<category>.html`, beside its results.
         pictures: draw the worst frames, from the data set.
         progress: called with the pictures done and their number.
 

@@ -8,8 +8,6 @@ EXAMPLES = {
         "run tiny --method my_method:MyMethod --set threshold=0.5",
         "run demo --protocol paper-v1,surface-v1 --limit 20 --no-pictures",
     ),
-    "cluster-example": ("cluster-example slurm-array",),
-    "cache": ("cache", "cache --limit-gb 2"),
     "evaluate": (
         "evaluate demo --predictions my-masks",
         "evaluate demo --predictions my-scores --threshold 0.7 --missing empty --name my-network",
@@ -53,7 +51,7 @@ EXAMPLES = {
     "new method": ("new method my-method",),
     "new dataset": ("new dataset my-data",),
     "new adapter": ("new adapter my-format",),
-    "reference export": ("reference export demo --out my-references --format coco",),
+    "reference export": ("reference export demo --out my-references",),
 }
 
 

@@ -20,7 +20,7 @@ def report(
         typer.Option(metavar="RUN", help="Another run of the same data and protocol: both on the same images."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="The file; default: index.html or index-CATEGORY.html in the run.")
+        Path | None, typer.Option(help="The file; default: index.html or index-CATEGORY.html beside its results.")
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the worst frames, from the data set.")] = True,
 ) -> None:

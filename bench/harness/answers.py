@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bench.atomic import replacing
+from bench.atomic import open_regular, replacing
 from bench.errors import DataError
 from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
 from bench.records.segmentation import Segmentation, segmentation_fault
@@ -156,7 +156,8 @@ def read_answers(file: Path, *, timestamp_ns: int | None = None) -> list[Answer]
     """
     wanted = None if timestamp_ns is None else [("timestamp_ns", "=", timestamp_ns)]
     try:
-        return [Answer(row) for row in pq.read_table(file, schema=ANSWERS_SCHEMA, filters=wanted).to_pylist()]
+        with open_regular(file) as content:
+            return [Answer(row) for row in pq.read_table(content, schema=ANSWERS_SCHEMA, filters=wanted).to_pylist()]
     except (OSError, pa.ArrowException) as error:
         got, hint = " ".join(str(error).split()), "remove the file, and run again"
         raise DataError(file, expected="answers of a run", got=got, hint=hint) from error

@@ -24,7 +24,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.atomic import replacing, write_bytes
+from bench.atomic import open_regular, replacing, write_bytes
 from bench.errors import BenchError, DataError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, Protocol, SequenceScorer, add_image_maps
 from bench.evaluation.rows import to_frame
@@ -176,8 +176,8 @@ class StoredRows:
 
     def _checked(self, file: Path) -> int:
         """Rows of a file with the columns of the table."""
-        with _readable(file):
-            about = pq.ParquetFile(file)
+        with _readable(file), open_regular(file) as content:
+            about = pq.ParquetFile(content)
             if missing := [name for name in self.schema.names if name not in about.schema_arrow.names]:
                 raise DataError(file, field=missing[0], expected="this column of a run's counts", got="none")
             for field in self.schema:
@@ -262,7 +262,7 @@ def _map_bytes(item: ImageMap) -> bytes:
 
 def _read_map(file: Path) -> ImageMap:
     try:
-        with np.load(file, allow_pickle=False) as stored:
+        with open_regular(file) as content, np.load(content, allow_pickle=False) as stored:
             words = {name: stored[name].item() for name in _WORDS}
             return ImageMap(**words, **{name: stored[name] for name in _GRIDS})
     except (OSError, ValueError, KeyError, TypeError, NotImplementedError, BadZipFile, EOFError, zlib.error) as error:

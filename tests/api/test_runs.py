@@ -1,5 +1,7 @@
 """`bench.open_dataset`, `run` and `load_run`: what the commands do, from Python."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -52,7 +54,7 @@ class Bright(Method):
 def test_an_object_is_a_method_too(tiny_card, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = bench.run(tiny_card, Bright(), split="moving", protocol="extended-v1")
-    assert found.folder.name == "tiny-bright-extended-v1-moving"
+    assert found.folder == Path("reports/runs/tiny-bright-moving/extended-v1")
     assert found.summary.images.evaluated == 8
     with pytest.raises(UsageError, match="settings: expected none"):
         bench.run(tiny_card, Bright(), settings={"threshold": 1})

@@ -27,16 +27,16 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
     assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
     shown = capsys.readouterr().out
     for name in ("summary.json", "table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"):
-        assert (out / name).stat().st_size > 100
+        assert (out / "paper-v1" / name).stat().st_size > 100
     for name in ("summary.json", "table.md", "range_map.png"):
-        assert str(out / name) in shown
+        assert str(out / "paper-v1" / name) in shown
     assert shown.count(str(out)) < 8, "few paths"
-    assert f"more files in {out}" in shown
+    assert f"more files in {out}/paper-v1" in shown
     for name in ("Crossing", "Overtaking", "Static ego-vehicle", "False positives"):
         assert name in shown
     assert "Left out, without cases: preceding, approaching." in shown
     assert "16 annotated object-frames" in shown
-    assert r"\label{tab:run-paper}" in (out / "table.tex").read_text(), "named after the folder"
+    assert r"\label{tab:run-paper}" in (out / "paper-v1" / "table.tex").read_text(), "named after the folder"
     for picture in ("panels", "areas", "overlay", "cluster-walker"):
         assert (out / "paper-v1" / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
@@ -167,7 +167,7 @@ def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
 
 def test_no_help_text_is_cut(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "60")
-    for words in ((), ("annotations",), ("new",)):
+    for words in ((), ("annotate",), ("new",)):
         assert call(monkeypatch, *words, "--help") == 0
         shown = capsys.readouterr().out
         assert "..." not in shown.replace("[ARGS]...", "")
@@ -231,7 +231,7 @@ def test_run_by_two_protocols_prints_two_tables_and_stores_two_runs(monkeypatch,
     assert call(monkeypatch, *words) == 0
     printed = capsys.readouterr().out
     assert printed.index(f"{out}/paper-v1/table.md") < printed.index(f"{out}/surface-v1/table.md")
-    for folder, protocol in ((out, "paper-v1"), (tmp_path / "run-surface-v1", "surface-v1")):
-        assert json.loads((folder / "manifest.json").read_text())["protocol"]["name"] == protocol
+    for protocol in ("paper-v1", "surface-v1"):
+        assert json.loads((out / protocol / "manifest.json").read_text())["protocol"]["name"] == protocol
     assert call(monkeypatch, "run", tiny_card, "--protocol", "paper-v1,paper-v1", "--out", tmp_path / "twice") == 2
     assert "expected each protocol once" in capsys.readouterr().err

@@ -465,7 +465,7 @@ def test_pictures_and_the_page_come_from_the_same_files(monkeypatch, tiny_card, 
     before = (run / "paper-v1" / "index.html").read_bytes()
     write_map(masks, images[0].place, images[0].timestamp_ns, images[0].moving * 0)
     assert call(monkeypatch, "report", run) == 0
-    assert (run / "paper-v1" / "index.html").read_bytes() == before, "what was scored is drawn, whatever the files are now"
+    assert (run / "paper-v1" / "index.html").read_bytes() == before, "what was scored is drawn"
 
 
 def test_the_fingerprint_is_of_the_content_not_of_the_names(evaluate, images, masks, tmp_path):

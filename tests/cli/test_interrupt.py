@@ -83,7 +83,9 @@ def test_a_sweep_that_is_interrupted_goes_on(tiny_card, tmp_path, trouble, worke
     (trouble / "standing.wait").touch()
     sweep = start("sweep", tiny_card, *TROUBLED, *words)
     status, shown, _ = ended(
-        sweep, lambda: bool(pids(here)) and len(list(out.glob("*/answers/*/*.parquet"))) == 2, "two tasks of three stored"
+        sweep,
+        lambda: bool(pids(here)) and len(list(out.glob("*/answers/*/*.parquet"))) == 2,
+        "two tasks of three stored",
     )
     assert status == 130
     assert f"interrupted; what is done is in {out}, and the same command goes on from there" in shown

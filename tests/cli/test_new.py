@@ -35,7 +35,7 @@ def test_a_new_method_scores_as_it_is(place, monkeypatch, capsys):
         "--no-pictures",
     )
     assert call(monkeypatch, *words) == 0
-    assert (place / "reports/runs/tiny-grey-change-threshold-20/summary.json").is_file()
+    assert (place / "reports/runs/tiny-grey-change-threshold-20/paper-v1/summary.json").is_file()
     tests = importlib.import_module("test_grey_change")
     tests.test_every_answer_is_a_segmentation_of_its_image()
     tests.test_nothing_moves_between_equal_images()

@@ -12,16 +12,16 @@ def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_ca
     assert call(monkeypatch, "report", run, "--category", "crossing") == 0
     shown = capsys.readouterr().out
     for name in ("index.html", "index-crossing.html", "figures/range_map.pdf"):
-        assert (run / name).stat().st_size > 1000
-        assert str(run / name) in shown
-    assert b"data:image/jpeg" in (run / "index-crossing.html").read_bytes()
-    assert b"<img" not in (run / "index.html").read_bytes()
+        assert (run / "paper-v1" / name).stat().st_size > 1000
+        assert str(run / "paper-v1" / name) in shown
+    assert b"data:image/jpeg" in (run / "paper-v1" / "index-crossing.html").read_bytes()
+    assert b"<img" not in (run / "paper-v1" / "index.html").read_bytes()
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("report", "RUN"), "summary.json: expected the summary of a run"),
+        (("report", "RUN"), "expected the folder of a finished run"),
         (("report", "RUN", "--category", "preceeding"), "did you mean 'preceding'"),
     ],
 )

@@ -1,6 +1,5 @@
 """`run --require-valid`: data with errors are refused before they are scored, and the page carries the rest."""
 
-import json
 import shutil
 
 import pytest

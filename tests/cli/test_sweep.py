@@ -16,7 +16,7 @@ def table(folder):
 
 
 def test_each_value_is_the_run_with_it_in_a_folder_of_its_own(monkeypatch, capsys, tiny_card, tmp_path):
-    common = ("--set", "cell_size_px=8", "--cache", tmp_path / "cache")
+    common = ("--set", "cell_size_px=8")
     words = ("sweep", tiny_card, *common, "--set", "threshold=2e-3,6e-4", "--out", tmp_path / "sweep")
     assert call(monkeypatch, *words) == 0
     shown = capsys.readouterr().out
@@ -24,40 +24,40 @@ def test_each_value_is_the_run_with_it_in_a_folder_of_its_own(monkeypatch, capsy
         assert (tmp_path / "sweep" / name).stat().st_size > 100
         assert str(tmp_path / "sweep" / name) in shown
     assert "threshold of spherical on tiny by paper-v1" in shown
-    assert "units computed 6, found done 0" in shown
+    assert "2 values; 24 images answered" in shown
     rows = table(tmp_path / "sweep")
     assert [row["threshold"] for row in rows] == ["2e-3", "6e-4"]
     run = ("run", tiny_card, *common, "--set", "threshold=0.002", "--out", tmp_path / "run", "--no-pictures")
     assert call(monkeypatch, *run) == 0
     alone, value = (
-        json.loads((place / "summary.json").read_text()) for place in (tmp_path / "run", tmp_path / "sweep" / "2e-3")
+        json.loads((place / "paper-v1" / "summary.json").read_text())
+        for place in (tmp_path / "run", tmp_path / "sweep" / "2e-3")
     )
     assert alone | UNLIKE == value | UNLIKE
     assert float(rows[0]["iou"]) == alone["all_moving"]["iou"]["value"]
-    assert (tmp_path / "sweep" / "2e-3" / "table.md").is_file()
+    assert (tmp_path / "sweep" / "2e-3" / "paper-v1" / "table.md").is_file()
 
 
 def test_a_second_call_finds_what_is_done(monkeypatch, capsys, tiny_card, tmp_path):
-    words = ("sweep", tiny_card, "--method", "flow-magnitude", "--out", tmp_path, "--cache", tmp_path / "cache")
+    words = ("sweep", tiny_card, "--method", "flow-magnitude", "--out", tmp_path)
     assert call(monkeypatch, *words, "--set", "threshold=1e-3,2e-3") == 0
     before = (tmp_path / "sweep.csv").read_bytes()
     assert call(monkeypatch, *words, "--set", "threshold=1e-3,2e-3") == 0
-    assert "units computed 0, found done 6" in capsys.readouterr().out
+    assert "0 images answered, the others were there" in capsys.readouterr().out
     assert (tmp_path / "sweep.csv").read_bytes() == before
     assert call(monkeypatch, *words, "--set", "threshold=1e-3,4e-3") == 0
-    assert "units computed 3, found done 3" in capsys.readouterr().out
-    assert len(list((tmp_path / "cache").glob("flow/*/*.npz"))) == 12, "computed once for all values"
+    assert "12 images answered, the others were there" in capsys.readouterr().out
 
 
 def test_errors_of_the_input_are_swept_in_the_same_way(monkeypatch, capsys, tiny_card, tmp_path):
     words = ("sweep", tiny_card, "--input-error", "pitch_rate_degps=0,4", "--out", tmp_path, "--split", "moving")
-    assert call(monkeypatch, *words, "--cache", tmp_path / "cache") == 0
+    assert call(monkeypatch, *words) == 0
     assert "the reference keeps the true calibration" in " ".join(capsys.readouterr().out.split())
     assert "the reference keeps the true calibration" in (tmp_path / "sweep.md").read_text()
     true, wrong = table(tmp_path)
     assert float(wrong["false_positive_coverage"]) > float(true["false_positive_coverage"]) + 0.1
     assert wrong["object_frames"] == true["object_frames"]
-    assert "pitch_rate_degps 4" in json.loads((tmp_path / "4" / "summary.json").read_text())["caveats"]
+    assert "pitch_rate_degps 4" in json.loads((tmp_path / "4" / "paper-v1" / "summary.json").read_text())["caveats"]
 
 
 def test_the_usual_folder_is_named_after_what_is_swept(monkeypatch, tiny_card, tmp_path):

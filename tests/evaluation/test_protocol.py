@@ -77,7 +77,8 @@ def test_the_digest_is_of_the_content_not_of_its_writing(tmp_path: Path) -> None
 
 def test_the_digest_changes_with_any_rule(tmp_path: Path) -> None:
     other = write(
-        tmp_path / "other.yaml", content_of("paper-v1") | {"range_map": {"cell_m": 1.0, "min_object_frames": 6}}
+        tmp_path / "other.yaml",
+        content_of("paper-v1") | {"name": "ours-v1", "range_map": {"cell_m": 1.0, "min_object_frames": 6}},
     )
     assert load_protocol(other).digest != load_protocol("paper-v1").digest
 

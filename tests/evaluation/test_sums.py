@@ -154,7 +154,7 @@ def test_the_same_row_in_two_groups_of_rows_is_our_own_mistake(tmp_path: Path) -
     objects, frames = random_run(4)
     twice = pa.concat_tables([objects, objects.slice(5, 1)])
     with pytest.raises(AssertionError, match="names each row once"):
-        reduced(stored((twice, frames), tmp_path, row_group_size=10), 20)
+        reduced(stored((twice, frames), tmp_path), 20)
 
 
 def test_an_object_that_is_neither_scored_nor_ignored_for_a_reason_is_our_own_mistake() -> None:

@@ -110,7 +110,7 @@ def test_an_unknown_name_lists_the_known():
         ("slices: {preceeding: {iou: {absolute: 0.05}}}", "did you mean 'preceding'"),
         ("slices: {'class=pedestrian': {iou: {absolute: 0.05}}}", "fits none"),
         ("slices: {crossing: {iou: {relative: 5}}}", "less than 1, got 5"),
-        ("metrics: {iou: {absolute: 5}}", "more never fails"),
+        ("metrics: {iou: {absolute: 5}}", "5 never fails"),
     ],
 )
 def test_a_rule_that_could_never_apply_or_never_fail_is_refused(tmp_path, rule, told):

@@ -1,39 +1,38 @@
-"""Errors of what a method is told reach the method alone, and no unit, cached step or reader mistakes them."""
+"""Errors of what a method is told reach the method alone, and no stored answer or reader mistakes them."""
 
 import pytest
 
-from bench.errors import UnknownNameError, UsageError
+from bench.errors import DataError, UnknownNameError, UsageError
 from bench.harness import read_run
 from bench.recordings import InputErrors, load_card
 from bench.recordings.input_errors import named_input_errors
 from tests.support import runs
-
-PAIRS = 12  # three drives of five images
+from tests.support.runs import IMAGES
 
 
 @pytest.fixture
 def score(tiny_card, tmp_path):
     def scored(out, method="spherical", **errors):
-        options = {"cache": tmp_path / "cache", "input_errors": named_input_errors(errors), "overwrite": True}
+        options = {"input_errors": named_input_errors(errors), "overwrite": True}
         return runs.score(tiny_card, tmp_path / out, method=method, **options)
 
     return scored
 
 
 def test_a_run_with_errors_is_none_without(tiny_card, tmp_path, score):
-    """Units, cached steps and data are told apart, and a reader is told of the errors."""
-    data, found = set(), []
+    """Answers and data are told apart, and a reader is told of the errors."""
+    told, found = [], []
     for errors in ({}, {"yaw_rate_bias_degps": 3.0}, {"yaw_rate_bias_degps": 2.0}):
         found.append(score("run", **errors))
-        data.add(read_run(tmp_path / "run").manifest.dataset.data)
+        told.append(read_run(tmp_path / "run").manifest.dataset.input_errors)
     plain, *wrong = found
-    assert [run.provenance.work.units_reused for run in wrong] == [0, 0]
-    assert [run.provenance.work.steps_found for run in wrong] == [{"flow": PAIRS, "reference": PAIRS}] * 2
-    assert len(data) == 3
+    assert [run.provenance.images_asked for run in found] == [IMAGES] * 3
+    assert told == [{}, {"yaw_rate_bias_degps": 3.0}, {"yaw_rate_bias_degps": 2.0}]
     assert len({run.all_moving.model_dump_json() for run in (plain, *wrong)}) == 3
     assert wrong[1].caveats.endswith("The method was told errors of its input: yaw_rate_bias_degps 2.")
     assert plain.caveats == load_card(str(tiny_card)).content.caveats
-    assert score("noise", image_noise_grey=1.0).provenance.work.steps_found == {"reference": PAIRS}
+    with pytest.raises(DataError, match="yaw_rate_bias_degps = 3"):
+        runs.score(tiny_card, tmp_path / "run", input_errors=named_input_errors({"yaw_rate_bias_degps": 3.0}))
     assert score("run").model_dump_json(exclude={"provenance"}) == plain.model_dump_json(exclude={"provenance"})
 
 

@@ -5,7 +5,6 @@ import shutil
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from bench.errors import DataError
@@ -13,6 +12,7 @@ from bench.evaluation import Metric, sum_run, summarise, threshold_sweep
 from bench.evaluation.summary import take_ratios
 from bench.harness import open_tables, read_image_maps, read_run, read_tables
 from bench.harness.stored import HISTOGRAMS
+from tests.support.counts import change_table
 
 STORED = Path(__file__).parents[1] / "stored"
 RUNS = sorted(folder for folder in STORED.iterdir() if folder.is_dir())
@@ -82,14 +82,16 @@ def test_histograms_may_stay_unread(stored):
 
 def test_a_column_that_is_missing_or_of_another_kind_is_named(stored, tmp_path):
     run = Path(shutil.copytree(stored, tmp_path / "run"))
-    objects, frames = run / "objects.parquet", run / "frames.parquet"
-    pq.write_table(pq.read_table(frames).drop_columns(["fp_px"]), frames)
+    change_table(run, "frames", lambda table: table.drop_columns(["fp_px"]), recording="crossing")
     with pytest.raises(DataError, match=r"frames\.parquet: fp_px: expected this column"):
         read_tables(run)
-    table = pq.read_table(objects)
-    pq.write_table(table.set_column(table.schema.names.index("tp"), "tp", pa.array(["x"] * len(table))), objects)
+    change_table(run, "objects", as_words, recording="crossing")
     with pytest.raises(DataError, match=r"objects\.parquet: tp: expected a column of int"):
         read_tables(run)
+
+
+def as_words(table: pa.Table) -> pa.Table:
+    return table.set_column(table.schema.names.index("tp"), "tp", pa.array(["x"] * len(table)))
 
 
 def test_nan_is_compared_as_nan(stored):

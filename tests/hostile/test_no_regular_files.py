@@ -58,26 +58,36 @@ def test_files_of_a_data_set(whole, tmp_path, kind, name):
         assert "Traceback" not in done.stderr
 
 
+READ_BY = {
+    "summary.json": ("report", "leaderboard", "gate"),
+    "protocol.json": ("report", "leaderboard", "gate"),
+    "sums.csv": ("report", "gate"),
+    "*.objects.parquet": ("report",),
+}
+
+
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["summary.json", "protocol.json", "sums.csv", "objects.parquet"])
+@pytest.mark.parametrize("name", READ_BY)
 def test_files_of_a_run(whole, tmp_path, kind, name):
     run = shutil.copytree(whole / "runs" / "nothing", tmp_path / "runs" / "nothing")
-    (run / name).unlink()
-    KINDS[kind](run / name)
-    for words in (
-        ("report", run, "--no-pictures"),
-        ("leaderboard", tmp_path / "runs", "--out", tmp_path / "out"),
-        ("gate", run, "--baseline", whole / "runs" / "nothing"),
-    ):
-        done = called_here(*words, folder=tmp_path)
-        assert done.returncode == 2, (words, done.stdout)
-        assert name in done.stdout + done.stderr
+    file = next(run.rglob(name))
+    file.unlink()
+    KINDS[kind](file)
+    words = {
+        "report": (run, "--no-pictures"),
+        "leaderboard": (tmp_path / "runs", "--out", tmp_path / "out"),
+        "gate": (run, "--baseline", whole / "runs" / "nothing" / "paper-v1"),
+    }
+    for command in READ_BY[name]:
+        done = called_here(command, *words[command], folder=tmp_path)
+        assert done.returncode == 2, (command, done.stdout)
+        assert file.name in done.stdout + done.stderr
         assert "Traceback" not in done.stderr
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "sums.csv"])
 def test_files_of_a_baseline(whole, tmp_path, name):
-    baseline = shutil.copytree(whole / "runs" / "nothing", tmp_path / "baseline")
+    baseline = shutil.copytree(whole / "runs" / "nothing" / "paper-v1", tmp_path / "baseline")
     (baseline / name).unlink()
     os.mkfifo(baseline / name)
     done = called_here("gate", whole / "runs" / "nothing", "--baseline", baseline, folder=tmp_path)

@@ -197,7 +197,7 @@ def test_a_class_that_does_not_derive_from_method_is_refused():
     with pytest.raises(UsageError, match="abstract class Method"):
         build_method("bench.methods:Method")
     with pytest.raises(UsageError, match="derived from bench"):
-        build_method("bench.harness.oracles:ReferenceItself")
+        build_method("bench.harness.exact:ReferenceItself")
 
 
 class _SilentError(Exception):

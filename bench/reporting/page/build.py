@@ -51,9 +51,9 @@ def write_page(
     """Write the page of a run, or of one kind of motion of it.
 
     Args:
-        folder: of the run.
+        folder: of the run or of its results by a protocol.
         category: only this kind of motion, with a larger gallery; None for all.
-        out: the file; `index.html`, or `index-<category>.html`, in the run without it.
+        out: the file; `index.html`, or `index-<category>.html`, beside the results without it.
         other: folder of a run to stand beside on the same images; None for none.
         pictures: process the worst images once more and show them.
         progress: called with the images done and their number.
@@ -66,7 +66,7 @@ def write_page(
     pair = None if other is None else beside(run, other, pictures=pictures, progress=progress)
     most = WORST if category is None else WORST_OF_CATEGORY
     worst, problems = worst_cases(run, most=most, pictures=pictures, progress=progress)
-    file = out or folder / ("index.html" if category is None else f"index-{category.value}.html")
+    file = out or run.folder / ("index.html" if category is None else f"index-{category.value}.html")
     write_text(file, _render(run, worst, problems, pair, pictures=pictures))
     return Page(file=file, problems=tuple(dict.fromkeys([*problems, *(pair[-1] if pair else ())])))
 

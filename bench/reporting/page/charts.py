@@ -213,11 +213,14 @@ def _plane_charts(run: StoredRun) -> list[Chart]:
 
 
 def write_figures(folder: Path, *, category: Category | None = None) -> tuple[Path, ...]:
-    """Write the charts of a run's page as `<run>/figures/*.pdf` and `.svg`; those of one kind have its name.
+    """Write the charts of a run's page as `figures/*.pdf` and `.svg` beside its results.
 
     Raises:
         DataError: a stored result is missing or damaged.
     """
-    charts = [chart for section in draw_charts(read_run(folder, category=category)).values() for chart in section]
-    files = [write_picture(folder / "figures" / chart.name, chart.figure, formats=("pdf", "svg")) for chart in charts]
+    run = read_run(folder, category=category)
+    charts = [chart for section in draw_charts(run).values() for chart in section]
+    files = [
+        write_picture(run.folder / "figures" / chart.name, chart.figure, formats=("pdf", "svg")) for chart in charts
+    ]
     return tuple(file for pair in files for file in pair)
