@@ -216,10 +216,11 @@ def read_sweep(path: Path, timestamp_ns: int, *, bin_columns: Sequence[str] | No
     kept = np.isfinite(points).all(axis=1)
     rows = None if kept.all() else np.flatnonzero(kept)
     offsets_ns = fields.get("time_offset_ns")
-    if offsets_ns is not None and offsets_ns.size and np.abs(offsets_ns).max() >= FARTHEST_TIME_NS:
-        expected = f"times within a second of {timestamp_ns}, ns"
-        got = f"{int(offsets_ns.min())} to {int(offsets_ns.max())} ns away"
-        raise DataError(path, field="time_offset_ns", expected=expected, got=got)
+    if offsets_ns is not None and offsets_ns.size:
+        first_ns, last_ns = int(offsets_ns.min()), int(offsets_ns.max())
+        if not -FARTHEST_TIME_NS < first_ns <= last_ns < FARTHEST_TIME_NS:
+            expected, got = f"times within a second of {timestamp_ns}, ns", f"{first_ns} to {last_ns} ns away"
+            raise DataError(path, field="time_offset_ns", expected=expected, got=got)
     taken: dict[str, Any] = {name: values if rows is None else values[rows] for name, values in fields.items()}
     return LidarSweep(
         timestamp_ns=timestamp_ns,

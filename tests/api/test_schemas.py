@@ -100,7 +100,7 @@ def example(schema):
         ("tolerances", "metrics", {"iou": {"absolut": 0.1}}, "$.metrics.iou"),
         ("manifest", "code.version", None, "$.code"),
         ("summary", "all_moving.iou.value", "high", "$.all_moving.iou.value"),
-        ("manifest", "sha256", None, "$"),
+        ("manifest", "protocol", None, "$"),
     ],
 )
 def test_damaged_files_do_not_pass(schema, place, value, path):

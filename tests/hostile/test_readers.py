@@ -55,6 +55,21 @@ def test_point_clouds(tmp_path, capfd, suffix, what):
     assert "".join(capfd.readouterr()) == ""
 
 
+@pytest.mark.parametrize("name", files.LOST_RETURNS)
+def test_returns_without_a_position_are_left_out_and_counted(tmp_path, name):
+    path = tmp_path / name
+    path.write_bytes(files.LOST_RETURNS[name])
+    sweep = read_sweep(path, 1000)
+    assert np.isfinite(sweep.points_lidar).all()
+    assert len(sweep.points_lidar) == sweep.rows_stored - 1
+
+
+def test_times_that_are_all_equal_are_none(tmp_path):
+    path = tmp_path / "1000.laz"
+    path.write_bytes(laz(files.POINTS.astype(float), gps_time=np.full(500, 1e300)))
+    assert read_sweep(path, 1000).time_offset_ns is None
+
+
 READ_UNDER_A_LIMIT = """
 import resource, sys
 from pathlib import Path

@@ -124,10 +124,6 @@ class Target:
     observe: Callable[[Path], Observed] | None = None
 
 
-def content_of(*names: str) -> Callable[[Path], Observed]:
-    return lambda folder: {name: (folder / name).read_bytes() for name in names}
-
-
 def tables(folder: Path) -> Observed:
     return bytes_of(folder / "run")
 
@@ -137,7 +133,7 @@ DATA = ("run", "{}/card.yaml", "--method", "nothing", *QUIETLY, "--out", "{}/out
 VALIDATE = ("validate", "{}/card.yaml", "--deep")
 RUN = ("run", "{}/tiny.yaml", "--method", "everything", *QUIETLY)
 GATE = ("gate", "{}/run", "--baseline", "{}/baseline", "--json", "{}/verdict.json")
-STORED = ("run/*.json", "run/*.parquet", "run/*.npz")
+RESULTS = ("run/paper-v1/*.json", "run/paper-v1/counts/**/*")
 TARGETS = {
     **{f"run {name}": Target(("data/**/*",), DATA, 15) for name in ("aimotive", "kitti360", "mcap", "sqlite")},
     "run native": Target(("data/**/*",), DATA, 20),
@@ -157,16 +153,14 @@ TARGETS = {
     },
     "protocol": Target(("p.yaml",), (*RUN, "--protocol", "{}/p.yaml", "--out", "{}/out"), 15),
     "tolerances": Target(("t.yaml",), (*GATE, "--tolerances", "{}/t.yaml"), 15),
-    "gate": Target(STORED, GATE, 50, content_of("verdict.json")),
-    "baseline": Target(("baseline/*",), GATE, 50, content_of("verdict.json")),
-    "report": Target(STORED, ("report", "{}/run", "--no-pictures"), 12, content_of("run/index.html")),
-    "page with pictures": Target(("run/masks.parquet", "run/frames.parquet"), ("report", "{}/run"), 10,
-                                 content_of("run/index.html")),
-    "compare": Target(STORED, ("compare", "{}/run", "{}/other", "--no-pictures", "--out", "{}/compared"), 25,
-                      content_of("compared/compare.json")),
-    "leaderboard": Target(STORED, ("leaderboard", "{}", "--out", "{}/board"), 20, content_of("board/leaderboard.json")),
-    "units": Target(("run/units/*",), (*RUN, "--out", "{}/run"), 15, tables),
-    "cache": Target(("cache/**/*",), (*RUN, "--cache", "{}/cache", "--out", "{}/run"), 12, tables),
+    "gate": Target(("run/paper-v1/*",), GATE, 50),
+    "baseline": Target(("baseline/*",), GATE, 50),
+    "report": Target(RESULTS, ("report", "{}/run", "--no-pictures"), 12),
+    "page with pictures": Target(("run/answers/**/*",), ("report", "{}/run"), 10),
+    "compare": Target(RESULTS, ("compare", "{}/run", "{}/other", "--no-pictures", "--out", "{}/compared"), 25),
+    "leaderboard": Target(RESULTS, ("leaderboard", "{}", "--out", "{}/board"), 20),
+    "answers": Target(("run/answers/**/*",), (*RUN, "--protocol", "surface-v1", "--out", "{}/run"), 15),
+    "references": Target(("cache/references/**/*.parquet",), (*RUN, "--out", "{}/run"), 12, tables),
 }  # fmt: skip
 
 
@@ -211,8 +205,10 @@ def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
         if name == "protocol":
             shutil.copy(BENCH / "evaluation/protocols/extended-v1.yaml", folder / "p.yaml")
             return folder
-        if name == "cache":
-            assert call(patched, *said(RUN, folder), "--cache", folder / "cache", "--out", folder / "first") == 0
+        if name == "references":
+            with pytest.MonkeyPatch.context() as cached:
+                cached.setenv("FISHEYE_BENCH_CACHE", str(folder / "cache"))
+                run_of("nothing", folder / "first")
             return folder
         run_of("everything", folder / "run")
         if name == "compare":
@@ -239,7 +235,7 @@ def said(words: tuple[str, ...], folder: Path) -> list[str]:
 @pytest.mark.parametrize("name", TARGETS)
 def test_files_behind_commands(whole, tmp_path, monkeypatch, capsys, name):
     target, source, place = TARGETS[name], whole(name), tmp_path / "place"
-    monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "steps"))
+    monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(place / "cache"))
     words: list[str] = []
 
     def outcome() -> tuple[int, Observed]:

@@ -68,7 +68,7 @@ def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
 
 
 def test_files_of_another_run_are_refused(stored):
-    (stored / "protocol.json").write_text(load_protocol("extended-v1").model_dump_json())
+    (stored / "protocol.json").write_text(load_protocol("extended-v1").model_dump_json(exclude_unset=True))
     with pytest.raises(DataError, match=r"protocol\.json: expected the protocol of manifest\.json"):
         read_run(stored)
 

@@ -44,7 +44,7 @@ def box_surface_m(size_m: list[float], centre_m: list[float]) -> NDArray[np.floa
 @pytest.mark.parametrize("model", MODELS)
 def test_mask_of_a_box_is_its_projection(model: str) -> None:
     camera = mounted(MODELS[model], VEHICLE_FROM_CAMERA)
-    size_m, centre_m = [2.0, 1.2, 1.5], [8.0, 1.0, 0.95]
+    size_m, centre_m = [2.0, 1.2, 1.5], [9.5, 1.0, 0.95]
     placed = PlacedMesh(mesh=box(size_m, centre_m, GREY).moved(WORLD_FROM_VEHICLE), instance_id=7)
     image = picture(camera, placed)
     pixels, valid = camera.model.project(VEHICLE_FROM_CAMERA.inverse().apply(box_surface_m(size_m, centre_m)))

@@ -19,13 +19,13 @@ def tiny_page(shared, tiny_card) -> Path:
         score(tiny_card, run, settings={"threshold": 5e-4})
         assert write_page(run).problems == ()
 
-    return made_once(shared, "tiny-run", make) / "index.html"
+    return made_once(shared, "tiny-run", make) / "paper-v1" / "index.html"
 
 
 @pytest.fixture(scope="session")
 def tiny_run(tiny_page) -> Path:
     """That run; tests that change it copy it first."""
-    return tiny_page.parent
+    return tiny_page.parents[1]
 
 
 @pytest.fixture

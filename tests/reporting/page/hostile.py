@@ -16,7 +16,7 @@ PLAIN = "walker"
 def hostile_run(run, folder):
     """A copy of the run in which one object has a name that would end the script and start another."""
     copy = shutil.copytree(run, folder / "hostile")
-    objects, frames = read_tables(copy)
+    objects, frames = read_tables(copy / "paper-v1")
     names = [TRACK if name == PLAIN else name for name in objects["track_id"].to_pylist()]
     place = objects.schema.get_field_index("track_id")
     objects = objects.set_column(place, objects.schema.field(place), pa.array(names))

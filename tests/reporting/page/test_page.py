@@ -66,7 +66,7 @@ def test_every_recording_has_a_row_that_leads_to_its_frames_and_its_worst_case(t
     worst = re.findall(r'href="#([^"]+)">worst case', section)
     assert len(worst) == 3
     assert all(f'id="{element}"' in text for element in worst)
-    objects, _ = read_tables(tiny_run)
+    objects, _ = read_tables(tiny_run / "paper-v1")
     scored = [row for row in objects.to_pylist() if row["status"] == "evaluated" and row["recording"] == "standing"]
     tpr = sum(row["tp"] / (row["tp"] + row["fn"]) for row in scored) / len(scored)
     line = section[section.index('href="#frames">standing') :]
@@ -116,7 +116,7 @@ def test_figures_for_papers_are_vectors_and_the_same_twice(tiny_run):
 
 
 def test_every_annotated_object_is_a_row(tiny_run, tiny_page):
-    objects, _ = read_tables(tiny_run)
+    objects, _ = read_tables(tiny_run / "paper-v1")
     shown = rows_of(tiny_page.read_text())
     assert shown["rows"] == objects.num_rows == read_run(tiny_run).summary.objects.annotated
     assert all(len(values) == objects.num_rows for values in shown["columns"].values())
@@ -124,7 +124,11 @@ def test_every_annotated_object_is_a_row(tiny_run, tiny_page):
 
 def test_a_row_says_what_is_stored(tiny_run):
     data = table_data(read_run(tiny_run), pictured={})
-    stored = read_tables(tiny_run)[0].to_pandas().sort_values(["recording", "camera", "timestamp_ns", "track_id"])
+    stored = (
+        read_tables(tiny_run / "paper-v1")[0]
+        .to_pandas()
+        .sort_values(["recording", "camera", "timestamp_ns", "track_id"])
+    )
     for place, (_, row) in enumerate(stored.iterrows()):
         of_row = {name: values[place] for name, values in data["columns"].items()}
         assert data["words"]["track_id"][of_row["track_id"]] == row["track_id"]
@@ -137,7 +141,7 @@ def test_a_row_says_what_is_stored(tiny_run):
 
 def test_a_row_opens_its_own_card_or_that_of_its_image(tiny_run):
     source = read_run(tiny_run)
-    one, other = read_tables(tiny_run)[0].to_pylist()[:2]
+    one, other = read_tables(tiny_run / "paper-v1")[0].to_pylist()[:2]
     keys = [(row["recording"], row["camera"], row["timestamp_ns"]) for row in (one, other)]
     assert keys[0] == keys[1], "two objects of one image"
     pictured = {(*keys[0], ""): "first", (*keys[0], other["track_id"]): "own"}
