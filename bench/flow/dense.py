@@ -97,12 +97,17 @@ class DisFlow:
     def __call__(self, start: NDArray[np.uint8], end: NDArray[np.uint8]) -> NDArray[np.float32]:
         """See `DenseFlow`."""
         _check(start, end)
+        if min(start.shape) < SMALLEST_DIS_PX:
+            height, width = start.shape
+            raise UsageError(f"dis: expected images of at least {SMALLEST_DIS_PX} px a side, got {width} x {height}")
         # A flow handed in would be taken as the first guess; zeros are what OpenCV starts from without one.
         search = cv2.DISOpticalFlow.create(_DIS_PRESETS[self.preset])
         if self.finest_scale is not None:
             search.setFinestScale(self.finest_scale)
         return np.asarray(search.calc(start, end, np.zeros((*start.shape, 2), np.float32)), dtype=np.float32)
 
+
+SMALLEST_DIS_PX = 12  # OpenCV refuses smaller ones, or ends the process
 
 _DIS_PRESETS = {
     "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,

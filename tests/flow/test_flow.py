@@ -37,6 +37,8 @@ def test_flow_refuses_what_it_cannot_do():
         dense_flow("farnebeck")
     with pytest.raises(UnknownNameError, match="medium"):
         dense_flow("dis", preset="slow")
+    with pytest.raises(UsageError, match="at least 12 px a side, got 10 x 10"):
+        dense_flow("dis")(grey, grey)
     with pytest.raises(UsageError, match="window"):
         dense_flow("farneback", window=3)
 

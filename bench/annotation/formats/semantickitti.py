@@ -62,7 +62,7 @@ def read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray[
 
     Args:
         file: the file.
-        points: number of points of its sweep.
+        points: number of rows of its sweep as it is stored, lost returns among them.
 
     Returns:
         labels: (N,) int64, the lower 16 bits.
@@ -74,7 +74,7 @@ def read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray[
     content = file.read_bytes()
     if len(content) != 4 * points:
         expected, got = f"{points} labels of 4 bytes, one for each point of its sweep", f"{len(content) / 4:g} labels"
-        hint = "labels count in the sweep as the recording has it: give those of the same, uncut sweeps"
+        hint = "labels count in the sweep as it is stored: give those of the same, uncut sweeps"
         raise DataError(file, expected=expected, got=got, hint=hint)
     values = np.frombuffer(content, dtype="<u4").astype(np.int64)
     return values & ((1 << INSTANCE_BITS) - 1), values >> INSTANCE_BITS
@@ -86,7 +86,8 @@ def _moving_objects(
     """The objects of one sweep; counts points of other labels in `passed`."""
     sweep = ref.read()
     points_lidar, times_ns = sweep.points_lidar, sweep.times_ns
-    labels, instances = read_labels(file, points=len(points_lidar))
+    stored_rows = np.arange(len(points_lidar)) if sweep.stored_rows is None else sweep.stored_rows
+    labels, instances = (of_all[stored_rows] for of_all in read_labels(file, points=sweep.rows_stored))
     placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
     observations = []
     for label in np.unique(labels).tolist():
@@ -99,7 +100,7 @@ def _moving_objects(
             groups = np.zeros(len(members)) if instance else near_groups(points_lidar[members])
             for group in np.unique(groups):
                 of_object = members[groups == group]
-                shape = PointIndices(indices=of_object.astype(np.int64), sweep_timestamp_ns=ref.timestamp_ns)
+                shape = PointIndices(indices=stored_rows[of_object], sweep_timestamp_ns=ref.timestamp_ns)
                 middle_m = np.full(3, np.nan) if placed is None else placed.points_world(of_object).mean(axis=0)
                 state = ObjectState(timestamp_ns=ref.timestamp_ns, shape=shape, velocity_mps=np.full(3, np.nan))
                 later_ns = round(float((times_ns[of_object] - ref.timestamp_ns).mean()))

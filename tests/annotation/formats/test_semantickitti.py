@@ -124,26 +124,32 @@ def test_points_without_a_class_are_reported(tmp_path, drive):
     )
 
 
-def test_labels_count_in_the_sweep_as_it_is_read(tmp_path, drive):
-    """A reader that leaves points out must have labels of the points that it keeps."""
+def test_labels_count_in_the_sweep_as_it_is_stored(tmp_path, drive):
+    """Lost returns have labels, too: a reader leaves them out, and the rows of an object stay those of the file."""
     ref = drive.sweeps[0]
-    short = replace(drive, sweeps=(SweepRef(timestamp_ns=ref.timestamp_ns, path=ref.path, reader=without_first_ten),))
+    short = replace(drive, sweeps=(SweepRef(timestamp_ns=ref.timestamp_ns, path=ref.path, reader=first_ten_lost),))
     write_sequence(tmp_path / "raw", sweeps=[0])
-    with pytest.raises(DataError, match=r"expected 170 labels .* got 180 labels; labels count in the sweep"):
-        read(tmp_path / "raw", short)
+    of_car = (
+        next(t for t in read(tmp_path / "raw", short).tracks if t.track_id == "moving-car-7").states[0].shape.indices
+    )
+    rows = street.sweep(0)[1]["car"]
+    assert of_car.tolist() == rows[rows >= 10].tolist()
+    assert first_ten_lost(ref.path, ref.timestamp_ns).rows_of(of_car).tolist() == (rows[rows >= 10] - 10).tolist()
     labels, instances = true_labels(0, WITH_INSTANCES)
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept/000000.label").write_bytes(packed(labels[10:], instances[10:]))
-    label_set = read(tmp_path / "kept", short)
-    of_car = next(t for t in label_set.tracks if t.track_id == "moving-car-7").states[0].shape.indices
-    rows = street.sweep(0)[1]["car"]
-    assert of_car.tolist() == (rows[rows >= 10] - 10).tolist()
+    with pytest.raises(DataError, match=r"expected 180 labels .* got 170 labels; labels count in the sweep"):
+        read(tmp_path / "kept", short)
 
 
-def without_first_ten(path, timestamp_ns):
+def first_ten_lost(path, timestamp_ns):
     whole = read_sweep(path, timestamp_ns)
     return LidarSweep(
-        timestamp_ns=timestamp_ns, points_lidar=whole.points_lidar[10:], time_offset_ns=whole.time_offset_ns[10:]
+        timestamp_ns=timestamp_ns,
+        points_lidar=whole.points_lidar[10:],
+        time_offset_ns=whole.time_offset_ns[10:],
+        stored_rows=np.arange(10, len(whole.points_lidar)),
+        stored_count=len(whole.points_lidar),
     )
 
 
