@@ -20,6 +20,7 @@ from uuid import uuid4
 
 from bench.errors import DataError, OutputError
 
+LINKS = "where such links are meant, the options of its card allow them (docs/your-data.md)"
 MOST_LINK_LEVELS = 4  # below the root of a data set
 LARGEST_READ_BYTES = 1 << 30  # of a file that is read at once and has no limit of its own
 
@@ -275,4 +276,6 @@ def refuse_escape(
     """
     place = path.resolve()
     if not (place.is_relative_to(root.resolve()) or (links_into is not None and place.is_relative_to(links_into))):
-        raise DataError(file, field=field, expected=f"a path inside {root}", got=f"{path}, a link that leads outside")
+        raise DataError(
+            file, field=field, expected=f"a path inside {root}", got=f"{path}, a link that leads outside", hint=LINKS
+        )

@@ -14,7 +14,7 @@ import pytest
 from bench.lidar import cloud_files
 from bench.lidar.files import FORMATS
 from bench.synthesis.rays import EMBREEX
-from tests.support.clouds import pcd, write_points
+from tests.support.clouds import write_points
 
 pytestmark = [
     pytest.mark.slow,
@@ -79,21 +79,17 @@ def test_every_command_works_without_the_libraries_of_open3d(slim, tmp_path):
     assert list((tmp_path / "labels").glob("*.json"))
 
 
-def test_clouds_are_read_without_it_and_only_compressed_points_ask_for_the_libraries(slim, tmp_path):
+def test_clouds_are_read_without_it(slim, tmp_path):
     points = np.random.default_rng(3).normal(size=(50, 3)).astype(np.float32)
     paths = [tmp_path / f"a{suffix}" for suffix in FORMATS]
     for path in paths:
         write_points(path, {"points_lidar": points})
-    body = np.array([8, 600], dtype="<u4").tobytes() + bytes(8)
-    (tmp_path / "c.pcd").write_bytes(pcd(50, data="binary_compressed", body=body))
     program = (
         "import sys; from pathlib import Path; from bench.lidar import read_points\n"
         "for path in sys.argv[1:]: print(len(read_points(Path(path))['points_lidar']))"
     )
-    done = run_program(slim, program, *paths, tmp_path / "c.pcd")
-    assert done.stdout.split() == ["50"] * 5, done.stderr
-    assert "libEGL" in done.stderr
-    assert "apt-get install" in done.stderr
+    done = run_program(slim, program, *paths)
+    assert done.stdout.split() == ["50"] * len(FORMATS), done.stderr
 
 
 def test_the_libraries_that_messages_ask_for_are_those_of_the_documentation():

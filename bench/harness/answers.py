@@ -16,12 +16,11 @@ from urllib.parse import quote, unquote
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from bench.atomic import open_regular, replacing
 from bench.errors import DataError
 from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
+from bench.harness.table_files import read_table, write_table
 from bench.records.segmentation import Segmentation, segmentation_fault
 
 ANSWERS = "answers"
@@ -140,8 +139,7 @@ def write_answers(file: Path, answers: Sequence[Answer]) -> None:
         OutputError: the disk is full, or may not be written.
     """
     table = pa.Table.from_pylist([dict(answer.row) for answer in answers], schema=ANSWERS_SCHEMA)
-    with replacing(file) as temporary:
-        pq.write_table(table, temporary, compression="zstd", row_group_size=16)
+    write_table(file, table, rows_at_once=16)
 
 
 def read_answers(file: Path, *, timestamp_ns: int | None = None) -> list[Answer]:
@@ -156,8 +154,7 @@ def read_answers(file: Path, *, timestamp_ns: int | None = None) -> list[Answer]
     """
     wanted = None if timestamp_ns is None else [("timestamp_ns", "=", timestamp_ns)]
     try:
-        with open_regular(file) as content:
-            return [Answer(row) for row in pq.read_table(content, schema=ANSWERS_SCHEMA, filters=wanted).to_pylist()]
+        return [Answer(row) for row in read_table(file, schema=ANSWERS_SCHEMA, filters=wanted).to_pylist()]
     except (OSError, pa.ArrowException) as error:
         got, hint = " ".join(str(error).split()), "remove the file, and run again"
         raise DataError(file, expected="answers of a run", got=got, hint=hint) from error
@@ -170,7 +167,7 @@ def read_seconds(answers: Path) -> NDArray[np.float64]:
         answers: folder.
     """
     files = sorted(answers.glob("*/*.parquet"))
-    seconds = [pq.read_table(file, columns=["seconds"])["seconds"].to_numpy() for file in files]
+    seconds = [read_table(file, columns=["seconds"])["seconds"].to_numpy() for file in files]
     return np.concatenate([np.empty(0), *seconds])
 
 

@@ -24,7 +24,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.atomic import open_regular, replacing, write_bytes
+from bench.atomic import open_regular, write_bytes
 from bench.errors import BenchError, DataError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, Protocol, SequenceScorer, add_image_maps
 from bench.evaluation.rows import to_frame
@@ -32,6 +32,7 @@ from bench.harness.answers import FAILED, Answer, name_of, safe_name
 from bench.harness.exact import exact_mask
 from bench.harness.references import StoredReference
 from bench.harness.stages import StageClock
+from bench.harness.table_files import read_table, write_table
 from bench.recordings import ImageRef, Recording, read_truth
 
 COUNTS = "counts"
@@ -64,10 +65,10 @@ class TaskCounts:
         Raises:
             OutputError: the disk is full, or may not be written.
         """
-        _write_table(folder / f"{name}{OBJECTS}", self.objects)
+        write_table(folder / f"{name}{OBJECTS}", self.objects)
         if self.image_map is not None:
             write_bytes(folder / f"{name}{MAP}", _map_bytes(self.image_map))
-        _write_table(folder / f"{name}{FRAMES}", self.frames)
+        write_table(folder / f"{name}{FRAMES}", self.frames)
 
 
 def count_answers(
@@ -171,7 +172,7 @@ class StoredRows:
         files = [file for name in recordings for file in self._files.get(name, ())]
         schema = pa.schema([self.schema.field(name) for name in columns])
         with _readable(self.folder):
-            tables = [pq.read_table(file, columns=list(columns), use_threads=False) for file in files]
+            tables = [read_table(file, columns=list(columns)) for file in files]
             return pa.concat_tables([schema.empty_table(), *(table.cast(schema) for table in tables)])
 
     def _checked(self, file: Path) -> int:
@@ -246,11 +247,6 @@ def _readable(file: Path) -> Iterator[None]:
     except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
         got, hint = " ".join(str(error).split())[:200], "remove the file, and run again"
         raise DataError(file, expected="counts of a run", got=got, hint=hint) from error
-
-
-def _write_table(file: Path, table: pa.Table) -> None:
-    with replacing(file) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
 
 
 def _map_bytes(item: ImageMap) -> bytes:

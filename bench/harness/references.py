@@ -17,15 +17,14 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import shapely
 from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
-from bench.atomic import replacing
 from bench.errors import BenchError, OutputError
 from bench.harness.digests import REFERENCE_CODE, code_digest, digest_of, library_versions
 from bench.harness.stages import StageClock
+from bench.harness.table_files import read_table, write_table
 from bench.recordings import ImageRef, Recording
 from bench.records.reference import Category, Direction, IgnoreReason, ReferenceFrame, ReferenceObject, Status
 from bench.reference import ReferenceBuilder, ReferenceSettings
@@ -149,7 +148,7 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
 def _read(file: Path) -> list[StoredReference] | None:
     """What a file of the cache holds; None where there is none that can be read."""
     try:
-        rows = pq.read_table(file, schema=REFERENCES_SCHEMA).to_pylist()
+        rows = read_table(file, schema=REFERENCES_SCHEMA).to_pylist()
     except (OSError, pa.ArrowException):
         return None
     with suppress(OSError):
@@ -161,8 +160,8 @@ def _write(file: Path, references: Sequence[StoredReference]) -> None:
     """Put references into the cache, unless some could not be built, or the cache cannot be written."""
     if not any(reference.problem for reference in references):
         table = pa.Table.from_pylist([dict(reference.row or {}) for reference in references], REFERENCES_SCHEMA)
-        with suppress(OutputError), replacing(file) as temporary:
-            pq.write_table(table, temporary, compression="zstd")
+        with suppress(OutputError):
+            write_table(file, table)
 
 
 def _build(builder: ReferenceBuilder, image: ImageRef) -> StoredReference:

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bench.evaluation import load_protocol, read_sums, sum_run, summary_of, write_sums
+from bench.evaluation import Protocol, load_protocol, read_sums, sum_run, summary_of, write_sums
 from bench.harness import open_tables, read_run
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
@@ -52,15 +52,18 @@ def test_a_run_as_it_was_stored_is_equal_and_called_verified_by_whoever_did_it(r
     assert ", verified" not in capsys.readouterr().out, "nobody else believes it"
 
 
-def test_images_that_cannot_be_read_fail_again(tiny_card, tmp_path, monkeypatch):
+def test_images_that_cannot_be_read_fail_again_and_caveats_are_those_of_the_data(tiny_card, tmp_path, monkeypatch):
     card = shutil.copytree(tiny_card.parent, tmp_path / "data") / tiny_card.name
     without_scenario(card)
+    card.write_text(f"{card.read_text()}\ncaveats: drawn by nobody\n")
     image = sorted((card.parent / "data" / "tiny" / "crossing" / "images" / "front").iterdir())[3]
     image.write_bytes(b"damaged")
     run = tmp_path / "run"
     assert call(monkeypatch, "run", card, "--out", run, "--no-pictures", "--workers", 1) == 2
     assert read_run(run).summary.images.failed == 2  # and the one after it
     assert call(monkeypatch, "verify", run) == 0
+    change_summary(run, lambda summary: summary.update(caveats=""))
+    assert call(monkeypatch, "verify", run) == 1
 
 
 def recount(run: Path) -> None:
@@ -158,7 +161,7 @@ def easier_protocol(run: Path) -> None:
     content = json.loads(file.read_text())
     content["scoring"]["chance_lag_s"] = 0.5
     file.write_text(json.dumps(content))
-    digest = load_protocol(file).digest
+    digest = Protocol.model_validate(content).digest
     change_manifest(run, lambda manifest: manifest["protocol"].update(digest=digest))
 
 
@@ -176,7 +179,6 @@ FORGED = {
     "a recording that was left out": leave_out_recording,
     "sums": better_sums,
     "summary": lambda run: change_summary(run, lambda summary: summary["false_positives"]["coverage"].update(value=0)),
-    "a caveat less": lambda run: change_summary(run, lambda summary: summary.update(caveats="")),
     "protocol": easier_protocol,
     "manifest: other data": lambda run: change_manifest(
         run, lambda manifest: manifest["dataset"]["recordings"].update(crossing="0" * 16)
