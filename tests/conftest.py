@@ -156,3 +156,10 @@ def tiny_card(shared: Path) -> Path:
         synthesize(folder / "tiny.scenario.yaml", folder / "data" / "tiny", workers=1)
 
     return made_once(shared, "datasets", make) / "tiny.yaml"
+
+
+@pytest.fixture
+def without_charts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages of this test show no chart, which takes most of their time."""
+    monkeypatch.setattr("bench.reporting.page.build.inline_svg", lambda chart: f"chart {chart.name}")
+    monkeypatch.setattr("bench.reporting.page.charts.write_picture", lambda *_, **__: ())

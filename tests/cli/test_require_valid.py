@@ -25,6 +25,7 @@ def card(clean, tmp_path):
     return tmp_path / "drives.yaml"
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_clean_data_are_scored_and_the_run_says_so(card, tmp_path, monkeypatch):
     plain = called_here("run", card, "--out", tmp_path / "plain", *RUN)
     assert f"a run does not validate its data; check them with: fisheye-bench validate {card}" in plain.stdout
@@ -38,6 +39,7 @@ def test_clean_data_are_scored_and_the_run_says_so(card, tmp_path, monkeypatch):
         assert told in (run / "paper-v1" / "index.html").read_text()
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_warnings_are_on_the_page(card, tmp_path, monkeypatch):
     sorted((tmp_path / "data" / "drive" / "lidar").iterdir())[8].unlink()
     ended = called_here("run", card, "--out", tmp_path / "run", "--require-valid", *RUN)

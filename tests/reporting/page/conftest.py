@@ -28,12 +28,6 @@ def tiny_run(tiny_page) -> Path:
     return tiny_page.parents[1]
 
 
-@pytest.fixture
-def without_charts(monkeypatch) -> None:
-    """Pages of this test show no chart, which takes most of their time."""
-    monkeypatch.setattr("bench.reporting.page.build.inline_svg", lambda chart: f"chart {chart.name}")
-
-
 @pytest.fixture(scope="session")
 def hostile_page(tiny_run, tmp_path_factory) -> Path:
     """A page of names that would break a careless one; without pictures."""
