@@ -5,6 +5,5 @@ Most commands are a function in the module of their name: `annotate`, `audit`, `
 objects, computes, writes what is asked for, and returns a record of what was found; nothing is printed. `runs`: `run`
 scores a method on a data set and stores the run; `load_run` reads a stored one. `run_report`: the files beside a run's
 counts. `datasets`: `open_dataset` gives recordings, and their images with the reference. `references`: the reference as
-files. `arrays`: `score` compares arrays and needs no recording. `schemas`: JSON Schemas of files. `croissant`: a data
-set as catalogues describe it.
+files. `arrays`: `score` compares arrays and needs no recording. `schemas`: JSON Schemas of files.
 """

@@ -28,8 +28,8 @@ EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a ver
 
 # Each in the module of its name.
 COMMANDS = (
-    "run", "evaluate", "view", "validate", "synthesize", "datasets", "methods", "report", "cite", "gate",
-    "sweep", "audit", "compare", "leaderboard", "verify", "schema", "croissant", "doctor",
+    "run", "evaluate", "view", "validate", "synthesize", "datasets", "methods", "report", "gate",
+    "sweep", "audit", "compare", "leaderboard", "verify", "schema", "doctor",
 )  # fmt: skip
 GROUPS = ("annotate", "new", "reference")
 

@@ -21,7 +21,6 @@ EXAMPLES = {
     "datasets": ("datasets", "datasets my-cards"),
     "methods": ("methods",),
     "report": ("report reports/runs/demo-spherical", "report reports/runs/demo-spherical --category preceding"),
-    "cite": ("cite",),
     "gate": (
         "gate reports/runs/demo-spherical --junit gate.xml",
         "gate reports/runs/demo-spherical --update",
@@ -35,7 +34,6 @@ EXAMPLES = {
     "leaderboard": ("leaderboard", "leaderboard --score demo --methods spherical,spherical:flow=dis --out my-page"),
     "verify": ("verify reports/runs/demo-spherical",),
     "schema": ("schema", "schema card"),
-    "croissant": ("croissant my-data --add url=https://example.org/my-data",),
     "doctor": ("doctor",),
     "annotate propose": ("annotate propose my-data",),
     "annotate evaluate": ("annotate evaluate demo --out my-evaluation",),

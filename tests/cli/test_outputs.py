@@ -38,7 +38,6 @@ COMMANDS = {
     "view, log": ("view", "CARD", "--method", "nothing", "--rrd", "OUT.rrd"),
     "export": ("annotate", "export", "CARD", "--annotated", "--format", "openlabel", "--out", "OUT"),
     "reference": ("reference", "export", "CARD", "--workers", 1, "--out", "OUT"),
-    "croissant": ("croissant", "CARD", "--out", "OUT"),
     "import": ("annotate", "import", "openlabel", "LABELS", "--dataset", "CARD", "--recording", "crossing",
                "--out", "OUT"),
     "synthesize": ("synthesize", "SCENARIO", "--workers", 1, "--out", "OUT"),
