@@ -79,7 +79,7 @@ def propose(
     Drives whose proposals are there are passed over, and decisions on them kept.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
         split: of the data set, or recordings with commas in between; None for all of it.
         reviews: their folder; None for the card's annotations, or `annotations/<data set>`.
         workers: processes, or an executor.

@@ -58,7 +58,7 @@ def audit_reference(
     """Compare the lidar reference with exact masks, and say why a method misses, as `fisheye-bench audit` does.
 
     Args:
-        dataset: rendered; card, by path or by a name that `fisheye-bench datasets` lists.
+        dataset: rendered; card, by path or by a name that `fisheye-bench list` shows.
         method: whose detections are scored and explained; by name, as "module:Class", or an object.
         settings: parameters of a method that is given by name.
         protocol: of the reference, by name or file.

@@ -55,7 +55,7 @@ def evaluate(
     """Score masks or scores that any other program wrote, as `fisheye-bench evaluate` does.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
         predictions: folder of masks or scores, paired with the images by name: [recording/]camera/<name>.png, ...
         name: what results call them; None for predictions-<folder>.
         missing: what becomes of images without a prediction: "error" to score nothing, "skip" to leave them unscored,

@@ -47,7 +47,7 @@ def competitors(dataset: str | Path | DatasetCard, methods: str | None = None) -
     """List the methods that are scored on a data set.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
         methods: names with commas in between, settings behind colons; None for every registered method, its variants
             and, on rendered data, what bounds them.
 
@@ -77,7 +77,7 @@ def score_competitor(
     What is there and up to date is not computed.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
         competitor: the method.
         protocols: by name or file; the method is asked once.
         runs: folder of runs; those of the data set go into one below it that is called as the data set.

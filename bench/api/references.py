@@ -25,7 +25,7 @@ def export_reference(
     """Write what a protocol counts in each image of a data set; see `bench.harness.reference_export` for the files.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
         out: a folder that is new or empty; it is written whole or not at all.
         protocol: of the reference, by name or file.
         split: of the data set; None for all of it.

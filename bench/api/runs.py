@@ -118,7 +118,7 @@ def run(
     A run that was interrupted continues where it stopped, by the same call; of another protocol, no method is asked.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
         method: by name, as "module:Class", or an object of a class that derives from `bench.methods.Method`.
         settings: parameters of a method that is given by name.
         protocol: by name or file.

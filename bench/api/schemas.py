@@ -35,7 +35,6 @@ from bench.gate.tolerances import Override, Tolerance, Tolerances, known_toleran
 from bench.harness.manifest import Manifest
 from bench.harness.stored import RunSummary
 from bench.recordings.cards import CardFile
-from bench.recordings.checked_json import DIGEST
 from bench.recordings.native import NativeOptions
 from bench.recordings.schema import RecordingHead, RollingShutterHead
 from bench.records.reference import Limb, MotionSettings, OutlineErrors, ReferenceSettings
@@ -89,11 +88,8 @@ def _read(model: type[BaseModel]) -> Schema:
 
 
 def _written(model: type[BaseModel]) -> Schema:
-    """Of a file that this program writes, with a digest of its content."""
-    made = model.model_json_schema(schema_generator=_Generator, mode="serialization")
-    made["properties"][DIGEST] = {"type": "string", "description": "SHA-256 of the rest of the file."}
-    made["required"].append(DIGEST)
-    return made
+    """Of a file that this program writes."""
+    return model.model_json_schema(schema_generator=_Generator, mode="serialization")
 
 
 def _card() -> Schema:

@@ -79,7 +79,7 @@ def sweep(
     Values that are done are not computed again.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
         setting: parameter of the method; a part of one behind a dot, as in "weights.epipolar".
         values: of it; by the names that tables show where it is a mapping.
         method: by name, or as "module:Class".

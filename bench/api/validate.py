@@ -16,7 +16,7 @@ def validate(
     """Validate a data set, as `fisheye-bench validate` does; what a scenario has rendered is validated as it is.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
         split: of the data set; None for all of it.
         deep: read every image and sweep, not a sample.
         progress: called with the recordings done, fractions allowed, and their number.

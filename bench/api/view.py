@@ -63,7 +63,7 @@ def view(
     """Draw frames with their reference and, where a method is given, with what it finds, as `fisheye-bench view` does.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
         recording: name; None for the first.
         camera: name; None for the first.
         frame: index of the image; None for the middle one, of a video or log for all.

@@ -133,7 +133,7 @@ def review(
 def import_(
     format_: Annotated[str, typer.Argument(metavar="FORMAT", help=f"Of the tool's files: {FORMATS}.")],
     source: Annotated[Path, typer.Argument(help="The tool's file or folder.")],
-    dataset: Annotated[str, typer.Option(help="A data-set card: its path, or a name that `datasets` lists.")],
+    dataset: Annotated[str, typer.Option(help="A data-set card: its path, or a name, see `list datasets`.")],
     recording: Annotated[str, typer.Option(help="Name of the recording.")],
     out: Annotated[
         Path | None, typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>.")

@@ -24,12 +24,13 @@ from bench.cli.options import Commands
 from bench.errors import DISK_FULL, BenchError, UsageError
 
 EXIT_USER = 2  # usage or data error
+EXIT_UNFIT = 1  # something is wrong with the installation
 EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a verdict of the gate
 
 # Each in the module of its name.
 COMMANDS = (
-    "run", "evaluate", "view", "validate", "synthesize", "datasets", "methods", "report", "gate",
-    "sweep", "audit", "compare", "leaderboard", "verify", "schema", "doctor",
+    "run", "evaluate", "view", "validate", "synthesize", "report", "gate",
+    "sweep", "audit", "compare", "leaderboard", "verify", "list",
 )  # fmt: skip
 GROUPS = ("annotate", "new", "reference")
 
@@ -45,7 +46,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 for name in COMMANDS:
-    app.command(epilog=epilog(name.replace("_", "-")))(getattr(import_module(f"bench.cli.{name}"), name))
+    app.command(name, epilog=epilog(name))(getattr(import_module(f"bench.cli.{name}"), name.replace("list", "list_")))
 for name in GROUPS:
     group = import_module(f"bench.cli.{name}").app
     for command in group.registered_commands:
@@ -138,16 +139,27 @@ def _warn(
 
 
 def _print_version(wanted: bool) -> None:
-    if wanted:
-        say(f"fisheye-bench {bench.__version__}")
-        raise typer.Exit
+    if not wanted:
+        return
+    say(f"fisheye-bench {bench.__version__}")
+    if verbosity() is Verbosity.VERBOSE:
+        from bench.cli.installation import print_installation
+
+        raise typer.Exit(0 if print_installation() else EXIT_UNFIT)
+    raise typer.Exit
 
 
 @app.callback()
 def global_options(
     *,
     version: Annotated[
-        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
+        bool,
+        typer.Option(
+            "--version",
+            is_eager=True,
+            callback=_print_version,
+            help="Print the version and exit; with -v also libraries, cores, memory, optional parts and what is wrong.",
+        ),
     ] = False,
     verbose: Annotated[
         bool, typer.Option(*VERBOSE, help="Say which files are used, and the traceback of errors; of every command.")

@@ -18,8 +18,6 @@ EXAMPLES = {
     ),
     "validate": ("validate demo", "validate my-data --deep --json findings.json"),
     "synthesize": ("synthesize datasets/tiny.scenario.yaml --out my-drives",),
-    "datasets": ("datasets", "datasets my-cards"),
-    "methods": ("methods",),
     "report": ("report reports/runs/demo-spherical", "report reports/runs/demo-spherical --category preceding"),
     "gate": (
         "gate reports/runs/demo-spherical --junit gate.xml",
@@ -33,8 +31,7 @@ EXAMPLES = {
     "compare": ("compare reports/runs/demo-spherical reports/runs/demo-frame-difference",),
     "leaderboard": ("leaderboard", "leaderboard --score demo --methods spherical,spherical:flow=dis --out my-page"),
     "verify": ("verify reports/runs/demo-spherical",),
-    "schema": ("schema", "schema card"),
-    "doctor": ("doctor",),
+    "list": ("list", "list methods", "list --schema card"),
     "annotate propose": ("annotate propose my-data",),
     "annotate evaluate": ("annotate evaluate demo --out my-evaluation",),
     "annotate review": ("annotate review my-data --recording drive-1",),

@@ -26,8 +26,8 @@ def group(help_text: str) -> typer.Typer:
     return typer.Typer(cls=Commands, help=help_text, no_args_is_help=True, rich_markup_mode=None)
 
 
-Dataset = Annotated[str, typer.Argument(help="A data-set card: its path, or a name that `datasets` lists.")]
-MethodName = Annotated[str, typer.Option("--method", help="The method; see `methods`.")]
+Dataset = Annotated[str, typer.Argument(help="A data-set card: its path, or a name, see `list datasets`.")]
+MethodName = Annotated[str, typer.Option("--method", help="The method; see `list methods`.")]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the method, as YAML; repeatable."),

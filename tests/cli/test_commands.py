@@ -121,11 +121,18 @@ def test_synthesize_keeps_what_is_there(monkeypatch, capsys, tiny_card, tmp_path
     assert "3 recordings in" in capsys.readouterr().out
 
 
-def test_lists(monkeypatch, capsys, tiny_card):
-    assert call(monkeypatch, "datasets", tiny_card.parent) == 0
-    assert "Three rendered drives" in capsys.readouterr().out
-    assert call(monkeypatch, "methods") == 0
-    assert "spherical" in capsys.readouterr().out
+def test_lists(monkeypatch, capsys):
+    told = {"datasets": "Three rendered drives", "methods": "The paper's method", "protocols": "surface-patches",
+            "formats": "ASAM OpenLABEL"}  # fmt: skip
+    for what, line in told.items():
+        assert call(monkeypatch, "list", what) == 0
+        shown = capsys.readouterr().out
+        assert [word for word, other in told.items() if other in shown] == [what]
+        assert line in shown
+    assert call(monkeypatch, "list") == 0
+    shown = capsys.readouterr().out
+    assert all(line in shown for line in told.values())
+    assert call(monkeypatch, "list", "methods", "--schema", "card") == 2
 
 
 def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tmp_path):
@@ -135,7 +142,7 @@ def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tm
         (tmp_path / folder).mkdir()
         card = tiny_card.read_text().replace("title: Three rendered drives", f"title: {title},")
         (tmp_path / folder / "tiny.yaml").write_text(card)
-        assert call(monkeypatch, "datasets") == 0
+        assert call(monkeypatch, "list", "datasets") == 0
         shown = capsys.readouterr().out
         assert f" {title}," in shown
         assert all(f"\n{name} " in shown for name in ("demo", "paper", "woodscape"))
@@ -184,7 +191,9 @@ def test_settings_nest_and_numbers_are_numbers():
 
 
 def test_python_m_bench_is_the_same_command():
-    done = subprocess.run([sys.executable, "-m", "bench", "methods"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "bench", "list", "methods"], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0
     assert "spherical" in done.stdout
 
@@ -203,25 +212,25 @@ def test_a_command_is_in_the_module_of_its_name():
         *(group.typer_instance.registered_commands[0] for group in app.registered_groups),
     ]
     modules = [command.callback.__module__.removeprefix("bench.cli.") for command in commands]
-    named = [command.callback.__name__ for command in visible]
+    named = [command.name for command in visible]
     assert modules == [*named, *(group.name for group in app.registered_groups)]
 
 
-def test_doctor_tells_what_a_report_of_a_problem_needs(monkeypatch, capsys):
+def test_version_tells_what_a_report_of_a_problem_needs(monkeypatch, capsys):
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", "/somewhere")
-    assert call(monkeypatch, "doctor") == 0
+    assert call(monkeypatch, "--version", "--verbose") == 0
     shown = capsys.readouterr().out
-    for line in (f"fisheye-bench: {bench.__version__}, commit", "cores: ", "FISHEYE_BENCH_CACHE=/somewhere", "numpy ",
-                 "[cluster]: distributed ", "open3d: loads", "nothing wrong was found"):  # fmt: skip
+    for line in (f"fisheye-bench {bench.__version__}", "commit: ", "cores: ", "numpy ", "[cluster]: distributed ",
+                 "FISHEYE_BENCH_CACHE=/somewhere", "open3d: loads", "nothing wrong was found"):  # fmt: skip
         assert line in " ".join(shown.split())
     assert "pytest" not in shown, "of developers"
 
 
-def test_doctor_finds_two_opencvs(monkeypatch, capsys):
-    from bench.cli import doctor
+def test_version_finds_two_opencvs(monkeypatch, capsys):
+    from bench.cli import installation
 
-    monkeypatch.setattr(doctor, "version", lambda _: "4.10")
-    assert call(monkeypatch, "doctor") == 1
+    monkeypatch.setattr(installation, "version", lambda _: "4.10")
+    assert call(monkeypatch, "--version", "-v") == 1
     assert "wrong: opencv-python and opencv-contrib-python beside opencv-python-headless" in capsys.readouterr().out
 
 

@@ -203,7 +203,7 @@ def test_a_bug_keeps_its_traceback(monkeypatch, capsys, places):
         raise OSError("no file is named")
 
     monkeypatch.setattr("bench.recordings.list_cards", fail)
-    monkeypatch.setattr(sys, "argv", ["fisheye-bench", "datasets", "."])
+    monkeypatch.setattr(sys, "argv", ["fisheye-bench", "list", "datasets"])
     from bench.cli import main
 
     with pytest.raises(SystemExit) as ended:

@@ -1,4 +1,4 @@
-"""`doctor`: what a report of a problem has to say about machine and installation."""
+"""What a report of a problem has to say about machine and installation: `--version --verbose`."""
 
 from __future__ import annotations
 
@@ -10,26 +10,23 @@ from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
-import typer
-
 from bench.cli.console import say
 from bench.errors import BenchError
 
-UNFIT = 1  # exit status
 SETTINGS = ("FISHEYE_BENCH_", "OMP_", "OPENBLAS_", "MKL_", "NUMBA_", "OPENCV_", "PYTHON")  # environment variables
 DEVELOPMENT = {"dev", "docs"}  # extras that no user needs
 
 
-def doctor() -> None:
-    """Print versions, cores, memory, disk, optional parts and what is wrong, to paste into a report of a problem."""
+def print_installation() -> bool:
+    """Print versions, cores, memory, disk, optional parts and what is wrong; return whether nothing is."""
     for name, value in (*_machine(), *_installation()):
         say(f"{name + ':':<15}{value}")
     problems = list(_problems())
     for problem in problems:
         say(f"wrong: {problem}", style="red")
-    if problems:
-        raise typer.Exit(UNFIT)
-    say("nothing wrong was found")
+    if not problems:
+        say("nothing wrong was found")
+    return not problems
 
 
 def _machine() -> Iterator[tuple[str, str]]:
@@ -54,11 +51,10 @@ def _memory() -> str:
 
 
 def _installation() -> Iterator[tuple[str, str]]:
-    import bench
     from bench.harness.digests import library_versions
     from bench.harness.manifest import package_commit
 
-    yield "fisheye-bench", f"{bench.__version__}, commit {package_commit() or 'unknown'}"
+    yield "commit", package_commit() or "unknown"
     yield "Python", f"{platform.python_version()} ({platform.python_implementation()})"
     yield "libraries", ", ".join(f"{name} {number}" for name, number in library_versions().items())
     yield "open3d", _open3d()
