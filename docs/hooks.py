@@ -38,7 +38,7 @@ SCHEMAS_MARKER = "<!-- the schemas, filled in by docs/hooks.py -->"
 
 
 def commands() -> Iterator[tuple[str, Any]]:
-    """Every command with its full name, for example `annotate import`, in the order of the help."""
+    """Every command with its full name, for example `annotate import`, single commands first."""
 
     def below(group: Any, before: str) -> Iterator[tuple[str, Any]]:
         for name, command in group.commands.items():

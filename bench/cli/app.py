@@ -27,12 +27,13 @@ EXIT_USER = 2  # usage or data error
 EXIT_UNFIT = 1  # something is wrong with the installation
 EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a verdict of the gate
 
-# Each in the module of its name.
-COMMANDS = (
-    "run", "evaluate", "view", "validate", "synthesize", "report", "gate",
-    "sweep", "audit", "compare", "leaderboard", "verify", "list",
-)  # fmt: skip
-GROUPS = ("annotate", "new", "reference")
+# Panels of the help; each command is in the module of its name.
+COMMANDS = {
+    "Score": ("run", "evaluate", "sweep", "gate", "verify"),
+    "Look": ("report", "compare", "leaderboard", "view", "list"),
+    "Your data and methods": ("validate", "annotate", "reference", "new"),
+    "Laboratory": ("audit", "synthesize"),
+}
 
 LEAST_ADDRESSES_BYTES = 3_000_000_000  # a run takes 1.5 GB; with 2 GB a library now and then aborts the process
 NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")
@@ -45,13 +46,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for name in COMMANDS:
-    app.command(name, epilog=epilog(name))(getattr(import_module(f"bench.cli.{name}"), name.replace("list", "list_")))
-for name in GROUPS:
-    group = import_module(f"bench.cli.{name}").app
-    for command in group.registered_commands:
-        command.epilog = epilog(f"{name} {command.name}")
-    app.add_typer(group, name=name)
+for panel, names in COMMANDS.items():
+    for name in names:
+        module = import_module(f"bench.cli.{name}")
+        if hasattr(module, "app"):
+            for command in module.app.registered_commands:
+                command.epilog = epilog(f"{name} {command.name}")
+            app.add_typer(module.app, name=name, rich_help_panel=panel)
+        else:
+            function = getattr(module, name.replace("list", "list_"))
+            app.command(name, epilog=epilog(name), rich_help_panel=panel)(function)
 
 
 def main() -> None:

@@ -14,11 +14,15 @@ class Commands(TyperGroup):
     """A group whose help says in whole sentences what each command does."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """List the commands, each with the first paragraph of its help."""
-        named = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
-        rows = [(name, " ".join((one.help or "").split("\n\n")[0].split())) for name, one in named if one is not None]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
+        """List the commands by panels, each with the first paragraph of its help."""
+        panels: dict[str, list[tuple[str, str]]] = {}
+        for name in self.list_commands(ctx):
+            command: Any = self.get_command(ctx, name)
+            text = " ".join((command.help or "").split("\n\n")[0].split())
+            panels.setdefault(command.rich_help_panel or "Commands", []).append((name, text))
+        for panel, rows in panels.items():
+            with formatter.section(panel):
+                formatter.write_dl(rows)
 
 
 def group(help_text: str) -> typer.Typer:

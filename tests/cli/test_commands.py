@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import bench
-from bench.cli.app import app
+from bench.cli.app import COMMANDS, app
 from bench.cli.examples import EXAMPLES
 from bench.errors import UsageError
 from bench.methods.settings import parse_settings
@@ -20,6 +20,7 @@ def test_help_lists_every_command(monkeypatch, capsys):
     assert call(monkeypatch, "--help") == 0
     shown = capsys.readouterr().out
     assert all(f"  {command.split()[0]} " in shown for command in EXAMPLES)
+    assert [shown.index(f"\n{panel}:\n") for panel in COMMANDS] == sorted(shown.index(f"\n{p}:\n") for p in COMMANDS)
 
 
 def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):

@@ -1,0 +1,52 @@
+"""What `import bench` offers, each name once: `bench/__init__.py` imports it from here on first use."""
+
+from bench.annotation.formats import LabelOptions as LabelOptions
+from bench.api.annotate import ConvertedLabels as ConvertedLabels
+from bench.api.annotate import ProposalScores as ProposalScores
+from bench.api.annotate import evaluate_proposals as evaluate_proposals
+from bench.api.annotate import export_labels as export_labels
+from bench.api.annotate import import_labels as import_labels
+from bench.api.annotate import propose as propose
+from bench.api.arrays import Score as Score
+from bench.api.arrays import interval as interval
+from bench.api.arrays import score as score
+from bench.api.audit import Audit as Audit
+from bench.api.audit import audit_reference as audit_reference
+from bench.api.compare import Comparison as Comparison
+from bench.api.compare import compare as compare
+from bench.api.datasets import Dataset as Dataset
+from bench.api.datasets import Frame as Frame
+from bench.api.datasets import open_dataset as open_dataset
+from bench.api.evaluate import Evaluation as Evaluation
+from bench.api.evaluate import evaluate as evaluate
+from bench.api.gate import BaselineUpdate as BaselineUpdate
+from bench.api.gate import judge as judge
+from bench.api.gate import refused_verdict as refused_verdict
+from bench.api.gate import update_baseline as update_baseline
+from bench.api.leaderboard import Competitor as Competitor
+from bench.api.leaderboard import LeaderboardReport as LeaderboardReport
+from bench.api.leaderboard import competitors as competitors
+from bench.api.leaderboard import leaderboard as leaderboard
+from bench.api.leaderboard import score_competitor as score_competitor
+from bench.api.references import export_reference as export_reference
+from bench.api.report import RunPage as RunPage
+from bench.api.report import report as report
+from bench.api.runs import Run as Run
+from bench.api.runs import load_run as load_run
+from bench.api.runs import run as run
+from bench.api.sweep import Sweep as Sweep
+from bench.api.sweep import sweep as sweep
+from bench.api.validate import validate as validate
+from bench.api.verify import verify as verify
+from bench.api.view import View as View
+from bench.api.view import view as view
+from bench.api.view import view_calibration as view_calibration
+from bench.gate import MissingBaselineError as MissingBaselineError
+from bench.gate import Verdict as Verdict
+from bench.harness.verify import Verification as Verification
+from bench.recordings import RecordingWriter as RecordingWriter
+from bench.reporting.verdict import write_verdict as write_verdict
+from bench.synthesis import synthesize as synthesize
+from bench.validation import ValidationReport as ValidationReport
+
+__version__: str
