@@ -150,9 +150,9 @@ def test_frames_are_drawn(tiny_card, tmp_path):
     assert {file.parent.parent for file in drawn.files} == {tmp_path / "p"}
     found = bench.view(tiny_card, method="nothing", frame=3, out=tmp_path / "one")
     assert tmp_path / "one" / "overlay.png" in found.files
-    (picture,) = bench.view_calibration(tiny_card, recording="crossing", frame=3, out=tmp_path / "lens").files
+    (picture,) = bench.view(tiny_card, calibration=True, recording="crossing", frame=3, out=tmp_path / "lens").files
     assert picture.name == "calibration.png"
-    with pytest.raises(UsageError, match="expected the name of a method"):
+    with pytest.raises(UsageError, match="the name of the method"):
         bench.view(tiny_card, settings={"threshold": 1})
     with pytest.raises(UnknownNameError, match="camera"):
         bench.view(tiny_card, camera="rear")

@@ -28,7 +28,7 @@ def files():
             if not file.stem.endswith(".scenario"):
                 yield schema, file.stem, yaml.safe_load(file.read_text("utf-8"))
     for template in ("card", "adapter_card"):
-        text = (resources.files("bench.cli") / f"templates/{template}.yaml.txt").read_text("utf-8")
+        text = (resources.files("bench.commands") / f"templates/{template}.yaml.txt").read_text("utf-8")
         yield "card", f"new {template}", yaml.safe_load(text)
     yield "card", "part", CARD | {"annotated": {"timestamps_ns": [[None, 5]], "left_out_m": [[[0, 0], [1, 0], [1, 1]]]}}
     yield "card", "of a plug-in", CARD | {"adapter": "theirs", "options": {"anything": [1]}}

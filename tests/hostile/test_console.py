@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import pytest
 
 import bench
-from bench.cli import console, progress
+from bench.commands import console, progress
 from bench.plain_text import escape_markdown, plain
 from tests.support.commands import call
 
