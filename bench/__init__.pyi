@@ -26,11 +26,8 @@ from bench.commands.gate import BaselineUpdate as BaselineUpdate
 from bench.commands.gate import judge as judge
 from bench.commands.gate import refused_verdict as refused_verdict
 from bench.commands.gate import update_baseline as update_baseline
-from bench.commands.leaderboard import Competitor as Competitor
 from bench.commands.leaderboard import LeaderboardReport as LeaderboardReport
-from bench.commands.leaderboard import competitors as competitors
 from bench.commands.leaderboard import leaderboard as leaderboard
-from bench.commands.leaderboard import score_competitor as score_competitor
 from bench.commands.reference import export_reference as export_reference
 from bench.commands.report import RunPage as RunPage
 from bench.commands.report import report as report

@@ -1,7 +1,4 @@
-"""The program: its commands, its own options, how it starts and how it ends.
-
-A module of a command imports what is heavy when the command runs, so that help and completion are quick.
-"""
+"""The program: its commands, its own options, how it starts and how it ends."""
 
 from __future__ import annotations
 

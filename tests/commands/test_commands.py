@@ -201,7 +201,7 @@ def test_python_m_bench_is_the_same_command():
 
 def test_help_imports_nothing_heavy():
     heavy = ("cv2", "open3d", "pandas", "scipy", "matplotlib", "numpy", "pydantic")
-    script = f"import sys; from bench.commands import main; print([m for m in {heavy} if m in sys.modules])"
+    script = f"import sys; from bench.commands.app import main; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

@@ -204,7 +204,7 @@ def test_a_bug_keeps_its_traceback(monkeypatch, capsys, places):
 
     monkeypatch.setattr("bench.recordings.list_cards", fail)
     monkeypatch.setattr(sys, "argv", ["fisheye-bench", "list", "datasets"])
-    from bench.commands import main
+    from bench.commands.app import main
 
     with pytest.raises(SystemExit) as ended:
         main()

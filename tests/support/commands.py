@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.commands import main
+from bench.commands.app import main
 
 
 def call(monkeypatch, *words) -> int:
