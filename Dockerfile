@@ -4,7 +4,7 @@
 #   mkdir -p out
 #   docker run --rm --user "$(id -u)" --volume "$PWD/out:/work" --volume fisheye-data:/data fisheye-bench
 #
-# Any other command stands behind the name: docker run ... fisheye-bench datasets
+# Any other command stands behind the name: docker run ... fisheye-bench list
 FROM python:3.11-slim-bookworm AS build
 WORKDIR /source
 COPY pyproject.toml README.md LICENSE constraints.txt ./

@@ -336,7 +336,9 @@ def _dask_client(scheduler: str) -> Iterator[Client]:
         from distributed import Client
     except ImportError as error:
         hint = "install it: pip install 'fisheye-bench[cluster]'"
-        raise UsageError(f"--scheduler: expected Dask, which is optional, got none ({error}); {hint}") from error
+        raise UsageError(
+            f"--workers: expected a number, or Dask, which is optional, got none ({error}); {hint}"
+        ) from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)  # for good: its threads outlive the client
     named = {"address": scheduler} if "://" in scheduler else {"scheduler_file": scheduler}
     try:

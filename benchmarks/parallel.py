@@ -50,7 +50,7 @@ if __name__ == "__main__":
         json.dump([own_s, others_s], open(sys.argv[1], "w"))
 
     atexit.register(tell)
-    from bench.cli import main
+    from bench.commands.app import main
 
     cost, sys.argv[1:] = sys.argv[1], sys.argv[2:]
     try:

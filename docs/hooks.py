@@ -28,8 +28,8 @@ import typer.main
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 from bench.api.schemas import SCHEMAS, json_schema  # noqa: E402 - of this checkout, wherever mkdocs is started
-from bench.cli.app import app  # noqa: E402
-from bench.cli.examples import EXAMPLES  # noqa: E402
+from bench.commands.app import app  # noqa: E402
+from bench.commands.examples import EXAMPLES  # noqa: E402
 
 LINK = re.compile(r"(\]\()([^)#\s]+)([^)\s]*\))")
 FENCE = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
@@ -38,7 +38,7 @@ SCHEMAS_MARKER = "<!-- the schemas, filled in by docs/hooks.py -->"
 
 
 def commands() -> Iterator[tuple[str, Any]]:
-    """Every command with its full name, for example `annotate import`, in the order of the help."""
+    """Every command with its full name, for example `annotate import`, single commands first."""
 
     def below(group: Any, before: str) -> Iterator[tuple[str, Any]]:
         for name, command in group.commands.items():

@@ -132,8 +132,7 @@ def _own_cache(shared: Path) -> Iterator[None]:
 def _one_worker() -> Iterator[None]:
     """Commands that are called in this process start no others unless they are told to: that takes seconds."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("bench.cli.request.usable_cores", lambda: 1)
-        patched.setattr("bench.cli.request.ProcessExecutor", lambda *, workers: local_executor(workers))
+        patched.setattr("bench.commands.options.worker_processes", lambda count: local_executor(count or 1))
         yield
 
 

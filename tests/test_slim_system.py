@@ -34,7 +34,7 @@ def slim(tmp_path_factory):
 
 CALLS = """
 import json, sys
-from bench.cli import main
+from bench.commands.app import main
 for words, expected in json.loads(sys.argv[1]):
     sys.argv[:] = ["fisheye-bench", *words]
     try:

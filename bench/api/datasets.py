@@ -131,7 +131,7 @@ def open_dataset(
     """Open a data set, rendered first where its card names a scenario that is not rendered yet.
 
     Args:
-        dataset: path of a card, or a name that `fisheye-bench datasets` lists.
+        dataset: path of a card, or a name that `fisheye-bench list` shows.
         split: of the data set; None for all of it.
         workers: processes that render; more than one need `if __name__ == "__main__":` in a program.
         progress: called with the numbers of rendered and of all recordings.
@@ -165,7 +165,7 @@ def rendered_card(
     """The card of a data set, of which what its scenario asks for in a split is rendered where it is not there yet.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
         split: of the data set; None for all of it.
         executor: of what is done with the data; as many of its workers render.
         as_it_is: render nothing where the data have a folder, however much of them is in it.

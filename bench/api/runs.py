@@ -5,26 +5,23 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
-from bench.api.datasets import as_card, as_executor, rendered_card
+from bench.api.datasets import as_card
 from bench.errors import BenchError, UsageError
 from bench.evaluation import ObjectMetrics, load_protocol
-from bench.execution import TaskExecutor
-from bench.harness import RunRequest, RunSummary, StoredRun, build_scorable, read_run, read_tables, run_benchmark
+from bench.harness import RunRequest, RunSummary, StoredRun, build_scorable, read_run, read_tables
 from bench.harness.exact import require_scorable
 from bench.harness.manifest import Manifest
 from bench.harness.method_of_run import flat_settings
-from bench.harness.stages import Progress
-from bench.methods import Method, Scorable
+from bench.methods import Scorable
 from bench.recordings import DatasetCard
 from bench.recordings.input_errors import named_input_errors
-from bench.reporting.table_files import write_report_files
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,59 +95,6 @@ class Run:
     def false_positives(self) -> float:
         """Mean share of the image that is marked wrongly."""
         return self.summary.false_positives.coverage.value
-
-
-def run(
-    dataset: str | Path | DatasetCard,
-    method: str | Method = "spherical",
-    *,
-    settings: Mapping[str, object] | None = None,
-    protocol: str | Path = DEFAULT_PROTOCOL,
-    split: str | None = None,
-    input_errors: Mapping[str, object] | None = None,
-    out: str | Path | None = None,
-    overwrite: bool = False,
-    workers: int | TaskExecutor = 1,
-    progress: Progress | None = None,
-) -> Run:
-    """Score a method on a data set and store the run with its tables and range maps, as `fisheye-bench run` does.
-
-    A run that was interrupted continues where it stopped, by the same call; of another protocol, no method is asked.
-
-    Args:
-        dataset: card, by path or by a name that `fisheye-bench datasets` lists.
-        method: by name, as "module:Class", or an object of a class that derives from `bench.methods.Method`.
-        settings: parameters of a method that is given by name.
-        protocol: by name or file.
-        split: of the data set; None for all of it.
-        input_errors: injected into what the method is given, by the names of `bench.recordings.InputErrors`, for
-            example `{"pitch_deg": 0.5}`; the reference keeps the truth.
-        out: folder of the run; None for `reports/runs/<data set>-<method>`.
-        overwrite: replace another run in the folder.
-        workers: processes, or an executor. More than one need a method that can be imported, not one of a notebook's
-            cell, and in a program `if __name__ == "__main__":` around the call.
-        progress: called with the images done and their number.
-
-    Raises:
-        UnknownNameError: no data set, method, protocol, split or input error of this name.
-        UsageError: settings that the method does not take, or beside an object; an input error that is no number.
-        DataError: nothing of the data set could be used, or `out` holds another run.
-    """
-    request = run_request(
-        dataset,
-        method,
-        settings=settings,
-        protocols=[protocol],
-        split=split,
-        input_errors=input_errors,
-        out=out,
-        overwrite=overwrite,
-    )
-    executor = as_executor(workers)
-    rendered_card(request.card, split, executor=executor)
-    asked = replace(request, executor=executor, progress=progress)
-    (found,) = run_benchmark(asked, finish=write_report_files)
-    return Run(stored=found)
 
 
 def run_request(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -28,6 +29,24 @@ ADAPTERS = {
 ENTRY_POINTS = "fisheye_bench.adapters"
 SHOWN = 10  # names that a message lists
 FIRST_IMAGES = re.compile(r"\[:([1-9][0-9]{0,8})\]$")
+
+
+def known_adapters() -> dict[str, str]:
+    """Name -> "module:function" of the package's adapters and of those that installed packages add."""
+    return known_targets(ENTRY_POINTS, ADAPTERS)
+
+
+def describe_adapter(target: str) -> str:
+    """Describe an adapter in one line: the first of its docstring.
+
+    Args:
+        target: "module:function".
+
+    Raises:
+        UsageError: nothing to import there.
+    """
+    adapter = imported(target, expected=f"adapter {target!r}: expected a function")
+    return next(iter((inspect.getdoc(adapter) or "").splitlines()), "")
 
 
 def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[RecordingHandle, ...]:
@@ -111,7 +130,7 @@ def _listed(card: DatasetCard) -> tuple[RecordingHandle, ...]:
 
 
 def _adapter(name: str) -> Adapter:
-    known = known_targets(ENTRY_POINTS, ADAPTERS)
+    known = known_adapters()
     if name not in known:
         raise UnknownNameError("adapter", name, known)
     adapter: Adapter = imported(known[name], expected=f"adapter {name!r}: expected a function")

@@ -9,10 +9,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from bench.api.audit import audit_folder
 from bench.api.datasets import rendered_card
-from bench.cli.console import print_failures, say, show
-from bench.cli.progress import progress_bar
+from bench.commands.audit import audit_folder
+from bench.commands.console import print_blocks, print_failures, say, take_verbosity
+from bench.commands.progress import progress_bar
 from bench.execution import local_executor, usable_cores
 from bench.reporting.audit_tables import for_terminal
 from benchmarks.ranking.agreement import run_ranking
@@ -36,6 +36,7 @@ def main() -> None:
     predictions = () if methods is None else parse_predictions(methods)
     executor = local_executor(asked.workers)
     card, out = rendered_card(asked.card, asked.split, executor=executor), audit_folder(asked.card, asked.out)
+    take_verbosity([])
     with progress_bar(f"ranking on {card.name}", "recordings") as progress:
         named = {"split": asked.split, "recordings": asked.recordings, "executor": executor, "progress": progress}
         if asked.beams is None:
@@ -44,7 +45,7 @@ def main() -> None:
         else:
             found = run_beams(card, beams=parse_beams(asked.beams), predictions=predictions, out=out, **named)
             tables, files = beams_tables(found), write_beams_files(out, found)
-    show(for_terminal(tables))
+    print_blocks(for_terminal(tables))
     print_failures(found.failures, all_in=str(out))
     for file in files:
         say(str(file))

@@ -30,7 +30,7 @@ def card(tmp_path, monkeypatch):
     write_drive(tmp_path / "data" / "drive")
     (tmp_path / "street.yaml").write_text(CARD)
     monkeypatch.setattr("bench.annotation.proposals.ProposalSettings", lambda: COARSE)
-    monkeypatch.setattr("bench.cli.request.worker_processes", lambda _: SerialExecutor())
+    monkeypatch.setattr("bench.commands.options.worker_processes", lambda _: SerialExecutor())
     return tmp_path / "street.yaml"
 
 

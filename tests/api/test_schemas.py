@@ -28,7 +28,7 @@ def files():
             if not file.stem.endswith(".scenario"):
                 yield schema, file.stem, yaml.safe_load(file.read_text("utf-8"))
     for template in ("card", "adapter_card"):
-        text = (resources.files("bench.cli") / f"templates/{template}.yaml.txt").read_text("utf-8")
+        text = (resources.files("bench.commands") / f"templates/{template}.yaml.txt").read_text("utf-8")
         yield "card", f"new {template}", yaml.safe_load(text)
     yield "card", "part", CARD | {"annotated": {"timestamps_ns": [[None, 5]], "left_out_m": [[[0, 0], [1, 0], [1, 1]]]}}
     yield "card", "of a plug-in", CARD | {"adapter": "theirs", "options": {"anything": [1]}}
@@ -44,16 +44,16 @@ def faults(name, content):
 
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_the_command_prints_a_schema_that_is_one(name):
-    done = called_here("schema", name)
+    done = called_here("list", "--schema", name)
     printed = json.loads(done.stdout)
     assert (done.returncode, printed) == (0, json_schema(name))
     Draft202012Validator.check_schema(printed)
 
 
 def test_the_command_lists_the_schemas():
-    shown = called_here("schema").stdout
+    shown = called_here("list", "formats").stdout
     assert all(f"\n{name} " in shown for name in SCHEMAS)
-    assert "did you mean 'card'" in called_here("schema", "cards").stderr
+    assert "did you mean 'card'" in called_here("list", "--schema", "cards").stderr
 
 
 @pytest.mark.parametrize(("schema", "content"), [pytest.param(s, c, id=f"{s}-{name}") for s, name, c in files()])

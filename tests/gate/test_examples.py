@@ -8,7 +8,7 @@ import pytest
 import typer.main
 import yaml
 
-from bench.cli.app import app
+from bench.commands.app import app
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "docs/examples").glob("gate-*.yml"))
 COMMANDS = typer.main.get_command(app).commands

@@ -147,7 +147,7 @@ def test_it_can_be_looked_at(tiny_card, tmp_path, monkeypatch):
 
 def test_methods_are_listed_with_a_line_each(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "200")
-    assert call(monkeypatch, "methods") == 0
+    assert call(monkeypatch, "list", "methods") == 0
     listed = capsys.readouterr().out
     for name in scorable_methods():
         assert f"\n{name} " in listed

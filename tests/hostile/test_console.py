@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import pytest
 
 import bench
-from bench.cli import console, progress
+from bench.commands import console, progress
 from bench.plain_text import escape_markdown, plain
 from tests.support.commands import call
 
@@ -93,7 +93,7 @@ def _there(wild, monkeypatch):
 
 
 COMMANDS = {
-    "datasets": (0, ("datasets", "datasets")),
+    "list": (0, ("list", "datasets")),
     "validate": (1, ("validate", "broken/tiny.yaml")),
     "run": (0, ("run", "datasets/tiny.yaml", "--method", "wild_method:Wild", "--out", f"again{IN_A_PATH}")),
     "view": (2, ("view", "datasets/tiny.yaml", "--recording", WILD)),

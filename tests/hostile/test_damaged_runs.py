@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -97,6 +96,6 @@ def test_a_fault_of_ours_is_no_verdict(whole, monkeypatch, capsys):
     def fault(*_, **__):
         raise KeyError("crossing")
 
-    monkeypatch.setattr(import_module("bench.api.gate"), "judge_sums", fault)
+    monkeypatch.setattr("bench.gate.judge", fault)
     assert call(monkeypatch, *COMMANDS["gate"](whole)) == 70
     assert "KeyError" in capsys.readouterr().err

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli import main
+from bench.commands.app import main
 
 
 def call(monkeypatch, *words) -> int:
@@ -36,7 +36,7 @@ def called_here(*words: object, folder: Path | None = None) -> subprocess.Comple
     ):
         patched.setenv("COLUMNS", "1000")
         # A busy machine changes nothing that is printed.
-        patched.setattr("bench.cli.progress.FIRST_LINE_S", float("inf"))
+        patched.setattr("bench.commands.progress.FIRST_LINE_S", float("inf"))
         patched.setattr(sys, "path", [*sys.path])
         if folder is not None:
             patched.chdir(folder)

@@ -7,6 +7,20 @@ frames, units and classes that the files do not say are asked for. A format of a
 """
 
 from bench.annotation.formats.contract import LabelOptions, LabelSet
-from bench.annotation.formats.conversion import export_labels, import_labels, label_format, writable_format
+from bench.annotation.formats.conversion import (
+    export_labels,
+    import_labels,
+    known_formats,
+    label_format,
+    writable_format,
+)
 
-__all__ = ["LabelOptions", "LabelSet", "export_labels", "import_labels", "label_format", "writable_format"]
+__all__ = [
+    "LabelOptions",
+    "LabelSet",
+    "export_labels",
+    "import_labels",
+    "known_formats",
+    "label_format",
+    "writable_format",
+]

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from bench.annotation.formats import LabelOptions, import_labels
-from bench.api.annotate import open_unannotated
+from bench.commands.annotate import open_unannotated
 from bench.recordings import load_card
 from tests.support import tiny
 

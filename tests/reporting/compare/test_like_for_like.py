@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from bench.cli.compare import compare
+from bench.commands.compare import compare
 from bench.errors import UsageError
 from bench.evaluation import load_protocol, summarise
 from bench.evaluation.rows import CommonImages, RowsOnImages

@@ -1,0 +1,49 @@
+"""What `import bench` offers, each name once: `bench/__init__.py` imports it from here on first use."""
+
+from bench.annotation.formats import LabelOptions as LabelOptions
+from bench.api.arrays import Score as Score
+from bench.api.arrays import interval as interval
+from bench.api.arrays import score as score
+from bench.api.datasets import Dataset as Dataset
+from bench.api.datasets import Frame as Frame
+from bench.api.datasets import open_dataset as open_dataset
+from bench.api.runs import Run as Run
+from bench.api.runs import load_run as load_run
+from bench.commands.annotate import ConvertedLabels as ConvertedLabels
+from bench.commands.annotate import Proposals as Proposals
+from bench.commands.annotate import ProposalScores as ProposalScores
+from bench.commands.annotate import evaluate_proposals as evaluate_proposals
+from bench.commands.annotate import export_labels as export_labels
+from bench.commands.annotate import import_labels as import_labels
+from bench.commands.annotate import propose as propose
+from bench.commands.audit import Audit as Audit
+from bench.commands.audit import audit_reference as audit_reference
+from bench.commands.compare import Comparison as Comparison
+from bench.commands.compare import compare as compare
+from bench.commands.evaluate import Evaluation as Evaluation
+from bench.commands.evaluate import evaluate as evaluate
+from bench.commands.gate import BaselineUpdate as BaselineUpdate
+from bench.commands.gate import judge as judge
+from bench.commands.gate import refused_verdict as refused_verdict
+from bench.commands.gate import update_baseline as update_baseline
+from bench.commands.leaderboard import LeaderboardReport as LeaderboardReport
+from bench.commands.leaderboard import leaderboard as leaderboard
+from bench.commands.reference import export_reference as export_reference
+from bench.commands.report import RunPage as RunPage
+from bench.commands.report import report as report
+from bench.commands.run import run as run
+from bench.commands.sweep import Sweep as Sweep
+from bench.commands.sweep import sweep as sweep
+from bench.commands.validate import validate as validate
+from bench.commands.verify import verify as verify
+from bench.commands.view import View as View
+from bench.commands.view import view as view
+from bench.gate import MissingBaselineError as MissingBaselineError
+from bench.gate import Verdict as Verdict
+from bench.harness.verify import Verification as Verification
+from bench.recordings import RecordingWriter as RecordingWriter
+from bench.reporting.verdict import write_verdict as write_verdict
+from bench.synthesis import synthesize as synthesize
+from bench.validation import ValidationReport as ValidationReport
+
+__version__: str

@@ -1,8 +1,0 @@
-"""The command line: parse, call one function, print, exit status. The only package that prints or exits.
-
-Exit status: see docs/commands.md. A bug keeps its traceback.
-"""
-
-from bench.cli.app import main
-
-__all__ = ["main"]

@@ -1,0 +1,144 @@
+"""`audit`: how good the lidar reference is, and why a method misses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bench.commands import options
+from bench.commands.command import PATH
+from bench.commands.console import note, print_blocks, print_failures, say
+from bench.commands.progress import Report, interruptible, progress_bar
+from bench.errors import UsageError
+
+if TYPE_CHECKING:
+    from bench.audit import AuditSummary
+    from bench.recordings import DatasetCard
+    from bench.reporting.document import Table
+
+AUDITS = Path("reports/audit")
+LEFT = "nothing of the audit is stored, and the same command begins it again"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Audit:
+    """An audit of a data set.
+
+    Attributes:
+        folder: where it is stored.
+        summary: all that was found, as it is stored in JSON; `failures` says what could not be used.
+        tables: of it, for people.
+        files: that were written, pictures included.
+        remarks: what was left out, and why.
+    """
+
+    folder: Path
+    summary: AuditSummary
+    tables: tuple[Table, ...]
+    files: tuple[Path, ...]
+    remarks: tuple[str, ...] = ()
+
+
+def audit_reference(
+    dataset: options.Dataset,
+    method: options.MethodName = "spherical",
+    *,
+    settings: options.Settings = None,
+    protocol: options.ProtocolName = "paper-v1",
+    split: options.Split = None,
+    out: Annotated[
+        str | Path | None, typer.Option(help="Folder of the audit; default: reports/audit/<data set>."), PATH
+    ] = None,
+    recordings: Annotated[
+        int | None, typer.Option(help="How many recordings, spread over the split; default: all.")
+    ] = None,
+    workers: options.Workers = 1,
+    pictures: Annotated[bool, typer.Option(help="Draw median and worst examples of every class.")] = True,
+    progress: Report | None = None,
+) -> Audit:
+    """Audit a rendered data set: lidar polygons against exact masks, and why the method misses.
+
+    An audit that was interrupted begins again.
+
+    Args:
+        dataset: rendered; card, by path or by name.
+        method: whose detections are scored and explained; by name, as "module:Class", or an object.
+        settings: parameters of a method that is given by name.
+        protocol: of the reference, by name or file.
+        split: of the data set.
+        out: None for the default.
+        recordings: None for all.
+        workers: processes, or an executor.
+        pictures: False for tables alone.
+        progress: called with the recordings done and their number.
+
+    Raises:
+        UnknownNameError: no data set, method, protocol or split of this name.
+        UsageError: settings that the method does not take, or beside an object; fewer than one recording.
+        DataError: nothing of the data set could be audited, above all where it has no rendered masks.
+    """
+    from bench.api.datasets import as_card, as_executor
+    from bench.atomic import output_folder
+    from bench.audit import audit_sources, run_audit
+    from bench.commands.request import rendered_card
+    from bench.evaluation import load_protocol
+    from bench.methods import FlowMethod, build_method
+    from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
+    from bench.reporting.audit_tables import audit_tables
+
+    if settings and not isinstance(method, str):
+        raise UsageError("settings: expected none beside a method that is built already")
+    card, executor = as_card(dataset), as_executor(workers)
+    built = build_method(method, settings) if isinstance(method, str) else method
+    rules, folder = load_protocol(protocol), audit_folder(card, out)
+    with output_folder(folder):
+        rendered_card(card, split, executor=executor)
+        with interruptible(LEFT), progress_bar(f"auditing {card.name}", "recordings", progress) as report:
+            found, rows = run_audit(
+                card,
+                method=built,
+                protocol=rules,
+                out=folder,
+                split=split,
+                recordings=recordings,
+                executor=executor,
+                progress=report,
+            )
+    polygons, misses = rows.tables["polygons"], rows.tables["misses"]
+    files = list(write_audit_files(folder, found, polygons))
+    if pictures:
+        sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
+        handles = {name: source.recorded for name, source in sources.items()}
+        files += write_examples(folder, found, polygons, handles=handles, protocol=rules)
+        if isinstance(built, FlowMethod):
+            files += write_cause_pictures(folder, misses, sources=sources, method=built, protocol=rules)
+    remarks = (f"without exact flow: {found.left_out}",) if found.left_out else ()
+    return Audit(folder=folder, summary=found, tables=audit_tables(found), files=tuple(files), remarks=remarks)
+
+
+def audit_folder(card: DatasetCard, out: str | Path | None) -> Path:
+    """The folder that is named, or the usual one of a data set."""
+    return AUDITS / card.name if out is None else Path(out)
+
+
+def show(found: Audit) -> int:
+    """Print the tables, the cost, failures and files."""
+    from bench.reporting.audit_tables import for_terminal
+    from bench.reporting.totals import stage_times
+
+    print_blocks(for_terminal(found.tables))
+    summary, made = found.summary, found.summary.provenance
+    stages = stage_times(made.stage_seconds)
+    say(f"{made.images} images of {summary.recordings} recordings in {made.seconds:.1f} s ({stages})")
+    for remark in found.remarks:
+        say(remark)
+    print_failures(summary.failures, all_in="audit.json")
+    for file in found.files:
+        note(str(file))
+    return options.FAILURES if summary.failures else 0
+
+
+command = audit_reference  # `bench.audit` is a package

@@ -1,0 +1,192 @@
+"""The terminal: the only place that prints, and how much of it the user wants to read.
+
+Much of what is printed comes from outside: names, titles, failures. Here it is made harmless, whoever prints it: each
+text is one line of visible characters, which no terminal and no CI server takes for a command.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from enum import IntEnum
+from io import TextIOWrapper
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from bench.errors import OutputError
+from bench.plain_text import plain
+
+if TYPE_CHECKING:
+    from bench.reporting.document import Block
+
+TABLE_COLUMNS = 110  # of tables that go into a file or a log
+SHOWN_FAILURES = 10
+SHOWN_FILES, MOST_FILES = 4, 6
+
+VERBOSE, QUIET = ("-v", "--verbose"), ("-q", "--quiet")
+
+# GitHub reads "::error::" at the start of a line, and "##[error]" anywhere; Azure reads "##vso[...]".
+_COMMAND = re.compile(r":(?=:[A-Za-z])|#(?=#[\w.-]*\[)")
+
+
+class Verbosity(IntEnum):
+    """Amount of output that the user wants to read; a program that calls the functions reads what they return."""
+
+    SILENT = 0
+    QUIET = 1
+    USUAL = 2
+    VERBOSE = 3
+
+
+_verbosity = Verbosity.SILENT
+
+
+def verbosity() -> Verbosity:
+    """Return the amount of output that the user wants to read."""
+    return _verbosity
+
+
+def take_verbosity(arguments: Sequence[str]) -> list[str]:
+    """Take `-v` and `-q` out of a command line, before or behind the command, and hold to them from now on."""
+    global _verbosity
+    end = arguments.index("--") if "--" in arguments else len(arguments)
+    chosen = [word for word in arguments[:end] if word in {*VERBOSE, *QUIET}]
+    _verbosity = Verbosity.USUAL if not chosen else Verbosity.VERBOSE if chosen[-1] in VERBOSE else Verbosity.QUIET
+    return [word for word in arguments[:end] if word not in {*VERBOSE, *QUIET}] + list(arguments[end:])
+
+
+def be_silent() -> None:
+    """Print no notes, details and bars from now on."""
+    global _verbosity
+    _verbosity = Verbosity.SILENT
+
+
+def harmless(text: str) -> str:
+    """One line that no terminal and no CI server takes for a command; strings in JSON keep their meaning."""
+    return _COMMAND.sub(lambda found: f"\\u{ord(found[0]):04x}", plain(text))
+
+
+def say(line: str, *, style: str = "", to_errors: bool = False) -> None:
+    """Print a line.
+
+    Args:
+        line: may hold text from outside.
+        style: of the whole line.
+        to_errors: to the error stream.
+    """
+    _print(Text(harmless(line), style=style), to_errors=to_errors)
+
+
+def say_damaged(damaged: Iterable[tuple[str, str]]) -> None:
+    """Print which runs of a folder are not listed, and why.
+
+    Args:
+        damaged: folder and fault of each that cannot be read.
+    """
+    for run, fault in damaged:
+        say(f"damaged: {run}: {fault}", style="red")
+
+
+def note(line: str) -> None:
+    """Print what is no result: cost, files, where something lies; nothing for those who want to read little."""
+    if verbosity() >= Verbosity.USUAL:
+        say(line)
+
+
+def detail(line: str) -> None:
+    """Print what only those want to read who look for a fault, to the error stream."""
+    if verbosity() is Verbosity.VERBOSE:
+        say(line, to_errors=True)
+
+
+def print_blocks(blocks: Iterable[Block]) -> None:
+    """Print the blocks of a report; notes are wrapped, other lines are whole for those who search a log."""
+    from bench.reporting.document import to_terminal
+
+    for part in to_terminal(blocks, clean=harmless):
+        _print(part, wrap=not isinstance(part, Text) or part.style == "dim")
+
+
+def note_blocks(blocks: Iterable[Block]) -> None:
+    """Print blocks that are no result, as `note`."""
+    if verbosity() >= Verbosity.USUAL:
+        print_blocks(blocks)
+
+
+def write_out(document: str) -> None:
+    """Print a text of several lines that the program makes, as JSON; strings in it stay what they are."""
+    for line in document.splitlines():
+        say(line)
+
+
+def annotate(commands: Iterable[str]) -> None:
+    """Print commands to GitHub, in which text from outside is escaped."""
+    for command in commands:
+        _print(Text(plain(command)))
+
+
+def print_failures(failures: Sequence[str], *, all_in: str) -> None:
+    """Print what failed, the first few of it.
+
+    Args:
+        failures: one line each.
+        all_in: file that holds all of them.
+    """
+    shown = [f"failed: {failure}" for failure in failures[:SHOWN_FAILURES]]
+    if len(failures) > SHOWN_FAILURES:
+        shown.append(f"... and {len(failures) - SHOWN_FAILURES} more failures, all in {all_in}")
+    for line in shown:
+        say(line, style="red")
+
+
+def note_files(files: Iterable[Path]) -> None:
+    """Print what was written: all paths of a few, or the first of them and how many more lie in which folder."""
+    paths = list(files)
+    shown = paths if len(paths) <= MOST_FILES else paths[:SHOWN_FILES]
+    for file in shown:
+        note(str(file))
+    if rest := paths[len(shown) :]:
+        note(f"and {len(rest)} more files in {os.path.commonpath([file.parent for file in rest]) or '.'}")
+
+
+def _print(shown: Table | Text, *, to_errors: bool = False, wrap: bool = False) -> None:
+    """Print.
+
+    Raises:
+        OutputError: the disk to which the output goes is full. Where nobody reads it any more, as behind `| head`, the
+            rest is not printed, and the command goes on.
+    """
+    console = _console(to_errors=to_errors)
+    try:
+        console.print(shown, soft_wrap=not wrap, crop=False)
+    except OSError as error:
+        _end(console.file)
+        if not to_errors:
+            raise OutputError.of(error, "standard output") from error
+
+
+def _console(*, to_errors: bool = False) -> Console:
+    """A table keeps its width where there is no terminal, and letters that the output has no code for are shown."""
+    stream = sys.stderr if to_errors else sys.stdout
+    if isinstance(stream, TextIOWrapper):
+        stream.reconfigure(errors="backslashreplace")
+    probe = _Console(stderr=to_errors)
+    return probe if probe.is_terminal else _Console(stderr=to_errors, width=TABLE_COLUMNS)
+
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        _end(self.file)
+
+
+def _end(stream: IO[str]) -> None:
+    """Let the rest of the output go nowhere; else the interpreter tries to write it once more at its end."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)

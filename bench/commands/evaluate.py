@@ -1,0 +1,141 @@
+"""`evaluate`: masks or scores of any program, scored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from bench.commands import options
+from bench.commands.command import PATH, TEXT
+from bench.commands.console import note, note_blocks
+from bench.commands.progress import Report, progress_bar
+from bench.commands.runs import print_run, score
+from bench.errors import UsageError
+
+if TYPE_CHECKING:
+    from bench.api.run_report import RunReport
+    from bench.api.runs import Run
+    from bench.methods.predictions import PredictionIndex
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evaluation:
+    """Predictions from disk, scored.
+
+    Attributes:
+        run: as it is stored.
+        found: which predictions are there, and what is wrong with others.
+        report: the files beside the run's results.
+    """
+
+    run: Run
+    found: PredictionIndex
+    report: RunReport
+
+
+def evaluate(
+    dataset: options.Dataset,
+    predictions: Annotated[
+        str | Path, typer.Option(help="Folder of masks or scores: [recording/]camera/<name>.png ..."), PATH
+    ],
+    *,
+    name: Annotated[str | None, typer.Option(help="What results call them; default: predictions-<folder>.")] = None,
+    missing: Annotated[
+        Literal["error", "skip", "empty"],
+        typer.Option(help="Images without a prediction: refuse, leave unscored, or count as empty."),
+    ] = "error",
+    names: Annotated[
+        Literal["auto", "timestamp", "frame", "image"],
+        typer.Option(help="What files are named by; default: found out."),
+    ] = "auto",
+    threshold: Annotated[float | None, typer.Option(help="Score above which a pixel moves; default: 0.5.")] = None,
+    history: Annotated[
+        int, typer.Option(help="Score images with this many before them; 1 as methods that compare two.")
+    ] = 1,
+    protocol: options.ProtocolName = "paper-v1",
+    split: options.Split = None,
+    out: Annotated[
+        str | Path | None,
+        typer.Option(metavar="FOLDER", help="Folder of the run; default: reports/runs/<data set>-NAME."),
+        TEXT,
+    ] = None,
+    overwrite: options.Overwrite = False,
+    pictures: options.Pictures = True,
+    workers: options.Workers = 1,
+    progress: Report | None = None,
+) -> Evaluation:
+    """Score masks or scores that any other program wrote, paired with the images by name.
+
+    Args:
+        dataset: card, by path or by name.
+        predictions: folder.
+        name: None for predictions-<folder>.
+        missing: "error" to score nothing, "skip" to leave these images unscored, "empty" to count them as empty.
+        names: "auto" to find it out.
+        threshold: None for 0.5.
+        history: images.
+        protocol: by name or file.
+        split: of the data set.
+        out: folder of the run.
+        overwrite: replace another run in the folder.
+        pictures: also draw an example frame of every category.
+        workers: processes, or an executor.
+        progress: called with the images done and their number.
+
+    Raises:
+        UnknownNameError: no data set, protocol or split of this name.
+        UsageError: the name of a method, ambiguous names of files, or a threshold for masks.
+        DataError: a prediction is missing, damaged or extra where all are asked for; the error names a file that lists
+            all of them; or `out` holds another run.
+    """
+    from tempfile import mkdtemp
+
+    from bench.api.datasets import as_card, as_executor
+    from bench.api.runs import Run, run_request
+    from bench.commands.request import rendered_card
+    from bench.harness.stored import PREDICTIONS
+    from bench.methods import known_methods
+    from bench.methods.predictions import PredictedMotion
+    from bench.methods.predictions.report import check_predictions, refusal, refused, write_report
+    from bench.reporting.findings import prediction_line, prediction_table
+
+    card, called = as_card(dataset), name or f"predictions-{Path(predictions).resolve().name}"
+    if called in known_methods():
+        raise UsageError(f"--name: expected another name than those of methods, got {called!r}")
+    named = partial(PredictedMotion, name=called, folder=str(predictions), dataset=str(card.file), split=split)
+    usual = named().settings()
+    method = named(threshold=threshold, missing=missing, naming=names, history=history)
+    chosen = [(option, value) for option, value in method.settings().items() if value != usual[option]]
+    request = run_request(
+        card, method, protocols=[protocol], split=split, out=out, overwrite=overwrite, named_by=chosen
+    )
+    executor = as_executor(workers)
+    rendered_card(card, split, executor=executor, as_it_is=True)
+    with progress_bar(f"reading {predictions}", "recordings") as report:
+        found = check_predictions(card, method=method, progress=report)
+    if (table := prediction_table(found)) is not None:
+        note_blocks([table])
+    note(prediction_line(found))
+    for doubt in found.doubts:
+        note(f"warning: {doubt}")
+    if refusal(method, found) is not None:
+        listed = Path(mkdtemp(prefix="fisheye-bench-")) / PREDICTIONS  # a new folder: no file of the user's is replaced
+        write_report(listed, card, method, found)
+        raise refused(method, found, listed_in=listed)
+    ((stored, made),) = score(
+        replace(request, executor=executor),
+        pictures=pictures,
+        finish=lambda run: write_report(run.folder / PREDICTIONS, card, method, found),
+        progress=progress,
+    )
+    return Evaluation(run=Run(stored=stored), found=found, report=made)
+
+
+def show(evaluation: Evaluation) -> int:
+    """Print the run."""
+    print_run(evaluation.run.stored, evaluation.report)
+    return options.FAILURES if evaluation.run.summary.failures else 0

@@ -1,0 +1,240 @@
+"""`leaderboard`: all methods on one page, scored first where that is asked for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bench.commands import options
+from bench.commands.command import PATH, Words
+from bench.commands.console import note_files, print_blocks, say, say_damaged
+from bench.commands.progress import Report, interruptible, progress_bar
+from bench.errors import BenchError, UsageError
+
+if TYPE_CHECKING:
+    from bench.execution import TaskExecutor
+    from bench.harness import StoredRun
+    from bench.recordings import DatasetCard
+    from bench.reporting.leaderboard.reading import Leaderboard
+
+RUNS = Path("reports/runs")
+LEFT = "what is scored stays, and the same command goes on from there"
+
+# Settings that make another method of one; the others come from the registry alone.
+VARIANTS = {"spherical": ("flow=dis", "first_guess=true")}
+# Beside the methods, on data with truth: the exact masks, and the same on the paper's cells.
+CEILINGS = ("truth", "truth:cell_size_px=5")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Competitor:
+    """A method that is scored.
+
+    Attributes:
+        name: of the method.
+        settings: "name=value".
+    """
+
+    name: str
+    settings: tuple[str, ...]
+
+    @property
+    def folder(self) -> str:
+        """Name of the folder of its run."""
+        return re.sub(r"[^A-Za-z0-9_.-]+", "-", "-".join([self.name, *self.settings]))
+
+
+def competitors(dataset: str | Path | DatasetCard, methods: str | None = None) -> list[Competitor]:
+    """List the methods that are scored on a data set.
+
+    Args:
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
+        methods: names with commas in between, settings behind colons; None for every registered method, its variants
+            and, on rendered data, what bounds them.
+
+    Raises:
+        UnknownNameError: no data set of this name.
+        UsageError: a setting that is none.
+    """
+    from bench.api.datasets import as_card
+    from bench.methods import known_methods
+    from bench.methods.settings import split_methods
+
+    card = as_card(dataset)
+    if methods is None:
+        variants = {known: [f"{known}:{setting}" for setting in VARIANTS.get(known, ())] for known in known_methods()}
+        names = [name for known in known_methods() for name in (known, *variants[known])]
+        methods = ",".join([*names, *(CEILINGS if card.scenario is not None else ())])
+    return [Competitor(name=name, settings=tuple(settings)) for _, name, settings in split_methods(methods)]
+
+
+def score_competitor(
+    dataset: str | Path | DatasetCard,
+    competitor: Competitor,
+    *,
+    protocols: Sequence[str | Path] = ("paper-v1", "surface-v1"),
+    runs: str | Path = RUNS,
+    workers: int | TaskExecutor = 1,
+    progress: Report | None = None,
+) -> list[StoredRun]:
+    """Score one method for a leaderboard and write the page of the run that is ranked.
+
+    What is there and up to date is not computed.
+
+    Args:
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
+        competitor: the method.
+        protocols: by name or file; the method is asked once.
+        runs: folder of runs; those of the data set go into one below it that is called as the data set.
+        workers: processes, or an executor.
+        progress: called with the images done and their number.
+
+    Returns:
+        The results by each protocol.
+
+    Raises:
+        UnknownNameError, UsageError, DataError: as `bench.run`.
+    """
+    from bench.api.datasets import as_executor
+    from bench.api.runs import run_request
+    from bench.commands.request import rendered_card
+    from bench.harness import run_benchmark
+    from bench.methods.settings import parse_settings
+    from bench.reporting.leaderboard.reading import RANKING_PROTOCOL
+    from bench.reporting.page.build import write_page
+
+    executor = as_executor(workers)
+    card = rendered_card(dataset, executor=executor)
+    settings, out = parse_settings(competitor.settings), Path(runs) / card.name / competitor.folder
+    request = run_request(card, competitor.name, settings=settings, protocols=protocols, out=out, overwrite=True)
+
+    def finish(run: StoredRun) -> None:
+        if run.protocol.name == RANKING_PROTOCOL:
+            write_page(run.folder, pictures=False)
+
+    title = f"scoring {competitor.name} on {card.name}"
+    with interruptible(LEFT), progress_bar(title, "images", progress) as report:
+        return run_benchmark(replace(request, executor=executor, progress=report), finish=finish)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LeaderboardReport:
+    """All runs of a folder, ranked.
+
+    Attributes:
+        found: `groups` of runs that compare, each with its `entries`, best first; and what could not be read.
+        files: that were written, the page first.
+        problems: why pictures are missing, one line each.
+        scored: what was scored first, one line for each method.
+        left_out: methods that could not be scored, and why, one line each.
+        failures: images, tasks and recordings that could not be used, and these methods.
+    """
+
+    found: Leaderboard
+    files: tuple[Path, ...] = ()
+    problems: tuple[str, ...] = ()
+    scored: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    failures: int = 0
+
+
+def leaderboard(
+    folder: Annotated[str | Path, typer.Argument(help="Folder that holds runs at any depth."), PATH] = RUNS,
+    *,
+    score: Annotated[
+        Sequence[str],
+        typer.Option(metavar="DATASET", help="First score all methods on this data set, into FOLDER; repeatable."),
+        Words(list[str] | None, lambda given: given or (), default=None),
+    ] = (),
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...",
+            help="With --score: these methods; settings behind colons, as in spherical:flow=dis. Default: all that are "
+            "registered, and on rendered data the exact masks.",
+        ),
+    ] = None,
+    protocol: Annotated[
+        str, typer.Option(help="With --score: protocols with commas in between, in one pass.")
+    ] = "paper-v1,surface-v1",
+    out: Annotated[
+        str | Path | None,
+        typer.Option(help="Also write the page, the chart, leaderboard.md, .csv, .json into this folder."),
+        PATH,
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Show methods on the same images, from rendered data sets.")] = True,
+    workers: options.Workers = 1,
+    progress: Report | None = None,
+) -> LeaderboardReport:
+    """List all runs of a folder, those that compare in one table each; with --score, make them first.
+
+    Runs that are there and up to date are not computed again.
+
+    Args:
+        folder: holds runs; those that are scored go into one below it that is called as the data set.
+        score: data sets, by card or name.
+        methods: as of `competitors`.
+        protocol: names or files, with commas in between.
+        out: None to write none.
+        pictures: False for tables alone.
+        workers: processes, or an executor, that score.
+        progress: called with the runs drawn and their number, for each group anew.
+
+    Raises:
+        DataError: there is no folder, or no run in it.
+        UnknownNameError, UsageError: as `competitors`.
+    """
+    from bench.api.datasets import as_executor
+    from bench.commands.request import rendered_card
+    from bench.reporting.leaderboard.page import write_leaderboard
+    from bench.reporting.leaderboard.reading import read_leaderboard
+
+    if not score and methods is not None:
+        raise UsageError("leaderboard: expected --score beside --methods, which say what to score")
+    scored, left_out, failures, executor = list[str](), list[str](), 0, as_executor(workers)
+    protocols = [name.strip() for name in protocol.split(",")]
+    for dataset in score:
+        card = rendered_card(dataset, executor=executor)
+        for competitor in competitors(card, methods):
+            called = f"{card.name}, {competitor.folder}"
+            try:
+                runs = score_competitor(card, competitor, protocols=protocols, runs=folder, workers=executor)
+            except BenchError as error:
+                left_out.append(f"{called}: {error}")
+                continue
+            failures += max(len(run.summary.failures) for run in runs)
+            scored.append(f"{called}: {runs[0].summary.provenance.images_asked} images answered, the others were there")
+    found = read_leaderboard(Path(folder))
+    files, problems = tuple[Path, ...](), tuple[str, ...]()
+    if out is not None:
+        with progress_bar("drawing the same images", "runs", progress) as report:
+            files, problems = write_leaderboard(found, Path(out), pictures=pictures, progress=report)
+    return LeaderboardReport(
+        found=found,
+        files=files,
+        problems=problems,
+        scored=tuple(scored),
+        left_out=tuple(left_out),
+        failures=failures + len(left_out),
+    )
+
+
+def show(ranked: LeaderboardReport) -> int:
+    """Print what was scored, the tables, what is wrong, and the files."""
+    from bench.reporting.leaderboard.texts import leaderboard_tables
+
+    for line in ranked.scored:
+        say(line)
+    for line in ranked.left_out:
+        say(f"left out: {line}", style="red")
+    print_blocks(leaderboard_tables(ranked.found))
+    say_damaged(ranked.found.damaged)
+    for problem in ranked.problems:
+        say(f"no picture: {problem}", style="yellow")
+    note_files(ranked.files)
+    return options.FAILURES if ranked.found.damaged or ranked.failures else 0

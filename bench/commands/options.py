@@ -1,0 +1,140 @@
+"""Options and arguments that several commands share, as typer reads them."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from bench.commands.command import TEXT, Words
+from bench.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from bench.api.runs import Run
+    from bench.execution import TaskExecutor
+    from bench.methods import Method
+    from bench.recordings import DatasetCard
+
+FAILURES = 2  # exit status where single images, units or recordings could not be used, as for usage and data errors
+
+
+class Commands(TyperGroup):
+    """A group whose help says in whole sentences what each command does."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List the commands by panels, each with the first paragraph of its help."""
+        panels: dict[str, list[tuple[str, str]]] = {}
+        for name in self.list_commands(ctx):
+            command: Any = self.get_command(ctx, name)
+            text = " ".join((command.help or "").split("\n\n")[0].split())
+            panels.setdefault(command.rich_help_panel or "Commands", []).append((name, text))
+        for panel, rows in panels.items():
+            with formatter.section(panel):
+                formatter.write_dl(rows)
+
+
+def group(help_text: str) -> typer.Typer:
+    """A group of commands, without commands."""
+    return typer.Typer(cls=Commands, help=help_text, no_args_is_help=True, rich_markup_mode=None)
+
+
+def worker_processes(count: int | None) -> TaskExecutor:
+    """Processes of this machine beside that of the command, so that no method ends it without a word.
+
+    Args:
+        count: how many; None for one per core.
+    """
+    from bench.execution import ProcessExecutor, usable_cores
+
+    return ProcessExecutor(workers=count or usable_cores())
+
+
+def _executor(workers: str | None) -> TaskExecutor:
+    """The executor of `--workers`.
+
+    Raises:
+        UsageError: no positive number.
+        DataError: no such cluster.
+    """
+    if workers is None:
+        return worker_processes(None)
+    if not re.fullmatch(r"-?[0-9]+", workers):
+        from bench.execution import DaskExecutor
+
+        return DaskExecutor.connect(workers)
+    if int(workers) < 1:
+        raise UsageError(f"--workers: expected at least 1, got {workers}")
+    return worker_processes(int(workers))
+
+
+def _settings(option: str) -> Words:
+    """Assignments of an option, which may be given several times."""
+
+    def parse(texts: list[str] | None) -> Mapping[str, object]:
+        from bench.methods.settings import parse_settings
+
+        return parse_settings(texts, option=option)
+
+    return Words(list[str] | None, parse)
+
+
+Dataset = Annotated[
+    "str | Path | DatasetCard",
+    typer.Argument(help="A data-set card: its path, or a name, see `list datasets`."),
+    TEXT,
+]
+MethodName = Annotated["str | Method", typer.Option("--method", help="The method; see `list methods`."), TEXT]
+Settings = Annotated[
+    "Mapping[str, object] | None",
+    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the method, as YAML; repeatable."),
+    _settings("--set"),
+]
+InputErrors = Annotated[
+    "Mapping[str, object] | None",
+    typer.Option(
+        "--input-error",
+        metavar="NAME=VALUE",
+        help="An error of what the method is given, as pitch_deg=0.5; the reference keeps the truth; repeatable.",
+    ),
+    _settings("--input-error"),
+]
+ProtocolName = Annotated[
+    "str | Path",
+    typer.Option("--protocol", help="paper-v1, surface-v1, extended-v1, masks-v1, or a YAML file."),
+    TEXT,
+]
+Protocols = Annotated[
+    str,
+    typer.Option(
+        "--protocol",
+        help="paper-v1, extended-v1, surface-v1, masks-v1, or a YAML file; several with commas in between; the "
+        "method is asked once.",
+    ),
+]
+Split = Annotated[
+    str | None,
+    typer.Option(
+        "--split",
+        help="A split of the data set, or recordings with commas in between; [:50] behind it: the first 50 images of "
+        "each camera; default: everything.",
+    ),
+]
+Recording = Annotated[str | None, typer.Option(help="Name of the recording; default: all.")]
+Workers = Annotated[
+    "int | TaskExecutor",
+    typer.Option(
+        metavar="N",
+        help="Worker processes; default: one per core. Or a Dask cluster: tcp://HOST:PORT, or its scheduler's file.",
+    ),
+    Words(str | None, _executor, default=None),
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace another run in the folder.")]
+Pictures = Annotated[bool, typer.Option(help="Also draw an example frame of every category.")]
+StoredRun = Annotated[
+    "str | Path | Run", typer.Argument(help="Folder of a run, or of its results by a protocol."), TEXT
+]

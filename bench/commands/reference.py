@@ -1,0 +1,70 @@
+"""`reference`: what a protocol counts in each image, as files for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bench.commands import options
+from bench.commands.command import PATH, command_line
+from bench.commands.console import note, say
+from bench.commands.progress import Report, progress_bar
+
+if TYPE_CHECKING:
+    from bench.harness.reference_export import ReferenceExport
+
+app = options.group("Write the reference of a data set as label images and JSON, to train and score with other tools.")
+
+
+def export_reference(
+    dataset: options.Dataset,
+    out: Annotated[str | Path, typer.Option(help="Folder, new or empty."), PATH],
+    *,
+    protocol: options.ProtocolName = "surface-v1",
+    recording: options.Recording = None,
+    split: options.Split = None,
+    workers: options.Workers = 1,
+    progress: Report | None = None,
+) -> ReferenceExport:
+    """Write for each image the pixels of objects, unknown bands and ignored areas, and what the objects are.
+
+    Args:
+        dataset: card, by path or by name.
+        out: written whole or not at all; `bench.harness.reference_export` says which files.
+        protocol: by name or file.
+        recording: name of the only one to export.
+        split: of the data set.
+        workers: processes, or an executor, that compute the recordings.
+        progress: called with the recordings done and their number.
+
+    Returns:
+        The export, with one line for each image that has no reference.
+
+    Raises:
+        UnknownNameError: no data set, protocol, split or recording of this name.
+        DataError: the folder holds something, or a recording cannot be opened.
+    """
+    from bench.api.datasets import as_executor
+    from bench.commands.request import rendered_card
+    from bench.evaluation import load_protocol
+    from bench.harness.reference_export import export_references
+
+    executor, rules = as_executor(workers), load_protocol(protocol)
+    card = rendered_card(dataset, split, executor=executor)
+    with progress_bar(f"exporting the reference of {card.name}", "recordings", progress) as report:
+        return export_references(
+            card, protocol=rules, out=Path(out), split=split, recording=recording, executor=executor, progress=report
+        )
+
+
+def show(export: ReferenceExport) -> int:
+    """Print the folder, and which images have no reference."""
+    say(str(export.folder))
+    for problem in export.problems:
+        note(f"no reference: {problem}")
+    return options.FAILURES if export.problems else 0
+
+
+app.command("export")(command_line(export_reference, show))

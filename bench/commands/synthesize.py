@@ -1,0 +1,24 @@
+"""`synthesize`: recordings of a scenario."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.commands.console import note
+
+
+def synthesize(
+    scenario: Annotated[Path, typer.Argument(help="A scenario file.")],
+    out: Annotated[Path, typer.Option(help="Folder of the recordings.")],
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
+) -> None:
+    """Render a scenario into recordings; what is there and up to date stays."""
+    from bench.commands.request import rendering
+    from bench.synthesis import synthesize as render
+
+    with rendering(scenario, out) as report:
+        folders = render(scenario, out, workers=workers, progress=report)
+    note(f"{len(folders)} recordings in {out}")

@@ -1,0 +1,247 @@
+"""Every command once: exit status, what it prints, which files it leaves."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+import bench
+from bench.commands.app import COMMANDS, app
+from bench.commands.examples import EXAMPLES
+from bench.errors import UsageError
+from bench.methods.settings import parse_settings
+from tests.support.changed_data import without_scenario
+from tests.support.commands import call, error_line
+
+
+def test_help_lists_every_command(monkeypatch, capsys):
+    assert call(monkeypatch, "--help") == 0
+    shown = capsys.readouterr().out
+    assert all(f"  {command.split()[0]} " in shown for command in EXAMPLES)
+    assert [shown.index(f"\n{panel}:\n") for panel in COMMANDS] == sorted(shown.index(f"\n{p}:\n") for p in COMMANDS)
+
+
+def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
+    out = tmp_path / "run"
+    assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
+    shown = capsys.readouterr().out
+    for name in ("summary.json", "table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"):
+        assert (out / "paper-v1" / name).stat().st_size > 100
+    for name in ("summary.json", "table.md", "range_map.png"):
+        assert str(out / "paper-v1" / name) in shown
+    assert shown.count(str(out)) < 8, "few paths"
+    assert f"more files in {out}/paper-v1" in shown
+    for name in ("Crossing", "Overtaking", "Static ego-vehicle", "False positives"):
+        assert name in shown
+    assert "Left out, without cases: preceding, approaching." in shown
+    assert "16 annotated object-frames" in shown
+    assert r"\label{tab:run-paper}" in (out / "paper-v1" / "table.tex").read_text(), "named after the folder"
+    for picture in ("panels", "areas", "overlay", "cluster-walker"):
+        assert (out / "paper-v1" / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_run_that_scores_no_object_says_so_above_its_table(monkeypatch, capsys, tiny_card, tmp_path):
+    rules = tmp_path / "near.yaml"
+    rules.write_text("{based_on: paper-v1, name: near, version: 1, reference: {range_limit_m: 0.01}}")
+    run = ("run", tiny_card, "--method", "nothing", "--protocol", rules, "--no-pictures", "--out", tmp_path / "run")
+    assert call(monkeypatch, *run) == 0
+    _, first, *_ = capsys.readouterr().out.splitlines()
+    assert first.startswith("no object was scored: all 12 moving object-frames are ignored")
+
+
+def test_a_quick_look_scores_some_images_of_some_recordings(monkeypatch, tiny_card, tmp_path):
+    out = tmp_path / "look"
+    look = ("run", tiny_card, "--method", "nothing", "--no-pictures", "--out", out)
+    assert call(monkeypatch, *look, "--recording", "crossing", "--recording", "standing", "--limit", 3) == 0
+    found = bench.load_run(out)
+    assert found.manifest.dataset.split == "crossing,standing[:3]"
+    assert sorted(found.frames["recording"].unique()) == ["crossing", "standing"]
+    assert found.summary.images.images == 4, "of three images the first has none before it"
+    assert call(monkeypatch, "verify", out) == 0
+    assert call(monkeypatch, *look, "--recording", "crossing", "--split", "moving") == 2
+
+
+def test_a_quick_look_renders_no_more_than_it_scores(monkeypatch, tiny_card, tmp_path):
+    from bench.synthesis import production
+
+    made = []
+    monkeypatch.setattr(production, "_rendered", lambda _, specs, *__: made.extend(spec.name for spec in specs) or ())
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets", ignore=shutil.ignore_patterns("data"))
+    assert call(monkeypatch, "run", folder / tiny_card.name, "--recording", "standing", "--out", tmp_path / "run") == 2
+    assert made == ["standing"]
+    assert call(monkeypatch, "run", folder / tiny_card.name, "--split", "standin", "--out", tmp_path / "run") == 2
+    assert made == ["standing"], "and nothing where there is no such split"
+
+
+def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_card, tmp_path):
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
+    without_scenario(folder / tiny_card.name)
+    (folder / "data" / "tiny" / "standing" / "egomotion.csv").unlink()
+    status = call(monkeypatch, "run", folder / tiny_card.name, "--out", tmp_path / "run", "--no-pictures")
+    shown = capsys.readouterr().out
+    assert status == 2
+    assert "failed: recording 'standing'" in shown
+    assert (tmp_path / "run" / "paper-v1" / "summary.json").exists()
+
+
+def test_view_draws_the_frame_that_is_asked_for(monkeypatch, capsys, tiny_card, tmp_path):
+    words = ("view", tiny_card, "--recording", "overtaking", "--frame", 3, "--out", tmp_path / "pictures")
+    assert call(monkeypatch, *words, "--method", "spherical") == 0
+    made = sorted(path.name for path in (tmp_path / "pictures").iterdir())
+    assert made == ["areas.png", "cluster-car.png", "overlay.png", "panels.png"]
+    assert str(tmp_path / "pictures" / "panels.png") in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("run", "nowhere.yaml"), "nowhere"),
+        (("run", "CARD", "--method", "sperical"), "did you mean 'spherical'"),
+        (("run", "CARD", "--protocol", "paper-v9"), "known are extended-v1, masks-v1, paper-v1"),
+        (("run", "CARD", "--split", "test"), "known are all, crossing, moving"),
+        (("run", "CARD", "--set", "threshold"), "expected NAME=VALUE"),
+        (("run", "CARD", "--set", "treshold=1"), "takes cell_size_px"),
+        (("view", "CARD", "--recording", "crosing"), "did you mean 'crossing'"),
+        (("view", "CARD", "--method", "spherical", "--frame", "0"), "--frame: expected 1 to 4, got 0"),
+        (("view", "CARD", "--camera", "rear"), "known are front"),
+        (("synthesize", "nowhere.yaml", "--out", "OUT"), "nowhere.yaml"),
+    ],
+)
+def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tiny_card, tmp_path, words, message):
+    named = [str(tiny_card) if w == "CARD" else str(tmp_path / "out") if w == "OUT" else w for w in words]
+    if words[0] != "synthesize":
+        named += ["--out", str(tmp_path / "out")]
+    assert message in error_line(monkeypatch, capsys, *named)
+
+
+def test_synthesize_keeps_what_is_there(monkeypatch, capsys, tiny_card, tmp_path):
+    scenario = tiny_card.parent / "tiny.scenario.yaml"
+    assert call(monkeypatch, "synthesize", scenario, "--out", tiny_card.parent / "data" / "tiny") == 0
+    assert "3 recordings in" in capsys.readouterr().out
+
+
+def test_lists(monkeypatch, capsys):
+    told = {"datasets": "Three rendered drives", "methods": "The paper's method", "protocols": "surface-patches",
+            "formats": "ASAM OpenLABEL"}  # fmt: skip
+    for what, line in told.items():
+        assert call(monkeypatch, "list", what) == 0
+        shown = capsys.readouterr().out
+        assert [word for word, other in told.items() if other in shown] == [what]
+        assert line in shown
+    assert call(monkeypatch, "list") == 0
+    shown = capsys.readouterr().out
+    assert all(line in shown for line in told.values())
+    assert call(monkeypatch, "list", "methods", "--schema", "card") == 2
+
+
+def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FISHEYE_BENCH_DATASETS", str(tmp_path / "own"))
+    for folder, title in (("own", "mine"), ("datasets", "nearest")):
+        (tmp_path / folder).mkdir()
+        card = tiny_card.read_text().replace("title: Three rendered drives", f"title: {title},")
+        (tmp_path / folder / "tiny.yaml").write_text(card)
+        assert call(monkeypatch, "list", "datasets") == 0
+        shown = capsys.readouterr().out
+        assert f" {title}," in shown
+        assert all(f"\n{name} " in shown for name in ("demo", "paper", "woodscape"))
+        assert f"{tmp_path / 'own'}: 1 cards" in shown
+    assert call(monkeypatch, "run", "tini") == 2
+    told = capsys.readouterr().err
+    assert f"looked in datasets, {tmp_path / 'own'}, " in told
+    assert "did you mean 'tiny'" in told
+    assert call(monkeypatch, "run", "datasets/demo.yaml") == 2
+    assert "the card 'demo' ships with the package" in capsys.readouterr().err
+
+
+def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
+    words = ("run", tiny_card, "--out", tmp_path / "run", "--method", "nothing", "--no-pictures")
+    assert call(monkeypatch, *words, "--quiet") == 0
+    shown = capsys.readouterr()
+    assert "Crossing" in shown.out
+    assert "summary.json" not in shown.out
+    assert "images per second" not in shown.out
+    assert call(monkeypatch, "-v", *words) == 0
+    shown = capsys.readouterr()
+    assert "summary.json" in shown.out
+    assert f"card {tiny_card}, root data/tiny" in shown.err
+    assert call(monkeypatch, "run", "nowhere.yaml", "-v") == 2
+    assert "Traceback" in capsys.readouterr().err
+    assert call(monkeypatch, "--version") == 0
+    assert capsys.readouterr().out == f"fisheye-bench {bench.__version__}\n"
+
+
+def test_no_help_text_is_cut(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "60")
+    for words in ((), ("annotate",), ("new",)):
+        assert call(monkeypatch, *words, "--help") == 0
+        shown = capsys.readouterr().out
+        assert "..." not in shown.replace("[ARGS]...", "")
+        assert "customize the installation" in " ".join(shown.split()) or words
+
+
+def test_settings_nest_and_numbers_are_numbers():
+    parsed = parse_settings(["weights.anti_parallel=0", "threshold=6e-4", "flow=dis", "root_sum=true"])
+    assert parsed == {"weights": {"anti_parallel": 0}, "threshold": 6e-4, "flow": "dis", "root_sum": True}
+    with pytest.raises(UsageError, match="already has the value"):
+        parse_settings(["weights=1", "weights.epipolar=2"])
+    with pytest.raises(UsageError, match="a YAML value"):
+        parse_settings(["flow=["])
+
+
+def test_python_m_bench_is_the_same_command():
+    done = subprocess.run(
+        [sys.executable, "-m", "bench", "list", "methods"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0
+    assert "spherical" in done.stdout
+
+
+def test_help_imports_nothing_heavy():
+    heavy = ("cv2", "open3d", "pandas", "scipy", "matplotlib", "numpy", "pydantic")
+    script = f"import sys; from bench.commands.app import main; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_command_is_in_the_module_of_its_name():
+    visible = [command for command in app.registered_commands if not command.hidden]
+    commands = [
+        *visible,
+        *(group.typer_instance.registered_commands[0] for group in app.registered_groups),
+    ]
+    modules = [command.callback.__module__.removeprefix("bench.commands.") for command in commands]
+    named = [command.name for command in visible]
+    assert modules == [*named, *(group.name for group in app.registered_groups)]
+
+
+def test_version_tells_what_a_report_of_a_problem_needs(monkeypatch, capsys):
+    monkeypatch.setenv("FISHEYE_BENCH_CACHE", "/somewhere")
+    assert call(monkeypatch, "--version", "--verbose") == 0
+    shown = capsys.readouterr().out
+    for line in (f"fisheye-bench {bench.__version__}", "commit: ", "cores: ", "numpy ", "[cluster]: distributed ",
+                 "FISHEYE_BENCH_CACHE=/somewhere", "open3d: loads", "nothing wrong was found"):  # fmt: skip
+        assert line in " ".join(shown.split())
+    assert "pytest" not in shown, "of developers"
+
+
+def test_version_finds_two_opencvs(monkeypatch, capsys):
+    from bench.commands import installation
+
+    monkeypatch.setattr(installation, "version", lambda _: "4.10")
+    assert call(monkeypatch, "--version", "-v") == 1
+    assert "wrong: opencv-python and opencv-contrib-python beside opencv-python-headless" in capsys.readouterr().out
+
+
+def test_run_by_two_protocols_prints_two_tables_and_stores_two_runs(monkeypatch, capsys, tiny_card, tmp_path):
+    out = tmp_path / "run"
+    words = ("run", tiny_card, "--protocol", "paper-v1,surface-v1", "--out", out, "--no-pictures")
+    assert call(monkeypatch, *words) == 0
+    printed = capsys.readouterr().out
+    assert printed.index(f"{out}/paper-v1/table.md") < printed.index(f"{out}/surface-v1/table.md")
+    for protocol in ("paper-v1", "surface-v1"):
+        assert json.loads((out / protocol / "manifest.json").read_text())["protocol"]["name"] == protocol
+    assert call(monkeypatch, "run", tiny_card, "--protocol", "paper-v1,paper-v1", "--out", tmp_path / "twice") == 2
+    assert "expected each protocol once" in capsys.readouterr().err

@@ -1,0 +1,154 @@
+"""`compare` and `leaderboard`, on runs of the rendered data set."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import cv2
+import pytest
+
+from bench.commands.leaderboard import competitors
+from bench.evaluation import load_protocol
+from bench.methods import build_method, known_methods
+from bench.recordings import load_card
+from tests.support.commands import call, error_line
+from tests.support.runs import run_one
+
+
+@pytest.fixture(scope="module")
+def runs(tiny_card, tmp_path_factory):
+    """The paper's method, nothing, and the paper's method by another protocol."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name, method, protocol in (
+        ("spherical", "spherical", "paper-v1"),
+        ("nothing", "nothing", "paper-v1"),
+        ("extended", "nothing", "extended-v1"),
+    ):
+        run_one(
+            card=load_card(tiny_card),
+            method=build_method(method),
+            protocol=load_protocol(protocol),
+            out=folder / name,
+        )
+    return folder
+
+
+def test_compare_ends_with_verdicts_files_and_titled_pictures(monkeypatch, capsys, runs, tmp_path):
+    assert call(monkeypatch, "compare", runs / "spherical", runs / "nothing", "--out", tmp_path) == 0
+    shown = capsys.readouterr().out
+    stored = json.loads((tmp_path / "compare.json").read_text())["comparisons"][0]
+    whole = stored["detections"][-1]
+    assert whole["lost"] == whole["before"] > 0
+    assert f"{whole['object_frames']} object-frames, detected: {whole['before']} before, 0 after; 0 newly" in shown
+    assert "nothing against spherical, over everything: " in shown
+    assert "too few recordings: IoU, all" in shown, "three recordings prove nothing"
+    assert stored["remarks"] == [], "processed again, every picture shows what was stored"
+    assert [picture["file"] for picture in stored["pictures"]] == [
+        "pictures/01-01-newly-missed.jpg",
+        "pictures/01-02-newly-missed.jpg",
+        "pictures/01-03-fewer-false-positives.jpg",
+    ]
+    for picture in stored["pictures"]:
+        image = cv2.imread(str(tmp_path / picture["file"]))
+        assert image.shape[1] > 1300, "both methods side by side"
+        title = image[:60]
+        assert (title < 100).any(), "letters"
+        assert picture["title"].split(" (")[1] in (tmp_path / "compare.md").read_text()
+    page = (tmp_path / "compare.html").read_text()
+    assert page.count('<img src="data:image/jpeg;base64,') == page.count("<img ") == len(stored["pictures"])
+    assert f"and 5 more files in {tmp_path}" in shown, "compare.tex and the pictures"
+
+
+def test_pictures_show_what_was_scored_and_call_no_method(monkeypatch, capsys, runs, tmp_path):
+    from bench.methods.baselines import Nothing
+    from bench.methods.spherical.method import SphericalMethod
+
+    def refuse(*_):
+        raise AssertionError("a stored run calls its method")
+
+    for kind in (Nothing, SphericalMethod):
+        monkeypatch.setattr(kind, "segment", refuse)
+    assert call(monkeypatch, "compare", runs / "spherical", runs / "nothing", "--out", tmp_path) == 0
+    assert json.loads((tmp_path / "compare.json").read_text())["comparisons"][0]["remarks"] == []
+    assert len(list((tmp_path / "pictures").iterdir())) == 3
+
+
+def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(monkeypatch, capsys, runs, tmp_path):
+    """The code of the reference has changed since the runs."""
+    from bench.harness import frames
+
+    build = frames.ReferenceBuilder.build
+
+    def changed(self, image):
+        reference = build(self, image)
+        return replace(reference, ignored=~reference.ignored & (reference.labels == 0) & reference.valid)
+
+    monkeypatch.setattr(frames.ReferenceBuilder, "build", changed)
+    assert call(monkeypatch, "compare", runs / "spherical", runs / "nothing", "--out", tmp_path) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "no picture: recording" in shown
+    assert "code or data changed since, so that a picture would not show what was scored" in shown
+    assert not (tmp_path / "pictures").exists()
+
+
+def test_compare_refuses_what_does_not_compare_in_one_line(monkeypatch, capsys, runs, tmp_path):
+    words = ("compare", runs / "spherical", runs / "extended", "--out", tmp_path / "out")
+    assert "do not compare: protocol extended-v1" in error_line(monkeypatch, capsys, *words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_compare_writes_beside_the_runs_of_the_house_without_out(monkeypatch, runs, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert call(monkeypatch, "compare", runs / "spherical", runs / "nothing", "--no-pictures") == 0
+    made = sorted(file.name for file in (tmp_path / "reports" / "runs" / "compare-spherical-nothing").iterdir())
+    assert made == ["compare.csv", "compare.html", "compare.json", "compare.md", "compare.tex", "object_changes.csv"]
+
+
+def test_leaderboard_lists_groups_and_damaged_runs(monkeypatch, capsys, runs, tmp_path):
+    assert call(monkeypatch, "leaderboard", runs, "--out", tmp_path) == 0
+    shown = capsys.readouterr().out
+    assert shown.count("Detection") >= 2
+    assert str(tmp_path / "leaderboard.md") in shown
+    damaged = shutil.copytree(runs / "nothing", runs / "damaged") / "paper-v1" / "summary.json"
+    damaged.write_text("{")
+    assert call(monkeypatch, "leaderboard", runs) == 2
+    assert "damaged: damaged/paper-v1: " in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_leaderboard_scores_what_is_not_there_and_bounds_it(monkeypatch, capsys, tiny_card, tmp_path):
+    methods = "spherical,truth,truth:cell_size_px=5"
+    words = ("leaderboard", tmp_path / "runs", "--score", tiny_card, "--methods", methods, "--out", tmp_path / "board")
+    assert call(monkeypatch, *words, "--workers", 1) == 0
+    told = capsys.readouterr().out
+    assert "tiny, spherical: 12 images answered" in told
+    assert told.count(": 24 images answered") == 2, "exact masks answer each protocol by itself"
+    judged, carried = json.loads((tmp_path / "board" / "leaderboard.json").read_text())["groups"]
+    assert [judged["protocol"], carried["protocol"]] == ["surface-v1", "paper-v1"]
+    found = {entry["run"].partition("/")[2]: entry for entry in judged["entries"]}
+    assert {name: entry["kind"] for name, entry in found.items()} == {
+        "truth": "ceiling",
+        "truth-cell_size_px-5": "oracle",
+        "spherical": "method",
+    }
+    of_image = {name: entry["values"]["all_moving"]["false_positive_coverage"][0] for name, entry in found.items()}
+    assert of_image["truth"] < of_image["spherical"]
+    assert found["spherical"]["cost_ms"] > 0
+    assert (found["truth"]["cost_ms"], found["truth-cell_size_px-5"]["cost_ms"]) == (None, None)
+    page = (tmp_path / "board" / "index.html").read_text()
+    assert page.count("data:image/webp;base64") >= 6, "three layers on an image of each kind of motion"
+    assert "../runs" not in page, "a run that lies beside the page's folder may not go where that goes"
+    again = [word if word != methods else "spherical" for word in words[:-2]]
+    assert call(monkeypatch, *again, "--workers", 1) == 0
+    assert "tiny, spherical: 0 images answered" in capsys.readouterr().out
+
+
+def test_every_registered_method_competes_with_what_bounds_it_on_rendered_data(tiny_card, tmp_path):
+    card = load_card(tiny_card)
+    found = competitors(card, None)
+    assert {one.name for one in found} == {"truth", *known_methods()}
+    assert [one.folder for one in found if one.name == "truth"] == ["truth", "truth-cell_size_px-5"]
+    assert "spherical-flow-dis" in [one.folder for one in found]
+    assert len({one.folder for one in found}) == len(found)
+    recorded = replace(card, content=card.content.model_copy(update={"scenario": None}))
+    assert [one for one in competitors(recorded, None) if one.name == "truth"] == []

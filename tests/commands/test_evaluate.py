@@ -1,0 +1,507 @@
+"""`evaluate`: masks and scores from disk, through the public command."""
+
+import json
+import random
+import shutil
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from pycocotools import mask as coco
+
+from bench.harness import read_run, read_tables
+from bench.recordings import load_card, open_dataset
+from tests.commands.predictions import CAMERA, images_of, write_map, write_maps
+from tests.support.changed_data import without_scenario
+from tests.support.commands import call
+
+METHOD_COLUMNS = {"undefined_px", "fp_by_cause"}  # what only a method that runs can tell
+
+
+@pytest.fixture(scope="session")
+def images(tiny_card):
+    return images_of(tiny_card)
+
+
+@pytest.fixture
+def masks(images, tmp_path):
+    """The reference as masks."""
+    return write_maps(tmp_path / "masks", images, lambda image: image.moving)
+
+
+@pytest.fixture
+def evaluate(monkeypatch, tiny_card, tmp_path):
+    """Evaluates a folder and expects an exit status; returns the run's folder. Tables are drawn where asked for."""
+    (tmp_path / "refusals").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "refusals"))  # where a refusal lists all that is wrong
+
+    def run(folder, *words, out="run", status=0, card=tiny_card, tables=False):
+        if not tables:
+            monkeypatch.setattr("bench.api.run_report.write_report_files", lambda _: ([], ()))
+            monkeypatch.setattr("bench.commands.evaluate.print_run", lambda *_, **__: None)
+        named = (
+            "evaluate",
+            card,
+            "--predictions",
+            folder,
+            "--out",
+            tmp_path / out,
+            "--no-pictures",
+            "--overwrite",
+            *words,
+        )
+        assert call(monkeypatch, *named) == status
+        return tmp_path / out
+
+    return run
+
+
+def card_of(tiny_card, file, *, recording=".", more="") -> Path:
+    """A card of its own over the same data."""
+    head = {"name": "own", "title": "own", "adapter": "native", "licence": "CC0-1.0"}
+    root = tiny_card.parent / "data" / "tiny" / recording
+    file.write_text("\n".join(f"{key}: {value}" for key, value in (head | {"root": root}).items()) + "\n" + more)
+    return file
+
+
+def counts_of(run) -> list[str]:
+    tables = read_tables(run, histograms=False)
+    rows = [row for table in tables for row in table.to_pylist()]
+    return [repr({k: v for k, v in row.items() if k not in METHOD_COLUMNS}) for row in rows]
+
+
+def test_the_reference_scores_perfectly(evaluate, masks, capsys):
+    run = evaluate(masks)
+    summary = read_run(run).summary
+    moving = summary.all_moving
+    assert moving.object_frames == 12
+    for name in ("detection_rate", "detection_rate_50", "tpr", "tpr_all", "iou", "iou_detected"):
+        assert moving.metric(name).value == 1.0
+    assert summary.false_positives.coverage.value == summary.false_positives.frame_rate.value == 0.0
+    assert summary.threshold_free is None
+    method = read_run(run).manifest.method
+    assert (method.name, method.settings["folder"]) == ("predictions-masks", str(masks))
+    assert "12 of 12 images have a usable mask" in capsys.readouterr().out
+
+
+def test_empty_and_full_masks(evaluate, images, tmp_path):
+    empty = read_run(evaluate(write_maps(tmp_path / "empty", images, lambda image: image.moving * 0))).summary
+    assert (empty.all_moving.detection_rate.value, empty.false_positives.coverage.value) == (0.0, 0.0)
+    assert (empty.all_moving.iou.value, empty.all_moving.tpr.cases) == (0.0, 0)
+    full = read_run(evaluate(write_maps(tmp_path / "full", images, lambda image: image.moving | 255))).summary
+    assert (full.all_moving.detection_rate.value, full.all_moving.tpr_all.value) == (1.0, 1.0)
+    outside = [
+        np.mean(image.reference.valid & (image.reference.labels == 0) & ~image.reference.ignored) for image in images
+    ]
+    assert full.false_positives.coverage.value == pytest.approx(np.mean(outside))
+
+
+def test_a_methods_masks_count_as_the_method_does(evaluate, images, tiny_card, monkeypatch, tmp_path):
+    assert call(monkeypatch, "run", tiny_card, "--out", tmp_path / "method", "--no-pictures") == 0
+    cells = evaluate(write_maps(tmp_path / "cells", images, lambda image: image.method.astype(np.uint8)), out="a")
+    assert counts_of(cells) == counts_of(tmp_path / "method")
+    assert read_run(cells).manifest.reference == read_run(tmp_path / "method").manifest.reference
+    pixels = write_maps(tmp_path / "pixels", images, lambda image: np.kron(image.method, np.full((5, 5), 255, "u1")))
+    assert counts_of(evaluate(pixels, out="b")) == counts_of(cells)
+    large = write_maps(tmp_path / "large", images, lambda image: np.kron(image.method, np.full((15, 15), 255, "u1")))
+    assert counts_of(evaluate(large, out="c")) == counts_of(cells)
+    out = tmp_path / "compared"
+    words = ("compare", tmp_path / "method", cells, "--out", out, "--no-pictures")
+    assert call(monkeypatch, *words) == 0
+    assert call(monkeypatch, "leaderboard", tmp_path) == 0
+
+
+def test_images_are_paired_by_name_whatever_the_order(evaluate, images, masks, tmp_path):
+    by_time = counts_of(evaluate(masks, out="a"))
+    shuffled = random.Random(4).sample(images, len(images))
+    for image in shuffled:
+        write_map(tmp_path / "frames", image.place, f"{image.frame:06d}", image.moving)
+    assert counts_of(evaluate(tmp_path / "frames", out="b")) == by_time
+    assert counts_of(evaluate(tmp_path / "frames", "--names", "frame", out="b")) == by_time
+    wrong = evaluate(tmp_path / "frames", "--names", "timestamp", out="c", status=2)
+    assert not wrong.exists()
+
+
+def test_names_of_others_do_not_shift_a_pairing(evaluate, images, tmp_path):
+    """Named by frame with one too many in front, the rest stays where it belongs."""
+    for image in images:
+        write_map(tmp_path / "frames", image.place, image.frame, image.moving)
+        write_map(tmp_path / "frames", image.place, 0, image.moving | 255)
+    summary = read_run(evaluate(tmp_path / "frames")).summary
+    assert summary.all_moving.iou.value == 1.0
+    report = json.loads((tmp_path / "run" / "paper-v1" / "predictions.json").read_text())
+    assert (report["unscored"], report["usable"], report["faults"]["extra"]) == (3, 12, [])
+
+
+def entry(image, values, **more) -> dict:
+    found = coco.encode(np.asfortranarray((values > 0).astype(np.uint8)))
+    lengths = {"size": [int(n) for n in found["size"]], "counts": found["counts"].decode()}
+    return {"image": image.timestamp_ns, "segmentation": lengths} | more
+
+
+def test_coco_run_lengths_by_camera_and_by_recording(evaluate, images, masks, tmp_path):
+    expected = counts_of(evaluate(masks, out="a"))
+    for recording in {image.recording for image in images}:
+        own = [image for image in images if image.recording == recording]
+        (tmp_path / "cameras" / recording).mkdir(parents=True)
+        file = tmp_path / "cameras" / recording / f"{CAMERA}.json"
+        file.write_text(json.dumps([entry(image, image.moving) for image in reversed(own)]))
+        (tmp_path / "recordings").mkdir(exist_ok=True)
+        halves = [np.arange(320) < 160, np.arange(320) >= 160]  # an object is never one entry only
+        entries = [entry(image, image.moving * half, camera=CAMERA) for image in own for half in halves]
+        entries = [one | {"image": f"{one['image']}.png"} for one in entries]
+        (tmp_path / "recordings" / f"{recording}.json").write_text(json.dumps(entries))
+    assert counts_of(evaluate(tmp_path / "cameras", out="b")) == expected
+    assert counts_of(evaluate(tmp_path / "recordings", out="c")) == expected
+
+
+def test_entries_that_name_no_camera_or_another_are_told(evaluate, images, tmp_path, capsys):
+    (tmp_path / "p" / "crossing").mkdir(parents=True)
+    own = [image for image in images if image.recording == "crossing"]
+    entries = [entry(image, image.moving) for image in own]
+    (tmp_path / "p" / "crossing.json").write_text(json.dumps(entries))
+    for policy in ("error", "skip", "empty"):
+        assert not evaluate(tmp_path / "p", "--missing", policy, status=2).exists()
+        shown = capsys.readouterr()
+        assert "camera: expected the name of a camera in every entry" in " ".join(shown.out.split())
+        assert "crossing.json" in shown.out
+    entries = [entry(own[0], own[0].moving, camera="rear")] + [entry(i, i.moving, camera=CAMERA) for i in own[1:]]
+    (tmp_path / "p" / "crossing.json").write_text(json.dumps(entries))
+    evaluate(tmp_path / "p", "--missing", "skip")
+    assert "names the camera 'rear'" in " ".join(capsys.readouterr().out.split())
+
+
+def test_one_recording_needs_no_folder_of_its_own(evaluate, images, tiny_card, tmp_path):
+    card = card_of(tiny_card, tmp_path / "alone.yaml", recording="crossing")
+    own = [image for image in images if image.recording == "crossing"]
+    for image in own:
+        write_map(tmp_path / "maps", CAMERA, image.timestamp_ns, image.moving)
+    (tmp_path / "lists").mkdir()
+    (tmp_path / "lists" / f"{CAMERA}.json").write_text(json.dumps([entry(image, image.moving) for image in own]))
+    for number, folder in enumerate((tmp_path / "maps", tmp_path / "lists")):
+        summary = read_run(evaluate(folder, card=card, out=str(number))).summary
+        assert (summary.images.evaluated, summary.all_moving.iou.value) == (4, 1.0)
+
+
+def spoil(folder, images) -> None:
+    """One of each fault, in the first recording; and files that are of no image."""
+    missing, cut, size, grey, colour, twice, *_ = images
+    files = [folder / i.place / f"{i.timestamp_ns}.png" for i in (missing, cut, size, grey, colour, twice)]
+    files[0].unlink()
+    files[1].write_bytes(files[1].read_bytes()[:-20])
+    cv2.imwrite(str(files[2]), np.zeros((100, 100), np.uint8))
+    cv2.imwrite(str(files[3]), np.full((240, 320), 9, np.uint8))
+    cv2.imwrite(str(files[4]), np.zeros((240, 320, 3), np.uint8))
+    write_map(folder, twice.place, f"0{twice.timestamp_ns}", twice.moving)
+    write_map(folder, missing.place, 77, missing.moving)
+    write_map(folder, "crosing/front", missing.timestamp_ns, missing.moving)
+    (folder / "notes.txt").write_text("by hand")
+
+
+def test_everything_wrong_is_listed_at_once_and_nothing_scored(evaluate, images, masks, tmp_path, capsys):
+    good = evaluate(masks)
+    before = {file.name: file.read_bytes() for file in good.iterdir() if file.is_file()}
+    spoil(masks, images)
+    evaluate(masks, status=2)
+    shown = capsys.readouterr()
+    assert "1 missing, 2 unreadable, 1 wrong size, 1 unclear, 1 twice, 3 extra; all of them in" in shown.err
+    assert shown.err.count("\n") == 1
+    assert "6 of 12 images have a usable mask" in shown.out
+    (listed,) = (tmp_path / "refusals").rglob("predictions.json")
+    report = json.loads(listed.read_text())
+    faults = {kind: [fault["place"] for fault in faults] for kind, faults in report["faults"].items()}
+    keys = [f"{image.place}/{image.timestamp_ns}" for image in images]
+    assert faults == {
+        "missing": [keys[0]],
+        "unreadable": sorted([f"{keys[1]}.png", f"{keys[4]}.png"]),
+        "wrong size": [f"{keys[2]}.png"],
+        "unclear": [f"{keys[3]}.png"],
+        "twice": [keys[5]],
+        "extra": ["crosing/front/" + keys[0].split("/")[-1] + ".png", f"{images[0].place}/77.png", "notes.txt"],
+    }
+    assert "expected 320 x 240 px, or a whole fraction or multiple of it, got 100 x 100" in json.dumps(report)
+    assert f"no image 77 of {images[0].place}; the other names were read as times" in json.dumps(report)
+    assert {file.name: file.read_bytes() for file in good.iterdir() if file.is_file()} == before
+
+
+def test_skip_leaves_missing_images_unscored_and_faulty_ones_failed(evaluate, images, masks, tmp_path):
+    spoil(masks, images)
+    run = evaluate(masks, "--missing", "skip", status=2)
+    summary = read_run(run).summary
+    assert (summary.images.evaluated, summary.images.skipped, summary.images.failed) == (6, 1, 5)
+    assert summary.all_moving.iou.value == 1.0
+    assert sum(f"{images[1].place}/{images[1].timestamp_ns}.png" in failure for failure in summary.failures) == 1
+    assert len(json.loads((run / "paper-v1" / "predictions.json").read_text())["faults"]["extra"]) == 3
+
+
+def test_empty_counts_missing_images_as_nothing(evaluate, images, masks):
+    for image in images[:3]:
+        (masks / image.place / f"{image.timestamp_ns}.png").unlink()
+    summary = read_run(evaluate(masks, "--missing", "empty")).summary
+    assert (summary.images.evaluated, summary.images.failed) == (12, 0)
+    assert (summary.all_moving.detection_rate.value, summary.all_moving.tpr.value) == (9 / 12, 1.0)
+    run = read_run(evaluate(masks, "--missing", "skip"))
+    skipped = run.summary
+    assert (skipped.images.evaluated, skipped.images.skipped, skipped.failures) == (9, 3, ())
+    assert run.manifest.method.settings["missing"] == "skip"
+
+
+def test_files_beside_the_run_are_neither_written_nor_removed(evaluate, masks, images, tmp_path, capsys):
+    mine = tmp_path / "run-predictions.json"
+    mine.write_text("the user's own")
+    evaluate(masks)
+    (masks / images[0].place / f"{images[0].timestamp_ns}.png").unlink()
+    before = {path.name for path in tmp_path.iterdir()}
+    evaluate(masks, status=2)
+    assert "1 missing; all of them in" in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == before
+    assert mine.read_text() == "the user's own"
+
+
+def test_indices_from_1_are_refused_whatever_is_missing(evaluate, images, tmp_path, capsys):
+    for image in images:
+        write_map(tmp_path / "from-1", image.place, image.frame + 1, image.moving)
+    for policy in ("error", "skip", "empty"):
+        assert not evaluate(tmp_path / "from-1", "--missing", policy, status=2).exists()
+        assert "frame numbers from 0 to 4, got 2 to 5, which seem to count from 1" in capsys.readouterr().err
+
+
+def test_a_file_more_is_refused_unless_images_may_be_missing(evaluate, images, masks, tmp_path, capsys):
+    write_map(masks, images[0].place, 99, images[0].moving)
+    assert not evaluate(masks, status=2).exists()
+    shown = capsys.readouterr()
+    assert "1 extra; all of them in" in shown.err
+    assert "the other names were read as times" in " ".join(shown.out.split())
+    assert evaluate(masks, "--missing", "skip").exists()
+
+
+def test_another_run_takes_the_list_of_predictions_away(evaluate, masks, monkeypatch, tiny_card):
+    run = evaluate(masks)
+    assert (run / "paper-v1" / "predictions.json").exists()
+    assert call(monkeypatch, "run", tiny_card, "--method", "nothing", "--out", run, "--no-pictures", "--overwrite") == 0
+    assert not (run / "paper-v1" / "predictions.json").exists()
+
+
+def test_a_split_needs_its_own_predictions_only(evaluate, images, masks, tmp_path):
+    run = evaluate(masks, "--split", "moving")
+    assert read_run(run).summary.images.evaluated == 8
+    report = json.loads((run / "paper-v1" / "predictions.json").read_text())
+    assert (report["expected"], report["elsewhere"], report["faults"]["extra"]) == (8, 4, [])
+    shutil.rmtree(masks / "standing")
+    evaluate(masks, "--split", "moving")
+    evaluate(masks, status=2)
+
+
+def probability(image) -> np.ndarray:
+    """The likelihood as a score: the paper's threshold lies at one half."""
+    odds = image.likelihood.astype(np.float64) / 6e-4
+    return odds / (1 + odds)
+
+
+def test_scores_give_figures_over_all_thresholds(evaluate, images, tmp_path, capsys):
+    sixteen = write_maps(tmp_path / "p", images, lambda image: np.round(65535 * probability(image)).astype(np.uint16))
+    run = evaluate(sixteen, out="a", tables=True)
+    summary = read_run(run).summary
+    assert read_run(run).manifest.method.settings["threshold"] == 0.5
+    free = summary.threshold_free
+    assert "Over all thresholds: AUPRC" in capsys.readouterr().out
+    assert "Over all thresholds: AUPRC" in (run / "paper-v1" / "table.md").read_text()
+    auprc, fpr95 = by_pixel(images, lambda image: np.round(65535 * probability(image)))
+    assert free.auprc_bounds[0] <= auprc <= free.auprc_bounds[1]
+    assert free.fpr95_bounds[0] <= fpr95 <= free.fpr95_bounds[1]
+    assert free.auprc.value == pytest.approx(auprc, abs=0.02)
+    assert free.fpr95.value == pytest.approx(fpr95, abs=0.05)
+    assert free.images == 12
+    for image in images:
+        (tmp_path / "q" / image.place).mkdir(parents=True, exist_ok=True)
+        np.savez(tmp_path / "q" / image.place / f"{image.timestamp_ns}.npz", score=probability(image))
+    exact = evaluate(tmp_path / "q", out="b")
+    assert read_run(exact).summary.threshold_free.auprc.value == pytest.approx(free.auprc.value, abs=2e-3)
+    other = evaluate(tmp_path / "q", "--threshold", "0.9", out="c")
+    assert read_run(other).summary.threshold_free == read_run(exact).summary.threshold_free
+    assert (
+        read_run(other).summary.false_positives.coverage.value < read_run(exact).summary.false_positives.coverage.value
+    )
+
+
+def by_pixel(images, values_of) -> tuple[float, float]:
+    """Both figures from every pixel by itself."""
+    positive, negative = [], []
+    for image in images:
+        values = np.kron(values_of(image), np.ones((5, 5)))
+        positive.append(values[image.reference.labels > 0])
+        outside = image.reference.valid & (image.reference.labels == 0) & ~image.reference.ignored
+        negative.append(values[outside])
+    thresholds = np.unique(np.concatenate(positive))[::-1]
+    tp, fp = (
+        len(v) - np.searchsorted(np.sort(v), thresholds, side="left")
+        for v in (np.concatenate(positive), np.concatenate(negative))
+    )
+    recall = tp / tp[-1]
+    area = np.sum(tp / (tp + fp) * np.diff(np.concatenate([[0.0], recall])))
+    return float(area), float(fp[np.argmax(recall >= 0.95)] / sum(map(len, negative)))
+
+
+def test_a_run_of_a_method_with_a_likelihood_has_them_too(monkeypatch, tiny_card, tmp_path):
+    assert call(monkeypatch, "run", tiny_card, "--out", tmp_path / "a", "--no-pictures") == 0
+    assert read_run(tmp_path / "a").summary.threshold_free.images == 12
+    assert call(monkeypatch, "run", tiny_card, "--method", "nothing", "--out", tmp_path / "b", "--no-pictures") == 0
+    assert read_run(tmp_path / "b").summary.threshold_free is None
+
+
+def test_missing_scores_may_count_as_empty(evaluate, images, tmp_path):
+    folder = write_maps(tmp_path / "p", images, lambda image: image.moving.astype(np.uint16) * 257)
+    assert read_run(evaluate(folder)).summary.threshold_free.auprc.value == 1.0
+    assert read_run(evaluate(folder)).summary.threshold_free.fpr95.value == 0.0
+    (folder / images[0].place / f"{images[0].timestamp_ns}.png").unlink()
+    found = read_run(evaluate(folder, "--missing", "empty")).summary.threshold_free
+    assert found.images == 12
+    assert 0.0 < found.auprc.value < 1.0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--threshold", "0.3"), "threshold: expected none for masks, got 0.3"),
+        (("--threshold", "1"), "threshold: expected a number in [0, 1), got 1.0"),
+        (("--history", "0"), "history: expected 1 or more, got 0"),
+        (("--name", "spherical"), "--name: expected another name than those of methods, got 'spherical'"),
+        (("--split", "test"), "known are all, crossing, moving"),
+    ],
+)
+def test_mistakes_of_the_call_are_one_clear_line(evaluate, masks, capsys, words, message):
+    assert not evaluate(masks, *words, status=2).exists()
+    shown = capsys.readouterr().err
+    assert message in shown
+    assert shown.count("\n") == 1
+
+
+def test_folders_that_are_no_predictions(evaluate, images, masks, tmp_path, capsys):
+    evaluate(tmp_path / "nowhere", status=2)
+    assert "expected a folder of predictions, got no such folder" in capsys.readouterr().err
+    (tmp_path / "empty").mkdir()
+    evaluate(tmp_path / "empty", "--missing", "empty", status=2)
+    assert f"such as {images[0].place}/{images[0].timestamp_ns}.png, got no file" in capsys.readouterr().err
+    evaluate(masks / "crossing", "--missing", "empty", status=2)
+    assert "4 files and none of them does, the first front/" in capsys.readouterr().err
+
+
+def test_instances_as_scores_are_refused_or_doubted_and_an_empty_folder_is_said(evaluate, images, tmp_path, capsys):
+    folder = write_maps(tmp_path / "p", images, lambda image: (image.moving > 0).astype(np.uint16) * 2001)
+    (folder / "predictions.yaml").unlink()
+    evaluate(folder, status=2)
+    assert "12 unclear" in capsys.readouterr().err
+    (folder / "predictions.yaml").write_text("sixteen_bits: score\n")
+    write_map(folder, images[0].place, images[0].timestamp_ns, (images[0].moving > 0).astype(np.uint16) * 40000)
+    evaluate(folder)
+    assert "warning: 16-bit scores of 3 values alone (the values 0, 2001, 40000)" in capsys.readouterr().out
+    evaluate(write_maps(tmp_path / "q", images, lambda image: image.moving.astype(np.uint8) * 0))
+    assert "warning: 12 predictions, none of which marks anything" in capsys.readouterr().out
+
+
+def test_masks_among_scores_and_scores_of_8_bits_are_refused(evaluate, images, masks, tmp_path, capsys):
+    first = images[0]
+    write_map(masks, first.place, first.timestamp_ns, first.moving.astype(np.uint16) * 257)
+    evaluate(masks, status=2)
+    assert "expected masks only or scores only, got both" in capsys.readouterr().err
+    folder = write_maps(tmp_path / "p", images, lambda image: image.moving.astype(np.uint16))
+    evaluate(folder, status=2)
+    assert "expected 16-bit scores of 0 to 65535, got 255 as the largest of all" in capsys.readouterr().err
+
+
+def test_links_that_lead_outside_are_not_followed(evaluate, images, masks, tmp_path):
+    first, second, *_ = images
+    file = masks / first.place / f"{first.timestamp_ns}.png"
+    file.rename(tmp_path / "secret.png")
+    file.symlink_to(tmp_path / "secret.png")
+    shutil.move(masks / "standing", tmp_path / "elsewhere")
+    (masks / "standing").symlink_to(tmp_path / "elsewhere")
+    (masks / second.place / f"{second.timestamp_ns}.png").unlink()
+    (masks / second.place / f"{second.timestamp_ns}.png").symlink_to(f"{images[2].timestamp_ns}.png")
+    run = evaluate(masks, "--missing", "skip")
+    report = json.loads((run / "paper-v1" / "predictions.json").read_text())
+    assert report["usable"] == 7  # the link inside the folder is one of them
+    reasons = {fault["place"]: fault["reason"] for fault in report["faults"]["extra"]}
+    assert reasons == {
+        f"{first.place}/{first.timestamp_ns}.png": "a link that leads outside, which is not read",
+        "standing": "a link to a folder, which is not followed",
+    }
+
+
+def test_a_name_in_a_list_is_never_a_path(evaluate, images, masks, tmp_path):
+    shutil.rmtree(masks / "crossing")
+    own = [image for image in images if image.recording == "crossing"]
+    entries = [entry(image, image.moving) for image in own]
+    entries.append({"image": "../../../etc/passwd", "segmentation": None})
+    (masks / "crossing").mkdir()
+    (masks / "crossing" / f"{CAMERA}.json").write_text(json.dumps(entries))
+    run = evaluate(masks, "--missing", "skip")
+    (extra,) = json.loads((run / "paper-v1" / "predictions.json").read_text())["faults"]["extra"]
+    assert extra["reason"] == "no image ../../../etc/passwd of crossing/front"
+
+
+def test_images_are_not_read_for_masks(evaluate, masks, tiny_card, tmp_path):
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
+    card = folder / tiny_card.name
+    without_scenario(card)
+    for handle in open_dataset(load_card(str(card))):
+        for image in handle.open().images[CAMERA]:
+            image.path.write_bytes(b"")
+    summary = read_run(evaluate(masks, card=card)).summary
+    assert (summary.images.evaluated, summary.all_moving.iou.value) == (12, 1.0)
+
+
+@pytest.mark.usefixtures("without_charts")
+def test_pictures_and_the_page_come_from_the_same_files(monkeypatch, tiny_card, images, masks, tmp_path, capsys):
+    run = tmp_path / "run"
+    words = ("evaluate", tiny_card, "--predictions", masks, "--out", run, "--name", "a network/v2")
+    assert call(monkeypatch, *words) == 0
+    assert (run / "paper-v1" / "pictures" / "crossing" / "overlay.png").exists()
+    assert read_run(run).manifest.method.name == "a network/v2"
+    capsys.readouterr()
+    assert call(monkeypatch, "report", run) == 0
+    assert "pictures missing" not in capsys.readouterr().out
+    before = (run / "paper-v1" / "index.html").read_bytes()
+    write_map(masks, images[0].place, images[0].timestamp_ns, images[0].moving * 0)
+    assert call(monkeypatch, "report", run) == 0
+    assert (run / "paper-v1" / "index.html").read_bytes() == before, "what was scored is drawn"
+
+
+def test_the_fingerprint_is_of_the_content_not_of_the_names(evaluate, images, masks, tmp_path):
+    by_time = read_run(evaluate(masks, out="a")).manifest.method.settings["digest"]
+    for image in images:
+        write_map(tmp_path / "frames", image.place, image.frame, image.moving)
+    assert read_run(evaluate(tmp_path / "frames", out="b")).manifest.method.settings["digest"] == by_time
+    write_map(tmp_path / "frames", images[0].place, images[0].frame, images[0].moving * 0)
+    assert read_run(evaluate(tmp_path / "frames", out="b")).manifest.method.settings["digest"] != by_time
+
+
+def test_excluded_images_and_gaps_ask_for_no_prediction(evaluate, images, masks, tiny_card, tmp_path):
+    exclusions = """
+exclusions:
+  - {recording: standing, reason: stands}
+  - {recording: crossing, reason: starts late, frames: [0, 0]}
+  - {recording: overtaking, reason: a hole, frames: [2, 2]}
+"""
+    card = card_of(tiny_card, tmp_path / "excluding.yaml", more=exclusions)
+    run = evaluate(masks, card=card, out="times")
+    report = json.loads((run / "paper-v1" / "predictions.json").read_text())
+    # crossing 2, 3, 4 and overtaking 1, 4; 3 comes after the hole.
+    assert (report["expected"], report["usable"], report["unscored"], report["elsewhere"]) == (5, 5, 3, 4)
+    assert (report["faults"]["extra"], read_run(run).summary.all_moving.iou.value) == ([], 1.0)
+    assert read_run(run).summary.images.evaluated == 5
+    # Frame numbers are those of the data set, whatever the card leaves out.
+    for image in images:
+        write_map(tmp_path / "frames", image.place, image.frame, image.moving)
+    assert counts_of(evaluate(tmp_path / "frames", card=card, out="by-frame")) == counts_of(run)
+
+
+def test_what_predictions_were_made_of_is_not_rendered_anew(evaluate, masks, tiny_card, tmp_path):
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
+    drives = sorted(mark.parent for mark in (folder / "data" / "tiny").glob("*/recording.json"))
+    for drive in drives:  # as after a change of the renderer
+        (drive / "synthesis.json").write_text("{}")
+    evaluate(masks, card=folder / tiny_card.name)
+    assert [(drive / "synthesis.json").read_text() for drive in drives] == ["{}"] * 3

@@ -1,0 +1,179 @@
+"""`view`: single frames, spans, a time, videos and logs for the viewer."""
+
+import shutil
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bench.commands.view import chosen_frames
+from bench.errors import UsageError
+from bench.recordings import ImageRef
+from tests.support import planting
+from tests.support.commands import call, error_line
+from tests.validation import drive
+
+
+def turn_camera(head, degrees):
+    mounting = head["cameras"]["front"]["vehicle_from_camera"]
+    turned = Rotation.from_euler("z", degrees, degrees=True) * Rotation.from_quat(
+        mounting["quaternion_wxyz"], scalar_first=True
+    )
+    mounting["quaternion_wxyz"] = turned.as_quat(scalar_first=True).tolist()
+
+
+@pytest.fixture(scope="module")
+def card(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("street")
+    drive.write_drive(folder / "data" / "drive")
+    (folder / "street.yaml").write_text("name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\n")
+    return folder / "street.yaml"
+
+
+def pictures_of(path):
+    film = cv2.VideoCapture(str(path))
+    pictures = []
+    while True:
+        well, picture = film.read()
+        if not well:
+            return pictures
+        pictures.append(picture)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".webm", ".avi"])
+def test_a_video_of_some_frames(monkeypatch, capsys, card, tmp_path, suffix):
+    out = tmp_path / "films" / f"v{suffix}"
+    assert call(monkeypatch, "view", card, "--video", out, "--frames", "4:10:2") == 0
+    assert capsys.readouterr().out.split() == [str(out)]
+    pictures = pictures_of(out)
+    assert len(pictures) == 4
+    assert pictures[0].shape[1] == 640
+    assert len({picture.tobytes() for picture in pictures}) == 4
+    assert [path.name for path in out.parent.iterdir()] == [out.name]
+
+
+def test_a_video_of_all_frames_with_and_without_lidar(monkeypatch, card, tmp_path):
+    for words, name in (((), "with.avi"), (("--no-lidar",), "without.avi")):
+        assert call(monkeypatch, "view", card, "--video", tmp_path / name, "--method", "spherical", *words) == 0
+    one, other = pictures_of(tmp_path / "with.avi"), pictures_of(tmp_path / "without.avi")
+    assert len(one) == len(other) >= drive.IMAGES - 3
+    differs = np.abs(one[5].astype(int) - other[5].astype(int)).max(axis=2) > 60
+    assert 50 < differs.sum() < differs.size / 4  # points, not areas
+
+
+def test_pictures_of_several_frames_lie_in_folders_named_by_their_image(monkeypatch, card, tmp_path):
+    assert call(monkeypatch, "view", card, "--method", "spherical", "--frames", "5:6", "--out", tmp_path / "p") == 0
+    stems = [file.stem for file in sorted((card.parent / "data/drive").rglob("front/*.png"))]
+    names = [f"{index:06d}-{stems[index]}" for index in (5, 6)]
+    assert sorted(path.name for path in (tmp_path / "p").iterdir()) == names
+    for name in names:
+        assert (tmp_path / "p" / name / "overlay.png").read_bytes().startswith(b"\x89PNG")
+    monkeypatch.chdir(tmp_path)
+    assert call(monkeypatch, "view", card, "--frame", 5) == 0
+    shown = {path.name for path in (tmp_path / "reports/runs/view/drive-front" / names[0]).iterdir()}
+    assert "reference.png" in shown
+    assert not shown & {"panels.png", "areas.png", "overlay.png"}, "no method was asked for"
+
+
+def test_a_frame_by_its_time(monkeypatch, capsys, card, tmp_path):
+    time_ns = drive.START_NS + 7 * drive.IMAGE_NS + 1_000_000
+    assert call(monkeypatch, "view", card, "--time-ns", time_ns, "--out", tmp_path / "a") == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[:2] == ["vehicle 'parked': does not move", "pedestrian 'walker': ignored, polygon too small"]
+    assert call(monkeypatch, "view", card, "--frame", 7, "--out", tmp_path / "b") == 0
+    assert (tmp_path / "a" / "reference.png").read_bytes() == (tmp_path / "b" / "reference.png").read_bytes()
+
+
+def test_a_log_for_the_viewer(monkeypatch, card, tmp_path):
+    pytest.importorskip("rerun")
+    out = tmp_path / "v.rrd"
+    assert call(monkeypatch, "view", card, "--rrd", out, "--frames", "4:6") == 0
+    content = out.read_bytes()
+    assert content.startswith(b"RRF")
+    for name in (b"/world/lidar", b"/world/objects", b"/world/vehicle", b"/world/path", b"/images/front"):
+        assert name in content
+    assert [path.name for path in tmp_path.iterdir()] == ["v.rrd"]
+
+
+def test_without_the_viewer_the_message_says_what_to_install(monkeypatch, capsys, card, tmp_path):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert call(monkeypatch, "view", card, "--rrd", tmp_path / "v.rrd") == 2
+    assert "install it: pip install 'fisheye-bench[viewer]'" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_calibration_of_each_camera_without_annotations(monkeypatch, tmp_path):
+    """Where the lidar's wall meets the image's moves with a camera that is turned in the head alone."""
+    root = drive.write_drive(tmp_path / "data" / "drive")
+    (root / "annotations.json").unlink()
+    (tmp_path / "card.yaml").write_text("name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\n")
+    pictures = []
+    for name, turn_deg in (("as-it-is", 0.0), ("turned", 10.0)):
+        planting.change_head(root, lambda head, turn_deg=turn_deg: turn_camera(head, turn_deg))
+        assert call(monkeypatch, "view", tmp_path / "card.yaml", "--calibration", "--out", tmp_path / name) == 0
+        (file,) = (tmp_path / name).rglob("*.png")
+        assert file.parent.parent.name == "drive-front"
+        assert file.name == "calibration.png"
+        pictures.append(cv2.imread(str(file)).astype(int))
+    differs = np.abs(pictures[0] - pictures[1]).max(axis=2) > 40
+    height, width = differs.shape
+    assert differs[: height // 2].mean() > 0.01  # lidar
+    assert differs[height // 2 :, width // 2 :].mean() > 0.002  # horizon and road
+
+
+def test_the_calibration_without_lidar(monkeypatch, tmp_path):
+    root = drive.write_drive(tmp_path / "data" / "drive")
+    shutil.rmtree(root / "lidar")
+    (root / "annotations.json").unlink()
+    (tmp_path / "card.yaml").write_text("name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\n")
+    assert call(monkeypatch, "view", tmp_path / "card.yaml", "--calibration", "--out", tmp_path / "p") == 0
+    assert len(list((tmp_path / "p").rglob("calibration.png"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--calibration", "--video", "OUT.mp4"), "--video: expected none with --calibration"),
+        (("--video", "OUT.gif"), "expected a file *.mp4, *.webm, *.avi"),
+        (("--rrd", "OUT.txt"), "expected a file *.rrd"),
+        (("--frame", "5", "--frames", "5:6"), "expected one of --frame, --frames and --time-ns"),
+        (("--frames", "5-6"), "expected FIRST:LAST or FIRST:LAST:STEP"),
+        (("--frames", "9:5"), "expected indices from"),
+        (("--frames", "5:24"), "expected indices from"),
+        (("--time-ns", "5"), "--time-ns: expected a time from"),
+    ],
+)
+def test_mistakes_are_one_clear_line_and_leave_nothing(monkeypatch, capsys, card, tmp_path, words, message):
+    if words[0] == "--rrd":
+        pytest.importorskip("rerun")
+    named = [word.replace("OUT", str(tmp_path / "out")) for word in words]
+    assert message in error_line(monkeypatch, capsys, "view", card, *named)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_codec_that_is_missing_is_told(monkeypatch, capsys, card, tmp_path):
+    monkeypatch.setattr(cv2.VideoWriter, "isOpened", lambda _: False)
+    assert call(monkeypatch, "view", card, "--video", tmp_path / "v.mp4", "--frames", "4:5") == 2
+    shown = capsys.readouterr().err
+    assert "expected a codec for .mp4 in this OpenCV, got none (mp4v); try another of .mp4, .webm, .avi" in shown
+    assert not list(tmp_path.iterdir())
+
+
+def test_choices_of_frames(tmp_path):
+    images = tuple(ImageRef(camera="c", timestamp_ns=100 * i, path=tmp_path) for i in range(10))
+
+    def chosen(**given):
+        options = {"history": 1, "frame": None, "frames": None, "time_ns": None, "all_without": False} | given
+        return list(chosen_frames(images, **options))
+
+    assert chosen() == [5]
+    assert chosen(all_without=True) == list(range(1, 10))
+    assert chosen(frame=9) == [9]
+    assert chosen(frames=":3") == [1, 2, 3]
+    assert chosen(frames="7:") == [7, 8, 9]
+    assert chosen(frames="1:9:4") == [1, 5, 9]
+    assert chosen(time_ns=449) == [4]
+    with pytest.raises(UsageError, match="expected more than 12 images"):
+        chosen(history=12)

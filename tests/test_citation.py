@@ -1,0 +1,26 @@
+"""CITATION.cff and the BibTeX of the docs name the paper and this software as the package does."""
+
+from pathlib import Path
+
+import yaml
+
+import bench
+from bench.evaluation import published
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_file_for_code_hosts_names_the_paper_and_this_version():
+    stated = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    paper = stated["preferred-citation"]
+    assert (paper["title"], paper["year"]) == (published.TITLE, published.YEAR)
+    authors = tuple((author["family-names"], author["given-names"]) for author in paper["authors"])
+    assert authors == published.AUTHORS
+    assert stated["version"] == bench.__version__
+
+
+def test_the_bibtex_names_the_same():
+    page = (ROOT / "docs/results.md").read_text("utf-8")
+    assert f"{{{{{published.TITLE}}}}}" in page
+    assert f"year = {{{published.YEAR}}}" in page
+    assert f"Version {bench.__version__}, Apache License 2.0" in page
