@@ -74,7 +74,7 @@ def run_cost(card: Path, *options: object) -> RunCost:
         out, start = Path(folder) / "run", time.perf_counter()
         subprocess.run(command(card, out, *options), check=True, stdout=subprocess.DEVNULL)
         seconds = time.perf_counter() - start
-        made = json.loads((out / "summary.json").read_text())["provenance"]
+        made = json.loads((out / "paper-v1" / "summary.json").read_text())["provenance"]
         own_s, workers_s = json.loads(out.with_suffix(".cost").read_text())
         return RunCost(
             seconds=seconds, own_cpu_s=own_s, workers_cpu_s=workers_s, images=made["images"],
