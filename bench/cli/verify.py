@@ -14,7 +14,8 @@ from bench.cli.progress import progress_bar
 def verify(
     run: options.StoredRun,
     data: Annotated[
-        str | None, typer.Option(metavar="CARD", help="The data set; default: the card that the run names.")
+        str | None,
+        typer.Option(metavar="CARD", help="Your copy of the data; default: the card of this name that ships."),
     ] = None,
     workers: options.Workers = None,
 ) -> None:
@@ -23,12 +24,13 @@ def verify(
     Exits with 0 where nothing does, and your leaderboards call the run verified; with 1 where something differs.
     """
     from bench.api.runs import load_run, run_folder
-    from bench.api.verify import verify
+    from bench.api.verify import card_to_verify, verify
     from bench.cli.request import rendered_card, worker_processes
 
     folder = run_folder(run)
-    dataset = load_run(folder).manifest.dataset
-    card = rendered_card(data or dataset.card, dataset.split)
+    card = card_to_verify(folder, data)
+    say(f"data: card {card.file}, root {card.root}")
+    card = rendered_card(card, load_run(folder).manifest.dataset.split)
     with progress_bar(f"counting {folder.name} again", "images") as progress:
         found = verify(folder, card, workers=worker_processes(workers), progress=progress)
     for line in found.differences:
