@@ -67,7 +67,7 @@ def evaluate(
         found = check_predictions(card, method=method, progress=report)
     if (table := prediction_table(found)) is not None:
         show([table])
-    note(prediction_line(found))
+    note(prediction_line(found, threshold=method.threshold))
     for doubt in found.doubts:
         note(f"warning: {doubt}")
     refuse_unfit(card, method, found)

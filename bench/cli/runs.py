@@ -11,7 +11,7 @@ from bench.cli.progress import progress_bar, resumable
 from bench.harness import Provenance, RunRequest, StoredRun
 from bench.harness.run import Finish
 from bench.reporting.tables import terminal_report
-from bench.reporting.totals import cost_lines, nothing_scored, total_lines
+from bench.reporting.totals import cost_lines, nothing_scored, odd_masks, total_lines
 from bench.validation import ValidationReport
 
 
@@ -49,8 +49,8 @@ def score(
 def _print(run: StoredRun, report: RunReport) -> None:
     """Print the table, what became of the images, the cost, and where everything is."""
     summary = run.summary
-    if nothing := nothing_scored(summary):
-        say(nothing, style="bold red")
+    for warning in filter(None, (odd_masks(run), nothing_scored(summary))):
+        say(warning, style="bold red")
     show(terminal_report(report.rows, title=f"{run.manifest.title}, beside the paper, in percent"))
     for line in total_lines(summary, run.protocol):
         note(line)
