@@ -49,15 +49,19 @@ def nothing_scored(summary: RunSummary) -> str:
 def odd_masks(run: StoredRun) -> str:
     """Warn of a run whose masks are all empty, or all fill more than half of the valid pixels; "" otherwise."""
     shares = pd.concat(
-        (rows["detected_px"] / rows["valid_px"])[rows["status"].isin([EVALUATED, NOT_ANNOTATED]) & (rows["valid_px"] > 0)]
+        (rows["detected_px"] / rows["valid_px"])[
+            rows["status"].isin([EVALUATED, NOT_ANNOTATED]) & (rows["valid_px"] > 0)
+        ]
         for rows in read_parts(run.frames, ["status", "detected_px", "valid_px"])
     )
-    if shares.empty or shares.max() > 0 and shares.min() <= FILLED:
+    if shares.empty or (shares.max() > 0 and shares.min() <= FILLED):
         return ""
     if shares.max() > 0:
         what = f"each of the {len(shares)} masks marks more than half of the valid pixels; an inverted mask does that"
     else:
-        what = f"none of the {len(shares)} masks marks anything; scores below the threshold, or of another scale, do that"
+        what = (
+            f"none of the {len(shares)} masks marks anything; scores below the threshold, or of another scale, do that"
+        )
     return f"{what}: see `fisheye-bench view`"
 
 

@@ -32,7 +32,9 @@ def run(tiny_card, tmp_path_factory) -> Path:
     return out
 
 
-def test_a_run_as_it_was_stored_is_equal_and_called_verified_by_whoever_did_it(run, tiny_card, tmp_path, monkeypatch, capsys):
+def test_a_run_as_it_was_stored_is_equal_and_called_verified_by_whoever_did_it(
+    run, tiny_card, tmp_path, monkeypatch, capsys
+):
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "mine"))
     copied = shutil.copytree(run, tmp_path / "runs" / "copied")
     before = sorted(file.name for file in copied.rglob("*"))
