@@ -3,7 +3,6 @@
 import pytest
 
 from bench.harness import read_run, read_tables
-from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS
 from tests.harness.misbehaving import FAULTS, Misbehaving
 from tests.support.runs import score
 from tests.support.troubled_runs import call
@@ -26,18 +25,17 @@ FAULTY = {
     "exits": "SystemExit: 0",
     "change_valid": "ValueError: output array is read-only",
     "change_image": "ValueError: assignment destination is read-only",
-    "leave_cache": "name of a cached step: expected up to 64 lower-case letters",
     "bench_error": "threshold",
 }
 
 
 def test_every_fault_is_tried():
-    assert FAULTY.keys() == FAULTS.keys() - {"none", "force_valid"}
+    assert FAULTY.keys() == FAULTS.keys() - {"none", "force_valid", "change_later", "go_away"}
 
 
 @pytest.mark.parametrize("fault", FAULTY)
 def test_a_fault_fails_its_image_and_names_method_recording_and_image(tiny_card, tmp_path, fault):
-    summary = score(tiny_card, tmp_path / "run", method=Misbehaving(fault=fault), cache=tmp_path / "cache")
+    summary = score(tiny_card, tmp_path / "run", method=Misbehaving(fault=fault))
     assert summary.images.failed == summary.images.images > 0
     assert summary.images.evaluated == 0
     assert summary.objects.evaluated == 0
@@ -64,24 +62,27 @@ def test_the_command_ends_with_2(tiny_card, tmp_path, fault):
     done = call(tiny_card, out, "--method", place, "--set", f"fault={fault}", "--workers", "2")
     assert done.returncode == 2, done.stdout + done.stderr
     assert f"misbehaving-{fault}" in done.stdout + done.stderr
-    assert (out / "summary.json").exists(), done.stdout + done.stderr
+    assert (out / "paper-v1" / "summary.json").exists(), done.stdout + done.stderr
     assert read_run(out).summary.images.evaluated == 0
 
 
+@pytest.mark.parametrize("fault", ["change_later", "go_away"])
+def test_what_a_method_does_after_or_beside_its_answer_changes_no_score(tiny_card, tmp_path, monkeypatch, fault):
+    monkeypatch.chdir(tiny_card.parent)  # so that paths of the data are relative ones
+    calm, other = (score(tiny_card.name, tmp_path / name, method=Misbehaving(fault=name)) for name in ("none", fault))
+    assert (other.all_moving, other.false_positives) == (calm.all_moving, calm.false_positives)
+    assert other.failures == ()
+
+
 def test_a_method_cannot_change_what_it_is_scored_against(tiny_card, tmp_path):
-    """Nor poison the cache for others: the reference and the figures are those of a method that changes nothing."""
-    cache = tmp_path / "cache"
-    calm = score(tiny_card, tmp_path / "calm", method=Misbehaving(fault="none"))
-    forced = score(tiny_card, tmp_path / "forced", method=Misbehaving(fault="force_valid"), cache=cache)
-    assert read_run(tmp_path / "forced").manifest.reference == read_run(tmp_path / "calm").manifest.reference
-    assert forced.categories == calm.categories
-    assert forced.false_positives == calm.false_positives
-    later, clean = tmp_path / "later", tmp_path / "clean"
-    assert score(tiny_card, later, cache=cache).provenance.work.steps_found
-    score(tiny_card, clean)
-    for (one, other), columns in zip(
-        zip(read_tables(later), read_tables(clean), strict=True), (REFERENCE_OF_OBJECTS, REFERENCE_OF_FRAMES),
-        strict=True,
-    ):  # fmt: skip
-        assert one.equals(other)
-        assert one.select(list(columns)).num_rows
+    """Nor what others find: the reference and the metrics are those of a method that changes nothing."""
+    names = ("none", "force_valid", "none")
+    for number, name in enumerate(names):
+        score(tiny_card, tmp_path / str(number), method=Misbehaving(fault=name))
+    calm, forced, later = (read_run(tmp_path / str(number)) for number in range(len(names)))
+    assert forced.manifest.reference == calm.manifest.reference == later.manifest.reference
+    for other in (forced, later):
+        assert other.summary.categories == calm.summary.categories
+        assert other.summary.false_positives == calm.summary.false_positives
+        for one, changed in zip(read_tables(calm.folder), read_tables(other.folder), strict=True):
+            assert one.equals(changed)
