@@ -22,14 +22,14 @@ def croissant(
     """Describe a data set in the native format by Croissant, for catalogues and loaders of data sets."""
     from bench.api.croissant import DEMANDED, FILE, as_json
     from bench.api.croissant import croissant as description
-    from bench.atomic import write_text
+    from bench.atomic import write_output
     from bench.methods.settings import parse_settings
     from bench.recordings import load_card
 
     card = load_card(dataset)
     described = description(card, parse_settings(add, option="--add"))
     file = out or card.root / FILE
-    write_text(file, as_json(described))
+    write_output(file, as_json(described))
     say(str(file))
     if missing := [name for name in DEMANDED if name not in described]:
         note(f"catalogues also ask for {', '.join(missing)}; --add {missing[0]}=... writes it")

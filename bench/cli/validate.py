@@ -43,13 +43,13 @@ def validate(
 
 
 def _looks_right(dataset: str, *, split: str | None, deep: bool, errors_only: bool, json: Path | None) -> bool:
-    from bench.atomic import write_text
+    from bench.atomic import write_output
     from bench.cli.request import rendered_card
     from bench.validation import Severity
 
     report = show_findings(rendered_card(dataset, split, as_it_is=True), split, deep=deep)
     if json is not None:
-        write_text(json, report.as_json())
+        write_output(json, report.as_json())
         say(str(json))
     return not (report.count(Severity.ERROR) if errors_only else report.findings)
 
