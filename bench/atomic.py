@@ -6,6 +6,7 @@ All that commands write goes through here; what cannot be written is reported in
 from __future__ import annotations
 
 import errno
+import json
 import os
 import re
 import shutil
@@ -87,6 +88,52 @@ def write_text(path: Path, content: str) -> None:
         OutputError: it cannot be written.
     """
     write_bytes(path, content.encode(errors="backslashreplace"))
+
+
+def write_output(path: Path, content: str) -> None:
+    """Write a whole file that a user named or that lies in a folder that they named; see `refuse_foreign`.
+
+    Raises:
+        OutputError: it cannot be written, or another file is there.
+    """
+    refuse_foreign(path, content)
+    write_text(path, content)
+
+
+def refuse_foreign(path: Path, content: str = "") -> None:
+    """Refuse to replace a file that is no earlier form of what is to be written: whoever made it would lose it.
+
+    Args:
+        path: that is to be written.
+        content: of it; "" where nothing shows that a file is an earlier form.
+
+    Raises:
+        OutputError: another file is there.
+    """
+    if not path.is_file():
+        return
+    with path.open(encoding="utf-8", errors="replace") as file:
+        there = file.read(LARGEST_OUTPUT_CHARS)
+    if not content or _form(there) != _form(content):
+        got, hint = "a file that is there and is something else", "move it away, or name another place"
+        raise OutputError(path, got=got, hint=hint)
+
+
+LARGEST_OUTPUT_CHARS = 100_000_000
+
+
+def _form(text: str) -> object:
+    """What all files of a kind share: keys of JSON, the head of a page, the root of XML, the first column of CSV."""
+    if text.startswith("{"):
+        try:
+            return sorted(json.loads(text))
+        except (ValueError, RecursionError):
+            return None
+    if text.startswith("<!DOCTYPE"):
+        return text.partition("<title>")[0]
+    if text.startswith("<?xml"):
+        return re.findall(r"<\w+", text[:1000])[:1]
+    return re.split(r"[,\n]", text, maxsplit=1)[0]
 
 
 def open_regular(path: Path) -> BufferedReader:

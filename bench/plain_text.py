@@ -6,6 +6,7 @@ terminal, marks that turn the direction of writing, characters of no width, synt
 
 from __future__ import annotations
 
+import math
 import re
 import unicodedata
 from collections.abc import Sequence
@@ -26,6 +27,14 @@ def escape_markdown(text: str) -> str:
     escaped = re.sub(r"([\\`*|~$])", r"\\\1", plain(text)).replace("](", r"]\(")
     escaped = _UNDERSCORE_AT_EDGE.sub(r"\\_", escaped)
     return _TAG.sub("&lt;", _ENTITY.sub("&amp;", escaped))
+
+
+def parsed_number(text: str) -> float:
+    """A number as other programs write it; NaN for all else, such as `1_000`, which Python alone takes for one."""
+    try:
+        return math.nan if "_" in text else float(text)
+    except ValueError:
+        return math.nan
 
 
 def listed(names: Sequence[str], most: int = 5) -> str:

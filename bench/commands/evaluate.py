@@ -119,7 +119,7 @@ def evaluate(
         found = check_predictions(card, method=method, progress=report)
     if (table := prediction_table(found)) is not None:
         note_blocks([table])
-    note(prediction_line(found))
+    note(prediction_line(found, threshold=method.threshold))
     for doubt in found.doubts:
         note(f"warning: {doubt}")
     if refusal(method, found) is not None:

@@ -41,11 +41,11 @@ def score(
 def print_run(run: StoredRun, report: RunReport) -> None:
     """Print the table, what became of the images, the cost, and where everything is."""
     from bench.reporting.tables import terminal_report
-    from bench.reporting.totals import nothing_scored, total_lines
+    from bench.reporting.totals import nothing_scored, odd_masks, total_lines
 
     summary = run.summary
-    if nothing := nothing_scored(summary):
-        say(nothing, style="bold red")
+    for warning in filter(None, (odd_masks(run), nothing_scored(summary))):
+        say(warning, style="bold red")
     print_blocks(terminal_report(report.rows, title=f"{run.manifest.title}, beside the paper, in percent"))
     for line in total_lines(summary, run.protocol):
         note(line)

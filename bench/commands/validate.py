@@ -70,13 +70,13 @@ def command(
 
 
 def _looks_right(dataset: str, *, split: str | None, deep: bool, errors_only: bool, json: Path | None) -> bool:
-    from bench.atomic import write_text
+    from bench.atomic import write_output
     from bench.validation import Severity
 
     report = validate(dataset, split=split, deep=deep)
     print_findings(report)
     if json is not None:
-        write_text(json, report.as_json())
+        write_output(json, report.as_json())
         say(str(json))
     return not (report.count(Severity.ERROR) if errors_only else report.findings)
 

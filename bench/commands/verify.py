@@ -9,8 +9,9 @@ import typer
 
 from bench.commands import options
 from bench.commands.command import TEXT
-from bench.commands.console import say
+from bench.commands.console import note, say
 from bench.commands.progress import Report, progress_bar
+from bench.errors import UsageError
 
 if TYPE_CHECKING:
     from bench.harness.verify import Verification
@@ -21,7 +22,9 @@ def verify(
     run: options.StoredRun,
     dataset: Annotated[
         str | Path | DatasetCard | None,
-        typer.Option("--data", metavar="CARD", help="The data set; default: the card that the run names."),
+        typer.Option(
+            "--data", metavar="CARD", help="Your copy of the data; default: the card of this name that ships."
+        ),
         TEXT,
     ] = None,
     *,
@@ -34,7 +37,7 @@ def verify(
 
     Args:
         run: stored, or its folder.
-        dataset: card, by path or by name.
+        dataset: card, by path or by name; None for the one of the run's name that ships with the package.
         workers: processes, or an executor, that count.
         progress: called with the images done and their number.
 
@@ -44,6 +47,7 @@ def verify(
 
     Raises:
         UnknownNameError: no data set of this name.
+        UsageError: no `dataset`, and the run is of none that ships.
         DataError: a file of the run or of the data is missing or damaged.
     """
     from bench.api.datasets import as_executor
@@ -52,10 +56,40 @@ def verify(
     from bench.harness.verify import verify_run
 
     folder, executor = run_folder(run), as_executor(workers)
-    of_run = load_run(folder).manifest.dataset
-    card = rendered_card(of_run.card if dataset is None else dataset, of_run.split, executor=executor)
+    card = card_to_verify(folder, dataset)
+    note(f"data: card {card.file}, root {card.root}")
+    card = rendered_card(card, load_run(folder).manifest.dataset.split, executor=executor)
     with progress_bar(f"counting {folder.name} again", "images", progress) as report:
         return verify_run(folder, card, executor=executor, progress=report)
+
+
+def card_to_verify(run: Path, dataset: str | Path | DatasetCard | None) -> DatasetCard:
+    """The card by which a run is counted again; never one that only the run names.
+
+    Args:
+        run: its folder.
+        dataset: as of `verify`.
+
+    Raises:
+        UnknownNameError: no data set of this name.
+        UsageError: no `dataset`, and the run is of none that ships.
+        DataError: the card cannot be read.
+    """
+    from bench.api.datasets import as_card
+    from bench.api.runs import load_run
+    from bench.recordings import list_cards
+    from bench.recordings.cards import shipped_folder
+
+    if dataset is not None:
+        return as_card(dataset)
+    name = load_run(run).manifest.dataset.name
+    shipped = {card.name: card for card in list_cards(shipped_folder())}
+    if name not in shipped:
+        raise UsageError(
+            f"{run}: expected a run of a data set that ships with the package, got {name!r}; "
+            f"name the card of your own copy with --data"
+        )
+    return shipped[name]
 
 
 def show(found: Verification) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
@@ -17,12 +18,14 @@ from bench.egomotion.time_units import unit_hint
 from bench.egomotion.trajectory import SECOND_NS, Trajectory
 from bench.errors import DataError, refuse
 from bench.geometry import advance_twist
+from bench.plain_text import parsed_number
 
 if TYPE_CHECKING:
     import pandas as pd
 
 LARGEST_SIGNAL = 1e6  # m/s or rad/s; larger ones are no signals, and their sums no numbers
-REVERSE_GEARS = frozenset({"R", "REVERSE", "-1", "-1.0"})
+REVERSE_GEAR = re.compile(r"R[0-9]?|REV|REVERSE|-[0-9]+(\.0*)?")
+OTHER_GEAR = re.compile(r"[PNDSLMBE]?[0-9]*(\.0*)?|PARK|NEUTRAL|DRIVE|SPORT|LOW|MANUAL|NONE|UNKNOWN")
 LARGEST_TIME_NS = 2**63 - 1
 SIGNALS = ("speed_mps", "yaw_rate_radps")
 Source = str | Sequence[str] | float | None  # of a signal: its column, several whose mean is taken, or a constant
@@ -38,7 +41,7 @@ class BusSignals:
         speed_mps: (N,) float64, speed of the middle of the rear axle along x; negative backwards, or without sign where
             `gear` is known.
         yaw_rate_radps: (N,) float64, positive to the left.
-        gear: (N,) str, "R" or "-1" in reverse; None where the bus does not report it.
+        gear: (N,) str, "R" or a negative number in reverse; None where the bus does not report it.
     """
 
     source: str
@@ -69,11 +72,12 @@ def planar_trajectory(
         timestamps_ns: (N,) int64, strictly increasing, N >= 2.
         speed_mps: (N,) float64, negative backwards.
         yaw_rate_radps: (N,) float64, positive to the left.
-        gear: N gears; "R" or -1 is reverse, and the speed then counts backwards whatever its sign. None where the
-            speed has its sign.
+        gear: N gears; "R" or a negative number is reverse, and the speed then counts backwards whatever its sign. None
+            where the speed has its sign.
 
     Raises:
-        DataError: a value that is not finite, times that do not increase, or fewer than two samples.
+        DataError: a word that is no gear, a value that is not finite, times that do not increase, or fewer than two
+            samples.
     """
     columns = {"speed_mps": speed_mps, "yaw_rate_radps": yaw_rate_radps}
     for column, values in columns.items():
@@ -86,7 +90,9 @@ def planar_trajectory(
             row = int(np.abs(values).argmax())
             expected = f"at most {LARGEST_SIGNAL:g}"
             raise DataError(source, field=f"{column}, row {row + 1}", expected=expected, got=str(values[row]))
-    signed_mps = _signed(np.asarray(speed_mps, dtype=np.float64), gear)
+    signed_mps = np.asarray(speed_mps, dtype=np.float64)
+    if gear is not None:
+        signed_mps = np.where(_in_reverse(gear, source), -np.abs(signed_mps), signed_mps)
     steps_s = np.diff(timestamps_ns) / SECOND_NS
     advance_m, turn_rad = np.zeros((len(steps_s), 3)), np.zeros((len(steps_s), 3))
     advance_m[:, 0] = _interval_means(signed_mps) * steps_s
@@ -100,11 +106,18 @@ def planar_trajectory(
     return Trajectory(source=source, timestamps_ns=timestamps_ns, rotations=rotations, positions_m=positions_m)
 
 
-def _signed(speed_mps: NDArray[np.float64], gear: Sequence[str | int] | NDArray[Any] | None) -> NDArray[np.float64]:
-    if gear is None:
-        return speed_mps
-    reverse = np.array([str(g).strip().upper() in REVERSE_GEARS for g in gear], dtype=bool)
-    return np.where(reverse, -np.abs(speed_mps), speed_mps)
+def _in_reverse(gear: Sequence[str | int] | NDArray[Any], source: str) -> NDArray[np.bool_]:
+    """(N,) bool.
+
+    Raises:
+        DataError: a word that is no gear, and so perhaps reverse.
+    """
+    words = [str(one).strip().upper() for one in gear]
+    for row, word in enumerate(words, start=1):
+        if not (REVERSE_GEAR.fullmatch(word) or OTHER_GEAR.fullmatch(word)):
+            expected = "R or a negative number in reverse; P, N, D or another number otherwise"
+            raise DataError(source, field=f"gear, row {row}", expected=expected, got=repr(str(gear[row - 1])))
+    return np.array([REVERSE_GEAR.fullmatch(word) is not None for word in words], dtype=bool)
 
 
 def _interval_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -191,18 +204,12 @@ def _absent(path: Path, table: pd.DataFrame, name: str) -> DataError:
 
 
 def _whole(text: object) -> int | None:
-    try:
-        value = int(str(text))
-    except ValueError:
-        return None
+    value = int(str(text)) if re.fullmatch(r"\s*[+-]?[0-9]{1,19}\s*", str(text), re.ASCII) else LARGEST_TIME_NS + 1
     return value if abs(value) <= LARGEST_TIME_NS else None
 
 
 def _number(text: object) -> float:
-    try:
-        return float(str(text))
-    except ValueError:
-        return math.nan
+    return parsed_number(str(text))
 
 
 def _names(source: Source) -> Sequence[str]:

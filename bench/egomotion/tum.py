@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.egomotion.trajectory import SECOND_NS, Trajectory
 from bench.errors import DataError
+from bench.plain_text import parsed_number
 
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 QUATERNION_TOLERANCE = 1e-2
@@ -101,7 +103,7 @@ def _seconds(text: str, path: Path, line: int) -> Decimal:
         time_s = Decimal(text)
     except InvalidOperation:
         time_s = Decimal("nan")
-    if not time_s.is_finite():
+    if not (time_s.is_finite() and math.isfinite(parsed_number(text))):
         raise DataError(path, field=f"t, line {line}", expected="seconds", got=repr(text))
     return time_s
 
@@ -120,10 +122,7 @@ def _refuse_other_unit(times_s: list[Decimal], path: Path) -> None:
 
 
 def _number(text: str, path: Path, line: int, column: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
+    value = parsed_number(text)
     if not np.isfinite(value):
         raise DataError(path, field=f"{column}, line {line}", expected="a finite number", got=repr(text))
     return value

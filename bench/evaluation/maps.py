@@ -10,10 +10,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bench.errors import DataError
 from bench.evaluation.definitions import chance_coverage, coverage, detected
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import EVALUATED, Rows, read_parts
 from bench.records.reference import Direction
+
+# The limit is the camera's distance from the nearest return: to the vehicle's origin, and to the middle of a long
+# vehicle, it is further.
+BEYOND_M = 25.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,6 +74,9 @@ def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> Rang
         objects: of `OBJECTS_SCHEMA`, rows in any order, in memory or stored.
         protocol: that the run was made with. The grid reaches as far as its range limit or the furthest centroid.
         level: coverage from which on an object counts as detected; 0 for any pixel.
+
+    Raises:
+        DataError: an evaluated object of no class of the protocol, or far beyond its range.
     """
     cell_m = protocol.range_map.cell_m
     key = ["object_class", "direction", "x", "y"]  # cells half-open, [a, b), counted from the vehicle's origin
@@ -80,12 +88,21 @@ def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> Rang
         parts.append(placed.groupby(key, dropna=False).sum())
     counted = pd.concat(parts).groupby(key, dropna=False).sum().astype(np.int64).reset_index()
     reached = abs(counted[["x", "y"]].to_numpy() + 0.5) + 0.5  # cells from the origin; NaN for masks, which tell none
+    furthest_m = protocol.reference.range_limit_m + BEYOND_M
+    if (reached > furthest_m / cell_m + 1).any():
+        got = f"{cell_m * np.nanmax(reached):g} m from it"
+        expected = f"centroids of evaluated objects within {furthest_m:g} m of the vehicle's origin"
+        raise DataError("counts of the run", field="x_m, y_m", expected=expected, got=got)
     half = max(math.ceil(protocol.reference.range_limit_m / cell_m), int(np.fmax.reduce(reached.ravel(), initial=0.0)))
     maps = tuple(
         _range_map(counted, name, direction, half=half, protocol=protocol)
         for name in protocol.reference.classes
         for direction in Direction
     )
+    strange = counted[~counted["object_class"].isin(protocol.reference.classes)]
+    if len(strange):
+        expected, got = ", ".join(protocol.reference.classes), repr(strange["object_class"].iloc[0])
+        raise DataError("counts of the run", field="object_class of evaluated objects", expected=expected, got=got)
     placed_rows = sum(int(one.object_frames.sum()) for one in maps)
     unplaced = counted["direction"].isna()
     assert placed_rows == counted["object_frames"][~unplaced].sum(), "every place lies on the grid"

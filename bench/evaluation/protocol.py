@@ -9,12 +9,13 @@ from functools import cached_property
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from bench.errors import DataError
 from bench.plain_yaml import known_rules, read_rules
+from bench.records.recording import ObjectClass
 from bench.records.reference import Category, Limb, MotionSettings, OutlineErrors, ReferenceSettings, RegionKindName
 
 
@@ -24,10 +25,20 @@ def _edges(values: tuple[float, ...]) -> tuple[float, ...]:
     return values
 
 
+def _each_once(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    if len(set(values)) < len(values):
+        raise ValueError("each value once")
+    return values
+
+
 MOST_CELLS_A_SIDE = 1000  # of a range map
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+LARGEST = 1e6  # of any number: beyond all that is measured here, and its squares and nanoseconds still are numbers
+FURTHEST_M = 1000.0  # that a lidar sees
+
+Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+Whole = Annotated[int, Field(ge=1, le=LARGEST)]
 Level = Annotated[float, Field(gt=0, le=1)]
 Edges = Annotated[tuple[NotNegative, ...], AfterValidator(_edges)]
 
@@ -90,7 +101,7 @@ class UnknownBandRules(_Part):
     range_noise_m: NotNegative
     angle_deg: NotNegative
     position_m: NotNegative
-    limbs: dict[str, tuple[LimbRules, ...]]
+    limbs: dict[ObjectClass, tuple[LimbRules, ...]]
 
 
 class ReferenceRules(_Part):
@@ -104,14 +115,14 @@ class ReferenceRules(_Part):
         unknown_band: null for regions without one.
     """
 
-    range_limit_m: Positive
+    range_limit_m: Annotated[float, Field(gt=0, le=FURTHEST_M)]
     ground_clearance_m: NotNegative
-    min_points: Annotated[int, Field(ge=1)]
-    min_polygon_px: Annotated[int, Field(ge=1)]
+    min_points: Whole
+    min_polygon_px: Whole
     polygon_kind: RegionKindName
     concave_ratio: Annotated[float, Field(ge=0, le=1)]
-    classes: Annotated[tuple[str, ...], Field(min_length=1)]
-    categories: Annotated[tuple[Category, ...], Field(min_length=1)]
+    classes: Annotated[tuple[ObjectClass | Literal["unknown"], ...], Field(min_length=1), AfterValidator(_each_once)]
+    categories: Annotated[tuple[Category, ...], Field(min_length=1), AfterValidator(_each_once)]
     max_sweep_gap_ms: NotNegative
     max_annotation_gap_ms: NotNegative
     motion: MotionRules
@@ -128,9 +139,9 @@ class ScoringRules(_Part):
         false_positive_component_px: components with more false-positive pixels than this make a false-positive frame.
     """
 
-    detection_levels: tuple[Level, ...]
+    detection_levels: Annotated[tuple[Level, ...], AfterValidator(_each_once)]
     chance_lag_s: Positive
-    false_positive_component_px: Annotated[int, Field(ge=0)]
+    false_positive_component_px: Annotated[int, Field(ge=0, le=LARGEST)]
 
 
 class Bins(_Part):
@@ -159,14 +170,14 @@ class RangeMapRules(_Part):
     """
 
     cell_m: Positive
-    min_object_frames: Annotated[int, Field(ge=1)]
+    min_object_frames: Whole
 
 
 class Protocol(_Part):
     """Everything that decides a score, apart from data and method."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
-    version: Annotated[int, Field(ge=1)]
+    version: Whole
     reference: ReferenceRules
     scoring: ScoringRules
     bins: Bins

@@ -32,9 +32,10 @@ from bench.evaluation.sums import ALL_MOVING, FRAMES, TERMS, name_slice
 from bench.gate.baseline import RunSums
 from bench.gate.changes import LISTED, changes
 from bench.gate.rendered import small_difference
-from bench.gate.tolerances import Tolerances
+from bench.gate.tolerances import Tolerances, void_rules
 from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict
 from bench.harness.manifest import Aspect, Manifest, differences
+from bench.plain_text import listed
 
 UNITS = (
     *("object-frames", "tracks", "annotated objects", "static", "ignored"),
@@ -72,8 +73,9 @@ def data_checks(
         tolerances: the rules.
 
     Returns:
-        Always the same checks, and one more where nobody reviewed the annotations.
+        Always the same checks, one more where nobody reviewed the annotations, and one where rules apply to nothing.
     """
+    void = void_rules(tolerances, ((row["slice_name"], row["metric"]) for row in _records(changes)))
     changed_data = Outcome.FAILED if tolerances.changed_data == "fail" else Outcome.SUSPECT
     found = differences(baseline.manifest, run.manifest)
 
@@ -95,6 +97,11 @@ def data_checks(
         _check("metrics", [*_missing(changes)], "in the baseline, but not in the run: {listed}", of_reference),
         _check("method", method, "method changed: {listed}", Outcome.SUSPECT),
         *([Check(name="annotations", outcome=Outcome.SUSPECT, message=run.unreviewed)] if run.unreviewed else []),
+        *(
+            [Check(name="tolerances", outcome=Outcome.SUSPECT, message=f"rules of no row: {listed(void)}")]
+            if void
+            else []
+        ),
     )
 
 
@@ -118,8 +125,8 @@ def _check(name: str, faults: Sequence[str], message: str, outcome: Outcome) -> 
     if not faults:
         return Check(name=name, outcome=Outcome.PASSED, message="as in the baseline")
     more = f"; and {len(faults) - LISTED} more" if len(faults) > LISTED else ""
-    listed = "; ".join(faults[:LISTED]) + more
-    return Check(name=name, outcome=outcome, message=message.format(count=len(faults), listed=listed))
+    first = "; ".join(faults[:LISTED]) + more
+    return Check(name=name, outcome=outcome, message=message.format(count=len(faults), listed=first))
 
 
 def _count_differences(pairs: pd.DataFrame) -> Iterator[str]:

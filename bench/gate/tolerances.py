@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
@@ -128,6 +129,23 @@ class Tolerances(FileModel):
         for own in stated:
             rule = replace(rule, **own)
         return rule
+
+
+def void_rules(tolerances: Tolerances, rows: Iterable[tuple[str, str]]) -> list[str]:
+    """Rules of a file that are of no row, as `iou of object_class=tram`.
+
+    Args:
+        tolerances: the rules.
+        rows: slice and metric of each.
+    """
+    there = set(rows)
+    rules = [("*", metric) for metric in tolerances.metrics]
+    rules += [(pattern, metric) for pattern, own in tolerances.slices.items() for metric in own]
+    return [
+        metric if pattern == "*" else f"{metric} of {pattern}"
+        for pattern, metric in rules
+        if not any(metric == name and _fits(slice_name, pattern) for slice_name, name in there)
+    ]
 
 
 _SHIPPED = resources.files("bench.gate") / "tolerances"

@@ -22,21 +22,32 @@ from zipfile import BadZipFile
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from bench.atomic import open_regular, write_bytes
 from bench.errors import BenchError, DataError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, Protocol, SequenceScorer, add_image_maps
-from bench.evaluation.rows import to_frame
-from bench.harness.answers import FAILED, Answer, name_of, safe_name
+from bench.evaluation.rows import EVALUATED, IMAGE, NOT_ANNOTATED, OBJECT, to_frame
+from bench.harness.answers import FAILED, SKIPPED, Answer, name_of, safe_name
 from bench.harness.exact import exact_mask
 from bench.harness.references import StoredReference
 from bench.harness.stages import StageClock
 from bench.harness.table_files import read_table, write_table
 from bench.recordings import ImageRef, Recording, read_truth
+from bench.records.reference import Category, Direction, IgnoreReason, Status
 
 COUNTS = "counts"
 OBJECTS, FRAMES, MAP = ".objects.parquet", ".frames.parquet", ".map.npz"
+REMOVE = "remove the file, and run again"
+LARGEST = 1e12  # of any number of a table: no count of pixels or points, and no metres, are beyond
+NULLABLE = {"reason", "category", "direction", "chance_tp", "ceiling_tp", "ceiling_fp", "problem", "undefined_px"}
+WORDS = {
+    "status": {*Status, EVALUATED, NOT_ANNOTATED, FAILED, SKIPPED},
+    "reason": set(IgnoreReason),
+    "category": set(Category),
+    "direction": set(Direction),
+}
 _WORDS = ("camera", "width", "height", "cell_px", "frames")
 _GRIDS = ("reference_px", "missed_px", "false_px")
 
@@ -172,8 +183,27 @@ class StoredRows:
         files = [file for name in recordings for file in self._files.get(name, ())]
         schema = pa.schema([self.schema.field(name) for name in columns])
         with _readable(self.folder):
-            tables = [read_table(file, columns=list(columns)) for file in files]
-            return pa.concat_tables([schema.empty_table(), *(table.cast(schema) for table in tables)])
+            tables = [read_table(file, columns=list(columns)).cast(schema) for file in files]
+            for file, table in zip(files, tables, strict=True):
+                _refuse_strange_values(file, table)
+                self._refuse_foreign_rows(file, table)
+            rows = pa.concat_tables([schema.empty_table(), *tables])
+        key = OBJECT if self.suffix == OBJECTS else IMAGE
+        if set(key) <= set(columns) and rows.select(key).group_by(key).aggregate([]).num_rows < len(rows):
+            raise _damage(self.folder, ", ".join(key), "each row once", "one twice")
+        return rows
+
+    def _refuse_foreign_rows(self, file: Path, rows: pa.Table) -> None:
+        """Refuse rows of another recording or camera than the file's, or of objects in no image of it."""
+        task = file.name.removesuffix(self.suffix)
+        for name, safe in (("recording", file.parent.name), ("camera", task.rpartition("-")[0])):
+            words = rows[name].unique().to_pylist() if name in rows.column_names else []
+            if foreign := [word for word in words if safe_name(word) != safe]:
+                raise _damage(file, name, f"rows of {name_of(safe)!r} alone", repr(foreign[0]))
+        if self.suffix == OBJECTS and "timestamp_ns" in rows.column_names:
+            images = read_table(file.with_name(f"{task}{FRAMES}"), columns=["timestamp_ns"])["timestamp_ns"]
+            if unknown := set(rows["timestamp_ns"].to_pylist()) - set(images.to_pylist()):
+                raise _damage(file, "timestamp_ns", "times of the images beside it", min(unknown))
 
     def _checked(self, file: Path) -> int:
         """Rows of a file with the columns of the table."""
@@ -186,6 +216,25 @@ class StoredRows:
                 if not pa.types.is_nested(kind) and kind != field.type:
                     raise DataError(file, field=field.name, expected=f"a column of {field.type}", got=str(kind))
             return int(about.metadata.num_rows)
+
+
+def _refuse_strange_values(file: Path, rows: pa.Table) -> None:
+    """Refuse nulls where there are none, words that are not of the enumeration, and numbers of nothing measured."""
+    for field in rows.schema:
+        column, real = rows[field.name], pa.types.is_floating(field.type)
+        if column.null_count and not (pa.types.is_nested(field.type) or field.name in NULLABLE):
+            raise _damage(file, field.name, "a value in every row", "null")
+        if field.name in WORDS and (strange := set(column.unique().to_pylist()) - WORDS[field.name] - {None}):
+            raise _damage(file, field.name, ", ".join(sorted(WORDS[field.name])), repr(min(strange)))
+        if field.name != "timestamp_ns" and (real or pa.types.is_integer(field.type)):
+            found = pc.min_max(pc.if_else(pc.is_nan(column), None, column) if real else column).as_py()
+            low, high, least = found["min"], found["max"], -LARGEST if real else 0
+            if low is not None and not least <= low <= high <= LARGEST:
+                raise _damage(file, field.name, f"numbers from {least:g} to {LARGEST:g}", f"{low:g} to {high:g}")
+
+
+def _damage(file: Path, field: str, expected: str, got: object) -> DataError:
+    return DataError(file, field=field, expected=expected, got=str(got), hint=REMOVE)
 
 
 def open_tables(folder: Path) -> tuple[StoredRows, StoredRows]:
@@ -245,7 +294,7 @@ def _readable(file: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
-        got, hint = " ".join(str(error).split())[:200], "remove the file, and run again"
+        got, hint = " ".join(str(error).split())[:200], REMOVE
         raise DataError(file, expected="counts of a run", got=got, hint=hint) from error
 
 
@@ -262,5 +311,5 @@ def _read_map(file: Path) -> ImageMap:
             words = {name: stored[name].item() for name in _WORDS}
             return ImageMap(**words, **{name: stored[name] for name in _GRIDS})
     except (OSError, ValueError, KeyError, TypeError, NotImplementedError, BadZipFile, EOFError, zlib.error) as error:
-        got, hint = " ".join(str(error).split())[:200], "remove the file, and run again"
+        got, hint = " ".join(str(error).split())[:200], REMOVE
         raise DataError(file, expected="where in the image a run was right and wrong", got=got, hint=hint) from error

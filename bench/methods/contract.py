@@ -109,6 +109,8 @@ class Method(Scorable, ABC):
     Each unit of work, some hundred consecutive images of a camera, is segmented by a copy of the object of its own:
     what a method notes on itself reaches no other unit, and one that needs the past says so (`longest_history`). What
     is expensive to load belongs in a function of its module with `functools.lru_cache`, by the digest of the file.
+    Nothing else may be noted in a module or a class: a process asks for several units, so that answers would depend on
+    how many there are (`--workers`). An answer is copied when it is returned; what becomes of its arrays is no matter.
     """
 
     @abstractmethod

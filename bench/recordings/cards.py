@@ -74,6 +74,8 @@ class CardFile(FileModel):
         if not self.splits:
             raise ValueError("at least one split, for example {all: '*'}")
         for name, recordings in self.splits.items():
+            if not name or set(name) & set(",[]"):
+                raise ValueError(f"names of splits without commas and brackets, which choose recordings, not {name!r}")
             if len(set(recordings)) < len(recordings):
                 raise ValueError(f"each recording once in the split {name!r}")
         return self

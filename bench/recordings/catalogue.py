@@ -101,8 +101,12 @@ def chosen_recordings(card: DatasetCard, split: str | None, known: Sequence[str]
 
     Raises:
         UnknownNameError: no such split.
-        DataError: a split of the card names a recording that does not exist.
+        DataError: a split of the card names a recording that does not exist, or has the name of one and is another.
     """
+    for name, recordings in card.content.splits.items():
+        if name in known and recordings != (name,):
+            expected, got = "splits with other names than recordings", f"{name!r}, which is a recording too"
+            raise DataError(card.file, field=f"splits.{name}", expected=expected, got=got, hint="rename the split")
     limited = FIRST_IMAGES.search(split or "")
     limit = int(limited[1]) if limited else None
     name = FIRST_IMAGES.sub("", split or "")

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import Annotated as Of
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
+from bench.errors import DataError
 from bench.recordings.validation import FileModel
 from bench.records.recording import NO_INPUT_ERRORS, NOT_ANNOTATED, Annotated, ImageRef, InputErrors, Recording
 
-Span = tuple[int | None, int | None]  # first and last, both included; None for open
+
+def _in_order(span: tuple[int | None, int | None]) -> tuple[int | None, int | None]:
+    first, last = span
+    if first is not None and last is not None and first > last:
+        raise ValueError(f"first and last in order, not {first} before {last}")
+    return span
+
+
+# First and last, both included; None for open.
+Span = Of[tuple[int | None, int | None], AfterValidator(_in_order)]
 
 
 class Exclusion(FileModel):
@@ -65,7 +76,7 @@ class RecordingHandle:
         """Open the recording: calibration, lists of images and sweeps, ego-motion and annotations; no bulk data.
 
         Raises:
-            DataError: something in it is not what the format asks for.
+            DataError: something in it is not what the format asks for, or an exclusion leaves none of its images out.
         """
         recording = self.opener()
         if self.input_errors != NO_INPUT_ERRORS:
@@ -74,6 +85,8 @@ class RecordingHandle:
             recording = replace(recording, annotated=self.annotated)
         if not self.exclusions and self.first_images is None:
             return recording
+        for exclusion in self.exclusions:
+            _refuse_void(exclusion, recording)
         images = {camera: self._included(refs)[: self.first_images] for camera, refs in recording.images.items()}
         return replace(recording, images=images)
 
@@ -81,6 +94,23 @@ class RecordingHandle:
         return tuple(
             ref for i, ref in enumerate(refs) if not any(e.covers(i, ref.timestamp_ns) for e in self.exclusions)
         )
+
+
+def _refuse_void(exclusion: Exclusion, recording: Recording) -> None:
+    """Refuse an exclusion that leaves nothing out: its times may be in another unit, or of another drive."""
+    images = [(i, ref.timestamp_ns) for refs in recording.images.values() for i, ref in enumerate(refs)]
+    if not images or any(exclusion.covers(*image) for image in images):
+        return
+    times_ns = [time_ns for _, time_ns in images]
+    about = [f"frames {exclusion.frames}"] if exclusion.frames else []
+    about += [f"times {exclusion.timestamps_ns}"] if exclusion.timestamps_ns else []
+    raise DataError(
+        f"exclusions of {recording.name}",
+        expected=f"images that they leave out, of {max(map(len, recording.images.values()))} from {min(times_ns)} to "
+        f"{max(times_ns)} ns",
+        got=f"{' and '.join(about)}, which leave none out ({exclusion.reason})",
+        hint="correct the card: frames count from 0, times are nanoseconds",
+    )
 
 
 def _within(value: int, span: Span | None) -> bool:

@@ -25,7 +25,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from bench.atomic import write_text
+from bench.atomic import refuse_foreign, write_text
 from bench.plain_text import escape_markdown, plain
 
 if TYPE_CHECKING:
@@ -511,7 +511,7 @@ class Report:
         """Write `<name>.html`, `.md`, `.csv`, `.json` and `.tex`, each whole or not at all; paths of those that it has.
 
         Raises:
-            OutputError: a file cannot be written.
+            OutputError: a file cannot be written, or one of another kind is in its place.
         """
         heading = [Heading(self.title, 1)] if self.title else []
         texts = {
@@ -522,6 +522,12 @@ class Report:
             "tex": self.latex,
         }
         files = {folder / f"{name}.{ending}": text for ending, text in texts.items() if text}
+        beside = (folder / f"{name}.csv").is_file()  # numbers are always among the files, and show what they are
+        for file, text in files.items():
+            if file.suffix in {".csv", ".html", ".json"}:
+                refuse_foreign(file, text)
+            elif not beside:
+                refuse_foreign(file)
         for file, text in files.items():
             write_text(file, text)
         return tuple(files)

@@ -113,11 +113,19 @@ def prediction_table(found: PredictionIndex) -> Table | None:
     return Table(title="Predictions that do not fit", columns=columns, rows=rows, words=3) if rows else None
 
 
-def prediction_line(found: PredictionIndex) -> str:
-    """For example "12 of 16 images have a mask; 2 files are of images that are not scored"."""
+def prediction_line(found: PredictionIndex, *, threshold: float | None) -> str:
+    """For example "12 of 16 images have a mask; 2 files are of images that are not scored".
+
+    Args:
+        found: the predictions.
+        threshold: score above which a pixel moves; None for masks.
+    """
     parts = [f"{len(found.usable)} of {found.expected} images have a usable {found.form}"]
     if found.unscored:
         parts.append(f"{found.unscored} predictions are of images that are not scored")
     if found.elsewhere:
         parts.append(f"{found.elsewhere} files are of recordings that are not scored")
+    if threshold is not None and found.usable:
+        above = "" if found.largest > threshold else ", so that none does"
+        parts.append(f"the largest score is {found.largest:.4g}, and above {threshold:g} a pixel moves{above}")
     return "; ".join(parts)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.atomic import replacing
+from bench.atomic import refuse_foreign, replacing
 from bench.errors import OutputError, UsageError
 from bench.recordings import Cuboid, ImageRef, Recording
 from bench.reporting.video import SeenSweep
@@ -93,10 +93,11 @@ def rerun_log(path: Path, *, recording: Recording, cameras: Sequence[str]) -> It
 
     Raises:
         UsageError: the viewer's library is not installed, or another suffix.
-        OutputError: the file cannot be written, or not to its end.
+        OutputError: the file is there, cannot be written, or not to its end.
     """
     rerun = viewer()
     refuse_other_log(path)
+    refuse_foreign(path)
     with replacing(path) as temporary:
         stream = rerun.RecordingStream("fisheye-bench", recording_id="-".join([recording.name, *cameras]))
         temporary.write_bytes(bytes(LEAST_ROOM_BYTES))

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+import pandas as pd
+
 from bench.evaluation import Protocol
+from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED, read_parts
 from bench.evaluation.summary import not_annotated
-from bench.harness import Provenance, RunSummary
+from bench.harness import Provenance, RunSummary, StoredRun
 from bench.reference import IgnoreReason
 from bench.reporting.tables import threshold_free_line
+
+FILLED = 0.5  # of the valid pixels: more in every image is no moving object
 
 
 def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
@@ -39,6 +44,25 @@ def nothing_scored(summary: RunSummary) -> str:
         f"no object was scored: all {moving} moving object-frames are ignored, for the reasons below; if they surprise "
         "you, calibration, ego-motion or boxes may be wrong: see `fisheye-bench validate` and `fisheye-bench view`"
     )
+
+
+def odd_masks(run: StoredRun) -> str:
+    """Warn of a run whose masks are all empty, or all fill more than half of the valid pixels; "" otherwise."""
+    shares = pd.concat(
+        (rows["detected_px"] / rows["valid_px"])[
+            rows["status"].isin([EVALUATED, NOT_ANNOTATED]) & (rows["valid_px"] > 0)
+        ]
+        for rows in read_parts(run.frames, ["status", "detected_px", "valid_px"])
+    )
+    if shares.empty or (shares.max() > 0 and shares.min() <= FILLED):
+        return ""
+    if shares.max() > 0:
+        what = f"each of the {len(shares)} masks marks more than half of the valid pixels; an inverted mask does that"
+    else:
+        what = (
+            f"none of the {len(shares)} masks marks anything; scores below the threshold, or of another scale, do that"
+        )
+    return f"{what}: see `fisheye-bench view`"
 
 
 def cost_lines(made: Provenance) -> Iterator[str]:

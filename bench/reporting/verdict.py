@@ -19,7 +19,7 @@ from pathlib import Path
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
 from junitparser.junitparser import FinalResult
 
-from bench.atomic import write_bytes, write_text
+from bench.atomic import write_output
 from bench.errors import UsageError
 from bench.gate.brief import (
     change_lines,
@@ -297,9 +297,9 @@ def write_verdict(verdict: Verdict, *, junit: str | Path | None = None, json: st
         OutputError: a file cannot be written.
     """
     if junit is not None:
-        write_bytes(Path(junit), to_junit(verdict))
+        write_output(Path(junit), to_junit(verdict).decode())
     if json is not None:
-        write_text(Path(json), to_json(verdict))
+        write_output(Path(json), to_json(verdict))
 
 
 def append_summary(file: Path, verdict: Verdict) -> None:

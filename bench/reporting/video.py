@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely.affinity import affine_transform
 
-from bench.atomic import replacing
+from bench.atomic import refuse_foreign, replacing
 from bench.errors import OutputError, ShapeError, UsageError
 from bench.evaluation.counts import count_frame
 from bench.harness import ProcessedFrame
@@ -270,9 +270,10 @@ def video_file(path: Path, *, frame_rate_hz: float) -> Iterator[VideoFile]:
 
     Raises:
         UsageError: a suffix or a codec that cannot be written.
-        OutputError: the file cannot be written, or not to its end.
+        OutputError: the file is there, cannot be written, or not to its end.
     """
     refuse_other_suffix(path)
+    refuse_foreign(path)
     with replacing(path) as temporary:
         video = VideoFile(temporary, path, frame_rate_hz)
         try:

@@ -59,7 +59,7 @@ def test_a_quick_look_scores_some_images_of_some_recordings(monkeypatch, tiny_ca
     assert found.manifest.dataset.split == "crossing,standing[:3]"
     assert sorted(found.frames["recording"].unique()) == ["crossing", "standing"]
     assert found.summary.images.images == 4, "of three images the first has none before it"
-    assert call(monkeypatch, "verify", out) == 0
+    assert call(monkeypatch, "verify", out, "--data", tiny_card) == 0
     assert call(monkeypatch, *look, "--recording", "crossing", "--split", "moving") == 2
 
 

@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -13,6 +14,7 @@ from pycocotools import mask as coco
 
 from bench.harness import read_run, read_tables
 from bench.recordings import load_card, open_dataset
+from bench.reporting.totals import odd_masks
 from tests.commands.predictions import CAMERA, images_of, write_map, write_maps
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
@@ -118,6 +120,7 @@ def test_images_are_paired_by_name_whatever_the_order(evaluate, images, masks, t
     shuffled = random.Random(4).sample(images, len(images))
     for image in shuffled:
         write_map(tmp_path / "frames", image.place, f"{image.frame:06d}", image.moving)
+    (tmp_path / "frames" / "predictions.yaml").write_text("first_frame: 0\n")
     assert counts_of(evaluate(tmp_path / "frames", out="b")) == by_time
     assert counts_of(evaluate(tmp_path / "frames", "--names", "frame", out="b")) == by_time
     wrong = evaluate(tmp_path / "frames", "--names", "timestamp", out="c", status=2)
@@ -260,12 +263,18 @@ def test_files_beside_the_run_are_neither_written_nor_removed(evaluate, masks, i
     assert mine.read_text() == "the user's own"
 
 
-def test_indices_from_1_are_refused_whatever_is_missing(evaluate, images, tmp_path, capsys):
+@pytest.mark.parametrize("last", [3, 4])
+def test_indices_that_may_count_from_1_are_scored_as_the_folder_says(evaluate, images, tmp_path, capsys, last):
+    """Also where the last image is missing, so that each number is that of an image."""
     for image in images:
-        write_map(tmp_path / "from-1", image.place, image.frame + 1, image.moving)
-    for policy in ("error", "skip", "empty"):
-        assert not evaluate(tmp_path / "from-1", "--missing", policy, status=2).exists()
-        assert "frame numbers from 0 to 4, got 2 to 5, which seem to count from 1" in capsys.readouterr().err
+        if image.frame <= last:
+            write_map(tmp_path / "from-1", image.place, image.frame + 1, image.moving)
+            write_map(tmp_path / "from-1", image.place, 1, image.moving * 0)
+    for options in (("--missing", "error"), ("--missing", "skip"), ("--missing", "empty", "--split", "crossing[:4]")):
+        assert not evaluate(tmp_path / "from-1", *options, status=2).exists()
+        assert re.search(rf"got 1 to {last + 1} of [45] images, which may count from 1", capsys.readouterr().err)
+    (tmp_path / "from-1" / "predictions.yaml").write_text("first_frame: 1\n")
+    assert read_run(evaluate(tmp_path / "from-1", "--missing", "skip")).summary.all_moving.iou.value == 1.0
 
 
 def test_a_file_more_is_refused_unless_images_may_be_missing(evaluate, images, masks, tmp_path, capsys):
@@ -275,6 +284,27 @@ def test_a_file_more_is_refused_unless_images_may_be_missing(evaluate, images, m
     assert "1 extra; all of them in" in shown.err
     assert "the other names were read as times" in " ".join(shown.out.split())
     assert evaluate(masks, "--missing", "skip").exists()
+
+
+@pytest.mark.parametrize(("full", "mean"), [(10_000, 0.1526), (4095, 0.06249), (32_768, 0.5)])
+def test_scores_on_another_scale_are_told_with_the_largest_and_the_threshold(
+    evaluate, images, tmp_path, capsys, full, mean
+):
+    folder = write_maps(tmp_path / "p", images, lambda image: np.where(image.moving, full, 0).astype(np.uint16))
+    evaluate(folder, "--threshold", 0.51)
+    told = " ".join(capsys.readouterr().out.split())
+    assert f"the largest score is {mean:g}, and above 0.51 a pixel moves, so that none does" in told
+    run = tmp_path / "run" / "paper-v1"
+    assert odd_masks(read_run(run)).startswith("none of the 12 masks marks anything")
+    report = json.loads((run / "predictions.json").read_text())
+    assert (report["largest"], report["threshold"]) == (pytest.approx(full / 65535), 0.51)
+
+
+def test_inverted_masks_are_told_before_the_table(evaluate, images, masks, tmp_path, capsys):
+    evaluate(write_maps(tmp_path / "inverted", images, lambda image: 255 - image.moving), tables=True)
+    told = capsys.readouterr().out
+    assert told.index("masks marks more than half of the valid pixels") < told.index("All moving")
+    assert odd_masks(read_run(evaluate(masks))) == ""
 
 
 def test_another_run_takes_the_list_of_predictions_away(evaluate, masks, monkeypatch, tiny_card):
@@ -473,6 +503,7 @@ def test_the_fingerprint_is_of_the_content_not_of_the_names(evaluate, images, ma
     by_time = read_run(evaluate(masks, out="a")).manifest.method.settings["digest"]
     for image in images:
         write_map(tmp_path / "frames", image.place, image.frame, image.moving)
+    (tmp_path / "frames" / "predictions.yaml").write_text("first_frame: 0\n")
     assert read_run(evaluate(tmp_path / "frames", out="b")).manifest.method.settings["digest"] == by_time
     write_map(tmp_path / "frames", images[0].place, images[0].frame, images[0].moving * 0)
     assert read_run(evaluate(tmp_path / "frames", out="b")).manifest.method.settings["digest"] != by_time
@@ -495,6 +526,7 @@ exclusions:
     # Frame numbers are those of the data set, whatever the card leaves out.
     for image in images:
         write_map(tmp_path / "frames", image.place, image.frame, image.moving)
+    (tmp_path / "frames" / "predictions.yaml").write_text("first_frame: 0\n")
     assert counts_of(evaluate(tmp_path / "frames", card=card, out="by-frame")) == counts_of(run)
 
 

@@ -9,10 +9,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from bench.commands.verify import card_to_verify
 from bench.evaluation import Protocol, load_protocol, read_sums, sum_run, summary_of, write_sums
 from bench.harness import open_tables, read_run
+from bench.recordings.cards import shipped_folder
+from tests.conftest import DATASETS
 from tests.support.changed_data import without_scenario
-from tests.support.commands import call
+from tests.support.commands import call, error_line
 from tests.support.counts import change_table
 from tests.support.stored_files import change_manifest, change_summary
 
@@ -29,14 +32,18 @@ def run(tiny_card, tmp_path_factory) -> Path:
     return out
 
 
-def test_a_run_as_it_was_stored_is_equal_and_called_verified_by_whoever_did_it(run, tmp_path, monkeypatch, capsys):
+def test_a_run_as_it_was_stored_is_equal_and_called_verified_by_whoever_did_it(
+    run, tiny_card, tmp_path, monkeypatch, capsys
+):
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "mine"))
     copied = shutil.copytree(run, tmp_path / "runs" / "copied")
     before = sorted(file.name for file in copied.rglob("*"))
     assert call(monkeypatch, "leaderboard", tmp_path / "runs") == 0
     assert ", verified" not in capsys.readouterr().out
-    assert call(monkeypatch, "verify", copied) == 0
-    assert "equal: " in capsys.readouterr().out
+    assert call(monkeypatch, "verify", copied, "--data", tiny_card) == 0
+    told = capsys.readouterr().out
+    assert f"data: card {tiny_card}, root {tiny_card.parent / 'data' / 'tiny'}" in told.replace("\n", "")
+    assert "equal: " in told
     assert sorted(file.name for file in copied.rglob("*")) == before, "the run tells nothing of it"
     assert call(monkeypatch, "leaderboard", tmp_path / "runs", "--out", tmp_path / "board", "--no-pictures") == 0
     assert ", verified" in capsys.readouterr().out
@@ -45,7 +52,7 @@ def test_a_run_as_it_was_stored_is_equal_and_called_verified_by_whoever_did_it(r
     change_summary(copied, lambda summary: summary["all_moving"]["iou"].update(value=0.99))
     assert call(monkeypatch, "leaderboard", tmp_path / "runs") == 0
     assert ", verified" not in capsys.readouterr().out, "it is another summary now"
-    assert call(monkeypatch, "verify", copied) == 1
+    assert call(monkeypatch, "verify", copied, "--data", tiny_card) == 1
     assert "all_moving: other metrics than its counts give" in " ".join(capsys.readouterr().out.split())
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "theirs"))
     assert call(monkeypatch, "leaderboard", run.parent) == 0
@@ -61,9 +68,33 @@ def test_images_that_cannot_be_read_fail_again_and_caveats_are_those_of_the_data
     run = tmp_path / "run"
     assert call(monkeypatch, "run", card, "--out", run, "--no-pictures", "--workers", 1) == 2
     assert read_run(run).summary.images.failed == 2  # and the one after it
-    assert call(monkeypatch, "verify", run) == 0
+    assert call(monkeypatch, "verify", run, "--data", card) == 0
     change_summary(run, lambda summary: summary.update(caveats=""))
-    assert call(monkeypatch, "verify", run) == 1
+    assert call(monkeypatch, "verify", run, "--data", card) == 1
+
+
+def test_a_card_that_only_the_run_names_is_not_opened(run, tmp_path, monkeypatch, capsys):
+    """Neither by its path, nor by its name beside the run: its scenario would be rendered into any folder."""
+    copied = shutil.copytree(run, tmp_path / "run")
+    theirs = tmp_path / "datasets" / "theirs.yaml"
+    theirs.parent.mkdir()
+    theirs.write_text(
+        f"{{name: theirs, title: t, adapter: native, root: {tmp_path / 'mine'}, scenario: t.scenario.yaml, licence: x}}"
+    )
+    shutil.copy(DATASETS / "tiny.scenario.yaml", tmp_path / "datasets" / "t.scenario.yaml")
+    monkeypatch.chdir(tmp_path)
+    for card in (str(theirs), "theirs"):
+        change_manifest(copied, lambda manifest, card=card: manifest["dataset"].update(name="theirs", card=card))
+        told = error_line(monkeypatch, capsys, "verify", copied)
+        assert "that ships with the package, got 'theirs'; name the card of your own copy with --data" in told
+    assert not (tmp_path / "mine").exists()
+
+
+def test_a_card_beside_the_run_does_not_stand_for_the_one_that_ships(run, tiny_card, tmp_path, monkeypatch):
+    shutil.copytree(tiny_card.parent, tmp_path / "datasets")
+    monkeypatch.chdir(tmp_path)
+    assert card_to_verify(run, None).file.parent == shipped_folder()
+    assert card_to_verify(run, "tiny").file.parent == Path("datasets"), "whoever names it has looked at it"
 
 
 def recount(run: Path) -> None:
@@ -189,7 +220,7 @@ FORGED = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FORGED)
-def test_a_forged_run_is_found(run, tmp_path, monkeypatch, capsys, name):
+def test_a_forged_run_is_found(run, tiny_card, tmp_path, monkeypatch, capsys, name):
     copied = shutil.copytree(run, tmp_path / "run")
     FORGED[name](copied)
-    assert call(monkeypatch, "verify", copied, "--workers", 1) in (1, 2), capsys.readouterr().out
+    assert call(monkeypatch, "verify", copied, "--data", tiny_card, "--workers", 1) in (1, 2), capsys.readouterr().out

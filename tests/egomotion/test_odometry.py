@@ -39,10 +39,21 @@ def test_a_quarter_circle_is_exact_however_few_the_samples():
     assert path.rotations[-1].apply([1.0, 0.0, 0.0]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
 
 
-@pytest.mark.parametrize("reverse", ["R", "r", -1, "-1"])
+@pytest.mark.parametrize("reverse", ["R", "r", "Reverse", " rev ", "R2", -1, "-1", -2, "-1.0"])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_reverse_gear_drives_backwards_whatever_the_sign_of_the_speed(reverse, sign):
     assert drive([sign * 2.0] * 11, [0.0] * 11, gear=[reverse] * 11).positions_m[-1, 0] == pytest.approx(-2.0)
+
+
+@pytest.mark.parametrize("forward", ["D", "n", "P", 1, "3.0", "", "Drive", "M2"])
+def test_other_gears_leave_the_sign_of_the_speed(forward):
+    assert drive([2.0] * 11, [0.0] * 11, gear=[forward] * 11).positions_m[-1, 0] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("word", ["backwards", "Rückwärts", "true", "1_0"])
+def test_words_that_may_be_reverse_are_refused(word):
+    with pytest.raises(DataError, match=r"drive.csv: gear, row 2: expected R or a negative number in reverse"):
+        drive([2.0] * 2, [0.0] * 2, gear=["D", word])
 
 
 def test_a_signed_speed_drives_backwards_without_a_gear():
@@ -112,6 +123,8 @@ HEAD = "timestamp_ns,speed_mps,yaw_rate_radps\n"
     [
         (HEAD + "0,1,0\n10,nan,0\n", "speed_mps, row 2: expected a finite number, got 'nan'"),
         (HEAD + "0,1,0\n10,1,fast\n", "yaw_rate_radps, row 2: expected a finite number, got 'fast'"),
+        (HEAD + "0,1,0\n10,1_000,0\n", "speed_mps, row 2: expected a finite number, got '1_000'"),
+        (HEAD + "0,1,0\n1_000,1,0\n", "timestamp_ns, row 2: expected a whole number of nanoseconds, got '1_000'"),
         (HEAD + "0,1,0\n10,,0\n", "speed_mps, row 2: expected a finite number, got ''"),
         (HEAD + "0,1,0\n1.5e1,1,0\n", "timestamp_ns, row 2: expected a whole number of nanoseconds, got '1.5e1'"),
         (HEAD + "10,1,0\n10,1,0\n", "timestamp_ns, row 2: expected times that increase, got 10 after 10"),

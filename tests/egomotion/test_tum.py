@@ -75,6 +75,8 @@ def test_times_that_no_unit_explains_are_refused(tmp_path, time):
     [
         (LINE + "1 0 0 0 0 0 1\n", "line 2: expected 8 numbers, t x y z qx qy qz qw, got 7"),
         (LINE + "1 0 nan 0 0 0 0 1\n", "y, line 2: expected a finite number, got 'nan'"),
+        (LINE + "1 0 1_000 0 0 0 0 1\n", "y, line 2: expected a finite number, got '1_000'"),
+        (LINE + "1_0 0 0 0 0 0 0 1\n", "t, line 2: expected seconds, got '1_0'"),
         (LINE + "one 0 0 0 0 0 0 1\n", "t, line 2: expected seconds, got 'one'"),
         (LINE + "1 0 0 0 0 0 0 2\n", "qx qy qz qw: expected a quaternion of length 1"),
         ("1 0 0 0 0 0 0 1\n" + LINE, "timestamp_ns: expected times that increase"),

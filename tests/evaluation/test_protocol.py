@@ -116,6 +116,32 @@ def test_a_fault_is_one_line_in_our_words(tmp_path: Path) -> None:
     assert str(caught.value) == f"{file}: {line}"
 
 
+@pytest.mark.parametrize(
+    ("part", "change", "field"),
+    [
+        ("reference", {"range_limit_m": 1e5}, "reference.range_limit_m"),
+        ("reference", {"ground_clearance_m": 1e300}, "reference.ground_clearance_m"),
+        ("reference", {"min_points": 10**300}, "reference.min_points"),
+        ("reference", {"max_sweep_gap_ms": 1e300}, "reference.max_sweep_gap_ms"),
+        ("reference", {"motion": {"min_run_s": 1e300}}, "reference.motion.min_run_s"),
+        ("reference", {"motion": {"smoothing_s": 1e300}}, "reference.motion.smoothing_s"),
+        ("reference", {"unknown_band": {"range_noise_m": 1e300}}, "reference.unknown_band.range_noise_m"),
+        ("reference", {"unknown_band": {"limbs": {"Pedestrain": []}}}, "reference.unknown_band.limbs.Pedestrain"),
+        ("reference", {"classes": ["Pedestrain"]}, "reference.classes.0"),
+        ("reference", {"classes": ["pedestrian", "pedestrian"]}, "reference.classes"),
+        ("reference", {"categories": ["crossing", "crossing"]}, "reference.categories"),
+        ("scoring", {"chance_lag_s": 1e300}, "scoring.chance_lag_s"),
+        ("scoring", {"detection_levels": [0.5, 0.5]}, "scoring.detection_levels"),
+        ("range_map", {"cell_m": 1e300}, "range_map.cell_m"),
+        ("range_map", {"cell_m": 1e-3}, "range maps of at most 1000 cells"),
+    ],
+)
+def test_numbers_are_bounded_and_names_are_known_ones_each_once(tmp_path: Path, part, change, field) -> None:
+    file = write(tmp_path / "mine.yaml", {"based_on": "surface-v1", "name": "ours", part: change})
+    with pytest.raises(DataError, match=rf"mine\.yaml: .*{field}.*got "):
+        load_protocol(file)
+
+
 @pytest.mark.parametrize("text", ["[1, 2", "- a list", ""])
 def test_what_is_no_protocol_at_all_is_refused(tmp_path: Path, text: str) -> None:
     file = tmp_path / "mine.yaml"
@@ -149,6 +175,6 @@ def test_a_released_name_belongs_to_its_rules(tmp_path, name):
 
 def test_maps_larger_than_anybody_reads_are_refused(tmp_path):
     file = tmp_path / "ours.yaml"
-    file.write_text("based_on: paper-v1\nname: ours\nreference: {range_limit_m: 100000}\n")
+    file.write_text("based_on: paper-v1\nname: ours\nreference: {range_limit_m: 900}\n")
     with pytest.raises(DataError, match="range maps of at most 1000 cells a side"):
         load_protocol(file)

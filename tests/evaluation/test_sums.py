@@ -150,10 +150,10 @@ def test_a_recording_is_never_cut() -> None:
     assert group_recordings({}) == []
 
 
-def test_the_same_row_in_two_groups_of_rows_is_our_own_mistake(tmp_path: Path) -> None:
+def test_the_same_row_twice_is_refused(tmp_path: Path) -> None:
     objects, frames = random_run(4)
     twice = pa.concat_tables([objects, objects.slice(5, 1)])
-    with pytest.raises(AssertionError, match="names each row once"):
+    with pytest.raises(DataError, match="track_id: expected each row once"):
         reduced(stored((twice, frames), tmp_path), 20)
 
 

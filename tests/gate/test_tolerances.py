@@ -127,3 +127,24 @@ def test_slices_and_patterns_of_slices_are_taken(tmp_path, pattern):
     file = tmp_path / "ours.yaml"
     file.write_text(f'based_on: default-v1\nname: ours\nslices: {{"{pattern}": {{iou: {{absolute: 0.05}}}}}}\n')
     assert load_tolerances(file).slices
+
+
+def test_rules_that_are_of_no_row_are_listed_in_the_verdict(tmp_path):
+    file = own(
+        tmp_path,
+        """
+based_on: default-v1
+name: ours
+metrics: {recall: {absolute: 0.02}, tpr_all: {absolute: 0.02}}
+slices:
+  "object_class=pedestrain": {tpr_all: {absolute: 0.03}}
+  crossing: {tpr_all: {absolute: 0.03}, iou: {absolute: 0.03}}
+""",
+    )
+    verdict = verdict_of(one([0.5] * 6), one([0.5] * 6), load_tolerances(file))
+    (found,) = [check for check in verdict.checks if check.name == "tolerances"]
+    assert found.outcome is Outcome.SUSPECT
+    assert found.message == "rules of no row: recall, tpr_all of object_class=pedestrain, iou of crossing"
+    assert verdict.passed
+    every = verdict_of(one([0.5] * 6), one([0.5] * 6), load_tolerances())
+    assert "tolerances" not in [check.name for check in every.checks]

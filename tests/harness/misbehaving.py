@@ -1,5 +1,6 @@
 """Methods that break the contract, each in its own way."""
 
+import os
 import sys
 from dataclasses import replace
 
@@ -68,6 +69,22 @@ def force_valid(frame):
     return calm(frame)
 
 
+returned = []
+
+
+def change_later(frame):
+    """Answers that were returned are other ones afterwards."""
+    for found in returned:
+        found.mask[:] = True
+    returned.append(calm(frame))
+    return returned[-1]
+
+
+def go_away(frame):
+    os.chdir("/")
+    return calm(frame)
+
+
 FAULTS = {
     "none": calm,
     "returns_none": lambda _: None,
@@ -90,5 +107,7 @@ FAULTS = {
     "change_valid": change_valid,
     "change_image": change_image,
     "force_valid": force_valid,
+    "change_later": change_later,
+    "go_away": go_away,
     "bench_error": lambda _: build_method("spherical", {"threshold": -1.0}),
 }

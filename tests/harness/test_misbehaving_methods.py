@@ -4,7 +4,7 @@ import pytest
 
 from bench.harness import read_run, read_tables
 from tests.harness.misbehaving import FAULTS, Misbehaving
-from tests.support.runs import bytes_of, score
+from tests.support.runs import score
 from tests.support.troubled_runs import call
 
 pytestmark = pytest.mark.slow
@@ -30,7 +30,7 @@ FAULTY = {
 
 
 def test_every_fault_is_tried():
-    assert FAULTY.keys() == FAULTS.keys() - {"none", "force_valid"}
+    assert FAULTY.keys() == FAULTS.keys() - {"none", "force_valid", "change_later", "go_away"}
 
 
 @pytest.mark.parametrize("fault", FAULTY)
@@ -66,15 +66,23 @@ def test_the_command_ends_with_2(tiny_card, tmp_path, fault):
     assert read_run(out).summary.images.evaluated == 0
 
 
-def test_a_method_cannot_change_what_it_is_scored_against(tiny_card, tmp_path, monkeypatch):
-    """Nor poison the cache for others: the reference and the figures are those of a method that changes nothing."""
-    monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "calm cache"))
-    calm = score(tiny_card, tmp_path / "calm", method=Misbehaving(fault="none"))
-    score(tiny_card, tmp_path / "clean")
-    monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "forced cache"))
-    forced = score(tiny_card, tmp_path / "forced", method=Misbehaving(fault="force_valid"))
-    assert read_run(tmp_path / "forced").manifest.reference == read_run(tmp_path / "calm").manifest.reference
-    assert forced.categories == calm.categories
-    assert forced.false_positives == calm.false_positives
-    score(tiny_card, tmp_path / "later")
-    assert bytes_of(tmp_path / "later") == bytes_of(tmp_path / "clean")
+@pytest.mark.parametrize("fault", ["change_later", "go_away"])
+def test_what_a_method_does_after_or_beside_its_answer_changes_no_score(tiny_card, tmp_path, monkeypatch, fault):
+    monkeypatch.chdir(tiny_card.parent)  # so that paths of the data are relative ones
+    calm, other = (score(tiny_card.name, tmp_path / name, method=Misbehaving(fault=name)) for name in ("none", fault))
+    assert (other.all_moving, other.false_positives) == (calm.all_moving, calm.false_positives)
+    assert other.failures == ()
+
+
+def test_a_method_cannot_change_what_it_is_scored_against(tiny_card, tmp_path):
+    """Nor what others find: the reference and the metrics are those of a method that changes nothing."""
+    names = ("none", "force_valid", "none")
+    for number, name in enumerate(names):
+        score(tiny_card, tmp_path / str(number), method=Misbehaving(fault=name))
+    calm, forced, later = (read_run(tmp_path / str(number)) for number in range(len(names)))
+    assert forced.manifest.reference == calm.manifest.reference == later.manifest.reference
+    for other in (forced, later):
+        assert other.summary.categories == calm.summary.categories
+        assert other.summary.false_positives == calm.summary.false_positives
+        for one, changed in zip(read_tables(calm.folder), read_tables(other.folder), strict=True):
+            assert one.equals(changed)

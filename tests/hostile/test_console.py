@@ -158,7 +158,11 @@ def test_files_for_people_hold_no_foreign_markup(monkeypatch, runs, wild):
     page = (runs[0] / "paper-v1" / "index.html").read_text()
     assert "pwned" in page
     assert "<b>|" not in page
-    for file in (runs[0] / "paper-v1" / "table.md", wild / "compared" / "compare.md", wild / "board" / "leaderboard.md"):
+    for file in (
+        runs[0] / "paper-v1" / "table.md",
+        wild / "compared" / "compare.md",
+        wild / "board" / "leaderboard.md",
+    ):
         told = file.read_text()
         assert "pwned" in told, file
         assert visible(told), file

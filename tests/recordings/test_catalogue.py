@@ -78,6 +78,41 @@ def test_exclusions_leave_out_recordings_frames_and_times(tmp_path, data):
     assert [image.timestamp_ns for image in images] == [tiny.TIMES_NS[1]]
 
 
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"timestamps_ns": [0, 10]},
+        {"timestamps_ns": [1_700_000_000, 1_700_000_001]},
+        {"frames": [100, 200]},
+        {"frames": [-3, -1]},
+        {"frames": [0, 0], "timestamps_ns": [tiny.TIMES_NS[2], None]},
+    ],
+)
+def test_an_exclusion_that_leaves_nothing_out_is_refused_on_opening(tmp_path, data, limits):
+    excluded = [{"recording": "a", "reason": "rain on the lens"} | limits]
+    a, b = open_dataset(load_card(card_file(tmp_path, exclusions=excluded)))
+    with pytest.raises(DataError, match=r"exclusions of a: expected images that they leave out, of 3 .* got .*\(rain"):
+        a.open()
+    assert b.open().name == "b"
+
+
+@pytest.mark.parametrize("limits", [{"frames": [5, 3]}, {"timestamps_ns": [tiny.TIMES_NS[2], tiny.TIMES_NS[1]]}])
+def test_limits_of_an_exclusion_are_in_order(tmp_path, data, limits):
+    with pytest.raises(DataError, match=r"exclusions\.0\..*: expected first and last in order"):
+        load_card(card_file(tmp_path, exclusions=[{"recording": "a", "reason": "rain"} | limits]))
+
+
+def test_a_split_is_never_taken_for_a_recording(tmp_path, data):
+    card = load_card(card_file(tmp_path, splits={"a": ["b"]}))
+    for split in ("a", "b", None):
+        with pytest.raises(DataError, match=r"splits\.a: expected splits with other names than recordings"):
+            open_dataset(card, split)
+    assert names(open_dataset(load_card(card_file(tmp_path, splits={"a": ["a"]})), "a")) == ["a"]
+    for name in ("a,b", "a[:2]", ""):
+        with pytest.raises(DataError, match="names of splits without commas and brackets"):
+            load_card(card_file(tmp_path, splits={name: ["b"]}))
+
+
 def test_one_recording_that_fails_does_not_stop_the_others(tmp_path, data):
     (data / "a/egomotion.csv").unlink()
     broken, whole = open_dataset(load_card(card_file(tmp_path)))

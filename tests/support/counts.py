@@ -7,17 +7,19 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from bench.harness.answers import Answer, Key, write_answers
+from bench.harness.answers import Answer, Key, safe_name, write_answers
 from bench.harness.counts import FRAMES, OBJECTS, TaskCounts, counts_folder
 
 TASK = "front-00000000"
 
 
 def write_counts(results: Path, objects: pa.Table, frames: pa.Table) -> None:
-    """Store tables as the counts of a run, each recording in files of its own."""
-    for name in pc.unique(frames["recording"]).to_pylist():
-        own = [table.filter(pc.equal(table["recording"], name)) for table in (objects, frames)]
-        TaskCounts(objects=own[0], frames=own[1], image_map=None).write(counts_folder(results, name), TASK)
+    """Store tables as the counts of a run, each camera of a recording in files of its own."""
+    for row in frames.group_by(["recording", "camera"]).aggregate([]).to_pylist():
+        chosen = (pc.field("recording") == row["recording"]) & (pc.field("camera") == row["camera"])
+        own = [table.filter(chosen) for table in (objects, frames)]
+        counted = TaskCounts(objects=own[0], frames=own[1], image_map=None)
+        counted.write(counts_folder(results, row["recording"]), f"{safe_name(row['camera'])}-00000000")
 
 
 def write_seconds(run: Path, seconds: float) -> None:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol
 from bench.evaluation.likelihood import BINS
-from bench.harness.counts import TaskCounts, counts_folder
 from bench.records.reference import Direction, IgnoreReason, Status
+from tests.support.counts import write_counts
 
 CAMERAS = ("front", "left", "rear", "right")
 WIDTH, HEIGHT = 640, 480
@@ -45,9 +45,7 @@ def write_tables(
         histograms: whether the method has a likelihood.
     """
     for number in range(recordings):
-        objects, frames = _recording(number, images=images, seeds=(seed, method_seed), histograms=histograms)
-        counts = TaskCounts(objects=objects, frames=frames, image_map=None)
-        counts.write(counts_folder(folder, f"drive-{number:05d}"), "front-00000000")
+        write_counts(folder, *_recording(number, images=images, seeds=(seed, method_seed), histograms=histograms))
 
 
 def _recording(number: int, *, images: int, seeds: tuple[int, int], histograms: bool) -> tuple[pa.Table, pa.Table]:

@@ -155,14 +155,19 @@ LARGEST_SCORE = 65535
 STATEMENT = "predictions.yaml"  # in a folder of predictions: what they are
 
 
+FirstFrame = Literal[0, 1]
+
+
 class FolderStatement(FileModel):
     """`predictions.yaml` of a folder of predictions.
 
     Attributes:
         sixteen_bits: "score" where PNG files of 16 bits hold scores, 0 to 65535 for 0 to 1.
+        first_frame: number of a camera's first image, where the names count images.
     """
 
     sixteen_bits: Literal["score"] | None = None
+    first_frame: FirstFrame | None = None
 
 
 def read_statement(root: Path) -> FolderStatement:

@@ -8,7 +8,7 @@ from pathlib import PurePath
 from typing import Literal, NamedTuple, get_args
 
 from bench.errors import UsageError
-from bench.methods.predictions.files import ImageSizes
+from bench.methods.predictions.files import STATEMENT, FirstFrame, ImageSizes
 from bench.recordings import ImageRef, RecordingHandle, frame_gaps
 
 
@@ -114,31 +114,43 @@ NAMINGS: tuple[Naming, ...] = get_args(Naming)
 LONGEST_NUMBER = 19  # digits of an int64
 
 
-def named_images(names: Sequence[str], images: CameraImages, *, naming: Naming = "auto") -> dict[str, NamedImage]:
+def named_images(
+    names: Sequence[str], images: CameraImages, *, naming: Naming = "auto", first_frame: FirstFrame | None = None
+) -> dict[str, NamedImage]:
     """The images that names mean; names that mean none are left out.
 
     Args:
         names: of the predictions of one camera in one recording.
         images: of this camera.
         naming: what the names are; "auto" takes what most of them fit.
+        first_frame: number of the first image, where the names count images; None where nobody says so.
 
     Raises:
-        UsageError: they fit two readings equally well, which mean different images; or they are indices from 1, of
-            which each would mean the image before its own.
+        UsageError: they fit two readings equally well, which mean different images; or they are numbers that may count
+            from 0 or from 1, and nobody says which; or what is said contradicts `naming`.
     """
+    if first_frame is not None:
+        if naming not in ("auto", "frame"):
+            raise UsageError(f"{STATEMENT}: first_frame: expected none beside --names {naming}, got {first_frame}")
+        numbered = dict(enumerate(images.images, first_frame))
+        return {name: numbered[int(name)] for name in names if _is_number(name) and int(name) in numbered}
     found = _most_named(names, images) if naming == "auto" else _read_as(naming, names, images)
-    _refuse_indices_from_1(names, found, images)
+    _refuse_unclear_indices(names, found, images)
     return found
 
 
-def _refuse_indices_from_1(names: Sequence[str], found: Mapping[str, NamedImage], images: CameraImages) -> None:
-    """Refuse indices that pass the last image by one and leave out the first."""
+def _refuse_unclear_indices(names: Sequence[str], found: Mapping[str, NamedImage], images: CameraImages) -> None:
+    """Refuse indices without a 0 that may count from 1, of which each would mean the image before its own."""
     count, numbers = len(images.images), {int(name) for name in names if _is_number(name)}
     by_index = [image.frame for image in images.images] == list(range(count))
-    if found and by_index and found == _read_as("frame", names, images) and max(numbers) == count and 0 not in numbers:
+    only_indices = found == _read_as("frame", names, images) and not any(
+        found == _read_as(other, names, images) for other in ("timestamp", "image")
+    )
+    if found and by_index and only_indices and 0 not in numbers and numbers & {1, count}:
         raise UsageError(
-            f"predictions of {images.recording}/{images.camera}: expected frame numbers from 0 to {count - 1}, got "
-            f"{min(numbers)} to {count}, which seem to count from 1; name them from 0, or by the times of the images"
+            f"predictions of {images.recording}/{images.camera}: expected frame numbers that count from 0, got "
+            f"{min(numbers)} to {max(numbers)} of {count} images, which may count from 1; say `first_frame: 0` or "
+            f"`first_frame: 1` in {STATEMENT}, or name them by the times of the images"
         )
 
 

@@ -122,6 +122,7 @@ class PredictionIndex:
         unscored: predictions of images that are not scored: first ones, those after a gap, excluded ones.
         elsewhere: files of recordings that are not of the split, excluded, or cannot be opened.
         unread: files of many images that cannot be read, relative to the folder; which images they are of is unknown.
+        largest: value of all usable predictions, in [0, 1].
         doubts: what is odd about the values of all predictions together.
         digest: SHA-256 over the usable predictions' images and the content of their files.
     """
@@ -134,6 +135,7 @@ class PredictionIndex:
     unscored: int
     elsewhere: int
     unread: tuple[str, ...]
+    largest: float
     doubts: tuple[str, ...]
     digest: str
 
@@ -172,7 +174,12 @@ class Pairing:
             UsageError: names that may be times or frame numbers.
         """
         named = list(self._named(camera))
-        images = named_images([name for name, _, _ in named], camera, naming=self._naming)
+        images = named_images(
+            [name for name, _, _ in named],
+            camera,
+            naming=self._naming,
+            first_frame=self.files.statement.first_frame,
+        )
         sources: defaultdict[NamedImage, dict[Path, tuple[str, ...]]] = defaultdict(dict)
         for name, file, listed in named:
             if name not in images:
@@ -230,6 +237,7 @@ class Pairing:
             unscored=self._unscored,
             elsewhere=elsewhere,
             unread=tuple(map(self.files.relative, self._unread)),
+            largest=self._largest,
             doubts=tuple(self._doubts()),
             digest=self._whole_digest(),
         )

@@ -86,6 +86,8 @@ def write_report(file: Path, card: DatasetCard, method: PredictedMotion, found: 
         "unscored": found.unscored,
         "elsewhere": found.elsewhere,
         "unread": found.unread,
+        "largest": found.largest,
+        "threshold": method.threshold,
         "doubts": found.doubts,
         "missing_policy": method.missing,
         "faults": faults,

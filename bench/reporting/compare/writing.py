@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 import pandas as pd
 
-from bench.atomic import replacing
+from bench.atomic import refuse_foreign, replacing
 from bench.evaluation import find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.sums import ALL_MOVING, FRAMES, recording_values
@@ -325,6 +325,7 @@ def write_object_changes(file: Path, comparisons: Sequence[RunComparison]) -> No
     columns = ["before_run", "after_run", "recording", "camera", "timestamp_ns", "track_id", "object_class", "category",
                "range_m", "region_px", "change", "coverage_before", "coverage_after", "iou_before",
                "iou_after"]  # fmt: skip
+    refuse_foreign(file, columns[0])
     with replacing(file) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         stream.write(",".join(columns) + "\n")
         for comparison in comparisons:

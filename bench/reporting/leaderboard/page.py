@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-from bench.atomic import write_text
+from bench.atomic import write_output
 from bench.errors import BenchError
 from bench.harness.stages import Progress
 from bench.recordings import load_card
@@ -55,7 +55,7 @@ def write_leaderboard(
         group for group in found.groups if group.judged and any(entry.cost_ms is not None for entry in group.methods)
     ]
     page = out / "index.html"
-    write_text(page, _page(found, out, charted=charted, examples=examples))
+    write_output(page, _page(found, out, charted=charted, examples=examples))
     files = (page, *report(found, charts=[CHART_OF_ALL] if charted else []).write(out, "leaderboard"))
     if charted:
         files += write_picture(out / CHART, draw_quality_and_cost(charted))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bench.atomic import write_text
+from bench.atomic import write_output
 from bench.evaluation import published
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun, read_run
@@ -67,7 +67,7 @@ def write_page(
     most = WORST if category is None else WORST_OF_CATEGORY
     worst, problems = worst_cases(run, most=most, pictures=pictures, progress=progress)
     file = out or run.folder / ("index.html" if category is None else f"index-{category.value}.html")
-    write_text(file, _render(run, worst, problems, pair, pictures=pictures))
+    write_output(file, _render(run, worst, problems, pair, pictures=pictures))
     return Page(file=file, problems=tuple(dict.fromkeys([*problems, *(pair[-1] if pair else ())])))
 
 

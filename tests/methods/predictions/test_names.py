@@ -66,15 +66,26 @@ def test_numbers_of_the_files_are_the_frame_numbers():
     assert times(["0000000250"], SHIFTED, naming="image") == {"0000000250": 0}
 
 
-def test_indices_from_1_are_refused_since_each_would_mean_the_image_before():
-    for names in (["1", "2", "3"], ["2", "3"], ["0001", "0002", "0003"]):
-        for naming in ("auto", "frame"):
-            with pytest.raises(
-                UsageError, match=r"drive/front: expected frame numbers from 0 to 2, got .* count from 1"
-            ):
-                named_images(names, DRIVE, naming=naming)
+@pytest.mark.parametrize("names", [["1", "2", "3"], ["2", "3"], ["1", "2"], ["1"], ["0001", "0002", "0003"]])
+@pytest.mark.parametrize("naming", ["auto", "frame"])
+def test_indices_without_a_0_that_may_count_from_1_are_asked_about(names, naming):
+    with pytest.raises(UsageError, match=r"drive/front: expected frame numbers that count from 0, .* may count from 1"):
+        named_images(names, DRIVE, naming=naming)
+    said = times(names, DRIVE, naming=naming, first_frame=1)
+    assert said == {name: 1000 * int(name) for name in names}
+    said = times(names, DRIVE, naming=naming, first_frame=0)
+    assert said == {name: 1000 * (int(name) + 1) for name in names if int(name) < 3}
+
+
+def test_indices_that_can_only_count_from_0_are_taken():
     assert times(["0", "1", "2", "3"], DRIVE) == {"0": 1000, "1": 2000, "2": 3000}  # one too many, for whoever lists it
     assert times(["1", "2", "3"], camera([(1, 1, "1"), (2, 2, "2"), (3, 3, "3")])) == {"1": 1, "2": 2, "3": 3}
+    assert times(["1", "2"], FROM_ZERO) == {"1": 1, "2": 2}, "they are the names of the files"
+
+
+def test_a_first_number_contradicts_names_that_are_none():
+    with pytest.raises(UsageError, match=r"first_frame: expected none beside --names timestamp"):
+        named_images(["1000"], DRIVE, naming="timestamp", first_frame=1)
 
 
 def test_an_asked_for_naming_is_the_only_one():
