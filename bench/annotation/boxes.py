@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from bench.annotation.registration import Motion, cut_ends, track_motion
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.annotation.tracking import Fragment
-from bench.records.recording import ObjectClass
+from bench.records.reference import ObjectClass
 from bench.reference.motion import moving_states
 
 Floats = NDArray[np.float64]

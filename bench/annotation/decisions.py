@@ -34,7 +34,7 @@ from bench.annotation.store import (
     Undo,
 )
 from bench.errors import UsageError
-from bench.records.recording import ObjectClass
+from bench.records.reference import ObjectClass
 
 Status = Literal["open", "accepted", "rejected"]
 STATUS_OF: dict[type, Status] = {Accept: "accepted", Reject: "rejected", Reopen: "open"}

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bench.annotation.settings import ProposalSettings
 from bench.annotation.store import Doubt
-from bench.records.recording import ObjectClass
+from bench.records.reference import ObjectClass
 
 HOLE = 1.5  # usual steps between two states, from which on one is missing
 LONGEST_M, WIDEST_M = ProposalSettings().longest_m, ProposalSettings().widest_m

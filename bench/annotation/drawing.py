@@ -16,7 +16,8 @@ from bench.annotation.views import GROUND_M, sweep_points_world
 from bench.errors import UsageError
 from bench.recordings import Recording
 from bench.recordings.validation import FileModel
-from bench.records.recording import ObjectClass, world_velocities
+from bench.records.recording import world_velocities
+from bench.records.reference import ObjectClass
 
 FEWEST_POINTS = 5
 FARTHEST_SWEEPS = 300  # that a track is followed in each direction

@@ -20,7 +20,8 @@ from bench.annotation.prepared import Cloud, clouds
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.annotation.tracking import Fragment, Tracker
 from bench.errors import DataError
-from bench.records.recording import ObjectClass, Recording
+from bench.records.recording import Recording
+from bench.records.reference import ObjectClass
 
 Floats = NDArray[np.float64]
 TOP_NOT_SEEN, ONE_END = "top not seen", "seen from one end"

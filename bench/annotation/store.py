@@ -18,7 +18,8 @@ from bench.atomic import read_regular, write_bytes
 from bench.errors import DataError, UsageError
 from bench.recordings.annotations import REVIEW_SUFFIX
 from bench.recordings.validation import FileModel, TimeNs, parse_json
-from bench.records.recording import MotionKind, ObjectClass
+from bench.records.recording import MotionKind
+from bench.records.reference import ObjectClass
 
 LARGEST_BYTES = 64_000_000
 MOST_STATES = 100_000  # of one track

@@ -15,8 +15,15 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from bench.errors import DataError
 from bench.plain_yaml import known_rules, read_rules
-from bench.records.recording import ObjectClass
-from bench.records.reference import Category, Limb, MotionSettings, OutlineErrors, ReferenceSettings, RegionKindName
+from bench.records.reference import (
+    Category,
+    Limb,
+    MotionSettings,
+    ObjectClass,
+    OutlineErrors,
+    ReferenceSettings,
+    RegionKindName,
+)
 
 
 def _edges(values: tuple[float, ...]) -> tuple[float, ...]:

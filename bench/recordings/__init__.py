@@ -17,7 +17,6 @@ from bench.records.recording import (
     MOTION_KINDS,
     NO_INPUT_ERRORS,
     NOT_ANNOTATED,
-    OBJECT_CLASSES,
     Annotated,
     Cuboid,
     FrameGap,
@@ -33,6 +32,7 @@ from bench.records.recording import (
     Track,
     frame_gaps,
 )
+from bench.records.reference import OBJECT_CLASSES
 
 __all__ = [
     "ADAPTERS",

@@ -29,7 +29,8 @@ from bench.atomic import linked_folder
 from bench.errors import BenchError, DataError
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import read_image
-from bench.records.recording import OBJECT_CLASSES, Recording, SweepRef, Track
+from bench.records.recording import Recording, SweepRef, Track
+from bench.records.reference import OBJECT_CLASSES
 
 LARGEST_HANDLE_BYTES = 100_000
 READ_IMAGES, READ_SWEEPS = 12, 4

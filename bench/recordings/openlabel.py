@@ -17,7 +17,8 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from bench.recordings.validation import FileModel, TimeNs
-from bench.records.recording import MotionKind, ObjectClass
+from bench.records.recording import MotionKind
+from bench.records.reference import ObjectClass
 
 VERSION = "1.0.0"
 NOT_REVIEWED = "annotations: proposed, not reviewed"  # the comment of a file whose objects nobody has looked at

@@ -17,8 +17,6 @@ from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.lidar import LidarSweep
 
-ObjectClass = Literal["pedestrian", "cyclist", "vehicle", "animal"]
-OBJECT_CLASSES: tuple[str, ...] = get_args(ObjectClass)
 MotionKind = Literal["crossing", "overtaking", "preceding", "approaching", "static_ego"]
 MOTION_KINDS: tuple[str, ...] = get_args(MotionKind)
 

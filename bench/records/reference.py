@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from shapely import MultiPolygon, Polygon
 Outline: TypeAlias = Polygon | MultiPolygon  # of several parts where the lidar sees an object in several
 # The strategies are in `bench.reference.kinds`.
 RegionKindName = Literal["convex", "concave", "surface-patches"]
+ObjectClass = Literal["pedestrian", "cyclist", "vehicle", "animal"]
+OBJECT_CLASSES: tuple[str, ...] = get_args(ObjectClass)
 UNKNOWN_CLASS = "unknown"  # of an object of which only pixels are known
 
 

@@ -17,7 +17,8 @@ from bench.errors import DataError, ShapeError
 from bench.evaluation import load_protocol
 from bench.recordings import list_cards, load_card, open_dataset, read_image
 from bench.recordings.cards import shipped_folder
-from bench.records.recording import OBJECT_CLASSES, Cuboid
+from bench.records.recording import Cuboid
+from bench.records.reference import OBJECT_CLASSES
 from bench.reference import ReferenceBuilder, Status
 from tests.hostile.files import LAZ_FILES
 from tests.support import log123d, tiny

@@ -18,7 +18,6 @@ HERE = {
     "gate, junit": (("gate", "RUN", "--baseline", "BASELINE", "--junit", "OUT/mine.xml"), "mine.xml"),
     "gate, sums of a run": (("gate", "RUN", "--baseline", "BASELINE", "--junit", "RUN/paper-v1/sums.csv"), ""),
     "gate, summary of a run": (("gate", "RUN", "--baseline", "BASELINE", "--json", "RUN/paper-v1/summary.json"), ""),
-    "croissant": (("croissant", "CARD", "--out", "OUT/mine.json"), "mine.json"),
 }
 
 
@@ -56,7 +55,7 @@ def test_a_file_of_the_users_or_of_a_run_stays(monkeypatch, capsys, places, tmp_
     assert {file: file.read_bytes() for file in before} == before
 
 
-@pytest.mark.parametrize("name", ["report", "compare", "leaderboard", "gate", "gate, junit", "croissant"])
+@pytest.mark.parametrize("name", ["report", "compare", "leaderboard", "gate", "gate, junit"])
 def test_an_earlier_output_is_replaced(monkeypatch, places, tmp_path, name):
     words = words_of(name, places, tmp_path / "out")
     assert call(monkeypatch, *words) == call(monkeypatch, *words) != 2
