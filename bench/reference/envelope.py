@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-OFFSETS_M = np.arange(-50, 51) / 100  # where beams may start
-OFFSETS_M = OFFSETS_M[np.argsort(np.abs(OFFSETS_M), kind="stable")]  # of equally good ones the nearest to the origin
+OFFSETS_M = np.arange(-25, 26) / 50  # where beams may start
 NEAREST_M, FARTHEST_M = 1.0, 1000.0  # nearer returns are the housing's, or none at all; their directions are noise
 BINS_PER_E = 100  # ranges a hundredth apart
 STRAYS = 5  # returns beyond the last beam
 SAME_BEAM_M = 0.01  # returns of one beam lie this close to its line
+LEAST_RANGES = 10  # at which a beam has to meet something, or nothing tells where it starts
+ENOUGH = 0.95  # of the most ranges: as good, since distances are rounded
 
 
 class Beam(NamedTuple):
@@ -72,8 +73,9 @@ def find_envelope(points_sensor: NDArray[np.floating]) -> Envelope:
     """Find the lowest and the highest beam.
 
     For every height at which a beam may start, the last beam is that of the sixth return from the end, since up to five
-    may be stray. The height is right from which returns at the most different ranges lie on this beam. Where these are
-    few, as of a lowest beam that meets nothing but a flat road, any height tells the same of this range.
+    may be stray. The height is right from which returns at the most different ranges lie on this beam. Of heights as
+    good counts for the highest beam the one nearest to the sensor's origin, for the lowest the one nearest to where the
+    highest starts; these themselves where too few ranges tell.
 
     Args:
         points_sensor: (N, 3), m, a whole sweep, sensor frame; N >= 1.
@@ -86,12 +88,16 @@ def find_envelope(points_sensor: NDArray[np.floating]) -> Envelope:
         return Envelope(lowest=Beam(0.0, float(slopes.min())), highest=Beam(0.0, float(slopes.max())))
     flat_m, slopes = flat_m[within], slopes[within]
     bins = (np.log(flat_m) * BINS_PER_E).astype(np.intp)
-    below, above = _last_beam(bins, flat_m, -slopes), _last_beam(bins, flat_m, slopes)
-    return Envelope(lowest=Beam(-below.offset_m, -below.slope), highest=above)
+    highest = _last_beam(bins, flat_m, slopes, usual_m=0.0)
+    below = _last_beam(bins, flat_m, -slopes, usual_m=-highest.offset_m)
+    return Envelope(lowest=Beam(-below.offset_m, -below.slope), highest=highest)
 
 
-def _last_beam(bins: NDArray[np.intp], flat_m: NDArray[np.floating], slopes: NDArray[np.floating]) -> Beam:
-    """The highest beam of returns in bins of range."""
+def _last_beam(
+    bins: NDArray[np.intp], flat_m: NDArray[np.floating], slopes: NDArray[np.floating], *, usual_m: float
+) -> Beam:
+    """The highest beam of returns in bins of range; it usually starts at a height."""
+    offsets_m = OFFSETS_M[np.argsort(np.abs(OFFSETS_M - usual_m), kind="stable")]
     last = np.full(bins.max() + 1, -np.inf, dtype=slopes.dtype)
     np.maximum.at(last, bins, slopes)
     rows = np.flatnonzero((last[bins] - slopes) * flat_m < SAME_BEAM_M)
@@ -101,10 +107,10 @@ def _last_beam(bins: NDArray[np.intp], flat_m: NDArray[np.floating], slopes: NDA
     rows = rows[rank <= STRAYS]  # more of one bin change nothing
     first_of_bin = np.flatnonzero(np.diff(bins[rows], prepend=-1))
     flat_m, slopes = flat_m[rows].astype(np.float64), slopes[rows].astype(np.float64)
-    from_starts = slopes - OFFSETS_M[:, None] / flat_m
+    from_starts = slopes - offsets_m[:, None] / flat_m
     place = max(len(rows) - 1 - STRAYS, 0)
     beams = np.partition(from_starts, place, axis=1)[:, place]
     on_beam = np.abs(from_starts - beams[:, None]) * flat_m < SAME_BEAM_M
     ranges = np.logical_or.reduceat(on_beam, first_of_bin, axis=1).sum(axis=1)
-    best = int(np.argmax(ranges))
-    return Beam(float(OFFSETS_M[best]), float(beams[best]))
+    best = int(np.argmax(ranges >= ENOUGH * ranges.max())) if ranges.max() >= LEAST_RANGES else 0
+    return Beam(float(offsets_m[best]), float(beams[best]))

