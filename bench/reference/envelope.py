@@ -74,8 +74,8 @@ def find_envelope(points_sensor: NDArray[np.floating]) -> Envelope:
 
     For every height at which a beam may start, the last beam is that of the sixth return from the end, since up to five
     may be stray. The height is right from which returns at the most different ranges lie on this beam. Of heights as
-    good counts for the highest beam the one nearest to the sensor's origin, for the lowest the one nearest to where the
-    highest starts; these themselves where too few ranges tell.
+    good counts for the highest beam the one nearest to the sensor's origin, for the lowest the one nearest to
+    half of the highest's; these themselves where too few ranges tell.
 
     Args:
         points_sensor: (N, 3), m, a whole sweep, sensor frame; N >= 1.
@@ -89,7 +89,7 @@ def find_envelope(points_sensor: NDArray[np.floating]) -> Envelope:
     flat_m, slopes = flat_m[within], slopes[within]
     bins = (np.log(flat_m) * BINS_PER_E).astype(np.intp)
     highest = _last_beam(bins, flat_m, slopes, usual_m=0.0)
-    below = _last_beam(bins, flat_m, -slopes, usual_m=-highest.offset_m)
+    below = _last_beam(bins, flat_m, -slopes, usual_m=-highest.offset_m / 2)
     return Envelope(lowest=Beam(-below.offset_m, -below.slope), highest=highest)
 
 

@@ -57,7 +57,7 @@ def envelope(sweep: Array) -> tuple[Array, Array]:
             found.append((len(np.unique(bins[kept][on_beam])), offset, last))
         most = max(ranges for ranges, *_ in found)
         _, *beam = found[0] if most < 10 else next(one for one in found if one[0] >= 0.95 * most)
-        usual = beam[0]
+        usual = beam[0] / 2
         beams.append(np.array(beam))
     return beams[1], beams[0]
 
