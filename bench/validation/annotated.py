@@ -9,7 +9,7 @@ from bench.validation.findings import Finding, Severity
 
 
 def check_annotated(recording: Recording) -> Iterator[Finding]:
-    """Complete annotations without any object, annotations that nothing uses, stated times at which no image was taken."""
+    """Complete annotations without any object, ones that nothing uses, stated times at which no image was taken."""
     images = [image for images in recording.images.values() for image in images]
     annotated, objects = recording.annotated, [track for track in recording.tracks if track.states]
     if annotated == NOT_ANNOTATED and objects:
