@@ -66,8 +66,8 @@ class _Prepared:
     """A sweep before its neighbours are known; fields as in `Cloud`, for every return that may do.
 
     Attributes:
-        slopes: (N,) float64, tangents of the elevations of the points, seen from the sensor.
-        highest_slope: of all returns of the sweep.
+        slopes: (N,) float64, tangents of the elevations of the points, seen from where their beams start.
+        highest_slope: of the highest beam that meets anything.
     """
 
     number: int
@@ -126,6 +126,7 @@ def _prepare(
     inside = (vehicle[:, :2] > low - settings.own_margin_m) & (vehicle[:, :2] < high + settings.own_margin_m)
     usable = ~(inside.all(axis=1) & (levelled[:, 2] < settings.own_top_m)) & (polar.range_m > settings.nearest_m)
     near = usable & (polar.range_m < settings.range_m) & (levelled[:, 2] < settings.top_m)
+    flat_x, flat_y, lift = placed.points_from_beams(np.flatnonzero(near)).T
     origin = placed.rotations @ placed.lidar_from_sensor.translation_m + placed.positions_m
     sensor_m = origin[len(origin) // 2, :2]
     return _Prepared(
@@ -134,8 +135,8 @@ def _prepare(
         points=levelled[near],
         offset_s=(placed.times_ns[near] - ref.timestamp_ns) / SECOND_NS,
         cut_off=_at_sector_edge(polar.azimuth_rad[near], settings.sector_edge_rad),
-        slopes=polar.slopes[near],
-        highest_slope=float(polar.slopes.max()),
+        slopes=lift / np.hypot(flat_x, flat_y),
+        highest_slope=placed.envelope.highest.slope,
         sensor_m=sensor_m,
         road=road,
         lowest=lowest_heights(levelled[near], sensor_m, settings),

@@ -96,7 +96,8 @@ def propose(
 
 def _believed(fragments: Sequence[Fragment], segment: Sequence[Cloud], settings: ProposalSettings) -> list[Box]:
     """Boxes of the tracks of a segment that are believed to move."""
-    whole = [box for box in (fit_box(fragment, settings) for fragment in fragments) if box is not None]
+    boxes = (fit_box(fragment, settings) for fragment in fragments)
+    whole = [box for box in boxes if box is not None and not is_own(box, settings)]
     first = [part for box in whole for part in split_people(box, settings)]
     alone = {box.fragment.name: box for box in first}
     found = []
@@ -104,6 +105,14 @@ def _believed(fragments: Sequence[Fragment], segment: Sequence[Cloud], settings:
         box = (fit_box(fragment, settings) if fragment.joined else None) or alone[fragment.name]
         found.append(fit_box(extend(box, segment, settings), settings))
     return without_duplicates([box for box in found if box is not None])  # the rest does not stand longer looks
+
+
+def is_own(box: Box, settings: ProposalSettings) -> bool:
+    """Whether it keeps its place beside the lidar while that drives, as only the vehicle itself does."""
+    sensors_m = np.array([observation.cloud.sensor_m for observation in box.fragment.observations])
+    ranges_m, way_m = np.hypot(*(box.centres_m - sensors_m).T), np.hypot(*np.ptp(sensors_m, axis=0))
+    beside = ranges_m.max() < settings.own_range_m and np.ptp(ranges_m) < settings.own_sway_m
+    return bool(beside and way_m > settings.own_way_m)
 
 
 def _proposal(box: Box, boxes: Sequence[Box], settings: ProposalSettings) -> Proposal:

@@ -30,6 +30,9 @@ class ProposalSettings:
         top_m: and those higher above the road.
         own_margin_m: around the vehicle's outline, in which returns are its own.
         own_top_m: height of the vehicle.
+        own_range_m: what keeps its place this near to the lidar is the vehicle's own: mirrors, a roof rack,
+        own_sway_m: by no more than this,
+        own_way_m: while the vehicle drives as far.
         cell_m: of the grid of ground heights.
         ground_m: returns lower above the ground are the ground's.
         voxel_m: returns in one voxel are looked up once in other sweeps.
@@ -85,6 +88,9 @@ class ProposalSettings:
     top_m: float = 3.6
     own_margin_m: float = 0.25
     own_top_m: float = 2.2
+    own_range_m: float = 3.0
+    own_sway_m: float = 0.15
+    own_way_m: float = 1.0
     cell_m: float = 0.5
     ground_m: float = 0.20
     voxel_m: float = 0.10

@@ -244,11 +244,10 @@ class NativeFolder:
 
     def _tracks(self, stated: Statement | None = None) -> tuple[tuple[Track, ...], Annotated]:
         """The objects of `annotations`, else of the recording's own file, and what they cover; without one nothing."""
-        file = self.annotations
-        if file is None and lexists(self.root / "annotations.json"):
-            file = self._inside("annotations.json")
-        if file is not None:
-            return read_annotations(file), annotated_as(stated or "complete")
+        if self.annotations is not None:  # what "none" is said of is the recording's own file
+            return read_annotations(self.annotations), annotated_as("complete" if stated in {None, "none"} else stated)
+        if lexists(self.root / "annotations.json"):
+            return read_annotations(self._inside("annotations.json")), annotated_as(stated or "complete")
         if stated not in {None, "none"}:
             hint = f'write it, without objects where nothing moves, or state "annotated": "none" in {HEAD}'
             file = self.root / "annotations.json"

@@ -2,7 +2,8 @@
 
 They are found from their directions alone, which works for data without rings or times and for any number of beams.
 The directions have to be those from the sensor: a data set that gives its points in other axes has to state
-`Recording.lidar_from_sensor`.
+`Recording.lidar_from_sensor`. Beams that start in several places, as those of two blocks of lasers, leave a gap between
+their rows that is wider the nearer the object is: nothing is missing there.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Grid:
 
     Attributes:
         neighbours: (4, N) intp, row of the neighbour to the left, to the right, above and below; -1 where there is none
-            within 2.5 steps.
+            within 2.5 steps, and above and below within what lies between starts of beams.
         linked: (4, N) bool, the neighbour lies on the same surface: no further behind or before than an oblique one.
         certain: (4, N) bool, no return is missing between the two, and they are as near as over one missing return;
             others may be two surfaces.
@@ -54,11 +55,12 @@ class Grid:
         return np.asarray(np.sqrt(np.square(self.step_sensor).sum(axis=0)))
 
 
-def find_grid(points_sensor: NDArray[np.floating]) -> Grid | None:
+def find_grid(points_sensor: NDArray[np.floating], *, starts_apart_m: float = 0.0) -> Grid | None:
     """Find the neighbours of each return.
 
     Args:
-        points_sensor: (N, 3), m, sensor frame at each point's own time.
+        points_sensor: (N, 3), m, from where each beam starts, sensor axes at each point's own time.
+        starts_apart_m: m, `Envelope.starts_apart_m`.
 
     Returns:
         The grid; None where no two returns lie beside each other in a row, so that the step between columns is unknown.
@@ -69,14 +71,15 @@ def find_grid(points_sensor: NDArray[np.floating]) -> Grid | None:
     column_step = _column_step(azimuth, elevation)
     if column_step <= 0:
         return None
-    above_below, lifts, usual = _above_and_below(azimuth, elevation, column_step)
+    x, y, z = points_sensor.astype(np.float64).T
+    flat_m = np.sqrt(x * x + y * y)
+    ranges_m = np.sqrt(flat_m * flat_m + z * z)
+    gap_rad = starts_apart_m / np.maximum(ranges_m, 1e-9)
+    above_below, lifts, usual = _above_and_below(azimuth, elevation, column_step, gap_rad)
     beside, turns = _beside(azimuth, elevation, column_step, usual / 2)
     nearest = np.where(above_below >= 0, lifts, np.inf).min(axis=0)
     row_step = np.where(np.isfinite(nearest), np.minimum(nearest, 1.5 * usual), usual)
     neighbours, steps = np.concatenate([beside, above_below]), np.concatenate([turns / column_step, lifts / usual])
-    x, y, z = points_sensor.astype(np.float64).T
-    flat_m = np.sqrt(x * x + y * y)
-    ranges_m = np.sqrt(flat_m * flat_m + z * z)
     depth_steps = np.abs(ranges_m[neighbours] - ranges_m)
     depth_steps[:2] /= flat_m * column_step
     depth_steps[2:] /= ranges_m * row_step
@@ -115,7 +118,7 @@ def _column_step(azimuth: NDArray[np.float64], elevation: NDArray[np.float64]) -
 
 
 def _above_and_below(
-    azimuth: NDArray[np.float64], elevation: NDArray[np.float64], column_step: float
+    azimuth: NDArray[np.float64], elevation: NDArray[np.float64], column_step: float, gap_rad: NDArray[np.float64]
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
     """Neighbours in the same column, (2, N), the angles to them, and the usual angle between rows at each return."""
     column = np.floor(azimuth / (1.5 * column_step)) * ROW_KEY  # wide enough to hold a return of every row
@@ -128,7 +131,7 @@ def _above_and_below(
     lifts = np.abs(elevation[others] - elevation)
     lifts[(column[others] != column) | (lifts < least)] = np.inf
     usual = _usual_by_elevation(elevation, lifts.min(axis=0), otherwise=column_step)
-    others = np.where(lifts <= BRIDGED_STEPS * usual, order[others], -1)
+    others = np.where(lifts <= BRIDGED_STEPS * usual + gap_rad[order], order[others], -1)
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
     return others.take(back, axis=1), lifts.take(back, axis=1), usual[back]

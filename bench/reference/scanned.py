@@ -32,7 +32,7 @@ from bench.reference.patches import (
     without_slits,
 )
 from bench.reference.silhouette import silhouette
-from bench.reference.sweeps import PosedSweep, slopes_of
+from bench.reference.sweeps import PosedSweep
 
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
 
@@ -146,10 +146,10 @@ class ScannedObject:
         return self.exposure.camera_from_world.apply(self.cluster.points_world)
 
     @cached_property
-    def points_sensor(self) -> NDArray[np.float64]:
-        """(N, 3) float64, m, its returns in the sensor frame at each one's own time."""
+    def points_from_beams(self) -> NDArray[np.float64]:
+        """(N, 3) float64, m, its returns from where their beams start, sensor axes at each one's own time."""
         assert self.placed is not None, "only where a sweep has met the object"
-        return self.placed.points_sensor(self.cluster.rows)
+        return self.placed.points_from_beams(self.cluster.rows)
 
     @cached_property
     def world_from_sensor(self) -> RigidTransform:
@@ -176,13 +176,14 @@ class ScannedObject:
         if not len(self.parts_world):
             return None
         assert self.placed is not None, "there is a grid"
-        slopes, (lowest, highest) = slopes_of(self.points_sensor), self.placed.slope_range
+        (x, y, z), (lowest, highest) = self.points_from_beams.T, self.placed.envelope
+        slopes = z / np.maximum(np.hypot(x, y), 1e-9)
         heights_m, half_row = self.parts_world[..., 2], grid.row_step_rad / 2
         bottom_m = float(heights_m.min())
         return Bounds(
-            grounded_m=np.where(slopes < lowest + half_row, np.inf, bottom_m + self.settings.ground_clearance_m),
+            grounded_m=np.where(slopes < lowest.slope + half_row, np.inf, bottom_m + self.settings.ground_clearance_m),
             bottom_m=bottom_m,
-            top_m=np.where(slopes > highest - half_row, heights_m.max(), -np.inf),
+            top_m=np.where(slopes > highest.slope - half_row, heights_m.max(), -np.inf),
         )
 
     @cached_property
@@ -254,7 +255,7 @@ class ScannedObject:
         if self.grid is None or not len(self.parts_world):
             return None
         outermost = (self.grid.neighbours < 0).any(axis=0)
-        beams = normalise(self.world_from_sensor.rotate(self.points_sensor[outermost]))
+        beams = normalise(self.world_from_sensor.rotate(self.points_from_beams[outermost]))
         ways = beams * way_out_m(self.cluster.points_world[outermost], beams, self.parts_world)[:, None]
         corners = self.patches.corners.compress(outermost, axis=2)
         if not corners.size:
@@ -269,13 +270,13 @@ class ScannedObject:
     def unseen(self) -> Raster | None:
         """Part of the annotated shape below the lowest beam or above the highest; None where there is none."""
         assert self.placed is not None, "only where a sweep has met the object"
-        lowest, highest = self.placed.slope_range
+        lowest, highest = self.placed.envelope
         found = []
         for corners in self.world_from_sensor.inverse().apply(self.parts_world):
             flat_m, heights_m = np.hypot(corners[:, 0], corners[:, 1]), corners[:, 2]
             bottom_m, top_m = heights_m.min(), heights_m.max()
-            for slope, end_m in ((lowest, bottom_m), (highest, top_m)):
-                limit_m = np.clip(slope * flat_m, bottom_m, top_m)
+            for beam, end_m in ((lowest, bottom_m), (highest, top_m)):
+                limit_m = np.clip(beam.heights_m(flat_m), bottom_m, top_m)
                 if (limit_m != end_m).any():
                     ends = (np.column_stack([corners[:, :2], z]) for z in (limit_m, np.full_like(limit_m, end_m)))
                     found.append(np.concatenate(list(ends)))

@@ -13,6 +13,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, deskew, interpolation_timestamps
 from bench.records.recording import ObjectShape, PointIndices, Recording
+from bench.reference.envelope import Envelope, find_envelope
 from bench.reference.grid import Grid, find_grid
 
 
@@ -39,18 +40,14 @@ class PosedSweep:
     revolution_ns: int
 
     @cached_property
-    def slope_range(self) -> tuple[float, float]:
-        """Tangents of the elevation of the lowest and the highest point, seen from the sensor.
-
-        They are those of the lowest beam, which meets the road, and of the highest that meets anything.
-        """
+    def envelope(self) -> Envelope:
+        """The lowest beam, which meets the road, and the highest that meets anything."""
         sensor_from_lidar, components = self.lidar_from_sensor.inverse(), self._components
         rotation = sensor_from_lidar.rotation.astype(
             components.dtype
         )  # every point of the sweep, once: in its own type
         points = rotation @ components + sensor_from_lidar.translation_m.astype(components.dtype)[:, None]
-        slopes = slopes_of(points.T)
-        return float(slopes.min()), float(slopes.max())
+        return find_envelope(points.T)
 
     def rows_between(self, low_lidar: NDArray[np.float64], high_lidar: NDArray[np.float64]) -> NDArray[np.intp]:
         """Rows of the points, as measured, whose x and y lie between those of two corners, lidar frame, m."""
@@ -80,11 +77,18 @@ class PosedSweep:
         """Points in the sensor frame at each point's own time, (K, 3) float64, m."""
         return self.lidar_from_sensor.inverse().apply(self.sweep.points_lidar[rows].astype(np.float64))
 
+    def points_from_beams(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+        """As `points_sensor`, each seen from where its beam starts on the sensor's upright axis."""
+        points = self.points_sensor(rows)
+        points[:, 2] -= self.envelope.starts_m(points)
+        return points
+
     def grid(self, rows: NDArray[np.intp]) -> Grid | None:
         """Neighbours among these points; cached, since images that share a sweep ask for the same points."""
         key = rows.tobytes()
         if key not in self._grids:
-            self._grids[key] = find_grid(self.points_sensor(rows))
+            points = self.points_from_beams(rows)
+            self._grids[key] = find_grid(points, starts_apart_m=self.envelope.starts_apart_m)
         return self._grids[key]
 
     @cached_property
@@ -125,12 +129,6 @@ def pose_sweep(
         lidar_from_sensor=lidar_from_sensor or RigidTransform.identity(),
         revolution_ns=revolution_ns,
     )
-
-
-def slopes_of(points_sensor: NDArray[np.floating]) -> NDArray[np.floating]:
-    """(N,), tangent of the elevation of points, (N, 3), sensor frame."""
-    x, y, z = points_sensor.T
-    return np.asarray(z / np.maximum(np.sqrt(x * x + y * y), 1e-9))  # many times faster than `hypot`
 
 
 class SweepCache:

@@ -23,11 +23,10 @@ from shapely import LinearRing, get_parts, get_rings
 
 from bench.errors import ShapeError
 from bench.evaluation.counts import count_frame
-from bench.geometry.raster import rasterise
 from bench.harness import ProcessedFrame
 from bench.plain_text import plain
 from bench.records.reference import Outline, ReferenceFrame, ReferenceObject, Status
-from bench.reporting.canvas import GREEN, SKY_BLUE, VERMILION, YELLOW, category_colour, rgb
+from bench.reporting.canvas import BLACK, GREEN, GREY, SKY_BLUE, VERMILION, YELLOW, category_colour, rgb
 
 _SHIFT = 4  # fractional bits of OpenCV's drawing coordinates
 _LABEL_SIZES = 4.5, 6.0  # points, in a picture of 1.8 inches and less, of 2.4 inches and more
@@ -130,28 +129,15 @@ def _fitting(text: str, width_px: int) -> float:
 
 
 def unknown_bands(reference: ReferenceFrame) -> NDArray[np.int32]:
-    """Find the unknown bands of the evaluated objects.
-
-    The reference holds bands and ignored objects in one region. A pixel of it is taken for the band of the nearest
-    core, unless an ignored object's polygon is nearer.
+    """Divide the unknown bands among the evaluated objects: each pixel is of the nearest core.
 
     Returns:
         (H, W) int32; k + 1 in the band of `objects[k]`, 0 elsewhere; all 0 under a protocol without bands.
     """
-    bands = np.zeros_like(reference.labels)
-    if not any(target.unknown_px for target in reference.objects):
-        return bands
-    height, width = reference.labels.shape
-    owner = reference.labels.copy()
-    for target in reference.objects:
-        if target.status is Status.IGNORED and target.polygon is not None and not target.polygon.is_empty:
-            window, covered = rasterise(target.polygon, width=width, height=height)
-            owner[window][covered & (owner[window] == 0)] = -1
-    rows, columns = distance_transform_edt(owner == 0, return_distances=False, return_indices=True)
-    nearest = owner[rows, columns]
-    of_object = reference.ignored & (nearest > 0)
-    bands[of_object] = nearest[of_object]
-    return bands
+    if not reference.unknown.any():
+        return np.zeros_like(reference.labels)
+    rows, columns = distance_transform_edt(reference.labels == 0, return_distances=False, return_indices=True)
+    return np.where(reference.unknown, reference.labels[rows, columns], 0)
 
 
 def outlined(objects: Sequence[ReferenceObject]) -> list[tuple[ReferenceObject, Outline]]:
@@ -183,6 +169,7 @@ AREA_COLOURS = {
     PixelClass.FALSE_POSITIVE: VERMILION,
     PixelClass.UNKNOWN: YELLOW,
 }
+UNSCORED_COLOURS = {PixelClass.IGNORED: GREY, PixelClass.OUTSIDE: BLACK}
 AREA_NAMES = {
     PixelClass.TRUE_POSITIVE: "found",
     PixelClass.FALSE_NEGATIVE: "missed",
@@ -231,7 +218,8 @@ def areas_of(classes: NDArray[np.uint8]) -> dict[str, NDArray[np.bool_]]:
 def overlay_counts(processed: ProcessedFrame) -> NDArray[np.uint8]:
     """The image of a processed frame with the areas that it is scored by tinted, (H, W, 3) BGR uint8."""
     classes = pixel_classes(processed.reference, detected=detected_pixels(processed))
-    return overlay_areas(processed.pixels, areas_of(classes), strength=0.45)
+    unscored = {colour: classes == kind for kind, colour in UNSCORED_COLOURS.items()}
+    return overlay_areas(processed.pixels, areas_of(classes) | unscored, strength=0.45)
 
 
 def false_positive_text(processed: ProcessedFrame) -> str:

@@ -24,6 +24,7 @@ from bench.reporting.canvas import GREEN, category_colour
 from bench.reporting.overlay import (
     AREA_COLOURS,
     AREA_NAMES,
+    UNSCORED_COLOURS,
     Legend,
     PixelClass,
     bgr_image,
@@ -34,7 +35,7 @@ from bench.reporting.overlay import (
     overlay_areas,
     overlay_counts,
     overlay_polygons,
-    unknown_bands,
+    pixel_classes,
 )
 
 FARTHEST_SWEEP_NS = 100_000_000
@@ -109,6 +110,7 @@ LIDAR_COLOUR = "#7ad151"  # the middle of the colours of lidar points
 
 LEGEND = [(colour, AREA_NAMES[area]) for area, colour in AREA_COLOURS.items() if area is not PixelClass.UNKNOWN]
 UNKNOWN = (AREA_COLOURS[PixelClass.UNKNOWN], "unknown")
+IGNORED = (UNSCORED_COLOURS[PixelClass.IGNORED], "ignored")
 LIDAR = (LIDAR_COLOUR, "lidar, yellow near, blue far")
 
 
@@ -144,7 +146,9 @@ def draw_reference(
     Returns:
         (H, W, 3) BGR uint8 of even sides; below the image which one it is, its objects and a legend.
     """
-    areas = {AREA_COLOURS[PixelClass.UNKNOWN]: unknown_bands(reference) > 0, GREEN: reference.labels > 0}
+    classes = pixel_classes(reference, detected=reference.labels > 0)
+    colours = {**AREA_COLOURS, **UNSCORED_COLOURS}
+    areas = {colour: classes == kind for kind, colour in colours.items()}
     objects = f"{len(outlined(reference.objects))} evaluated objects of {len(reference.objects)} annotated ones"
     picture = overlay_areas(image, areas, strength=0.4)
     return _drawn(picture, reference, [name, objects], [(GREEN, "reference")], seen)
@@ -166,8 +170,10 @@ def _drawn(
         colours=[category_colour(target.category) for target, _ in shown],
         thickness=1 if has_bands else 2,  # unknown bands stay visible beside it
     )
-    drawn = [*legend, *([UNKNOWN] if has_bands else []), *([LIDAR] if seen is not None else [])]
-    return captioned(picture, lines, legend=[*drawn, *kind_legend(reference)])
+    has_ignored = (reference.ignored & ~reference.unknown).any()
+    drawn = zip((UNKNOWN, IGNORED, LIDAR), (has_bands, has_ignored, seen is not None), strict=True)
+    entries = [*legend, *(entry for entry, is_drawn in drawn if is_drawn), *kind_legend(reference)]
+    return captioned(picture, lines, legend=entries)
 
 
 def draw_plain(image: NDArray[np.uint8], name: str, text: str) -> NDArray[np.uint8]:

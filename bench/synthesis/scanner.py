@@ -29,6 +29,14 @@ FIRINGS_PER_S = 20_833  # of all 64 lasers: 2083 columns, 0.1728 degrees apart, 
 # HDL-64E S2, user's manual: an upper block from 2 to -8.33 degrees, a third of a degree apart, and a lower block from
 # -8.83 to -24.33 degrees, half a degree apart.
 BEAMS_DEG = np.concatenate([2.0 - np.arange(32) / 3, -8.83 - np.arange(32) / 2])
+# Where its lasers sit and look, from the calibration of one sensor that the ROS driver ships (ros-drivers/velodyne,
+# velodyne_pointcloud/params/64e_s2.1-sztaki.yaml): vert_offset_correction, 0.193 to 0.213 m in the upper and 0.105 to
+# 0.122 m in the lower block, by straight lines over vert_correction to within 1 mm; horiz_offset_correction, 26 mm to
+# either side in turn; rot_correction, six steps to the right from row to row and back, to within 0.02 rad. The beams of
+# KITTI-360's sensor start as high, 0.198 to 0.209 and 0.116 to 0.126 m.
+UPPER_M, UPPER_M_PER_RAD, LOWER_M, LOWER_M_PER_RAD = 0.2065, 0.0725, 0.135, 0.069
+ASIDE_M = 0.026
+TURN_RAD, TURNS = 0.057, 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,10 +46,12 @@ class Beams:
     Attributes:
         offsets_ns: (C,) int64, time of each column after the middle of the revolution.
         rays_lidar: (C, 64, 3) float64, unit length, lidar frame.
+        starts_lidar: (C, 64, 3) float64, m, where they start, lidar frame.
     """
 
     offsets_ns: NDArray[np.int64]
     rays_lidar: NDArray[np.float64]
+    starts_lidar: NDArray[np.float64]
 
 
 def revolution(spec: LidarSpec) -> Beams:
@@ -53,11 +63,19 @@ def revolution(spec: LidarSpec) -> Beams:
     fractions = (np.arange(columns) + 0.5) / columns - 0.5
     fractions = fractions[np.abs(fractions) * 360.0 <= spec.sector_deg / 2]
     azimuths, elevations = -2 * np.pi * fractions[:, None], np.radians(BEAMS_DEG)[None, :]
-    flat = np.cos(elevations)
-    lifts = np.broadcast_to(np.sin(elevations), (len(fractions), len(BEAMS_DEG)))
+    rows = np.arange(len(BEAMS_DEG))
+    heights_m, aside_m = np.zeros((2, len(rows)))
+    if spec.beams == "two_blocks":
+        azimuths = azimuths + TURN_RAD * ((TURNS - 1) / 2 - (rows + 2) % TURNS)
+        upper, lower = UPPER_M + UPPER_M_PER_RAD * elevations[0], LOWER_M + LOWER_M_PER_RAD * elevations[0]
+        heights_m = np.where(rows < len(rows) // 2, upper, lower)
+        aside_m = np.where(rows % 2, ASIDE_M, -ASIDE_M)
+    flat, ahead, left = np.cos(elevations), np.cos(azimuths), np.sin(azimuths)
+    shape = len(fractions), len(rows)
     return Beams(
         offsets_ns=np.rint(fractions * SECOND_NS / spec.rotation_hz).astype(np.int64),
-        rays_lidar=np.stack([flat * np.cos(azimuths), flat * np.sin(azimuths), lifts], axis=-1),
+        rays_lidar=np.stack([flat * ahead, flat * left, np.broadcast_to(np.sin(elevations), shape)], axis=-1),
+        starts_lidar=np.stack([-left * aside_m, ahead * aside_m, np.broadcast_to(heights_m, shape)], axis=-1),
     )
 
 
@@ -197,7 +215,8 @@ class LidarScanner:
         self._vehicle_from_lidar = vehicle_from_lidar
         self._beams = revolution(spec)
         own = RayScene(own_body.moved(vehicle_from_lidar.inverse()).corners_m)
-        self._free = ~np.isfinite(own.cast(self._beams.rays_lidar.reshape(-1, 3)).distances_m)
+        rays_lidar, starts_lidar = self._beams.rays_lidar.reshape(-1, 3), self._beams.starts_lidar.reshape(-1, 3)
+        self._free = ~np.isfinite(own.cast(rays_lidar, starts_lidar).distances_m)
 
     def scan(self, time_ns: int, *, timestamp_ns: int, rng: np.random.Generator) -> LidarSweep:
         """One revolution.
@@ -210,19 +229,22 @@ class LidarScanner:
         offsets_ns, rays_lidar = self._beams.offsets_ns, self._beams.rays_lidar
         times_ns = time_ns + offsets_ns
         ego = self._ego.at(times_ns)
-        rays_world = rays_lidar @ (ego.rotations @ self._vehicle_from_lidar.rotation).transpose(0, 2, 1)
+        lidar_from_world = (ego.rotations @ self._vehicle_from_lidar.rotation).transpose(0, 2, 1)
+        rays_world, starts_world = rays_lidar @ lidar_from_world, self._beams.starts_lidar @ lidar_from_world
         origins_m = ego.rotations @ self._vehicle_from_lidar.translation_m + ego.positions_m
         rays = rays_world.reshape(-1, 3)
         echoes = Echoes(len(rays), self._spec.max_range_m)
-        ray_origins_m = np.repeat(origins_m, rays_world.shape[1], axis=0)
+        ray_origins_m = (origins_m[:, None] + starts_world).reshape(-1, 3)
         everything = np.arange(len(rays))
         echoes.add(self._static, self._world.surfaces, rows=everything, rays=rays, origins_m=ray_origins_m)
         for actor, actor_depths_m in zip(self._actors, self._depths_m, strict=True):
-            _add_actor(echoes, actor, actor_depths_m, times_ns, rays_world, origins_m)
+            _add_actor(echoes, actor, actor_depths_m, times_ns, rays_world, origins_m, starts_world)
         found, intensities = detected(echoes, self._spec, rng)
         noise_m = rng.standard_normal(len(found), dtype=np.float32) * self._spec.range_noise_m
         rows = np.flatnonzero(found & self._free)
         points = rays_lidar.reshape(-1, 3)[rows] * (echoes.ranges_m + noise_m)[rows, None]
+        if self._spec.beams != "one_origin":  # where it is, -0.0 + 0.0 would be another byte
+            points += self._beams.starts_lidar.reshape(-1, 3)[rows]
         columns, rings = np.divmod(rows, rays_lidar.shape[1])
         rounded = (np.rint(points / RESOLUTION_M) * RESOLUTION_M).astype(np.float32)
         return LidarSweep(
@@ -241,14 +263,19 @@ def _add_actor(
     times_ns: NDArray[np.int64],
     rays_world: NDArray[np.float64],
     origins_m: NDArray[np.float64],
+    starts_world: NDArray[np.float64],
 ) -> None:
     """Cast the rays that may meet an actor, each taken into the actor's frame at its own time."""
     poses, (speeds_mps, _) = actor.path.at(times_ns), actor.path.signals(times_ns)
     origins_object = np.einsum("cji,cj->ci", poses.rotations, origins_m - poses.positions_m)
     middle_m = np.array([0.0, 0.0, actor.body.size_m[2] / 2])
-    near = _may_meet(origins_object - middle_m, rays_world @ poses.rotations, actor.body.size_m)
+    apart_m = float(np.sqrt(dot(starts_world, starts_world).max()))
+    near = _may_meet(origins_object - middle_m, rays_world @ poses.rotations, actor.body.size_m, apart_m)
     columns, _ = np.divmod(rows := np.flatnonzero(near), rays_world.shape[1])
-    rays = np.einsum("nji,nj->ni", poses.rotations[columns], rays_world.reshape(-1, 3)[rows])
+    rays, starts = (
+        np.einsum("nji,nj->ni", poses.rotations[columns], vectors.reshape(-1, 3)[rows])
+        for vectors in (rays_world, starts_world)
+    )
     for block in _blocks(times_ns[columns]):
         distance_m, speed_mps = (float(values[columns[block]].mean()) for values in (poses.distances_m, speeds_mps))
         echoes.add(
@@ -256,16 +283,17 @@ def _add_actor(
             actor.body.mesh.surfaces,
             rows=rows[block],
             rays=rays[block],
-            origins_m=origins_object[columns[block]],
+            origins_m=origins_object[columns[block]] + starts[block],
         )
 
 
 def _may_meet(
-    origins_m: NDArray[np.float64], rays: NDArray[np.float64], size_m: NDArray[np.float64]
+    origins_m: NDArray[np.float64], rays: NDArray[np.float64], size_m: NDArray[np.float64], apart_m: float
 ) -> NDArray[np.bool_]:
-    """Rays, (C, 64), that pass the ball around the box of a body, seen from its middle."""
+    """Rays, (C, 64), that pass the ball around the box of a body, seen from its middle, no farther than they start from
+    their origins."""
     along = (rays @ origins_m[:, :, None])[..., 0]
-    away = ((origins_m**2).sum(axis=1) - (size_m**2).sum() / 4)[:, None]
+    away = ((origins_m**2).sum(axis=1) - (np.sqrt((size_m**2).sum() / 4) + apart_m) ** 2)[:, None]
     return np.asarray((away <= along**2) & ((along <= 0) | (away <= 0)))
 
 

@@ -198,6 +198,8 @@ class LidarSpec(FileModel):
 
     Attributes:
         position_m: in the vehicle frame, axes along the vehicle's.
+        beams: "one_origin", all from one point; "two_blocks", each from a place of its own in one of two blocks of 32
+            lasers, as in the real sensor.
         rotation_hz: revolutions per second.
         max_range_m: returns from further away are not stored.
         range_noise_m: standard deviation.
@@ -209,6 +211,7 @@ class LidarSpec(FileModel):
     """
 
     position_m: Place
+    beams: Literal["one_origin", "two_blocks"] = "one_origin"
     rotation_hz: float = Field(default=10.0, ge=1, le=100)
     max_range_m: float = Field(default=60.0, ge=1, le=1000)
     range_noise_m: NotNegative = 0.02

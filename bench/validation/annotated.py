@@ -9,12 +9,21 @@ from bench.validation.findings import Finding, Severity
 
 
 def check_annotated(recording: Recording) -> Iterator[Finding]:
-    """Complete annotations without any object, and stated times at which no image was taken."""
+    """Complete annotations without any object, ones that nothing uses, stated times at which no image was taken."""
     images = [image for images in recording.images.values() for image in images]
-    annotated = recording.annotated
+    annotated, objects = recording.annotated, [track for track in recording.tracks if track.states]
+    if annotated == NOT_ANNOTATED and objects:
+        yield Finding(
+            check="annotated",
+            severity=Severity.WARNING,
+            field="annotated",
+            expected="no annotations, as the recording is said to be not annotated",
+            got=f"{len(objects)} objects, which nothing uses",
+            hint="take `annotated: none` out of the card or recording.json to score by them",
+        )
     if annotated == NOT_ANNOTATED or any(image.moving_path is not None for image in images):
         return
-    if not any(track.states for track in recording.tracks):
+    if not objects:
         part = "all of the recording" if annotated == COMPLETELY else "part of the recording"
         yield Finding(
             check="annotated",

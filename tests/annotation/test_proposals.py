@@ -1,6 +1,7 @@
 """What moves in a street is found without labels, with its speed; what stands is not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from bench.annotation import evaluate_proposals, proposal_scores, propose
 from bench.annotation.boxes import Box, guess_class
+from bench.annotation.proposals import is_own
 from bench.annotation.registration import Motion
+from bench.annotation.settings import ProposalSettings
 from bench.annotation.tracking import Fragment
 from bench.errors import DataError
 from bench.geometry import RigidTransform
@@ -97,6 +100,24 @@ def test_mirrors_are_no_other_end(seen, ends_seen):
         top_seen=True,
     )
     assert box.ends_seen == ends_seen
+
+
+@pytest.mark.parametrize(
+    ("beside_m", "ranges_m", "way_m", "own"),
+    [
+        (1.3, 0.02, 8.0, True),  # a mirror
+        (1.3, 0.02, 0.0, False),  # who stands beside a vehicle that stands
+        (2.5, 0.5, 8.0, False),  # who walks along
+        (8.0, 0.02, 8.0, False),  # who drives as fast
+    ],
+    ids=["mirror", "standing", "walking along", "ahead"],
+)
+def test_what_keeps_its_place_beside_the_lidar_is_the_vehicle_itself(beside_m, ranges_m, way_m, own):
+    sensors_m = np.column_stack([np.linspace(0.0, way_m, 9), np.zeros(9)])
+    places_m = sensors_m + np.column_stack([np.zeros(9), beside_m + np.linspace(0.0, ranges_m, 9)])
+    seen = tuple(SimpleNamespace(cloud=SimpleNamespace(sensor_m=place)) for place in sensors_m)
+    box = SimpleNamespace(fragment=SimpleNamespace(observations=seen), centres_m=places_m)
+    assert is_own(box, ProposalSettings()) == own
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,11 @@ def test_a_card_that_names_annotations_and_says_that_there_are_none(root):
         by_card(root, annotated="none", annotations="reviewed")
     assert "take `annotated: none` out" in str(refused.value)
     assert by_card(root, annotations="reviewed").annotated == COMPLETELY
+    state(root, "none")  # as of a raw drive before it was annotated
+    assert by_card(root, annotations="reviewed").annotated == COMPLETELY
+    state(root, PARTLY)
+    assert by_card(root, annotations="reviewed").annotated == PART
+    state(root, None)
     assert by_card(root, annotated="none").annotated == NOT_ANNOTATED
 
 

@@ -37,7 +37,40 @@ class Grid:
     row_step: Array
 
 
-def neighbours(points: Array) -> Grid:
+def envelope(sweep: Array) -> tuple[Array, Array]:
+    """(offset, slope) of the lowest and of the highest beam."""
+    flat, beams = np.hypot(sweep[:, 0], sweep[:, 1]), []
+    z, flat = sweep[(flat >= 1) & (flat <= 1000), 2], flat[(flat >= 1) & (flat <= 1000)]
+    bins = np.floor(100 * np.log(flat)).astype(int)
+    usual = 0.0
+    for sign in (1, -1):
+        kept = []
+        for number in np.unique(bins):
+            rows = np.flatnonzero(bins == number)
+            rows = rows[np.argsort(-sign * z[rows] / flat[rows], kind="stable")][:6]
+            kept += [row for row in rows if sign * (z[rows[0]] / flat[rows[0]] - z[row] / flat[row]) * flat[row] < 0.01]
+        found = []
+        for offset in sorted(np.arange(-25, 26) / 50, key=lambda metres: (abs(metres - usual), sign * metres)):
+            slopes = (z[kept] - offset) / flat[kept]
+            last = sign * np.sort(sign * slopes)[-6:][0]
+            on_beam = np.abs(slopes - last) * flat[kept] < 0.01
+            found.append((len(np.unique(bins[kept][on_beam])), offset, last))
+        most = max(ranges for ranges, *_ in found)
+        _, *beam = found[0] if most < 10 else next(one for one in found if one[0] >= 0.95 * most)
+        usual = beam[0] / 2
+        beams.append(np.array(beam))
+    return beams[1], beams[0]
+
+
+def from_beams(points: Array, lowest: Array, highest: Array) -> Array:
+    """Returns as seen from where their beams start."""
+    flat = np.hypot(points[:, 0], points[:, 1])
+    low, high = (offset + slope * flat for offset, slope in (lowest, highest))
+    starts = lowest[0] + np.clip((points[:, 2] - low) / (high - low), 0, 1) * (highest[0] - lowest[0])
+    return points - np.outer(starts, [0, 0, 1])
+
+
+def neighbours(points: Array, apart: float) -> Grid:
     x, y, z = points.T
     flat, ranges = np.hypot(x, y), np.linalg.norm(points, axis=1)
     azimuth = (np.arctan2(y, x) - np.arctan2(y.mean(), x.mean()) + np.pi) % (2 * np.pi) - np.pi
@@ -53,7 +86,7 @@ def neighbours(points: Array) -> Grid:
                 away = np.abs(elevation[others] - elevation[k])
                 found[2 + row, k], lifts[row, k] = others[np.argmin(away)], away.min()
     usual = usual_row_steps(elevation, lifts.min(axis=0), otherwise=column)
-    found[2:][lifts > 2.5 * usual] = -1
+    found[2:][lifts > 2.5 * usual + apart / ranges] = -1
     bins = np.floor(azimuth / column)
     for k in range(len(points)):
         for side, sign in enumerate((1, -1)):
@@ -142,17 +175,18 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
     shape, points = scanned.parts_world, scanned.cluster.points_world
     sensor_from_lidar = placed.lidar_from_sensor.inverse()
     times_ns, sweep = placed.times_ns[scanned.cluster.rows], sensor_from_lidar.apply(placed.sweep.points_lidar)
-    sensed, slopes = sweep[scanned.cluster.rows], sweep[:, 2] / np.hypot(sweep[:, 0], sweep[:, 1])
+    beams = envelope(sweep)
+    sensed = from_beams(sweep[scanned.cluster.rows], *beams)
     pose = int(np.searchsorted(placed.interpolation_ns, np.median(times_ns)))
     rotation = placed.rotations[pose] @ placed.lidar_from_sensor.rotation
     sensor = placed.rotations[pose] @ placed.lidar_from_sensor.translation_m + placed.positions_m[pose]
 
     # Patches.
-    grid = neighbours(sensed)
+    grid = neighbours(sensed, abs(beams[0][0] - beams[1][0]))
     step = grid.steps @ rotation.T
     reach = np.where(grid.linked[..., None], points[grid.neighbours] - points, step / 2)
-    bottom, top, own = shape[..., 2].min(), shape[..., 2].max(), slopes[scanned.cluster.rows]
-    lowest, highest = own < slopes.min() + grid.row_step / 2, own > slopes.max() - grid.row_step / 2
+    bottom, top, own = shape[..., 2].min(), shape[..., 2].max(), sensed[:, 2] / np.hypot(sensed[:, 0], sensed[:, 1])
+    lowest, highest = own < beams[0][1] + grid.row_step / 2, own > beams[1][1] - grid.row_step / 2
 
     def corners(reach: Array, *, extended: bool = True) -> Array:
         sides = [(ABOVE, LEFT), (ABOVE, RIGHT), (BELOW, RIGHT), (BELOW, LEFT)]
@@ -182,13 +216,13 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
     # Core and band.
     width_px = nearest_width(scanned, error_m)
     core = least & (distance(least | ~valid) - 0.5 > width_px) & (solid | certain)
-    unseen = below_and_above(scanned, sensor, rotation, (slopes.min(), slopes.max()))
+    unseen = below_and_above(scanned, sensor, rotation, beams)
     lines = (patches + np.roll(patches, -1, axis=1)) / 2
-    beams = sensed @ rotation.T / np.linalg.norm(sensed, axis=1)[:, None]
+    rays = sensed @ rotation.T / np.linalg.norm(sensed, axis=1)[:, None]
     swept = [
         np.array([one, other, other + way, one + way])
         for k in np.flatnonzero((grid.neighbours < 0).any(axis=0))
-        for way in [way_out(points[k], beams[k], shape) * beams[k]]
+        for way in [way_out(points[k], rays[k], shape) * rays[k]]
         for one, other in (lines[k][[3, 1]], lines[k][[0, 2]])
     ]
     shadow = closed(painted(np.array(swept).reshape(-1, 4, 3), scanned), solid=False)
@@ -232,12 +266,12 @@ def nearest_width(scanned: ScannedObject, error_m: Array) -> Array:
     return values[label]
 
 
-def below_and_above(scanned: ScannedObject, sensor: Array, rotation: Array, slopes: tuple[float, float]) -> Array:
+def below_and_above(scanned: ScannedObject, sensor: Array, rotation: Array, beams: tuple[Array, Array]) -> Array:
     bodies, found = [], np.zeros(scanned.exposure.valid.shape, dtype=bool)
     for corners in (scanned.parts_world - sensor) @ rotation:
         ends = corners[:, 2].min(), corners[:, 2].max()
-        for slope, end in zip(slopes, ends, strict=True):
-            limit = np.clip(slope * np.hypot(corners[:, 0], corners[:, 1]), *ends)
+        for (offset, slope), end in zip(beams, ends, strict=True):
+            limit = np.clip(offset + slope * np.hypot(corners[:, 0], corners[:, 1]), *ends)
             if (limit != end).any():
                 bodies.append([[x, y, z] for z_of in (limit, np.full_like(limit, end))
                                for (x, y), z in zip(corners[:, :2], z_of, strict=True)])  # fmt: skip

@@ -147,9 +147,9 @@ def test_neighbours_are_found_once_for_the_same_points_of_a_sweep(monkeypatch):
     recording, _ = wall_recording(width_m=2.0, away_m=6.0, steps_deg=(0.2, 2.0))
     asked: list[int] = []
 
-    def counting(points_sensor):
+    def counting(points_sensor, **given):
         asked.append(len(points_sensor))
-        return find_grid(points_sensor)
+        return find_grid(points_sensor, **given)
 
     monkeypatch.setattr("bench.reference.sweeps.find_grid", counting)
     builder, image = ReferenceBuilder(recording, "front", SURFACE), recording.images["front"][0]

@@ -92,9 +92,9 @@ def banded_frame() -> ReferenceFrame:
         reference_object("b", box(330, 200, 339, 209), status=Status.IGNORED),
     ]
     frame = reference_frame(objects)
-    ignored = frame.ignored.copy()
-    ignored[198:212, 298:312] |= frame.labels[198:212, 298:312] == 0
-    return replace(frame, ignored=ignored)
+    unknown = np.zeros_like(frame.ignored)
+    unknown[198:212, 298:312] = frame.labels[198:212, 298:312] == 0
+    return replace(frame, ignored=frame.ignored | unknown, unknown=unknown)
 
 
 def segmentation(reference: ReferenceFrame, *, parts: bool = True) -> Segmentation:

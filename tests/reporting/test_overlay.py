@@ -6,8 +6,8 @@ import pytest
 from shapely import box
 
 from bench.errors import ShapeError
-from bench.reporting.overlay import LINE_PX, overlay_areas, overlay_polygons, unknown_bands
-from bench.reporting.video import draw_frame
+from bench.reporting.overlay import LINE_PX, PixelClass, overlay_areas, overlay_polygons, pixel_classes, unknown_bands
+from bench.reporting.video import draw_frame, draw_reference
 from tests.reporting.factories import banded_frame, busy_frame, segmentation
 
 
@@ -34,6 +34,19 @@ def test_bands_are_told_from_ignored_objects():
     assert (bands[198:212, 298:312] + frame.labels[198:212, 298:312] == 1).all()
     assert frame.ignored[205, 335]
     assert not unknown_bands(busy_frame()).any()  # ignored objects alone
+
+
+def test_areas_that_are_left_out_are_no_band():
+    frame = banded_frame()
+    frame = replace(frame, ignored=frame.ignored | ((frame.labels == 0) & (np.arange(640) < 320)))
+    classes = pixel_classes(frame, detected=frame.labels > 0)
+    assert np.count_nonzero(classes == PixelClass.UNKNOWN) == frame.objects[0].unknown_px
+    drawn = draw_reference(np.zeros((480, 640), dtype=np.uint8), frame, "demo")[:480].astype(int)
+    blue, green, red = np.moveaxis(drawn, 2, 0)
+    grey = (blue == green) & (green == red) & (red > 0)
+    below = frame.valid & (np.arange(480) > 300)[:, None]
+    assert (grey == (np.arange(640) < 320))[below].all(), "ignored"
+    assert (blue < red)[frame.unknown].all(), "yellow"
 
 
 def test_one_overlay_for_pictures_and_videos_shows_the_areas_and_the_bands():

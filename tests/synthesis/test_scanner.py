@@ -42,7 +42,7 @@ def ego(speed_mps: float = 0.0, yaw_rate_radps: float = 0.0, suspension: Suspens
     return ego_motion(path, suspension, rng=np.random.default_rng(4))
 
 
-def scanner(world: Mesh, motion: EgoMotion, actors: tuple[Actor, ...] = (), **changes: float) -> LidarScanner:
+def scanner(world: Mesh, motion: EgoMotion, actors: tuple[Actor, ...] = (), **changes: float | str) -> LidarScanner:
     spec = LidarSpec(**(PERFECT | changes))  # type: ignore[arg-type]
     return LidarScanner(spec, vehicle_from_lidar=ROOF, world=world, own_body=own_body(), actors=actors, ego=motion)
 
@@ -73,6 +73,36 @@ def test_beams_are_those_of_the_manual() -> None:
     quarter = np.searchsorted(beams.offsets_ns, 25_000_000)  # clockwise: a quarter later it looks to the right
     assert np.degrees(np.arctan2(*beams.rays_lidar[quarter, 0, 1::-1])) == pytest.approx(-90.0, abs=0.2)
     assert len(revolution(LidarSpec(position_m=(0, 0, 2), rotation_hz=20)).offsets_ns) == 1042
+
+
+def test_beams_of_two_blocks_start_where_the_calibration_says() -> None:
+    beams = revolution(LidarSpec(position_m=(0, 0, 2), beams="two_blocks"))
+    heights_m = beams.starts_lidar[..., 2]
+    assert (heights_m == heights_m[0]).all()
+    # The sensor of the calibration: its lasers 29, 6, 34 and 38, at 4.97, -10.86, -11.52 and -24.85 degrees.
+    assert heights_m[0, [0, 31, 32, 63]] == pytest.approx([0.213, 0.193, 0.122, 0.105], abs=0.005)
+    aside_m = np.linalg.norm(beams.starts_lidar[..., :2], axis=2)
+    assert aside_m == pytest.approx(0.026)
+    assert (
+        np.abs((beams.starts_lidar[..., :2] * beams.rays_lidar[..., :2]).sum(axis=2)).max() < 1e-12
+    )  # across the beam
+
+
+def test_points_of_two_blocks_lie_on_what_they_met_and_tell_where_beams_start() -> None:
+    motion = ego(12.0, 0.35, SuspensionSpec(road_class="B"))
+    near = quads([[6.0, 20, 0], [6.0, 3, 0], [6.0, 3, 8], [6.0, 20, 8]], GREY)
+    sweep = scan(scanner(joined([floor(), near, wall(22.0)]), motion, beams="two_blocks"))
+    points_world = placed(sweep, motion)
+    off_m = np.abs(np.column_stack([points_world[:, 2], points_world[:, 0] - 6.0, points_world[:, 0] - 22.0])).min(
+        axis=1
+    )
+    assert off_m.max() < 4e-3
+    assert sweep.ring is not None
+    flat_m = np.sqrt(np.square(sweep.points_lidar[:, :2]).sum(axis=1) - 0.026**2)
+    for ring, start_m in ((0, 0.209), (63, 0.106)):
+        rows = sweep.ring == ring
+        lifts_m = start_m + flat_m[rows] * np.tan(np.radians(BEAMS_DEG[ring]))
+        assert sweep.points_lidar[rows, 2] == pytest.approx(lifts_m, abs=4e-3)
 
 
 def test_static_points_freed_of_the_ego_vehicles_motion_lie_on_their_surfaces() -> None:
@@ -161,7 +191,8 @@ def test_the_ego_vehicles_roof_gives_no_points() -> None:
     assert behind[behind[:, 0] < 0][:, 0].max() < -3.0  # the roof shades the road close behind
 
 
-def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time() -> None:
+@pytest.mark.parametrize("beams", ["one_origin", "two_blocks"])
+def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time(beams: str) -> None:
     body = make_body("car", np.random.default_rng(1))
     body.mesh.surfaces[:, COLUMN_OF["mirror"]] = 0.0  # no panes, which lose pulses
     path = driven_path(
@@ -175,7 +206,7 @@ def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time()
     )
     car = Actor(name="car", instance_id=1, body=body, path=path)
     motion = ego(6.0, 0.0, SuspensionSpec())
-    sweep = scan(scanner(floor(), motion, (car,)))
+    sweep = scan(scanner(floor(), motion, (car,), beams=beams))
     points_world = placed(sweep, motion)
     on_car = points_world[:, 2] > 0.05
     assert on_car.sum() > 500
@@ -186,7 +217,9 @@ def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time()
     assert (local_m[:, 2] <= body.size_m[2] + 4e-3).all()
     # Each pulse has one echo: the car takes as many as the world loses.
     room = joined([floor(), wall(16.0)])
-    with_car, without = (scan(scanner(room, motion, actors, sector_deg=60, max_range_m=100)) for actors in ((car,), ()))
+    with_car, without = (
+        scan(scanner(room, motion, actors, sector_deg=60, max_range_m=100, beams=beams)) for actors in ((car,), ())
+    )
     assert len(with_car.points_lidar) == len(without.points_lidar)
     nearer_m = np.linalg.norm(without.points_lidar, axis=1) - np.linalg.norm(with_car.points_lidar, axis=1)
     assert nearer_m.min() > -1e-2

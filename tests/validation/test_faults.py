@@ -231,6 +231,12 @@ def test_ego_motion_that_ends_early(root):
     assert told == {("ego-motion-missing", "images of front"), ("ego-motion-missing", "lidar sweeps")}
 
 
+def test_annotations_that_nothing_uses(root):
+    change_head(root, lambda head: head.update(annotated="none"))
+    (unused,) = [fault for fault in found(root) if fault.check == "annotated"]
+    assert (unused.severity, unused.got) == (Severity.WARNING, "4 objects, which nothing uses")
+
+
 # ---------------------------------------------------------------- clocks
 
 
