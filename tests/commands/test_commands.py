@@ -27,7 +27,7 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
     out = tmp_path / "run"
     assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
     shown = capsys.readouterr().out
-    for name in ("summary.json", "table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"):
+    for name in ("summary.json", "table.md", "table.csv", "table.tex", "range_map.png", "range_map.svg"):
         assert (out / "paper-v1" / name).stat().st_size > 100
     for name in ("summary.json", "table.md", "range_map.png"):
         assert str(out / "paper-v1" / name) in shown

@@ -163,7 +163,7 @@ TARGETS = {
     "page with pictures": Target(("run/masks.parquet", "run/frames.parquet"), ("report", "{}/run"), 10,
                                  content_of("run/index.html")),
     "compare": Target(STORED, ("compare", "{}/run", "{}/other", "--no-pictures", "--out", "{}/compared"), 25,
-                      content_of("compared/compare.json")),
+                      content_of("compared/compare.csv")),
     "leaderboard": Target(STORED, ("leaderboard", "{}", "--out", "{}/board"), 20, content_of("board/leaderboard.json")),
     "units": Target(("run/units/*",), (*RUN, "--out", "{}/run"), 15, tables),
     "cache": Target(("cache/**/*",), (*RUN, "--cache", "{}/cache", "--out", "{}/run"), 12, tables),
