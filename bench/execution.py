@@ -344,7 +344,7 @@ def _dask_client(scheduler: str) -> Iterator[Client]:
     try:
         client = Client(**named, timeout=CONNECTION_S, set_as_default=False, name="fisheye-bench")
     except (OSError, ValueError, TimeoutError) as error:
-        hint = "start one with `dask scheduler`, and workers with `dask worker`; or compute here, with --workers"
+        hint = "start one with `dask scheduler`, and workers with `dask worker`; or compute here, with --workers N"
         got = f"none within {CONNECTION_S:g} s ({' '.join(str(error).split())})"
         raise DataError(scheduler, expected="a Dask scheduler", got=got, hint=hint) from error
     with client:

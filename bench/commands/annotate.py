@@ -530,11 +530,8 @@ def _print_labels(written: ConvertedLabels) -> None:
     say(str(written.place))
 
 
-for name, function, show in (
-    ("propose", propose, show_proposals),
-    ("evaluate", evaluate_proposals, show_scores),
-    ("review", review, print_nothing),
-    ("import", import_, print_nothing),
-    ("export", export, print_nothing),
-):
-    app.command(name)(command_line(function, show))
+app.command("propose")(command_line(propose, show_proposals))
+app.command("evaluate")(command_line(evaluate_proposals, show_scores))
+app.command("review")(command_line(review, print_nothing))
+app.command("import")(command_line(import_, print_nothing))
+app.command("export")(command_line(export, print_nothing))

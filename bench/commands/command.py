@@ -74,7 +74,8 @@ def _options(function: Callable[..., Any]) -> Iterator[tuple[inspect.Parameter, 
     """The parameters that the command line gives."""
     names = _Names(function.__globals__)
     for parameter in inspect.signature(function).parameters.values():
-        annotation = eval(parameter.annotation, {}, names)
+        told = parameter.annotation
+        annotation = eval(told, {}, names) if isinstance(told, str) else told
         if get_origin(annotation) is Annotated:
             kind, *notes = get_args(annotation)
             words = next((note for note in notes if isinstance(note, Words)), Words(kind))

@@ -49,23 +49,20 @@ class Competitor:
         return re.sub(r"[^A-Za-z0-9_.-]+", "-", "-".join([self.name, *self.settings]))
 
 
-def competitors(dataset: str | Path | DatasetCard, methods: str | None = None) -> list[Competitor]:
+def competitors(card: DatasetCard, methods: str | None) -> list[Competitor]:
     """List the methods that are scored on a data set.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench list` shows.
+        card: the data set.
         methods: names with commas in between, settings behind colons; None for every registered method, its variants
             and, on rendered data, what bounds them.
 
     Raises:
-        UnknownNameError: no data set of this name.
         UsageError: a setting that is none.
     """
-    from bench.api.datasets import as_card
     from bench.methods import known_methods
     from bench.methods.settings import split_methods
 
-    card = as_card(dataset)
     if methods is None:
         variants = {known: [f"{known}:{setting}" for setting in VARIANTS.get(known, ())] for known in known_methods()}
         names = [name for known in known_methods() for name in (known, *variants[known])]
@@ -74,51 +71,36 @@ def competitors(dataset: str | Path | DatasetCard, methods: str | None = None) -
 
 
 def score_competitor(
-    dataset: str | Path | DatasetCard,
-    competitor: Competitor,
-    *,
-    protocols: Sequence[str | Path] = ("paper-v1", "surface-v1"),
-    runs: str | Path = RUNS,
-    workers: int | TaskExecutor = 1,
-    progress: Report | None = None,
+    card: DatasetCard, competitor: Competitor, *, protocols: Sequence[str], runs: Path, executor: TaskExecutor
 ) -> list[StoredRun]:
-    """Score one method for a leaderboard and write the page of the run that is ranked.
+    """Score one method by all protocols in one pass, and write the page of the run that is ranked.
 
     What is there and up to date is not computed.
 
     Args:
-        dataset: card, by path or by a name that `fisheye-bench list` shows.
+        card: the data set, rendered.
         competitor: the method.
-        protocols: by name or file; the method is asked once.
-        runs: folder of runs; those of the data set go into one below it that is called as the data set.
-        workers: processes, or an executor.
-        progress: called with the images done and their number.
-
-    Returns:
-        The results by each protocol.
+        protocols: by name or file.
+        runs: folder of runs.
+        executor: computes.
 
     Raises:
         UnknownNameError, UsageError, DataError: as `bench.run`.
     """
-    from bench.api.datasets import as_executor
     from bench.api.runs import run_request
-    from bench.commands.request import rendered_card
     from bench.harness import run_benchmark
     from bench.methods.settings import parse_settings
     from bench.reporting.leaderboard.reading import RANKING_PROTOCOL
     from bench.reporting.page.build import write_page
 
-    executor = as_executor(workers)
-    card = rendered_card(dataset, executor=executor)
-    settings, out = parse_settings(competitor.settings), Path(runs) / card.name / competitor.folder
+    settings, out = parse_settings(competitor.settings), runs / card.name / competitor.folder
     request = run_request(card, competitor.name, settings=settings, protocols=protocols, out=out, overwrite=True)
 
     def finish(run: StoredRun) -> None:
         if run.protocol.name == RANKING_PROTOCOL:
             write_page(run.folder, pictures=False)
 
-    title = f"scoring {competitor.name} on {card.name}"
-    with interruptible(LEFT), progress_bar(title, "images", progress) as report:
+    with interruptible(LEFT), progress_bar(f"scoring {competitor.name} on {card.name}", "images") as report:
         return run_benchmark(replace(request, executor=executor, progress=report), finish=finish)
 
 
@@ -203,7 +185,7 @@ def leaderboard(
         for competitor in competitors(card, methods):
             called = f"{card.name}, {competitor.folder}"
             try:
-                runs = score_competitor(card, competitor, protocols=protocols, runs=folder, workers=executor)
+                runs = score_competitor(card, competitor, protocols=protocols, runs=Path(folder), executor=executor)
             except BenchError as error:
                 left_out.append(f"{called}: {error}")
                 continue

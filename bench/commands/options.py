@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -13,7 +14,6 @@ from bench.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from bench.api.runs import Run
     from bench.execution import TaskExecutor
@@ -58,18 +58,19 @@ def _executor(workers: str | None) -> TaskExecutor:
     """The executor of `--workers`.
 
     Raises:
-        UsageError: no positive number.
+        UsageError: neither a positive number nor an address or file.
         DataError: no such cluster.
     """
     if workers is None:
         return worker_processes(None)
-    if not re.fullmatch(r"-?[0-9]+", workers):
-        from bench.execution import DaskExecutor
+    if re.fullmatch(r"0*[1-9][0-9]{0,5}", workers):
+        return worker_processes(int(workers))
+    if "://" not in workers and not Path(workers).is_file():  # for which Dask would wait
+        expected = "a number from 1 on, tcp://HOST:PORT, or the file of a scheduler"
+        raise UsageError(f"--workers: expected {expected}, got {workers!r}")
+    from bench.execution import DaskExecutor
 
-        return DaskExecutor.connect(workers)
-    if int(workers) < 1:
-        raise UsageError(f"--workers: expected at least 1, got {workers}")
-    return worker_processes(int(workers))
+    return DaskExecutor.connect(workers)
 
 
 def _settings(option: str) -> Words:

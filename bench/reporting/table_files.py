@@ -1,4 +1,4 @@
-"""The files of a run's report: the table as Markdown, LaTeX, CSV and JSON from the same rows, and the range maps."""
+"""The files of a run's report: the table as Markdown, LaTeX and CSV from the same rows, and the range maps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from bench.reporting.formats import annotations_field, metric_record, shortened
 from bench.reporting.range_maps import draw_run_maps
 from bench.reporting.tables import TableRow, table_note, table_rows, text_tables, threshold_free_line
 
-SCHEMA_VERSION = 1
 _LONGEST_SETTINGS = 80  # characters in a caption
 
 
@@ -44,7 +43,6 @@ def report(
         title="",
         blocks=[*tables, *map(Paragraph, filter(None, [*notes[:1], table_note(rows), *notes[1:]]))],
         numbers=numbers,
-        content={"schema_version": SCHEMA_VERSION, "note": table_note(rows), "rows": numbers},
         latex=to_latex(text_tables([row for row in rows if row.frames]), label=label, about=about),
     )
 
@@ -60,7 +58,7 @@ def _about(run: StoredRun) -> str:
 
 
 def write_report_files(run: StoredRun) -> tuple[list[TableRow], tuple[Path, ...]]:
-    """Write `table.md`, `.csv`, `.json`, `.tex` and `range_map.png`, `.svg` into the folder of a run.
+    """Write `table.md`, `.csv`, `.tex` and `range_map.png`, `.svg` into the folder of a run.
 
     Returns:
         rows: of the table, for the terminal.

@@ -117,7 +117,6 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     assert all(said in (results / f"table.{kind}").read_text() for kind in ("md", "tex"))
     lines = pd.read_csv(results / "table.csv")
     assert set(lines["annotations"]) == {said.removeprefix("annotations: ")}
-    assert all(row["annotations"] in said for row in json.loads((results / "table.json").read_text())["rows"])
     baseline = tmp_path / "baseline"
     assert called_here("gate", run, "--baseline", baseline, "--update", "--allow-dirty").returncode == 0
     judged = called_here("gate", run, "--baseline", baseline, "--json", tmp_path / "verdict.json")

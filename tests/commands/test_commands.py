@@ -27,7 +27,7 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
     out = tmp_path / "run"
     assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
     shown = capsys.readouterr().out
-    for name in ("summary.json", "table.md", "table.csv", "table.tex", "table.json", "range_map.png", "range_map.svg"):
+    for name in ("summary.json", "table.md", "table.csv", "table.tex", "range_map.png", "range_map.svg"):
         assert (out / "paper-v1" / name).stat().st_size > 100
     for name in ("summary.json", "table.md", "range_map.png"):
         assert str(out / "paper-v1" / name) in shown
@@ -103,6 +103,8 @@ def test_view_draws_the_frame_that_is_asked_for(monkeypatch, capsys, tiny_card, 
         (("run", "CARD", "--protocol", "paper-v9"), "known are extended-v1, masks-v1, paper-v1"),
         (("run", "CARD", "--split", "test"), "known are all, crossing, moving"),
         (("run", "CARD", "--set", "threshold"), "expected NAME=VALUE"),
+        (("run", "CARD", "--workers", "0"), "--workers: expected a number from 1 on"),
+        (("run", "CARD", "--workers", "nowhere.json"), "or the file of a scheduler, got 'nowhere.json'"),
         (("run", "CARD", "--set", "treshold=1"), "takes cell_size_px"),
         (("view", "CARD", "--recording", "crosing"), "did you mean 'crossing'"),
         (("view", "CARD", "--method", "spherical", "--frame", "0"), "--frame: expected 1 to 4, got 0"),

@@ -155,7 +155,8 @@ def test_files_for_people_hold_no_foreign_markup(monkeypatch, runs, wild):
     assert call(monkeypatch, "report", runs[0], "--no-pictures") == 0
     assert call(monkeypatch, "compare", runs[1], runs[0], "--out", "compared", "--no-pictures") == 0
     assert call(monkeypatch, "leaderboard", ".", "--out", "board") == 0
-    page = (runs[0] / "paper-v1" / "index.html").read_text()
+    results = runs[0] / "paper-v1"
+    page = (results / "index.html").read_text()
     assert "pwned" in page
     assert "<b>|" not in page
     for file in (

@@ -7,7 +7,6 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 import pandas as pd
@@ -42,14 +41,11 @@ from bench.reporting.document import (
     Report,
     Table,
     Tags,
-    to_latex,
 )
 from bench.reporting.formats import (
     CEILING,
-    INTERVALS,
     LABELS,
     hundredths,
-    metric_cell,
     points,
     points_interval,
 )
@@ -212,37 +208,6 @@ def _frame_table(kind: str, frames: pd.DataFrame) -> Table:
     )
 
 
-_LATEX_NOTE = (
-    "IoU and TPR over all object-frames, an undetected one having 0; false positives as a share of the image, over all "
-    f"images. On the images that both runs scored. {INTERVALS}"
-)
-
-
-def _latex(comparison: RunComparison) -> str:
-    r"""A float for a pair of runs, both in the lines of each row; `\label` "tab:compare-<run>-<run>"."""
-    runs, first = (comparison.before, comparison.after), comparison.before.manifest
-    judged = comparison.changes.query("frames_before > 0 and metric in @HEADLINES")
-    rows: list[list[object]] = []
-    for _, part in judged.groupby(["breakdown", "slice"], sort=False):
-        of_metric = part.droplevel(["breakdown", "slice"])
-        counted = of_metric["metric_before"].iloc[0]
-        for run, side in zip(runs, ("before", "after"), strict=True):
-            counts = [of_metric["label"].iloc[0], run.label, counted.recordings, counted.cases]
-            rows.append([*counts, *map(of_metric[f"metric_{side}"].get, HEADLINES)])
-    table = Table(
-        title=" and ".join(run.label for run in runs),
-        columns=["Type", "Run", "Recordings", "Cases", *(Column(label, metric_cell) for label in HEADLINES.values())],
-        rows=rows,
-        words=2,
-        note=_LATEX_NOTE,
-    )
-    split = first.dataset.split
-    data = f"data set {first.dataset.name}{f', split {split}' if split else ''}, {first.protocol.name}"
-    about = f"{comparison.methods[0]} and {comparison.methods[1]}, {data}"
-    return to_latex([table], label="-".join(["compare", *(run.label for run in runs)]), about=about)
-
-
-SCHEMA_VERSION = 1
 _CHANGED = ("gained", "lost", "both")
 
 
@@ -265,16 +230,6 @@ def report(comparisons: Sequence[RunComparison], *, out: Path) -> Report:
         title=f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}",
         blocks=[Paragraph(about), *sections, Paragraph(NOTE)],
         numbers=pd.concat(tables, names=["before_run", "after_run"]).droplevel(2).reset_index(),
-        content={
-            "schema_version": SCHEMA_VERSION,
-            "note": NOTE,
-            "dataset": data.name,
-            "split": data.split,
-            "protocol": first.protocol.model_dump(),
-            "reference": first.reference,
-            "comparisons": [_json_comparison(comparison) for comparison in comparisons],
-        },
-        latex="\n".join(map(_latex, comparisons)),
         page=True,
         filters=FILTERS,
     )
@@ -291,33 +246,6 @@ def _numbers(comparison: RunComparison) -> pd.DataFrame:
     counts = ["p_value", "cases_before", "cases_after", "recordings"]
     shown = ["row", "frames", "metric", "verdict", "before", "after", "difference", *counts]
     return table[[*shown, "ci95_low", "ci95_high", "p_holm", "chance_before", "chance_after", "ceiling"]]
-
-
-def _json_comparison(comparison: RunComparison) -> dict[str, Any]:
-    return {
-        "before": _json_run(comparison.before),
-        "after": _json_run(comparison.after),
-        **_images(comparison),
-        "verdict": verdict_line(comparison),
-        "notes": list(comparison.notes),
-        "rows": _numbers(comparison).to_dict("records"),
-        "detections": comparison.detections.reset_index().to_dict("records"),
-        "changed_frames": comparison.frames.to_dict("records"),
-        "pictures": [
-            {"file": f"pictures/{name}", "title": frame_title(frame)} for name, frame in comparison.pictures.items()
-        ],
-        "remarks": comparison.remarks,
-    }
-
-
-def _json_run(run: StoredRun) -> dict[str, Any]:
-    return {
-        "run": run.label,
-        "method": run.manifest.method.model_dump(),
-        "version": run.manifest.code.version,
-        "commit": run.manifest.code.commit,
-        "started_utc": run.summary.provenance.started_utc,
-    }
 
 
 def write_object_changes(file: Path, comparisons: Sequence[RunComparison]) -> None:
@@ -357,7 +285,7 @@ def write_comparison(
     pictures: bool = True,
     progress: Progress | None = None,
 ) -> tuple[list[RunComparison], tuple[Path, ...]]:
-    """Compare runs and write `compare.html`, `.md`, `.csv`, `.json`, `.tex`, `object_changes.csv` and `pictures/`.
+    """Compare runs and write `compare.html`, `.md`, `.csv`, `object_changes.csv` and `pictures/`.
 
     Each file appears whole or not at all. Pictures of an earlier comparison in `out` are removed, other files are left.
 
