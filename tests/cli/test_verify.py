@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.api.verify import card_to_verify
-from bench.evaluation import load_protocol, read_sums, sum_run, summary_of, write_sums
+from bench.evaluation import Protocol, load_protocol, read_sums, sum_run, summary_of, write_sums
 from bench.harness import open_tables, read_run
 from bench.recordings.cards import shipped_folder
 from tests.conftest import DATASETS
@@ -26,9 +26,11 @@ BY = "surface-v1"
 def run(tiny_card, tmp_path_factory) -> Path:
     """A run of a method with causes, a likelihood and cells without an answer."""
     out = tmp_path_factory.mktemp("verified") / "run"
+    card = tiny_card.with_name("with-caveats.yaml")
+    card.write_text(f"{tiny_card.read_text()}\ncaveats: rendered\n")
     with pytest.MonkeyPatch.context() as monkeypatch:
         words = ("--out", out, "--protocol", BY, "--no-pictures", "--workers", 1)
-        assert call(monkeypatch, "run", tiny_card, *words) == 0
+        assert call(monkeypatch, "run", card, *words) == 0
     return out
 
 
@@ -189,7 +191,7 @@ def easier_protocol(run: Path) -> None:
     content = json.loads(file.read_text())
     content["scoring"]["chance_lag_s"] = 0.5
     file.write_text(json.dumps(content))
-    digest = load_protocol(file).digest
+    digest = Protocol.model_validate(content).digest
     change_manifest(run, lambda manifest: manifest["protocol"].update(digest=digest))
 
 
@@ -221,4 +223,7 @@ FORGED = {
 def test_a_forged_run_is_found(run, tiny_card, tmp_path, monkeypatch, capsys, name):
     copied = shutil.copytree(run, tmp_path / "run")
     FORGED[name](copied)
-    assert call(monkeypatch, "verify", copied, "--data", tiny_card, "--workers", 1) in (1, 2), capsys.readouterr().out
+    assert call(monkeypatch, "verify", copied, "--data", tiny_card.with_name("with-caveats.yaml"), "--workers", 1) in (
+        1,
+        2,
+    ), capsys.readouterr().out
