@@ -48,6 +48,18 @@ class DatasetOfRun(_Part):
     input_errors: dict[str, float] = Field(default_factory=dict)
     recordings: dict[str, str] = Field(default_factory=dict)
 
+    @property
+    def same_data(self) -> tuple[str, ...]:
+        """A sentence for recordings that hold the same data, which intervals take as independent."""
+        names: dict[str, list[str]] = {}
+        for name, digest in self.recordings.items():
+            names.setdefault(digest, []).append(name)
+        return tuple(
+            f"Recordings {', '.join(map(repr, same))} hold the same data; intervals take them as independent."
+            for same in names.values()
+            if len(same) > 1
+        )
+
 
 class CodeOfRun(_Part):
     """The code of a run.

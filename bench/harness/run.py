@@ -419,12 +419,14 @@ def _write_results(results: Path, protocol: Protocol, request: RunRequest, score
         protocol=protocol,
         provenance=scored.provenance(images=metrics.images.evaluated + metrics.images.not_annotated),
         failures=[*failures, *problems],
-        caveats=_caveats(request, metrics, scored.recordings),
+        caveats=_caveats(request, metrics, scored.recordings, scored.manifest.dataset),
         vehicle_outline_m=outlines[-1] if outlines else (),
     )
 
 
-def _caveats(request: RunRequest, metrics: Summary, recordings: Sequence[PlannedRecording]) -> str:
+def _caveats(
+    request: RunRequest, metrics: Summary, recordings: Sequence[PlannedRecording], dataset: DatasetOfRun
+) -> str:
     """Caveats for a reader: annotations not there or not reviewed, those of the data, errors of the method's input."""
     proposed = sum(not one.reviewed for one in recordings)
     unreviewed = f"{NOT_REVIEWED} ({proposed} of {len(recordings)} recordings)." if proposed else ""
@@ -433,18 +435,7 @@ def _caveats(request: RunRequest, metrics: Summary, recordings: Sequence[Planned
     return "\n".join(
         part
         for part in (
-            unreviewed, not_annotated(metrics), request.card.content.caveats, errors, *_same_data(recordings),
+            unreviewed, not_annotated(metrics), request.card.content.caveats, errors, *dataset.same_data,
         )
         if part
     )  # fmt: skip
-
-
-def _same_data(recordings: Sequence[PlannedRecording]) -> Iterator[str]:
-    """A sentence for recordings that hold the same data under several names, which intervals take as independent."""
-    names: dict[str, list[str]] = {}
-    for recording in recordings:
-        if recording.digest is not None:
-            names.setdefault(recording.digest, []).append(recording.name)
-    for same in names.values():
-        if len(same) > 1:
-            yield f"Recordings {', '.join(map(repr, same))} hold the same data; intervals take them as independent."

@@ -168,8 +168,8 @@ def _same(was: object, now: object) -> bool:
         return was.keys() == now.keys() and all(_same(was[name], now[name]) for name in was)
     if isinstance(was, list | tuple | np.ndarray) and isinstance(now, list | tuple | np.ndarray):
         return len(was) == len(now) and all(_same(*pair) for pair in zip(was, now, strict=True))
-    if isinstance(was, np.ndarray) or isinstance(now, np.ndarray):
-        return False
+    if isinstance(was, dict | list | tuple | np.ndarray) or isinstance(now, dict | list | tuple | np.ndarray):
+        return False  # such as a histogram and none
     if isinstance(was, float) and isinstance(now, float):
         return bool(np.isclose(was, now, rtol=RELATIVE, atol=RELATIVE, equal_nan=True))
     return was is now or bool(was == now) or (pd.isna(was) is True and pd.isna(now) is True)  # type: ignore[call-overload]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -14,7 +15,8 @@ from typing import Literal
 import numpy as np
 from pydantic import computed_field
 
-from bench.errors import DataError
+from bench.atomic import read_regular
+from bench.errors import BenchError, DataError
 from bench.recordings import Recording, RecordingHandle
 from bench.recordings.validation import FileModel, read_json
 from bench.records.recording import Content
@@ -36,6 +38,7 @@ from bench.validation.units import check_length_units, check_time_units
 
 SAMPLED_IMAGES = 40  # of each camera, in pairs of neighbours
 SAMPLED_SWEEPS = 20
+LARGEST_COMPARED_BYTES = 100_000_000  # of an image or a sweep; larger files hold whole drives
 
 
 class Depth(StrEnum):
@@ -293,4 +296,40 @@ def validate_dataset(
 
         reports.append(validate_recording(handle, depth=depth, progress=share_done))
         report(number + 1, len(handles))
-    return ValidationReport(dataset=name, depth=depth, recordings=tuple(reports))
+    same = _same_drives(handles)
+    told = (one.model_copy(update={"findings": (*one.findings, *same.get(one.name, ()))}) for one in reports)
+    return ValidationReport(dataset=name, depth=depth, recordings=tuple(told))
+
+
+def _same_drives(handles: Sequence[RecordingHandle]) -> dict[str, tuple[Finding, ...]]:
+    """Findings of recordings whose middle images and sweep are, byte by byte, those of one before."""
+    found: dict[str, tuple[Finding, ...]] = {}
+    first: dict[bytes, str] = {}
+    for handle in handles if len(handles) > 1 else ():
+        digest = _middle_digest(handle)
+        if digest in first:
+            finding = Finding(
+                check="same-drive",
+                severity=Severity.WARNING,
+                recording=handle.name,
+                expected="another drive under each name",
+                got=f"the images and the sweep of {first[digest]!r} in the middle of it",
+                hint="leave one of them out: intervals take recordings as independent",
+            )
+            found[handle.name] = (finding,)
+        elif digest is not None:
+            first[digest] = handle.name
+    return found
+
+
+def _middle_digest(handle: RecordingHandle) -> bytes | None:
+    """SHA-256 of the middle image of each camera, and of the middle sweep; None where they cannot be read."""
+    digest = hashlib.sha256()
+    try:
+        recording = handle.open()
+        files = [[ref.path for ref in refs] for refs in recording.images.values()]
+        for paths in filter(None, [*files, [sweep.path for sweep in recording.sweeps]]):
+            digest.update(read_regular(paths[len(paths) // 2], largest_bytes=LARGEST_COMPARED_BYTES))
+    except (BenchError, OSError):  # told by the checks of the recording, or one file of everything
+        return None
+    return digest.digest()

@@ -26,9 +26,11 @@ BY = "surface-v1"
 def run(tiny_card, tmp_path_factory) -> Path:
     """A run of a method with causes, a likelihood and cells without an answer."""
     out = tmp_path_factory.mktemp("verified") / "run"
+    card = tiny_card.with_name("with-caveats.yaml")
+    card.write_text(f"{tiny_card.read_text()}\ncaveats: rendered\n")
     with pytest.MonkeyPatch.context() as monkeypatch:
         words = ("--out", out, "--protocol", BY, "--no-pictures", "--workers", 1)
-        assert call(monkeypatch, "run", tiny_card, *words) == 0
+        assert call(monkeypatch, "run", card, *words) == 0
     return out
 
 
@@ -223,4 +225,7 @@ FORGED = {
 def test_a_forged_run_is_found(run, tiny_card, tmp_path, monkeypatch, capsys, name):
     copied = shutil.copytree(run, tmp_path / "run")
     FORGED[name](copied)
-    assert call(monkeypatch, "verify", copied, "--data", tiny_card, "--workers", 1) in (1, 2), capsys.readouterr().out
+    assert call(monkeypatch, "verify", copied, "--data", tiny_card.with_name("with-caveats.yaml"), "--workers", 1) in (
+        1,
+        2,
+    ), capsys.readouterr().out

@@ -5,7 +5,22 @@ from __future__ import annotations
 import re
 from random import Random
 
-NUMBERS = ("0", "-1", "1e999", "NaN", "null", '"5"', "1e40", "99999999999999999999", "[]", "0.5", "-0.0001", "1e-300")
+NUMBERS = (
+    "0",
+    "-1",
+    "1e999",
+    "NaN",
+    "null",
+    '"5"',
+    "1e40",
+    "99999999999999999999",
+    "[]",
+    "0.5",
+    "-0.0001",
+    "1e-300",
+    "1e300",
+    "1_000",
+)
 
 
 def flip_bits(content: bytes, rng: Random) -> bytes:

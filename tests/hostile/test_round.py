@@ -151,6 +151,8 @@ TARGETS = {
         )
         for name in ("boxes", "openlabel", "cvat")
     },
+    "predictions": Target(("predictions/*",), ("evaluate", "{}/card.yaml", "--predictions", "{}/predictions",
+                                               "--missing", "empty", *QUIETLY, "--out", "{}/out"), 40),
     "protocol": Target(("p.yaml",), (*RUN, "--protocol", "{}/p.yaml", "--out", "{}/out"), 15),
     "tolerances": Target(("t.yaml",), (*GATE, "--tolerances", "{}/t.yaml"), 15),
     "gate": Target(("run/paper-v1/*",), GATE, 50),
@@ -191,6 +193,14 @@ def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
             return data_set(last)
         if name == "card":
             return data_set("native")
+        if name == "predictions":
+            folder = data_set("native")
+            (folder / "predictions").mkdir()
+            (folder / "predictions/predictions.yaml").write_text("sixteen_bits: score\nfirst_frame: 0\n")
+            runs = {"size": [tiny.HEIGHT, tiny.WIDTH], "counts": [100, 40, tiny.HEIGHT * tiny.WIDTH - 140]}
+            listed = [{"image": number, "segmentation": runs} for number in range(1, len(tiny.TIMES_NS))]
+            (folder / "predictions/front.json").write_text(json.dumps(listed, indent=1))
+            return folder
         if name.startswith("label format"):
             folder, tool = data_set("native"), name.split()[-1]
             shutil.copytree(folder / "data/drive", folder / "drive")
