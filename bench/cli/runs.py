@@ -49,7 +49,7 @@ def score(
 def _print(run: StoredRun, report: RunReport) -> None:
     """Print the table, what became of the images, the cost, and where everything is."""
     summary = run.summary
-    for warning in filter(None, (odd_masks(run), nothing_scored(summary), *run.manifest.dataset.same_data)):
+    for warning in filter(None, (nothing_scored(summary), odd_masks(run), *run.manifest.dataset.same_data)):
         say(warning, style="bold red")
     show(terminal_report(report.rows, title=f"{run.manifest.title}, beside the paper, in percent"))
     for line in total_lines(summary, run.protocol):

@@ -80,11 +80,11 @@ def test_a_data_set_is_validated(tiny_card):
         bench.validate(tiny_card, split="none")
 
 
-def test_a_run_is_verified(runs, tmp_path):
-    assert bench.verify(bench.load_run(runs[0])).differences == ()
+def test_a_run_is_verified(runs, tiny_card, tmp_path):
+    assert bench.verify(bench.load_run(runs[0]), tiny_card).differences == ()
     sent = shutil.copytree(runs[0], tmp_path / "sent")
     next(sent.rglob("*.frames.parquet")).unlink()
-    assert "a row that only one of the two has" in "".join(bench.verify(sent).differences)
+    assert "a row that only one of the two has" in "".join(bench.verify(sent, tiny_card).differences)
 
 
 def test_runs_are_ranked(folder, tmp_path):
