@@ -44,7 +44,7 @@ def print_run(run: StoredRun, report: RunReport) -> None:
     from bench.reporting.totals import nothing_scored, odd_masks, total_lines
 
     summary = run.summary
-    for warning in filter(None, (odd_masks(run), nothing_scored(summary), *run.manifest.dataset.same_data)):
+    for warning in filter(None, (nothing_scored(summary), odd_masks(run), *run.manifest.dataset.same_data)):
         say(warning, style="bold red")
     print_blocks(terminal_report(report.rows, title=f"{run.manifest.title}, beside the paper, in percent"))
     for line in total_lines(summary, run.protocol):

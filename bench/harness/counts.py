@@ -200,8 +200,9 @@ class StoredRows:
             words = rows[name].unique().to_pylist() if name in rows.column_names else []
             if foreign := [word for word in words if safe_name(word) != safe]:
                 raise _damage(file, name, f"rows of {name_of(safe)!r} alone", repr(foreign[0]))
-        if self.suffix == OBJECTS and "timestamp_ns" in rows.column_names:
-            images = read_table(file.with_name(f"{task}{FRAMES}"), columns=["timestamp_ns"])["timestamp_ns"]
+        of_images = file.with_name(f"{task}{FRAMES}")
+        if self.suffix == OBJECTS and "timestamp_ns" in rows.column_names and of_images.is_file():
+            images = read_table(of_images, columns=["timestamp_ns"])["timestamp_ns"]
             if unknown := set(rows["timestamp_ns"].to_pylist()) - set(images.to_pylist()):
                 raise _damage(file, "timestamp_ns", "times of the images beside it", min(unknown))
 

@@ -47,7 +47,7 @@ def test_a_run_that_scores_no_object_says_so_above_its_table(monkeypatch, capsys
     rules.write_text("{based_on: paper-v1, name: near, version: 1, reference: {range_limit_m: 0.01}}")
     run = ("run", tiny_card, "--method", "nothing", "--protocol", rules, "--no-pictures", "--out", tmp_path / "run")
     assert call(monkeypatch, *run) == 0
-    _, masks, objects, *_ = capsys.readouterr().out.splitlines()
+    _, objects, masks, *_ = capsys.readouterr().out.splitlines()
     assert masks.startswith("none of the 12 masks marks anything")
     assert objects.startswith("no object was scored: all 12 moving object-frames are ignored")
 
