@@ -26,7 +26,7 @@ VEHICLE_FROM_CENTRE = RigidTransform(np.eye(3), np.array([1.4, 0.0, 0.8]))
 LENGTH_M, WIDTH_M, HEIGHT_M = 4.8, 1.8, 1.6
 OPTIONS = {"body_polygons": {"ftcam_f0": [[[10, 40], [49, 40], [49, 47], [10, 47]]]}}
 # What its writer and its parser of KITTI-360 import beside our libraries.
-DISTRIBUTIONS = ("py123d==0.7.0", "pyquaternion", "trimesh", "cachetools", "DracoPy", "tqdm")
+DISTRIBUTIONS = ("py123d==0.7.0", "pyquaternion", "trimesh", "cachetools", "DracoPy", "networkx", "tqdm")
 
 
 def se3(pose):
