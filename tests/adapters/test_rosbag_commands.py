@@ -122,6 +122,7 @@ def _without_ceilings(content):
     return {key: _without_ceilings(value) for key, value in content.items() if not key.startswith("ceiling_")}
 
 
+@pytest.mark.slow
 def test_validate_and_view(command, cards, tmp_path, capsys):
     _, card = cards
     assert command("validate", card, "--deep") == 0

@@ -99,6 +99,7 @@ def test_annotations_made_by_hand_stay(card, drive, tmp_path):
     assert (out / f"{DRIVE}.json.1").read_text() == mine
 
 
+@pytest.mark.slow
 def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     stored(card, decide(proposed_from(drive), store.Reject(**MADE, tracks=(proposed_from(drive).tracks[-1].id,))))
     ended = called_here("annotate", "export", card, "--out", card.parent / "annotations", "--unreviewed")

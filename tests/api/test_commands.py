@@ -25,6 +25,7 @@ def runs(folder):
     return folder / "frame-difference", folder / "nothing"
 
 
+@pytest.mark.slow
 def test_functions_print_nothing(runs, tiny_card, tmp_path, capfd):
     bench.compare(*runs, out=tmp_path / "c", pictures=False)
     bench.validate(tiny_card)
@@ -120,6 +121,7 @@ def test_a_method_is_scored_for_a_leaderboard(tiny_card, tmp_path):
     assert (folder / "index.html").is_file()
 
 
+@pytest.mark.slow
 def test_parts_of_settings_and_errors_of_the_input_are_swept(tiny_card, tmp_path):
     chosen = {"method": "spherical", "split": "standing"}
     swept = bench.sweep(tiny_card, "weights.epipolar", [0.0, 1.0], out=tmp_path / "a", **chosen)

@@ -374,6 +374,7 @@ def by_pixel(images, values_of) -> tuple[float, float]:
     return float(area), float(fp[np.argmax(recall >= 0.95)] / sum(map(len, negative)))
 
 
+@pytest.mark.slow
 def test_a_run_of_a_method_with_a_likelihood_has_them_too(monkeypatch, tiny_card, tmp_path):
     assert call(monkeypatch, "run", tiny_card, "--out", tmp_path / "a", "--no-pictures") == 0
     assert read_run(tmp_path / "a").summary.threshold_free.images == 12
@@ -483,6 +484,7 @@ def test_images_are_not_read_for_masks(evaluate, masks, tiny_card, tmp_path):
     assert (summary.images.evaluated, summary.all_moving.iou.value) == (12, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_charts")
 def test_pictures_and_the_page_come_from_the_same_files(monkeypatch, tiny_card, images, masks, tmp_path, capsys):
     run = tmp_path / "run"

@@ -55,6 +55,7 @@ def test_a_file_of_the_users_or_of_a_run_stays(monkeypatch, capsys, places, tmp_
     assert {file: file.read_bytes() for file in before} == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["report", "compare", "leaderboard", "gate", "gate, junit"])
 def test_an_earlier_output_is_replaced(monkeypatch, places, tmp_path, name):
     words = words_of(name, places, tmp_path / "out")

@@ -161,6 +161,7 @@ class Own(Method):
 """
 
 
+@pytest.mark.slow
 def test_update_refuses_a_plug_in_that_is_not_committed_as_it_is(monkeypatch, capsys, tiny_card, tmp_path):
     checkout = tmp_path / "checkout"
     checkout.mkdir()

@@ -20,6 +20,7 @@ def place(tmp_path, monkeypatch, tiny_card):
             sys.modules.pop(name)
 
 
+@pytest.mark.slow
 def test_a_new_method_scores_as_it_is(place, monkeypatch, capsys):
     assert call(monkeypatch, "new", "method", "grey-change") == 0
     told = capsys.readouterr().out

@@ -39,6 +39,7 @@ def test_clean_data_are_scored_and_the_run_says_so(card, tmp_path, monkeypatch):
         assert told in (run / "paper-v1" / "index.html").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_charts")
 def test_warnings_are_on_the_page(card, tmp_path, monkeypatch):
     sorted((tmp_path / "data" / "drive" / "lidar").iterdir())[8].unlink()

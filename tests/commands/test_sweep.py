@@ -38,6 +38,7 @@ def test_each_value_is_the_run_with_it_in_a_folder_of_its_own(monkeypatch, capsy
     assert (tmp_path / "sweep" / "2e-3" / "paper-v1" / "table.md").is_file()
 
 
+@pytest.mark.slow
 def test_a_second_call_finds_what_is_done(monkeypatch, capsys, tiny_card, tmp_path):
     words = ("sweep", tiny_card, "--method", "flow-magnitude", "--out", tmp_path)
     assert call(monkeypatch, *words, "--set", "threshold=1e-3,2e-3") == 0
@@ -49,6 +50,7 @@ def test_a_second_call_finds_what_is_done(monkeypatch, capsys, tiny_card, tmp_pa
     assert "12 images answered, the others were there" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_errors_of_the_input_are_swept_in_the_same_way(monkeypatch, capsys, tiny_card, tmp_path):
     words = ("sweep", tiny_card, "--input-error", "pitch_rate_degps=0,4", "--out", tmp_path, "--split", "moving")
     assert call(monkeypatch, *words) == 0
@@ -60,6 +62,7 @@ def test_errors_of_the_input_are_swept_in_the_same_way(monkeypatch, capsys, tiny
     assert "pitch_rate_degps 4" in json.loads((tmp_path / "4" / "paper-v1" / "summary.json").read_text())["caveats"]
 
 
+@pytest.mark.slow
 def test_the_usual_folder_is_named_after_what_is_swept(monkeypatch, tiny_card, tmp_path):
     monkeypatch.chdir(tmp_path)
     words = ("sweep", tiny_card, "--method", "background-subtraction", "--set", "images=2,3", "--set", "shadows=false")
@@ -69,6 +72,7 @@ def test_the_usual_folder_is_named_after_what_is_swept(monkeypatch, tiny_card, t
     assert {entry.name for entry in folder.iterdir() if entry.is_dir()} == {"2", "3"}
 
 
+@pytest.mark.slow
 def test_images_that_a_value_cannot_use_are_said_and_the_status_is_2(monkeypatch, capsys, tiny_card, tmp_path):
     words = ("sweep", tiny_card, "--method", "nothing", "--input-error", "time_offset_ms=0,550", "--out", tmp_path)
     assert call(monkeypatch, *words) == 2

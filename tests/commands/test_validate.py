@@ -73,6 +73,7 @@ def test_faults_exit_with_1_and_stand_in_text_and_json(monkeypatch, capsys, fold
     assert findings[0]["timestamp_ns"] == int(images[3].stem)
 
 
+@pytest.mark.slow
 def test_warnings_alone_exit_with_1_unless_only_errors_count(monkeypatch, capsys, folder):
     images = sorted((folder / "data" / "drive" / "images" / "front").iterdir())
     for path in images[10:13]:
@@ -86,6 +87,7 @@ def test_warnings_alone_exit_with_1_unless_only_errors_count(monkeypatch, capsys
     assert call(monkeypatch, "validate", folder / "street.yaml", "--errors-only") == 1
 
 
+@pytest.mark.slow
 def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder):
     (folder / "data" / "broken").mkdir()
     (folder / "data" / "broken" / "recording.json").write_text('{"schema_version": 1}')

@@ -44,6 +44,7 @@ def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protoc
     assert method.settings == {"sees_the_reference": True}
 
 
+@pytest.mark.slow
 def test_regions_with_unknown_bands_are_the_same_in_one_process_and_in_two(tiny_card, tmp_path):
     for name, executor in (("one", SerialExecutor()), ("two", ProcessExecutor(workers=2))):
         score(tiny_card, tmp_path / name, method="reference", protocol=load_protocol("surface-v1"), executor=executor)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 
 from bench.egomotion import planar_trajectory
 from bench.geometry import RigidTransform
@@ -114,6 +115,7 @@ def test_edges_against_flow_tell_nothing():
     assert not cameras._explains("position", replace(clean, losses=np.array([0.9]), cost=85.0), clean)
 
 
+@pytest.mark.slow
 def test_a_degree_moves_edges_by_what_it_moves_the_image(turning):
     drive = open_native(turning)
     camera = reduced(drive.cameras["front"])
