@@ -31,17 +31,23 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 LIMIT_S = 2.0
 ABOVE_THE_LIMIT = {  # tests that may take longer, and run with `make test` nevertheless
     "tests/api/test_commands.py::test_the_page_of_a_run_is_written",
+    "tests/commands/test_commands.py::test_run_by_two_protocols_prints_two_tables_and_stores_two_runs",
     "tests/commands/test_commands.py::test_run_writes_the_report_and_ends_with_the_table",
     "tests/commands/test_evaluate.py::test_a_methods_masks_count_as_the_method_does",
     "tests/commands/test_new.py::test_a_new_data_set_validates_and_scores_as_it_is",
     "tests/commands/test_report.py::test_report_writes_the_page_and_names_the_files",
     "tests/commands/test_require_valid.py::test_clean_data_are_scored_and_the_run_says_so",
+    "tests/commands/test_require_valid.py::test_errors_are_refused_before_anything_is_written",
     "tests/commands/test_sweep.py::test_each_value_is_the_run_with_it_in_a_folder_of_its_own",
+    "tests/commands/test_validate.py::test_a_clean_data_set_exits_with_0",
     "tests/commands/test_verify.py::test_images_that_cannot_be_read_fail_again_and_caveats_are_those_of_the_data",
     "tests/harness/test_input_errors.py::test_a_run_with_errors_is_none_without",
     "tests/harness/test_stages.py::test_a_method_is_asked_once_for_any_number_of_protocols",
     "tests/methods/predictions/test_images.py::test_numbers_that_name_files_are_frame_numbers_unless_they_are_times",
     "tests/reporting/page/test_page.py::test_every_section_opens_with_a_sentence",
+    "tests/validation/test_cameras.py::test_a_planted_fault_is_named",
+    "tests/validation/test_faults.py::test_a_clean_recording_has_no_findings",
+    "tests/validation/test_units.py::test_speed_and_yaw_rate_of_the_bus_are_tried_against_the_lidar",
 }
 
 RUNNING = pytest.StashKey[pytest.Item]()
