@@ -230,6 +230,8 @@ def _scored(request: RunRequest, part: Part) -> Iterator[ScoredPart]:
     make_folder(request.folder)
     with folder_lock(request.folder, shared=part.count > 1, wait=False), request.executor:
         _refuse_foreign(request.folder)
+        if part.count == 1:  # nobody else writes here
+            _remove_half_written(request.folder)
         spec = RunSpec(
             method=request.method,
             folder=request.folder.absolute(),
@@ -362,6 +364,12 @@ def _refuse_foreign(folder: Path) -> None:
             got = f"one with {listed(foreign, LISTED)}, and without {ANSWERS_MANIFEST}"
             hint = "give another folder with --out, or move what is in it"
             raise DataError(folder, expected="an empty folder or that of a run", got=got, hint=hint)
+
+
+def _remove_half_written(folder: Path) -> None:
+    """Remove what a process left that was killed while it wrote."""
+    for file in [entry for entry in folder.rglob(".*") if is_temporary(entry.name) and entry.is_file()]:
+        file.unlink()
 
 
 def _remove_answers(folder: Path) -> None:

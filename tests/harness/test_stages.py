@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from remembering import Remembering
 
+from bench.atomic import is_temporary, temporary_name
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
 from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
@@ -315,3 +316,13 @@ def test_answers_of_oracles_depend_on_the_protocol_and_lie_beside_its_counts(tin
         assert run.summary.false_positives.coverage.value == 0.0
     assert not (tmp_path / "run" / "answers").exists()
     assert read_run(tmp_path / "run").protocol.name == "paper-v1", "a run's folder stands for the usual protocol"
+
+
+def test_what_a_killed_process_left_half_written_is_removed(tiny_card, tmp_path):
+    score(tiny_card, tmp_path / "run", method="nothing")
+    before = bytes_of(tmp_path / "run")
+    for place in ("answers", "paper-v1/counts"):
+        (tmp_path / "run" / place / "crossing" / temporary_name("front-00000001", ".parquet")).touch()
+    score(tiny_card, tmp_path / "run", method="nothing")
+    assert bytes_of(tmp_path / "run") == before
+    assert not [file for file in (tmp_path / "run").rglob(".*") if is_temporary(file.name)]
