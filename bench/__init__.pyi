@@ -1,4 +1,4 @@
-"""What `import bench` offers, each name once: `bench/__init__.py` imports it from here on first use."""
+"""The public names of `bench`, each once; `bench/__init__.py` reads this list and imports a name on first use."""
 
 from bench.annotation.formats import LabelOptions as LabelOptions
 from bench.api.arrays import Score as Score

@@ -123,7 +123,7 @@ LARGEST_OUTPUT_CHARS = 100_000_000
 
 
 def _form(text: str) -> object:
-    """What all files of a kind share: keys of JSON, the head of a page, the root of XML, the first column of CSV."""
+    """Common part of all files of a kind: keys of JSON, head of a page, root of XML, first column of CSV."""
     if text.startswith("{"):
         try:
             return sorted(json.loads(text))

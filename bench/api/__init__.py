@@ -1,4 +1,4 @@
-"""What the Python interface has beside the commands; `import bench` offers it, and loads each part on first use.
+"""The Python interface beside the commands; `import bench` gives its names, and loads each module on first use.
 
 `runs`: a stored run, and what is asked of a new one. `run_report`: the files beside a run's counts. `datasets`:
 `open_dataset` gives recordings, and their images with the reference. `arrays`: `score` compares arrays and needs no

@@ -21,9 +21,8 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
-from bench.atomic import replacing, write_text
+from bench.atomic import write_text
 from bench.audit.causes import EXPLAINED, FalseCause, MissCause
 from bench.audit.polygons import FIT, Compensation
 from bench.audit.recording import RecordingAudit, audit_recording
@@ -34,6 +33,7 @@ from bench.evaluation.sums import bin_names, name_bins
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness.method_of_run import MethodOfRun
 from bench.harness.stages import Progress
+from bench.harness.table_files import write_table
 from bench.methods import FlowMethod, Method
 from bench.recordings import DatasetCard
 from bench.reference import REGION_KINDS
@@ -286,8 +286,7 @@ def run_audit(
         left_out="" if explained else _left_out(card, method),
     )
     for name, table in audit.tables.items():
-        with replacing(out / f"{name}.parquet") as temporary:
-            pq.write_table(table, temporary, compression="zstd")
+        write_table(out / f"{name}.parquet", table)
     write_text(out / AUDIT, summary.model_dump_json(indent=1) + "\n")
     return summary, audit
 

@@ -94,7 +94,7 @@ class ConvertedLabels:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proposals:
-    """What was proposed.
+    """Proposals for recordings, stored as reviews.
 
     Attributes:
         folder: of the reviews.

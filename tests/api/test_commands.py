@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import bench
+from bench.commands import console
 from bench.errors import DataError, UnknownNameError, UsageError
 
 
@@ -27,6 +28,7 @@ def runs(folder):
 
 @pytest.mark.slow
 def test_functions_print_nothing(runs, tiny_card, tmp_path, capfd):
+    console.be_silent()  # as a process is that has run no command line
     bench.compare(*runs, out=tmp_path / "c", pictures=False)
     bench.validate(tiny_card)
     bench.verify(runs[0])

@@ -127,7 +127,7 @@ def open_aimotive(
 def _contents(
     folder: Path, images: Mapping[str, tuple[ImageRef, ...]], revolutions: Mapping[int, Path]
 ) -> Iterator[Content]:
-    """What is in the sequence's folder, read and not read."""
+    """Files of the sequence's folder, read and not read."""
     sensor, dynamic = folder / "sensor", folder / "dynamic"
     yield from file_contents(
         folder, sensor, [sensor / name for name in ("calibration", "camera", "gnssins")], "sensors"

@@ -127,7 +127,7 @@ def open_kitti360(
 def _contents(
     root: Path, sequence: str, images: Mapping[CameraName, Mapping[int, Path]], scans: Mapping[int, Path]
 ) -> Iterator[Content]:
-    """What is in the sequence's folders, read and not read."""
+    """Files of the sequence's folders, read and not read."""
     folder = root / IMAGES / sequence
     yield from file_contents(root, folder, [folder / name for name in images], "cameras")
     for name, files in images.items():
