@@ -11,6 +11,7 @@ from bench.commands.console import print_blocks, say
 from bench.commands.options import Split
 from bench.commands.progress import Report, progress_bar
 from bench.errors import UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     from bench.recordings import DatasetCard
@@ -36,7 +37,7 @@ def validate(
         UnknownNameError: no data set or split of this name.
         DataError: the card cannot be used; what is wrong with a recording is a finding.
     """
-    from bench.commands.request import rendered_card
+    from bench.commands.data import rendered_card
     from bench.recordings import open_dataset
     from bench.validation import Depth, validate_dataset
 
@@ -103,6 +104,6 @@ def _keeps_contract(name: str, root: Path, *, settings: list[str] | None) -> boo
         faults = adapter_faults(adapter, root, options=parse_settings(settings), progress=progress)
     for fault in faults:
         say(fault, style="red")
-    outcome = f"breaks {len(faults)} promises of" if faults else "keeps"
+    outcome = f"breaks {counted(len(faults), 'promise')} of" if faults else "keeps"
     say(f"{name} {outcome} the contract of adapters")
     return not faults

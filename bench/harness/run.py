@@ -229,7 +229,7 @@ def _scored(request: RunRequest, part: Part) -> Iterator[ScoredPart]:
         )
     make_folder(request.folder)
     with folder_lock(request.folder, shared=part.count > 1, wait=False), request.executor:
-        _refuse_foreign(request.folder)
+        refuse_foreign(request.folder)
         if part.count == 1:  # nobody else writes here
             _remove_half_written(request.folder)
         spec = RunSpec(
@@ -352,13 +352,13 @@ def _refuse(folder: Path, others: Sequence[Difference], *, overwrite: bool) -> N
         raise DataError(folder, expected="an empty folder or the run that is asked for", got=got, hint=REPLACE)
 
 
-def _refuse_foreign(folder: Path) -> None:
+def refuse_foreign(folder: Path) -> None:
     """Refuse a folder that holds something and is no run's.
 
     Raises:
         DataError: it is.
     """
-    if not (folder / ANSWERS_MANIFEST).is_file():
+    if folder.is_dir() and not (folder / ANSWERS_MANIFEST).is_file():
         foreign = sorted(entry.name for entry in folder.iterdir() if not is_temporary(entry.name))
         if foreign:
             got = f"one with {listed(foreign, LISTED)}, and without {ANSWERS_MANIFEST}"

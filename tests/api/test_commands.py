@@ -17,7 +17,7 @@ def folder(tiny_card, tmp_path_factory):
     """Two runs of the same data, for all functions that read runs."""
     folder = tmp_path_factory.mktemp("runs")
     for method in ("frame-difference", "nothing"):
-        bench.run(tiny_card, method, out=folder / method)
+        bench.run(tiny_card, method, protocol="paper-v1", pictures=False, out=folder / method)
     return folder
 
 
@@ -126,17 +126,19 @@ def test_a_method_is_scored_for_a_leaderboard(tiny_card, tmp_path):
 @pytest.mark.slow
 def test_parts_of_settings_and_errors_of_the_input_are_swept(tiny_card, tmp_path):
     chosen = {"method": "spherical", "split": "standing"}
-    swept = bench.sweep(tiny_card, "weights.epipolar", [0.0, 1.0], out=tmp_path / "a", **chosen)
+    swept = bench.sweep(tiny_card, settings={"weights.epipolar": [0.0, 1.0]}, out=tmp_path / "a", **chosen)
     assert list(swept.runs) == ["0.0", "1.0"]
     weights = [run.manifest.method.settings["weights"] for run in swept.runs.values()]
     assert [weight["epipolar"] for weight in weights] == [0.0, 1.0]
-    wrong = bench.sweep(tiny_card, "pitch_deg", {"none": 0, "some": 2}, of_input=True, out=tmp_path / "b", **chosen)
-    assert list(wrong.runs) == ["none", "some"]
-    assert (wrong.folder / "some" / "paper-v1" / "summary.json").is_file()
+    nested = bench.sweep(tiny_card, settings={"weights": {"epipolar": [0.0, 1.0]}}, out=tmp_path / "a", **chosen)
+    assert sum(run.summary.provenance.images_asked for run in nested.runs.values()) == 0
+    wrong = bench.sweep(tiny_card, input_errors={"pitch_deg": [0, 2]}, out=tmp_path / "b", **chosen)
+    assert list(wrong.runs) == ["0", "2"]
+    assert (wrong.folder / "2" / "paper-v1" / "summary.json").is_file()
     with pytest.raises(UsageError, match="'weights' already has the value 1"):
-        bench.sweep(tiny_card, "weights.epipolar", [0.0, 1.0], settings={"weights": 1}, **chosen)
+        bench.sweep(tiny_card, settings={"weights": 1, "weights.epipolar": [0.0, 1.0]}, **chosen)
     with pytest.raises(UsageError, match="got none"):
-        bench.sweep(tiny_card, "threshold", [], **chosen)
+        bench.sweep(tiny_card, settings={"threshold": []}, **chosen)
 
 
 def test_masks_of_a_folder_are_scored(tiny_card, tmp_path):

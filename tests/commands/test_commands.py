@@ -31,7 +31,9 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
         assert (out / "paper-v1" / name).stat().st_size > 100
     for name in ("summary.json", "table.md", "range_map.png"):
         assert str(out / "paper-v1" / name) in shown
-    assert shown.count(str(out)) < 8, "few paths"
+    assert shown.count(str(out)) < 13, "few paths"
+    assert shown.index("by paper-v1, the paper's rules") < shown.index("by surface-v1, the rules of the leaderboard")
+    assert shown.endswith(f"next, a page to read: fisheye-bench report {out}/paper-v1\n")
     assert f"more files in {out}/paper-v1" in shown
     for name in ("Crossing", "Overtaking", "Static ego-vehicle", "False positives"):
         assert name in shown
@@ -76,6 +78,23 @@ def test_a_quick_look_renders_no_more_than_it_scores(monkeypatch, tiny_card, tmp
     assert made == ["standing"], "and nothing where there is no such split"
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("evaluate", "CARD", "--predictions", "nope"),
+        ("view", "CARD", "--recording", "nope"),
+        ("view", "CARD", "--frames", "nope"),
+        ("run", "CARD", "--out", "tests"),
+        ("leaderboard", "--score", "CARD", "--methods", "nope"),
+        ("reference", "export", "CARD", "--out", "tests"),
+    ],
+)
+def test_arguments_are_checked_before_anything_is_rendered(monkeypatch, capsys, tiny_card, tmp_path, words):
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets", ignore=shutil.ignore_patterns("data"))
+    error_line(monkeypatch, capsys, *(str(folder / tiny_card.name) if word == "CARD" else word for word in words))
+    assert not (folder / "data").exists()
+
+
 def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_card, tmp_path):
     folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
     without_scenario(folder / tiny_card.name)
@@ -107,6 +126,11 @@ def test_view_draws_the_frame_that_is_asked_for(monkeypatch, capsys, tiny_card, 
         (("run", "CARD", "--workers", "nowhere.json"), "or the file of a scheduler, got 'nowhere.json'"),
         (("run", "CARD", "--set", "treshold=1"), "takes cell_size_px"),
         (("view", "CARD", "--recording", "crosing"), "did you mean 'crossing'"),
+        (("view", "CARD", "--recording", "moving"), "unknown recording 'moving'"),
+        (
+            ("evaluate", "CARD", "--predictions", "nope"),
+            "--predictions: expected a folder of masks or scores, got nope",
+        ),
         (("view", "CARD", "--method", "spherical", "--frame", "0"), "--frame: expected 1 to 4, got 0"),
         (("view", "CARD", "--camera", "rear"), "known are front"),
         (("synthesize", "nowhere.yaml", "--out", "OUT"), "nowhere.yaml"),
@@ -150,7 +174,7 @@ def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tm
         shown = capsys.readouterr().out
         assert f" {title}," in shown
         assert all(f"\n{name} " in shown for name in ("demo", "paper", "woodscape"))
-        assert f"{tmp_path / 'own'}: 1 cards" in shown
+        assert f"{tmp_path / 'own'}: 1 card" in shown
     assert call(monkeypatch, "run", "tini") == 2
     told = capsys.readouterr().err
     assert f"looked in datasets, {tmp_path / 'own'}, " in told

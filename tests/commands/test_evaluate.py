@@ -41,8 +41,8 @@ def evaluate(monkeypatch, tiny_card, tmp_path):
 
     def run(folder, *words, out="run", status=0, card=tiny_card, tables=False):
         if not tables:
-            monkeypatch.setattr("bench.api.run_report.write_report_files", lambda _: ([], ()))
-            monkeypatch.setattr("bench.commands.evaluate.print_run", lambda *_, **__: None)
+            monkeypatch.setattr("bench.reporting.table_files.write_report_files", lambda _: ([], ()))
+            monkeypatch.setattr("bench.commands.evaluate.print_runs", lambda run: not run.summary.failures)
         named = (
             "evaluate",
             card,
@@ -52,6 +52,8 @@ def evaluate(monkeypatch, tiny_card, tmp_path):
             tmp_path / out,
             "--no-pictures",
             "--overwrite",
+            "--protocol",
+            "paper-v1",
             *words,
         )
         assert call(monkeypatch, *named) == status
@@ -411,7 +413,7 @@ def test_mistakes_of_the_call_are_one_clear_line(evaluate, masks, capsys, words,
 
 def test_folders_that_are_no_predictions(evaluate, images, masks, tmp_path, capsys):
     evaluate(tmp_path / "nowhere", status=2)
-    assert "expected a folder of predictions, got no such folder" in capsys.readouterr().err
+    assert "expected a folder of masks or scores, got" in capsys.readouterr().err
     (tmp_path / "empty").mkdir()
     evaluate(tmp_path / "empty", "--missing", "empty", status=2)
     assert f"such as {images[0].place}/{images[0].timestamp_ns}.png, got no file" in capsys.readouterr().err

@@ -50,7 +50,7 @@ def test_a_new_data_set_validates_and_scores_as_it_is(place, monkeypatch, capsys
     program = importlib.import_module("write_car_park")
     program.write(program.FOLDER / "drive-01")
     assert call(monkeypatch, "validate", "car-park") == 0
-    assert "0 errors and 0 warnings in 1 recordings" in capsys.readouterr().out
+    assert "0 errors and 0 warnings in 1 recording" in capsys.readouterr().out
     assert call(monkeypatch, "run", "car-park", "--method", "everything", "--no-pictures") == 0
     assert "11 annotated object-frames: 11 evaluated" in capsys.readouterr().out
     tests = importlib.import_module("test_car_park")
