@@ -9,8 +9,9 @@ import shapely
 from bench.recordings import GroundPolygon, PointIndices
 from bench.records.reference import Limb
 from bench.reference import OutlineErrors, ReferenceBuilder, Status
+from bench.reference.envelope import Beam
 from bench.reference.grid import find_grid
-from bench.reference.scanned import way_out_m
+from bench.reference.scanned import beyond_beam, way_out_m
 from tests.reference.drives import camera, pixels_of, reference_of, wall_recording, with_settings
 
 LEGS = (Limb(joint=0.53, end=0.0, speed=2.0),)
@@ -95,6 +96,18 @@ def test_what_the_lidar_looks_over_is_unknown():
     assert bottom.sum() > 500
     assert not (frame.labels[bottom] > 0).any()
     assert frame.ignored[bottom].all()
+
+
+def test_a_beam_that_meets_the_ends_of_a_side_at_the_bottom_passes_above_its_middle():
+    """A beam that falls by a half: 1 m down at 2 m, where the side is nearest, and 1.25 m down at its ends at 2.5 m."""
+    side = np.array([[x, y, z] for x in (-1.5, 1.5) for y in (2.0, 3.0) for z in (-1.25, 0.0)])
+    part = beyond_beam(side, Beam(0.0, -0.5), end_m=-1.25)
+    x, y, z = part.T
+    assert z.max() == pytest.approx(-1.0)
+    assert part[z == z.max()].tolist() == [[pytest.approx(0.0), 2.0, pytest.approx(-1.0)]]
+    assert np.abs(x).max() < 1.5
+    assert (np.hypot(x, y)[z > -1.25] < 2.5).all()
+    assert not len(beyond_beam(side, Beam(0.0, -1.0), end_m=-1.25))
 
 
 def test_where_beams_went_past_is_not_certain():
