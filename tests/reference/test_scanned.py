@@ -110,6 +110,24 @@ def test_a_beam_that_meets_the_ends_of_a_side_at_the_bottom_passes_above_its_mid
     assert not len(beyond_beam(side, Beam(0.0, -1.0), end_m=-1.25))
 
 
+@pytest.mark.parametrize("shape", ["cuboid", "ground polygon"])
+def test_a_box_that_is_tight_by_centimetres_keeps_its_noisy_returns(shape):
+    """A wall 2 cm thick with 1 cm of noise: without a margin a third of the returns lies beside it."""
+    recording, _ = wall_recording(width_m=2.0, away_m=6.0)
+    sweep, rng = recording.sweeps[0].read(), np.random.default_rng(1)
+    away_m = np.linalg.norm(sweep.points_lidar, axis=1)
+    noisy = sweep.points_lidar * (1 + 0.01 * rng.standard_normal(len(away_m)) / away_m)[:, None]
+    recording = annotated_as(recording, "cuboid") if shape == "cuboid" else recording
+    noise = replace(recording.sweeps[0], reader=lambda *_: replace(sweep, points_lidar=noisy))
+    points = {}
+    for margin_m in (0.0, 0.05):
+        (exact,) = built(recording, replace(SURFACE, shape_margin_m=margin_m)).objects
+        (wall,) = built(replace(recording, sweeps=(noise,)), replace(SURFACE, shape_margin_m=margin_m)).objects
+        points[margin_m] = wall.points / exact.points
+    assert points[0.0] < 0.75
+    assert points[0.05] > 0.98
+
+
 def test_where_beams_went_past_is_not_certain():
     """A comb with teeth of two columns of beams, one beam between them; what is solid has no such gaps."""
     recording, truth = wall_recording(width_m=2.0, away_m=6.0)
