@@ -102,6 +102,8 @@ def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_ca
         (("view", "CARD", "--method", "spherical", "--frame", "0"), "--frame: expected 1 to 4, got 0"),
         (("view", "CARD", "--camera", "rear"), "known are front"),
         (("synthesize", "nowhere.yaml", "--out", "OUT"), "nowhere.yaml"),
+        (("report", "OUT"), "expected the folder of a finished run"),
+        (("report", "OUT", "--category", "preceeding"), "did you mean 'preceding'"),
     ],
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tiny_card, tmp_path, words, message):
@@ -185,13 +187,6 @@ def test_python_m_bench_is_the_same_command():
     assert "spherical" in done.stdout
 
 
-def test_help_imports_nothing_heavy():
-    heavy = ("cv2", "open3d", "pandas", "scipy", "matplotlib", "numpy", "pydantic")
-    script = f"import sys; from bench.commands.app import main; print([m for m in {heavy} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
 def test_version_tells_what_a_report_of_a_problem_needs(monkeypatch, capsys):
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", "/somewhere")
     assert call(monkeypatch, "--version", "--verbose") == 0
@@ -220,3 +215,16 @@ def test_run_by_two_protocols_prints_two_tables_and_stores_two_runs(monkeypatch,
         assert json.loads((out / protocol / "manifest.json").read_text())["protocol"]["name"] == protocol
     assert call(monkeypatch, "run", tiny_card, "--protocol", "paper-v1,paper-v1", "--out", tmp_path / "twice") == 2
     assert "expected each protocol once" in capsys.readouterr().err
+
+
+def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_card, tmp_path):
+    run = tmp_path / "run"
+    assert call(monkeypatch, "run", tiny_card, "--out", run, "--no-pictures", "--split", "moving") == 0
+    assert call(monkeypatch, "report", run, "--no-pictures") == 0
+    assert call(monkeypatch, "report", run, "--category", "crossing") == 0
+    shown = capsys.readouterr().out
+    for name in ("index.html", "index-crossing.html", "figures/range_map.pdf"):
+        assert (run / "paper-v1" / name).stat().st_size > 1000
+        assert str(run / "paper-v1" / name) in shown
+    assert b"data:image/jpeg" in (run / "paper-v1" / "index-crossing.html").read_bytes()
+    assert b"<img" not in (run / "paper-v1" / "index.html").read_bytes()
