@@ -155,6 +155,16 @@ def _one_worker() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _blank_range_maps() -> Iterator[None]:
+    """The map of a run takes two thirds of the time of a small run: it is blank but for tests that are about it."""
+    from matplotlib.figure import Figure
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("bench.reporting.table_files.draw_run_maps", lambda _: Figure(figsize=(1, 1)))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _one_tree_of_commands() -> Iterator[None]:
     """Commands that are called in this process build the tree of all commands once."""
     with pytest.MonkeyPatch.context() as patched:

@@ -12,6 +12,7 @@ from bench.commands.app import COMMANDS
 from bench.commands.examples import EXAMPLES
 from bench.errors import UsageError
 from bench.methods.settings import parse_settings
+from bench.reporting.range_maps import draw_run_maps
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call, error_line
 
@@ -24,6 +25,7 @@ def test_help_lists_every_command(monkeypatch, capsys):
 
 
 def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
+    monkeypatch.setattr("bench.reporting.table_files.draw_run_maps", draw_run_maps)
     out = tmp_path / "run"
     assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
     shown = capsys.readouterr().out
@@ -217,13 +219,14 @@ def test_run_by_two_protocols_prints_two_tables_and_stores_two_runs(monkeypatch,
     assert "expected each protocol once" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_card, tmp_path):
     run = tmp_path / "run"
     assert call(monkeypatch, "run", tiny_card, "--out", run, "--no-pictures", "--split", "moving") == 0
     assert call(monkeypatch, "report", run, "--no-pictures") == 0
     assert call(monkeypatch, "report", run, "--category", "crossing") == 0
     shown = capsys.readouterr().out
-    for name in ("index.html", "index-crossing.html", "figures/range_map.pdf"):
+    for name in ("index.html", "index-crossing.html"):
         assert (run / "paper-v1" / name).stat().st_size > 1000
         assert str(run / "paper-v1" / name) in shown
     assert b"data:image/jpeg" in (run / "paper-v1" / "index-crossing.html").read_bytes()
