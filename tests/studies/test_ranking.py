@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +12,8 @@ import pytest
 from matplotlib.lines import Line2D
 
 from bench.audit.sources import same_objects
-from bench.errors import DataError, UnknownNameError, UsageError
+from bench.errors import UnknownNameError, UsageError
 from bench.evaluation import load_protocol
-from bench.execution import ProcessExecutor
 from bench.geometry import RigidTransform
 from bench.methods import MethodInput, build_method
 from bench.methods.spherical.method import SphericalMethod
@@ -56,7 +54,6 @@ from benchmarks.ranking.sums import (
 from benchmarks.ranking.wrong_masks import WrongMasks
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
 from tests.reporting.printed import texts
-from tests.support.changed_data import without_scenario
 from tests.support.runs import run_one
 
 WRONG = (WrongMasks(shape="hull"), WrongMasks(grow_px=4), WrongMasks(drop_share=0.5))
@@ -332,41 +329,6 @@ def test_a_method_scores_as_in_a_run(ranking: RankingSummary, tiny_card: Path, t
         for metric in ("iou", "tpr", "detection_rate_50"):
             assert every.scores[metric][PAPER][name] == pytest.approx(run.all_moving.metric(metric).value)
         assert false.scores["false_positive_share"][PAPER][name] == pytest.approx(run.false_positives.coverage.value)
-
-
-@pytest.mark.slow
-def test_processes_change_nothing(ranking: RankingSummary, tiny_card: Path, tmp_path: Path):
-    again = ranked(tiny_card, tmp_path, executor=ProcessExecutor(workers=2))
-    assert again.model_dump_json(exclude={"provenance"}) == ranking.model_dump_json(exclude={"provenance"})
-
-
-@pytest.mark.slow
-def test_a_single_method_or_one_twice_is_refused(tiny_card: Path, tmp_path: Path):
-    for methods in ("nothing", "nothing,nothing"):
-        with pytest.raises(UsageError, match="at least two different methods"):
-            ranked(tiny_card, tmp_path, methods)
-
-
-@pytest.mark.slow
-def test_without_masks_there_is_nothing_to_rank_by(tiny_card: Path, tmp_path: Path):
-    card = shutil.copytree(tiny_card.parent, tmp_path / "datasets") / tiny_card.name
-    without_scenario(card)
-    for folder in (card.parent / "data" / "tiny").glob("*/truth/front"):
-        shutil.rmtree(folder)
-    with pytest.raises(DataError, match=r"expected rendered masks .* audit a rendered data set"):
-        ranked(card, tmp_path / "out")
-
-
-@pytest.mark.slow
-def test_an_image_that_cannot_be_used_is_left_out_for_all(tiny_card: Path, tmp_path: Path):
-    card = shutil.copytree(tiny_card.parent, tmp_path / "datasets") / tiny_card.name
-    without_scenario(card)
-    image = sorted((card.parent / "data" / "tiny" / "crossing" / "truth" / "front").iterdir())[2]
-    image.write_bytes(image.read_bytes()[:100])
-    found = ranked(card, tmp_path / "out", "nothing,everything", split="moving")
-    assert len(found.failures) == 1
-    assert image.name in found.failures[0]
-    assert found.images == found.rows[-1].cases == 7
 
 
 @pytest.mark.slow
