@@ -1,6 +1,7 @@
 """Each model against an independent implementation or numbers worked out by hand."""
 
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np

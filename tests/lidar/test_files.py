@@ -216,8 +216,8 @@ def test_fields_with_times_are_known_by_the_words_of_their_names(tmp_path, name)
 
 
 def test_other_fields_are_no_times():
-    names = "tag distance offset point ns tint timer curvature state test intensity status points set d".split()
-    assert not [name for name in names if is_time(name)]
+    names = "tag distance offset point ns tint timer curvature state test intensity status points set d"
+    assert not [*filter(is_time, names.split())]
 
 
 HEADS = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,6 +55,7 @@ from benchmarks.ranking.sums import (
 from benchmarks.ranking.wrong_masks import WrongMasks
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object
 from tests.reporting.printed import texts
+from tests.support.changed_data import without_scenario
 from tests.support.runs import run_one
 
 WRONG = (WrongMasks(shape="hull"), WrongMasks(grow_px=4), WrongMasks(drop_share=0.5))
@@ -329,6 +331,25 @@ def test_a_method_scores_as_in_a_run(ranking: RankingSummary, tiny_card: Path, t
         for metric in ("iou", "tpr", "detection_rate_50"):
             assert every.scores[metric][PAPER][name] == pytest.approx(run.all_moving.metric(metric).value)
         assert false.scores["false_positive_share"][PAPER][name] == pytest.approx(run.false_positives.coverage.value)
+
+
+@pytest.mark.slow
+def test_a_single_method_or_one_twice_is_refused(tiny_card: Path, tmp_path: Path):
+    for methods in ("nothing", "nothing,nothing"):
+        with pytest.raises(UsageError, match="at least two different methods"):
+            ranked(tiny_card, tmp_path, methods)
+
+
+@pytest.mark.slow
+def test_an_image_that_cannot_be_used_is_left_out_for_all(tiny_card: Path, tmp_path: Path):
+    card = shutil.copytree(tiny_card.parent, tmp_path / "datasets") / tiny_card.name
+    without_scenario(card)
+    image = sorted((card.parent / "data" / "tiny" / "crossing" / "truth" / "front").iterdir())[2]
+    image.write_bytes(image.read_bytes()[:100])
+    found = ranked(card, tmp_path / "out", "nothing,everything", split="moving")
+    assert len(found.failures) == 1
+    assert image.name in found.failures[0]
+    assert found.images == found.rows[-1].cases == 7
 
 
 @pytest.mark.slow
