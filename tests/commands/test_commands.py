@@ -38,7 +38,7 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
     assert "Left out, without cases: preceding, approaching." in shown
     assert "16 annotated object-frames" in shown
     assert r"\label{tab:run-paper}" in (out / "paper-v1" / "table.tex").read_text(), "named after the folder"
-    for picture in ("panels", "areas", "overlay", "cluster-walker"):
+    for picture in ("panels", "areas", "cluster-walker"):
         assert (out / "paper-v1" / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -91,7 +91,7 @@ def test_view_draws_the_frame_that_is_asked_for(monkeypatch, capsys, tiny_card, 
     words = ("view", tiny_card, "--recording", "overtaking", "--frame", 3, "--out", tmp_path / "pictures")
     assert call(monkeypatch, *words, "--method", "spherical") == 0
     made = sorted(path.name for path in (tmp_path / "pictures").iterdir())
-    assert made == ["areas.png", "cluster-car.png", "overlay.png", "panels.png"]
+    assert made == ["areas.png", "cluster-car.png", "panels.png"]
     assert str(tmp_path / "pictures" / "panels.png") in capsys.readouterr().out
 
 
