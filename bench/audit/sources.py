@@ -103,13 +103,13 @@ class _Done(Generic[Found]):
     clock: StageClock
 
 
-class Part(BaseModel):
-    """A part of what an audit stores."""
+class AuditModel(BaseModel):
+    """A record that an audit stores."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class StoredAudit(Part):
+class StoredAudit(AuditModel):
     """The part that every audit stores.
 
     Attributes:
