@@ -118,7 +118,7 @@ def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_
     ],
 )
 def test_wrong_parameters_of_the_exact_masks(settings):
-    with pytest.raises(UsageError, match="truth: cell_size_px: expected a whole number"):
+    with pytest.raises(UsageError, match="cell_size_px"):
         build_scorable("truth", settings)
 
 
