@@ -1,6 +1,7 @@
 """Scores by proposals that nobody looked at, against scores by the annotations: is such a reference good enough?
 
-python -m benchmarks.unreviewed writes the tables into docs/annotate.md. Drives of `paper`, drawn by a fixed seed before
+python -m benchmarks.unreviewed writes the tables into reports/studies/proposals.md. Drives of `paper`, drawn by a
+fixed seed before
 the first look, are proposed as they are and with a weakness in each (`CONDITIONS`). Methods are then scored by
 `surface-v1` twice on the same data: by the drives' own annotations, and by the proposals, unreviewed.
 """
@@ -35,7 +36,7 @@ from tests.support import planting
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "datasets" / "paper.scenario.yaml"
-DOCS = ROOT / "docs" / "annotate.md"
+DOCS = ROOT / "reports/studies/proposals.md"
 MARKERS = "<!-- written by python -m benchmarks.unreviewed -->", "<!-- end -->"
 SEED, DRIVES, LEAST_RECORDINGS = 2900, 25, 6
 CEILING = "truth"

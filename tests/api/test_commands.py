@@ -40,18 +40,14 @@ def test_every_name_is_there_and_loaded_from_its_module():
     for name in bench.__all__:
         assert getattr(bench, name).__name__ == name
         assert getattr(bench, name).__doc__
-    assert set(bench.__all__) <= set(dir(bench))
 
 
 def test_a_comparison_takes_folders_and_runs_and_writes_where_it_is_told(runs, tmp_path):
     before, after = bench.load_run(runs[0]), str(runs[1])
-    found = bench.compare(before, after)
+    found = bench.compare(before, after, out=tmp_path / "c", pictures=False)
     (pair,) = found.pairs
-    assert found.files == ()
+    assert tmp_path / "c" / "compare.html" in found.files
     assert pair.detections["after"].iloc[-1] == 0
-    written = bench.compare(before, after, out=tmp_path / "c", pictures=False)
-    assert tmp_path / "c" / "compare.html" in written.files
-    assert written.pairs[0].changes.equals(pair.changes)
     with pytest.raises(UsageError, match="at least two runs"):
         bench.compare(before)
 
@@ -83,9 +79,9 @@ def test_a_ci_server_is_told_why_there_is_no_verdict(runs, tmp_path):
 
 
 def test_a_data_set_is_validated(tiny_card):
-    shallow, deep = (bench.validate(tiny_card, split="crossing", deep=deep) for deep in (False, True))
-    assert [recording.name for recording in shallow.recordings] == ["crossing"]
-    assert deep.recordings[0].images.read == deep.recordings[0].images.all
+    (recording,) = bench.validate(tiny_card, split="crossing", deep=True).recordings
+    assert recording.name == "crossing"
+    assert recording.images.read == recording.images.all
     with pytest.raises(UnknownNameError):
         bench.validate(tiny_card, split="none")
 
@@ -106,6 +102,7 @@ def test_runs_are_ranked(folder, tmp_path):
     assert written.files[0] == tmp_path / "board" / "index.html"
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_the_page_of_a_run_is_written(runs, tmp_path):
     page = bench.report(runs[0], pictures=False, out=tmp_path / "page.html")
     assert page.files[0] == tmp_path / "page.html"

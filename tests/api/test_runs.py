@@ -79,7 +79,3 @@ def test_a_data_set_gives_recordings_and_frames(tiny_card, monkeypatch):
         _ = data["crosing"]
     with pytest.raises(UnknownNameError, match="unknown camera 'rear'"):
         next(data.frames(camera="rear"))
-
-
-def test_the_writer_is_offered(tmp_path):
-    assert bench.RecordingWriter(tmp_path).root == tmp_path
