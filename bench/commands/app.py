@@ -36,10 +36,13 @@ COMMANDS = {
 LEAST_ADDRESSES_BYTES = 3_000_000_000  # a run takes 1.5 GB; with 2 GB a library now and then aborts the process
 NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")
 
+DOCUMENTATION = "https://github.com/fisheye-bench/fisheye-bench/tree/main/docs"
+
 app = typer.Typer(
     name="fisheye-bench",
     cls=Commands,
     help="Score moving-object segmentation in automotive fisheye images against lidar reference polygons.",
+    epilog=f"Documentation: {DOCUMENTATION}",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

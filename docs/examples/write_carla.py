@@ -1,8 +1,8 @@
 """Write a drive of CARLA's sensors in the native format.
 
 Copy this file, and call `write_drive` with what your client recorded. CARLA is left-handed: y points to the right, and
-angles are clockwise, in degrees. Here y points to the left, and a vehicle's origin lies below its rear axle. CARLA's camera
-is a pinhole, from which an equidistant fisheye of up to 59 degrees off axis is resampled.
+angles are clockwise, in degrees. Here y points to the left, and a vehicle's origin lies below its rear axle. CARLA's
+camera is a pinhole, from which an equidistant fisheye of up to 59 degrees off axis is resampled.
 
 A tick is what a synchronous client has after `world.tick()`, with the lidar's `rotation_frequency` at the tick rate:
 
@@ -68,8 +68,8 @@ def write_drive(folder: Path, ticks) -> None:
         stored_size_px=(640, 480),
     )  # fmt: skip
     writer.header(
-        name=folder.name, licence="CC-BY-4.0", frame_interval_ns=int(np.diff(times_ns).min()), cameras={"front": camera},
-        vehicle_from_lidar=VEHICLE_FROM_LIDAR, vehicle_outline_m=OUTLINE_M,
+        name=folder.name, licence="CC-BY-4.0", frame_interval_ns=int(np.diff(times_ns).min()),
+        cameras={"front": camera}, vehicle_from_lidar=VEHICLE_FROM_LIDAR, vehicle_outline_m=OUTLINE_M,
     )  # fmt: skip
     for time_ns, tick in zip(times_ns.tolist(), ticks, strict=True):
         poses.append(right_handed(tick.ego) @ ACTOR_FROM_VEHICLE)
