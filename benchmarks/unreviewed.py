@@ -121,7 +121,7 @@ def scores(card: Path, methods: Sequence[str], folder: Path, workers: int) -> pd
     scored = []
     for method in methods:
         out = folder / f"{card.stem}-{method}"
-        run = bench.run(card, method, protocol="surface-v1", out=out, workers=workers, cache=folder / "cache")
+        run = bench.run(card, method, protocol="surface-v1", pictures=False, out=out, workers=workers)
         recordings = run.objects[run.objects["status"] == "evaluated"].groupby("category")["recording"].nunique()
         table = 100 * run.metrics[["iou", "tpr_all"]].astype(float)
         table["object_frames"], table["recordings"] = run.metrics["object_frames"], recordings
