@@ -166,14 +166,14 @@ def global_options(
             "--version",
             is_eager=True,
             callback=_print_version,
-            help="Print the version and exit; with -v also libraries, cores, memory, optional parts and what is wrong.",
+            help="Print the version and exit; with -v also libraries, cores, memory, optional parts and faults.",
         ),
     ] = False,
     verbose: Annotated[
-        bool, typer.Option(*VERBOSE, help="Say which files are used, and the traceback of errors; of every command.")
+        bool, typer.Option(*VERBOSE, help="Print which files are used, and tracebacks; works with every command.")
     ] = False,
     quiet: Annotated[
-        bool, typer.Option(*QUIET, help="Print tables, verdicts and errors alone; of every command.")
+        bool, typer.Option(*QUIET, help="Print only tables, verdicts and errors; works with every command.")
     ] = False,
 ) -> None:
     """Hold the options of the program itself; its help is that of `app`."""
