@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from bench.execution import TaskExecutor
     from bench.recordings import DatasetCard, Recording, RecordingHandle
 
-app = group("Make annotations of a drive that has none, or of labels of other tools; give them to other tools.")
+app = group("Propose and review moving objects in drives without labels; convert labels of other tools.")
 
 Reviews = Annotated[
     str | Path | None,
@@ -71,17 +71,18 @@ Classes = Annotated[
     typer.Option(
         "--class",
         metavar="TOOL=OURS",
-        help="What a class of the tool is for us; unclear is not scored, none leaves it out; repeatable.",
+        help="Map a class of the tool to ours; =unclear leaves it unscored, =none drops it; repeatable.",
     ),
     Words(list[str] | None, parse_classes),
 ]
 FirstFrame = Annotated[
-    int | None, typer.Option(help="Frames are counted, and this is the first sweep's number; default: by their names.")
+    int | None,
+    typer.Option(help="Number of the first sweep, where frames are counted; default: frames are named as sweeps."),
 ]
 Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Replace labels that a person made or changed; a copy of them stays.")
+    bool, typer.Option("--overwrite", help="Replace labels that a person made or changed; a copy stays.")
 ]
-Chosen = Annotated[str | None, typer.Option("--recording", help="Recordings with commas in between; default: all.")]
+Chosen = Annotated[str | None, typer.Option("--recording", help="Recordings, separated by commas; default: all.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,9 +147,9 @@ def propose(
     reviews: Reviews = None,
     progress: Report | None = None,
 ) -> Proposals:
-    """Find what moves in drives without labels, from sweeps, ego-motion and calibration.
+    """Propose moving objects in drives without labels, from sweeps, ego-motion and calibration.
 
-    Drives whose proposals are there are passed over, and decisions on them kept.
+    Drives with up-to-date proposals are skipped; decisions are kept.
 
     Args:
         dataset: card, by path or by name.
@@ -198,7 +199,7 @@ def evaluate_proposals(
     ] = None,
     progress: Report | None = None,
 ) -> ProposalScores:
-    """Compare proposals with annotations that exist: what is found and false, classes, boxes, speeds, worst tracks.
+    """Compare proposals with existing annotations: recall, false tracks, classes, boxes, speeds, worst tracks.
 
     Args:
         dataset: card, by path or by name.
@@ -242,11 +243,11 @@ def show_scores(scores: ProposalScores) -> None:
 
 
 def import_labels(
-    format_name: Annotated[str, typer.Argument(metavar="FORMAT", help=f"Of the tool's files: {FORMATS}.")],
-    source: Annotated[str | Path, typer.Argument(help="The tool's file or folder."), Words(Path)],
+    format_name: Annotated[str, typer.Argument(metavar="FORMAT", help=f"Format of the files: {FORMATS}.")],
+    source: Annotated[str | Path, typer.Argument(help="File or folder of the tool."), Words(Path)],
     dataset: Annotated[
         str | Path | DatasetCard,
-        typer.Option(help="A data-set card: its path, or a name, see `list datasets`."),
+        typer.Option(help="Data-set card: a path, or a name of `list datasets`."),
         TEXT,
     ],
     recording: Annotated[str, typer.Option(help="Name of the recording.")],
@@ -262,16 +263,16 @@ def import_labels(
         typer.Option(
             "--frame",
             metavar="TOOL=OURS",
-            help="Which frame of ours a frame of the tool is: vehicle, lidar or world; without TOOL= that of boxes "
-            "that name none; repeatable.",
+            help="Map a coordinate system of the tool to vehicle, lidar or world; without TOOL= for boxes that name "
+            "none; repeatable.",
         ),
         Words(list[str] | None, _frames),
     ] = None,
     first_frame: FirstFrame = None,
-    time_unit: Annotated[TimeUnit, typer.Option(help="Of times that do not say their unit.")] = "ns",
+    time_unit: Annotated[TimeUnit, typer.Option(help="Unit of times that do not state it.")] = "ns",
     overwrite: Overwrite = False,
 ) -> ConvertedLabels:
-    """Write a tool's labels as <recording>.json; say what was read and what was lost.
+    """Convert a tool's labels to <recording>.json; list what was read and what was lost.
 
     Args:
         format_name: of the tool's files, such as "boxes".
@@ -325,26 +326,27 @@ def export_labels(
     dataset: Dataset,
     out: Annotated[
         str | Path,
-        typer.Option(help="Folder of <recording>.json; of a format, each recording gets a folder."),
+        typer.Option(help="Folder of <recording>.json; with --format, a folder per recording."),
         Words(Path),
     ],
     *,
     split: Chosen = None,
     reviews: Reviews = None,
     unreviewed: Annotated[
-        bool, typer.Option("--unreviewed", help="Write what was proposed and not rejected; whatever uses it says so.")
+        bool, typer.Option("--unreviewed", help="Write what was proposed and not rejected; results then say so.")
     ] = False,
     format_name: Annotated[
         str | None, typer.Option("--format", help="Write files of a tool instead: boxes, openlabel or cvat.")
     ] = None,
     annotated: Annotated[
-        bool, typer.Option("--annotated", help="With --format: write the annotations of the data set, not reviews.")
+        bool,
+        typer.Option("--annotated", help="With --format: write the annotations of the data set instead of reviews."),
     ] = False,
     classes: Classes = None,
     first_frame: FirstFrame = None,
     overwrite: Overwrite = False,
 ) -> tuple[ConvertedLabels, ...]:
-    """Write accepted tracks as annotations; refuse drives of which something is undecided or not watched.
+    """Write accepted tracks as annotations; refuse drives with undecided tracks or unwatched sweeps.
 
     Args:
         dataset: as of `propose`.
@@ -471,14 +473,14 @@ def _reviewed(card: DatasetCard, name: str, folder: Path, *, unreviewed: bool) -
 def review(
     dataset: Dataset,
     recording: Chosen = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="To listen on; 0 for any that is free.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any free one.")] = 0,
     reviews: Reviews = None,
-    reviewer: Annotated[str, typer.Option(envvar="USER", help="Who decides, for the log of decisions.")] = "reviewer",
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+    reviewer: Annotated[str, typer.Option(envvar="USER", help="Your name in the log of decisions.")] = "reviewer",
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in your browser.")] = True,
 ) -> None:
-    """Look at proposals in a page of this machine: accept, reject, correct, draw; ends with Ctrl-C.
+    """Review proposals in your browser: accept, reject, correct, draw; end with Ctrl-C.
 
-    Every decision is stored when it is made. Nothing leaves the machine.
+    Each decision is stored at once. Nothing leaves this machine.
     """
     import webbrowser
 

@@ -38,7 +38,9 @@ def run(
     ] = None,
     limit: Annotated[
         int | None,
-        typer.Option(min=2, max=10**9 - 1, metavar="N", help="Quick look: the first N images of each camera."),
+        typer.Option(
+            min=2, max=10**9 - 1, metavar="N", help="Only the first N images of each camera, for a quick look."
+        ),
     ] = None,
     out: Annotated[
         str | Path | None,
@@ -47,18 +49,19 @@ def run(
     ] = None,
     overwrite: options.Overwrite = False,
     require_valid: Annotated[
-        bool, typer.Option("--require-valid", help="Validate the data first; refuse errors, put the rest on the page.")
+        bool, typer.Option("--require-valid", help="Validate the data first; refuse errors, list warnings on the page.")
     ] = False,
     pictures: options.Pictures = True,
     workers: options.Workers = 1,
     shard: Annotated[
-        str | None, typer.Option(metavar="I/N", help="Score part I of N only; the command without it ends the run.")
+        str | None,
+        typer.Option(metavar="I/N", help="Score only part I of N; the same command without --shard finishes the run."),
     ] = None,
     progress: Report | None = None,
 ) -> Run:
-    """Score a method on a data set: the paper's table, the range maps, pictures.
+    """Score a method on a data set; write tables, range maps and pictures.
 
-    A run that was interrupted continues where it stopped, by the same command. The method is asked once, whatever the
+    An interrupted run continues with the same command. The method is asked once, whatever the
     number of protocols.
 
     Args:
