@@ -174,7 +174,8 @@ def detected(
     faded = echoes.reflectances() * np.exp(FADING * speckle)
     dusty = rng.random(len(faded), dtype=np.float32) < spec.pane_returns * echoes.cosines
     found = np.isfinite(echoes.ranges_m)
-    found[found] = faded[found] >= spec.weakest_return_per_m2 * echoes.ranges_m[found] ** 2
+    weakest = spec.weakest_return_per_m2 * echoes.ranges_m[found] ** 2
+    found[found] = faded[found] >= np.maximum(weakest, spec.weakest_reflectance)
     found &= dusty | ~echoes.panes
     return found, (np.rint(np.minimum(faded, 1.0) * (STEPS - 1)) / (STEPS - 1)).astype(np.float32)
 
