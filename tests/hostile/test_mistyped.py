@@ -36,7 +36,7 @@ WRITTEN = {
         "annotated": {"timestamps_ns": [[0, None]], "left_out_m": [[[50, 50], [60, 50], [60, 60]]]},
     },
     "protocol.yaml": {"based_on": "surface-v1", "name": "mine", "version": 1, "reference": {"range_limit_m": 20.0}},
-    "tolerances.yaml": {"based_on": "default-v1", "name": "ours", "version": 1, "metrics": {"recall": {"absolute": 0.02}}},
+    "tolerances.yaml": {"based_on": "default-v1", "name": "ours", "slices": {"all": {"iou": {"decides": True}}}},
     "masks/predictions.yaml": {"first_frame": 0, "sixteen_bits": "score"},
 }  # fmt: skip
 
