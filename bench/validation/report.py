@@ -20,21 +20,19 @@ from bench.errors import BenchError, DataError
 from bench.recordings import Recording, RecordingHandle
 from bench.recordings.validation import FileModel, read_json
 from bench.records.recording import Content
-from bench.validation.annotated import check_annotated
 from bench.validation.box_fit import BoxFit
-from bench.validation.boxes import check_boxes
+from bench.validation.boxes import check_annotated, check_boxes
 from bench.validation.calibration import check_calibration
 from bench.validation.cameras import check_cameras
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
 from bench.validation.drive import annotation_file, calibration_file
-from bench.validation.ego_motion import check_ego_limits
 from bench.validation.findings import Finding, Severity, Undecided, unusable
 from bench.validation.images import check_images
 from bench.validation.motion import check_motion
 from bench.validation.static_world import check_static_world
 from bench.validation.sweeps import SweepChecks
 from bench.validation.unboxed import check_unboxed
-from bench.validation.units import check_length_units, check_time_units
+from bench.validation.units import check_ego_limits, check_length_units, check_time_units
 
 SAMPLED_IMAGES, NEIGHBOURING_IMAGES = 120, 6  # of each camera, in runs of so many
 SAMPLED_SWEEPS, NEIGHBOURING_SWEEPS = 24, 2
