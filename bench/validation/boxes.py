@@ -209,16 +209,16 @@ def _same_place(recording: Recording) -> Iterator[Finding]:
     for track in recording.tracks:
         for state, box in boxes_of(track):
             at[state.timestamp_ns].append((track, _footprint(box)))
-    found: dict[tuple[str, str], list[int]] = defaultdict(list)
+    overlapping: dict[tuple[str, str], list[int]] = defaultdict(list)
     left, given_up_ns = MOST_PAIRS, []
     for time_ns, present in sorted(at.items()):
         pairs, overlap, whole = _overlapping(present, most=left)
         left -= len(pairs)
         for i, j in pairs[overlap]:
-            found[present[i][0].track_id, present[j][0].track_id].append(time_ns)
+            overlapping[present[i][0].track_id, present[j][0].track_id].append(time_ns)
         if not whole:
             given_up_ns.append(time_ns)
-    often = sorted(found.items(), key=lambda pair: -len(pair[1]))
+    often = sorted(overlapping.items(), key=lambda pair: -len(pair[1]))
     rows = [
         (f"objects {one!r} and {other!r}", f"at {len(times_ns)} times", len(times_ns), times_ns[0])
         for (one, other), times_ns in often[:MOST_PAIRS_LISTED]

@@ -132,11 +132,11 @@ def validate_recording(
         findings += _file_by_file(handle, error)
     else:
         for check, file in CHECKS:
-            for found in check(recording):
-                if isinstance(found, Undecided):
-                    undecided.append(found)
+            for told in check(recording):
+                if isinstance(told, Undecided):
+                    undecided.append(told)
                 else:
-                    findings.append(replace(found, file=found.file or str(file(recording))))
+                    findings.append(replace(told, file=told.file or str(file(recording))))
         rows = {
             camera: _sampled(len(recording.images[camera]), depth, SAMPLED_IMAGES, NEIGHBOURING_IMAGES)
             for camera in recording.cameras
@@ -299,7 +299,7 @@ def validate_dataset(
 
 def _same_drives(handles: Sequence[RecordingHandle]) -> dict[str, tuple[Finding, ...]]:
     """Findings of recordings whose middle images and sweep are, byte by byte, those of one before."""
-    found: dict[str, tuple[Finding, ...]] = {}
+    findings: dict[str, tuple[Finding, ...]] = {}
     first: dict[bytes, str] = {}
     for handle in handles if len(handles) > 1 else ():
         digest = _middle_digest(handle)
@@ -312,10 +312,10 @@ def _same_drives(handles: Sequence[RecordingHandle]) -> dict[str, tuple[Finding,
                 got=f"the images and the sweep of {first[digest]!r} in the middle of it",
                 hint="leave one of them out: intervals take recordings as independent",
             )
-            found[handle.name] = (finding,)
+            findings[handle.name] = (finding,)
         elif digest is not None:
             first[digest] = handle.name
-    return found
+    return findings
 
 
 def _middle_digest(handle: RecordingHandle) -> bytes | None:

@@ -248,10 +248,10 @@ def _first_match(scan: _Scan, before: _Scan) -> Step | None:
     along = [(x, y) for away in MATCHING.coarse_m for x, y in ((away, 0), (-away, 0), (0, away), (0, -away))]
     starts = [np.array([0, 0, 0, x, y, 0]) / seconds for x, y in [(0, 0), *along]]
     tried = [_moved(scan, before, start, MATCHING.source_points // 4, MATCHING.reach_m[:4]) for start in starts]
-    found = [one for one in tried if one is not None]
-    if not found:
+    matches = [one for one in tried if one is not None]
+    if not matches:
         return None
-    twist = max(found, key=lambda one: one[2])[0]
+    twist = max(matches, key=lambda one: one[2])[0]
     return _match(_scan(scan.returns, twist), _scan(before.returns, twist), twist)
 
 

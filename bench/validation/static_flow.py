@@ -80,7 +80,7 @@ def lidar_edges(
         return nothing, nothing
     ranges_m, world = np.linalg.norm(points, axis=1), placed.points_world()
     possible = usable & (ranges_m > SPAN_M[0]) & (ranges_m < SPAN_M[1])
-    found, ends = [nothing], [nothing]
+    edges, ends = [nothing], [nothing]
     for side, beyond in enumerate(grid.neighbours):
         jumps = (beyond >= 0) & (ranges_m[beyond] - ranges_m > np.maximum(JUMP_M, JUMP * ranges_m))
         along = [UP, DOWN] if side in (LEFT, RIGHT) else [LEFT, RIGHT]
@@ -91,10 +91,10 @@ def lidar_edges(
         # Halfway to the next beam, at the range of the return: the edge lies somewhere between the two.
         ahead = points[rows] / ranges_m[rows, None] + points[beyond[rows]] / ranges_m[beyond[rows], None]
         ahead *= (ranges_m[rows] / np.linalg.norm(ahead, axis=1))[:, None]
-        found.append(world[rows] + _turned(placed, ahead - points[rows]))
+        edges.append(world[rows] + _turned(placed, ahead - points[rows]))
         direction = world[one[rows]] - world[other[rows]]
-        ends.append(found[-1] + 0.05 * direction / np.linalg.norm(direction, axis=1)[:, None])
-    return np.concatenate(found), np.concatenate(ends)
+        ends.append(edges[-1] + 0.05 * direction / np.linalg.norm(direction, axis=1)[:, None])
+    return np.concatenate(edges), np.concatenate(ends)
 
 
 def _turned(placed: PosedSweep, vectors_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -224,9 +224,9 @@ def seen_flows(recording: Recording, camera: MountedCamera, measured: MeasuredMo
     """
     for row in chosen_pairs(recording, camera.name, measured):
         with suppress(DataError):  # reported by the checks of images and sweeps
-            found = seen_flow(recording, camera, row)
-            if found is not None:
-                yield found
+            flow = seen_flow(recording, camera, row)
+            if flow is not None:
+                yield flow
 
 
 def seen_flow(recording: Recording, camera: MountedCamera, row: int) -> SeenFlow | None:

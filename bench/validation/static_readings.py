@@ -157,11 +157,11 @@ def road_plane(sweeps: Sequence[LidarSweep], path_m: Array) -> SeenPlane | None:
     Returns:
         The median over the sweeps; None where most see no such plane.
     """
-    found = [plane for sweep in sweeps if (plane := _plane(sweep.points_lidar.astype(np.float64), path_m)) is not None]
-    if not found or 2 * len(found) < len(sweeps):
+    planes = [plane for sweep in sweeps if (plane := _plane(sweep.points_lidar.astype(np.float64), path_m)) is not None]
+    if not planes or 2 * len(planes) < len(sweeps):
         return None
-    up = np.median([plane[:3] for plane in found], axis=0)
-    return SeenPlane(up=up / np.linalg.norm(up), height_m=float(np.median([plane[3] for plane in found])))
+    up = np.median([plane[:3] for plane in planes], axis=0)
+    return SeenPlane(up=up / np.linalg.norm(up), height_m=float(np.median([plane[3] for plane in planes])))
 
 
 def _plane(points: Array, path_m: Array) -> Array | None:

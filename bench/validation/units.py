@@ -117,8 +117,8 @@ def check_time_units(recording: Recording) -> Iterator[Finding]:
     series.append((recording.trajectory.source, "times", recording.trajectory.timestamps_ns))
     series.append((annotation_file(recording), "timestamp", annotated_times(recording)))
     for file, field, times_ns in series:
-        if (found := other_unit(times_ns)) is not None:
-            unit, factor = found
+        if (meant := other_unit(times_ns)) is not None:
+            unit, factor = meant
             yield Finding(
                 check="time-unit",
                 file=str(file),

@@ -140,12 +140,12 @@ def tracks_from_world(
     ego = _EgoPath(drive, clock)
     groups: dict[str, list[WorldBox]] = defaultdict(list)
     windows: set[tuple[int, int]] = set()
-    for found in boxes:
-        window = found if isinstance(found, tuple) else found.window
+    for box in boxes:
+        window = box if isinstance(box, tuple) else box.window
         if window is not None:
             windows.add(window)
-        if not isinstance(found, tuple):
-            groups[found.key].append(found)
+        if not isinstance(box, tuple):
+            groups[box.key].append(box)
     tracks = [_track(key, group, ego, static_range_m, static_people) for key, group in groups.items()]
     kinds = {key: group[0].label.name for key, group in groups.items() if group[0].label is not None}
     seen = tuple(track for track in tracks if track.states)
