@@ -142,6 +142,7 @@ class ReferenceFrame:
         labels: (H, W) int32; k + 1 where the pixel belongs to G of `objects[k]`, 0 elsewhere.
         ignored: (H, W) bool; the region I, unknown bands and areas that are not annotated among it.
         unknown: (H, W) bool; of I the unknown bands of evaluated objects.
+        left_out: (H, W) bool; of I what is neither an object's nor a band, but lies in an area that is not annotated.
         valid: (H, W) bool; the region V.
         annotated: False where nobody knows what moves in the image: it is not scored, and I is all of V.
     """
@@ -154,6 +155,7 @@ class ReferenceFrame:
     labels: NDArray[np.int32]
     ignored: NDArray[np.bool_]
     unknown: NDArray[np.bool_]
+    left_out: NDArray[np.bool_]
     valid: NDArray[np.bool_]
     annotated: bool = True
 
@@ -249,6 +251,7 @@ class ReferenceSettings:
         max_sweep_gap_ns: a sweep further from the exposure than this is not used.
         max_annotation_gap_ns: an annotation further from the exposure than this is not used.
         motion: thresholds on velocities.
+        shape_margin_m: points this far outside of an annotated shape, but for its bottom, are still the object's.
         clearance_above_shape: points lower than `ground_clearance_m` above the bottom of the annotated shape are the
             ground's as well, be it road or pavement; for surface patches always.
         outline: causes of uncertain outlines; None for regions without an unknown band.
@@ -265,5 +268,6 @@ class ReferenceSettings:
     max_sweep_gap_ns: int
     max_annotation_gap_ns: int
     motion: MotionSettings
+    shape_margin_m: float = 0.0
     clearance_above_shape: bool = False
     outline: OutlineErrors | None = None

@@ -70,7 +70,8 @@ class ReferenceBuilder:
         frame = self._annotated_frame(image, exposure)
         if self._left_out_ground.is_empty:
             return frame
-        return replace(frame, ignored=frame.ignored | (self._left_out & (frame.labels == 0)))
+        left_out = self._left_out & (frame.labels == 0) & ~frame.ignored
+        return replace(frame, ignored=frame.ignored | left_out, left_out=left_out)
 
     def _annotated_frame(self, image: ImageRef, exposure: Exposure) -> ReferenceFrame:
         """The reference of an image as if everything that moves were annotated."""
@@ -99,6 +100,7 @@ class ReferenceBuilder:
                 exposure_ns=exposure.timestamp_ns,
                 lowest_m=self._lowest_m,
                 clearance_m=self._clearance_m,
+                margin_m=self.settings.shape_margin_m,
             )
         return ScannedObject(
             annotated=annotated,

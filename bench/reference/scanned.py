@@ -15,6 +15,7 @@ from bench.geometry import RigidTransform, cross, dot, normalise
 from bench.geometry.raster import Raster
 from bench.records.reference import ReferenceSettings
 from bench.reference.clusters import SECOND_NS, Cluster, parts_at_exposure
+from bench.reference.envelope import Beam
 from bench.reference.exposure import Exposure
 from bench.reference.grid import Grid
 from bench.reference.motion import ObjectAtExposure
@@ -31,9 +32,10 @@ from bench.reference.patches import (
     union,
     without_slits,
 )
-from bench.reference.silhouette import silhouette
+from bench.reference.silhouette import Prism, silhouette
 from bench.reference.sweeps import PosedSweep
 
+OUTLINE_STEP_M = 0.25  # the height of a cone that falls by 24 degrees, 1.5 m from its axis, is right to 3 mm
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
 
 
@@ -252,11 +254,13 @@ class ScannedObject:
         Its pixels are those that the middle lines of the outline's patches, across and upright, sweep on their way
         along the beam to the end of the shape. None where no such patch or no shape is known.
         """
-        if self.grid is None or not len(self.parts_world):
+        shape = Prism.around(self.parts_world)
+        if self.grid is None or shape is None:
             return None
         outermost = (self.grid.neighbours < 0).any(axis=0)
         beams = normalise(self.world_from_sensor.rotate(self.points_from_beams[outermost]))
-        ways = beams * way_out_m(self.cluster.points_world[outermost], beams, self.parts_world)[:, None]
+        _, leave_m = shape.ways_m(self.cluster.points_world[outermost], beams)
+        ways = beams * leave_m.clip(0.0)[:, None]
         corners = self.patches.corners.compress(outermost, axis=2)
         if not corners.size:
             return None
@@ -270,43 +274,33 @@ class ScannedObject:
     def unseen(self) -> Raster | None:
         """Part of the annotated shape below the lowest beam or above the highest; None where there is none."""
         assert self.placed is not None, "only where a sweep has met the object"
-        lowest, highest = self.placed.envelope
-        found = []
-        for corners in self.world_from_sensor.inverse().apply(self.parts_world):
-            flat_m, heights_m = np.hypot(corners[:, 0], corners[:, 1]), corners[:, 2]
-            bottom_m, top_m = heights_m.min(), heights_m.max()
-            for beam, end_m in ((lowest, bottom_m), (highest, top_m)):
-                limit_m = np.clip(beam.heights_m(flat_m), bottom_m, top_m)
-                if (limit_m != end_m).any():
-                    ends = (np.column_stack([corners[:, :2], z]) for z in (limit_m, np.full_like(limit_m, end_m)))
-                    found.append(np.concatenate(list(ends)))
-        if not found:
-            return None
         camera_from_sensor = self.exposure.camera_from_world @ self.world_from_sensor
-        return silhouette(self.exposure.seen(camera_from_sensor.apply(np.array(found))), self.exposure.camera.model)
+        bodies = [
+            self.exposure.seen(camera_from_sensor.apply(body))
+            for corners in self.world_from_sensor.inverse().apply(self.parts_world)
+            for beam, end_m in zip(self.placed.envelope, (corners[:, 2].min(), corners[:, 2].max()), strict=True)
+            if len(body := beyond_beam(corners, beam, end_m=end_m))
+        ]
+        return silhouette(bodies, self.exposure.camera.model) if bodies else None
 
 
-def way_out_m(
-    points: NDArray[np.float64], directions: NDArray[np.float64], parts: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(N,) float64, m: how far the end of an upright shape is from points within; 0 beyond it.
+def beyond_beam(corners: NDArray[np.float64], beam: Beam, *, end_m: float) -> NDArray[np.float64]:
+    """Part of an upright convex body between a beam's cone and the body's bottom or top.
+
+    The cone is curved: along a side it is followed in steps of at most `OUTLINE_STEP_M`.
 
     Args:
-        points: (N, 3) float64, m.
-        directions: (N, 3) float64, unit.
-        parts: (P, K, 3) float64, m, corners of the bodies that the shape is made of.
+        corners: (K, 3) float64, m, of the body, sensor frame.
+        beam: the lowest or the highest.
+        end_m: m, height of the body's bottom for the lowest beam, of its top for the highest.
+
+    Returns:
+        (J, 3) float64, m, points whose convex hull is the part; none where the beam reaches the end everywhere.
     """
-    corners = parts.reshape(-1, 3)
-    ring = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(corners[:, :2])))
-    if len(ring) < 4:  # no area
-        return np.zeros(len(points))
-    sides, upwards = np.diff(ring, axis=0), np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
-    normals = np.concatenate([np.column_stack([sides[:, 1], -sides[:, 0], np.zeros(len(sides))]), upwards])
-    ends = np.concatenate([np.column_stack([ring[:-1], np.zeros(len(sides))]), corners[[np.argmin(corners[:, 2])]],
-                           corners[[np.argmax(corners[:, 2])]]])  # fmt: skip
-    inwards = (normals * (corners.mean(axis=0) - ends)).sum(axis=1) > 0
-    normals[inwards] *= -1
-    heights, speeds = (normals * ends).sum(axis=1) - points @ normals.T, directions @ normals.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ways = np.where(speeds > 0, heights / speeds, np.inf)
-    return np.asarray(np.maximum(ways.min(axis=1), 0.0))
+    ground = shapely.convex_hull(shapely.multipoints(corners[:, :2]))
+    outline_m = shapely.get_coordinates(shapely.segmentize(ground, OUTLINE_STEP_M))
+    heights_m = beam.heights_m(np.hypot(*outline_m.T)).clip(corners[:, 2].min(), corners[:, 2].max())
+    missed = heights_m != end_m
+    end = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(outline_m[missed])))
+    cut = np.column_stack([outline_m[missed], heights_m[missed]])
+    return np.concatenate([cut, np.column_stack([end, np.full(len(end), end_m)])])

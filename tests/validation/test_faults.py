@@ -48,6 +48,17 @@ def cuboids(change, only=None):
     return lambda root: change_boxes(root, lambda _name, i, data: change(data["cuboid"][0]["val"], i), only=only)
 
 
+@pytest.fixture
+def root(root):
+    """The clean recording with boxes that hold their returns; those of the drive end where the objects do."""
+
+    def grow(numbers, _i):
+        numbers[7:10] = [size + 2 * drive.MARGIN_M for size in numbers[7:10]]
+
+    cuboids(grow)(root)
+    return root
+
+
 def velocities(change, only):
     def velocity(_name, _i, data):
         (entry,) = [entry for entry in data["vec"] if entry["name"] == "velocity_mps"]
@@ -61,8 +72,8 @@ def annotations(change):
 
 
 @pytest.mark.parametrize("depth", [Depth.SAMPLED, pytest.param(Depth.DEEP, marks=pytest.mark.slow)])
-def test_a_clean_recording_has_no_findings(clean, depth):
-    assert found(clean, depth, static_world=True, returns=True) == []
+def test_a_clean_recording_has_no_findings(root, depth):
+    assert found(root, depth, static_world=True, returns=True) == []
 
 
 # ---------------------------------------------------------------- faults of one finding
@@ -501,12 +512,22 @@ def test_a_box_without_points(root):
 
 def test_a_box_whose_points_lie_on_and_outside_of_its_faces(root):
     def shrink(numbers, _i):
-        numbers[7:10] = [size - 0.1 for size in numbers[7:10]]
+        numbers[7:10] = [size - 0.16 for size in numbers[7:10]]
 
     cuboids(shrink, only="leader")(root)
     (told,) = found(root, returns=True)
     assert (told.check, told.severity, told.field) == ("tight-box", Severity.WARNING, "object 'leader' (vehicle)")
     assert told.got == f"0 points in {told.times} of 16 sweeps that see it, and more within 10 cm outside"
+
+
+@pytest.mark.parametrize(("tighter_m", "margin_cm"), [(2 * drive.MARGIN_M, 2), (0.0, None)])
+def test_boxes_that_are_all_tight_by_centimetres(root, tighter_m: float, margin_cm: int | None):
+    def shrink(numbers, _i):
+        numbers[7:10] = [size - tighter_m for size in numbers[7:10]]
+
+    cuboids(shrink)(root)
+    told = [finding.got for finding in found(root, returns=True) if finding.check == "tight-boxes"]
+    assert [f"with {margin_cm} cm more on each side" in got for got in told] == [True] * bool(margin_cm), told
 
 
 def test_a_lidar_that_is_mirrored_left_to_right(root):
