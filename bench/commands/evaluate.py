@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -125,7 +125,8 @@ def evaluate(
         write_report(listed, card, method, found)
         raise refused(method, found, listed_in=listed)
     scored = score(
-        replace(request, executor=executor),
+        request,
+        executor=executor,
         pictures=pictures,
         finish=lambda run: write_report(run.folder / PREDICTIONS, card, method, found),
         progress=progress,

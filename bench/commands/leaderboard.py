@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -102,7 +102,7 @@ def score_competitor(
             write_page(run.folder, pictures=False)
 
     with interruptible(LEFT), progress_bar(f"scoring {competitor.name} on {card.name}", "images") as report:
-        return run_benchmark(replace(request, executor=executor, progress=report), finish=finish)
+        return run_benchmark(request, executor=executor, progress=report, finish=finish)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

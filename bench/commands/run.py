@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -107,16 +106,23 @@ def run(
         overwrite=overwrite,
     )
     part = None if shard is None else Part.parse(shard)
-    request = replace(request, executor=as_executor(workers))
-    rendered_card(request.card, request.split, executor=request.executor)
+    executor = as_executor(workers)
+    rendered_card(request.card, request.split, executor=executor)
     validation = _validated(request) if require_valid else None
     if part is None:
         hint = f"a run does not validate its data; check them with: fisheye-bench validate {request.card.address}"
         remarks = [hint] if request.card.scenario is None and validation is None else []
-        return score(request, pictures=pictures, validation=validation, remarks=remarks, progress=progress)
+        return score(
+            request,
+            executor=executor,
+            pictures=pictures,
+            validation=validation,
+            remarks=remarks,
+            progress=progress,
+        )
     title = f"scoring part {part} of {request.card.name}"
     with resumable(request.folder), progress_bar(title, "images", progress) as report:
-        return Run(folder=request.folder, part=score_part(replace(request, progress=report), part))
+        return Run(folder=request.folder, part=score_part(request, part, executor=executor, progress=report))
 
 
 def _part_of_data(split: str | None, recordings: Sequence[str] | None, limit: int | None) -> str | None:

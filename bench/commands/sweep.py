@@ -152,11 +152,10 @@ def sweep(
                 asked = replace(
                     request,
                     folder=folder / (file_name(value).lstrip(".") or "_"),
-                    executor=executor,
                     flow_cache=cache_folder() / "flow",
-                    progress=part_of(report, number=number, total=len(requests)),
                 )
-                (stored,) = run_benchmark(asked, finish=write_report_files)
+                part = part_of(report, number=number, total=len(requests))
+                (stored,) = run_benchmark(asked, executor=executor, progress=part, finish=write_report_files)
                 runs[value] = Run(folder=stored.folder)
     shown = {
         "title": f"{setting} of {name} on {card.name} by {rules.name}",
