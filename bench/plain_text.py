@@ -30,11 +30,16 @@ def escape_markdown(text: str) -> str:
 
 
 def parsed_number(text: str) -> float:
-    """A number as other programs write it; NaN for all else, such as `1_000`, which Python alone takes for one."""
+    """A number as other programs write it; NaN for all else, such as `1_000`, which Python takes for one."""
     try:
-        return math.nan if "_" in text else float(text)
+        return float(text) if "_" not in text and text.isascii() else math.nan
     except ValueError:
         return math.nan
+
+
+def counted(count: int, what: str) -> str:
+    """A number of things: "1 error", "2 errors", "2 processes"."""
+    return f"{count} {what}{'' if count == 1 else 'es' if what.endswith('s') else 's'}"
 
 
 def listed(names: Sequence[str], most: int = 5) -> str:

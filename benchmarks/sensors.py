@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.api.datasets import rendered_card
 from bench.atomic import write_text
 from bench.audit.sources import OpenedSource, audit_each
 from bench.commands.console import print_failures, say, take_verbosity
+from bench.commands.data import rendered_card
 from bench.errors import DataError
 from bench.evaluation import count_frame, load_protocol
 from bench.execution import local_executor, usable_cores
@@ -26,7 +26,7 @@ from bench.harness.exact import exact_mask
 from bench.recordings import Recording, read_truth
 from bench.reference import ReferenceBuilder, Status
 from bench.synthesis import Scenario
-from bench.synthesis.driving.ego import mounted_rig
+from bench.synthesis.ego import mounted_rig
 from bench.synthesis.scanner import scans
 from bench.synthesis.scenario import LidarSpec, RecordingSpec
 from bench.synthesis.scene import Scene, build_scene

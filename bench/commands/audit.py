@@ -53,15 +53,15 @@ def audit_reference(
         str | Path | None, typer.Option(help="Folder of the audit; default: reports/audit/<data set>."), PATH
     ] = None,
     recordings: Annotated[
-        int | None, typer.Option(help="How many recordings, spread over the split; default: all.")
+        int | None, typer.Option(help="Number of recordings, spread over the split; default: all.")
     ] = None,
     workers: options.Workers = 1,
     pictures: Annotated[bool, typer.Option(help="Draw median and worst examples of every class.")] = True,
     progress: Report | None = None,
 ) -> Audit:
-    """Audit a rendered data set: lidar polygons against exact masks, and why the method misses.
+    """Compare lidar polygons with exact masks of a rendered data set, and find why a method errs.
 
-    An audit that was interrupted begins again.
+    An interrupted audit starts again.
 
     Args:
         dataset: rendered; card, by path or by name.
@@ -80,10 +80,9 @@ def audit_reference(
         UsageError: settings that the method does not take, or beside an object; fewer than one recording.
         DataError: nothing of the data set could be audited, above all where it has no rendered masks.
     """
-    from bench.api.datasets import as_card, as_executor
     from bench.atomic import output_folder
     from bench.audit import audit_sources, run_audit
-    from bench.commands.request import rendered_card
+    from bench.commands.data import as_card, as_executor, rendered_card
     from bench.evaluation import load_protocol
     from bench.methods import FlowMethod, build_method
     from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples

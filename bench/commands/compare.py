@@ -13,7 +13,7 @@ from bench.commands.console import note_files, print_blocks, say
 from bench.commands.progress import Report, progress_bar
 
 if TYPE_CHECKING:
-    from bench.api.runs import Run
+    from bench.commands.runs import Run
     from bench.reporting.compare.changes import RunComparison
 
 USUAL = Path("reports/runs/compare-<run>-<run>")
@@ -35,17 +35,17 @@ class Comparison:
 
 def compare(
     *runs: Annotated[
-        str | Path | Run, typer.Argument(help="Folders of stored runs; the first is compared against."), TEXT
+        str | Path | Run, typer.Argument(help="Folders of stored runs; each is compared with the first."), TEXT
     ],
     out: Annotated[
         str | Path | None,
         typer.Option(help="Folder; default: reports/runs/compare-<run>-<run>.", show_default=False),
         Words(Path, default=USUAL),
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the frames that changed most, from the data set.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the images that changed most; needs the data set.")] = True,
     progress: Report | None = None,
 ) -> Comparison:
-    """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the biggest.
+    """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the largest.
 
     Args:
         runs: two or more, stored or by their folders.
@@ -57,7 +57,7 @@ def compare(
         DataError: a run is missing or damaged.
         UsageError: fewer than two runs, or runs that do not compare, as of other data or by another protocol.
     """
-    from bench.api.runs import run_folder
+    from bench.commands.runs import run_folder
     from bench.reporting.compare.changes import compare_runs
     from bench.reporting.compare.runs import read_comparable
     from bench.reporting.compare.writing import write_comparison

@@ -8,6 +8,7 @@ import typer
 
 from bench.commands.console import note, print_blocks, write_out
 from bench.errors import UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     from bench.reporting.document import Table
@@ -18,16 +19,14 @@ What = Literal["datasets", "methods", "protocols", "formats"]
 def command(
     what: Annotated[
         What | None,
-        typer.Argument(metavar="datasets|methods|protocols|formats", help="One of the lists; default: all."),
+        typer.Argument(metavar="datasets|methods|protocols|formats", help="Which list; default: all."),
     ] = None,
     schema: Annotated[
         str | None,
-        typer.Option(
-            metavar="KIND", help="Print the JSON Schema of a kind of file instead; `list formats` names them."
-        ),
+        typer.Option(metavar="KIND", help="Print the JSON Schema of a kind of file; `list formats` names the kinds."),
     ] = None,
 ) -> None:
-    """List the data sets, methods, protocols and formats that commands know by name."""
+    """List the data sets, methods, protocols and formats that commands accept by name."""
     if schema is not None:
         if what is not None:
             raise UsageError(f"--schema: expected no list beside it, got {what}")
@@ -56,7 +55,7 @@ def _note_folders() -> None:
     from bench.recordings.cards import OWN_DATA, card_folders, data_folder
 
     for place in card_folders():
-        note(f"{place}: {len(list_cards(place))} cards")
+        note(f"{place}: {counted(len(list_cards(place)), 'card')}")
     if (data := data_folder()) is not None:
         note(f"{data}: what the cards of the package render ({OWN_DATA} names another folder)")
 
@@ -87,7 +86,7 @@ def _protocols() -> list[Table]:
 
 def _formats() -> list[Table]:
     from bench.annotation.formats import known_formats, label_format
-    from bench.api.schemas import SCHEMAS, json_schema
+    from bench.commands.schemas import SCHEMAS, json_schema
     from bench.plug_ins import described
     from bench.recordings.catalogue import describe_adapter, known_adapters
     from bench.reporting.document import Table
@@ -106,6 +105,6 @@ def _formats() -> list[Table]:
 def _print_schema(kind: str) -> None:
     import json
 
-    from bench.api.schemas import json_schema
+    from bench.commands.schemas import json_schema
 
     write_out(json.dumps(json_schema(kind), indent=1, ensure_ascii=False))

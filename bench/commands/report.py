@@ -15,7 +15,7 @@ from bench.commands.progress import Report, progress_bar
 from bench.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    from bench.api.runs import Run
+    from bench.commands.runs import Run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,18 +37,18 @@ def report(
     category: Annotated[str | None, typer.Option(help="Only this kind of motion, for example preceding.")] = None,
     beside: Annotated[
         str | Path | Run | None,
-        typer.Option(metavar="RUN", help="Another run of the same data and protocol: both on the same images."),
+        typer.Option(metavar="RUN", help="Another run of the same data and protocol; show both on the same images."),
         TEXT,
     ] = None,
     out: Annotated[
         str | Path | None,
-        typer.Option(help="The file; default: index.html or index-CATEGORY.html beside its results."),
+        typer.Option(help="File to write; default: index.html or index-CATEGORY.html in the protocol's folder."),
         PATH,
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the worst frames, from the data set.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the worst images; needs the data set.")] = True,
     progress: Report | None = None,
 ) -> RunPage:
-    """Write one page to read, from disk and without a network: metrics, charts, the worst cases.
+    """Write an HTML page of a run that opens offline: metrics, charts, worst cases.
 
     Args:
         run: stored, or its folder.
@@ -63,7 +63,7 @@ def report(
         DataError: a run is missing or damaged.
         UsageError: `beside` does not compare.
     """
-    from bench.api.runs import run_folder
+    from bench.commands.runs import run_folder
     from bench.reference import Category
     from bench.reporting.page.build import write_page
     from bench.reporting.page.charts import write_figures

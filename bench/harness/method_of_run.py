@@ -15,8 +15,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from bench.errors import UsageError
 from bench.harness.digests import digest_file, digest_of
-from bench.methods import METHODS, Scorable, build_method, known_methods
+from bench.harness.exact import ORACLES, build_scorable
+from bench.methods import METHODS, Scorable, known_methods
 from bench.methods.contract import refuse_unfit
+from bench.methods.settings import flat_settings
 
 UNIDENTIFIED = "unidentified"
 
@@ -97,22 +99,12 @@ class MethodOfRun(BaseModel):
     def changed_settings(self) -> dict[str, object]:
         """The settings that are not the method's defaults, by dotted name; all of them where these are unknown."""
         try:
-            defaults = flat_settings(build_method(self.called).settings()) if self.called in METHODS else {}
+            own = self.called in METHODS or self.called in ORACLES
+            defaults = flat_settings(build_scorable(self.called).settings()) if own else {}
         except UsageError:  # its extra is not installed
             defaults = {}
         flat = flat_settings(self.settings)
         return {name: value for name, value in flat.items() if name not in defaults or defaults[name] != value}
-
-
-def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str, object]:
-    """A method's settings with dots for what lies deeper, for example "weights.epipolar", as `--set` takes them."""
-    flat: dict[str, object] = {}
-    for name, value in settings.items():
-        if isinstance(value, Mapping) and value:
-            flat |= flat_settings(value, f"{parent}{name}.")
-        else:
-            flat[f"{parent}{name}"] = value
-    return flat
 
 
 def method_digest(method: Scorable) -> str:

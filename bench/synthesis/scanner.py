@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from bench.geometry import RigidTransform, dot
 from bench.lidar import LidarSweep
 from bench.synthesis.draws import named_rng
-from bench.synthesis.driving.ego import own_body
-from bench.synthesis.driving.motion import EgoMotion
+from bench.synthesis.ego import own_body
 from bench.synthesis.mesh import COLUMN_OF, Mesh
+from bench.synthesis.motion import EgoMotion
 from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.rays import RayScene, depths_m
 from bench.synthesis.scenario import LidarSpec, RecordingSpec, Scenario

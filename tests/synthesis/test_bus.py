@@ -12,10 +12,9 @@ from bench.egomotion import planar_trajectory
 from bench.harness.digests import digest_recording
 from bench.recordings import open_native
 from bench.synthesis import read_scenario
-from bench.synthesis.driving.bus import BusReport, bus_report
-from bench.synthesis.driving.ego import mounted_rig
-from bench.synthesis.driving.path import SECOND_NS, Path, driven_path
-from bench.synthesis.recorder import DECIMALS
+from bench.synthesis.ego import BusReport, bus_report, mounted_rig
+from bench.synthesis.motion import SECOND_NS, Path, driven_path
+from bench.synthesis.production import DECIMALS
 from bench.synthesis.scenario import BusSpec
 from tests.synthesis.conftest import REAL
 
@@ -152,15 +151,7 @@ def test_the_recording_states_the_nominal_calibration_and_the_truth_the_true_one
         assert recorded.trajectory.world_from_vehicle(time_ns).rotation[2] == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
         assert abs(exact.trajectory.world_from_vehicle(time_ns).rotation[2, 0]) > 1e-6
         # A run says which of them it was made with.
-        prints = {
-            digest_recording(opened)
-            for opened in (
-                recorded,
-                open_native(root, ego_motion="exact"),
-                open_native(root, calibration="exact"),
-                exact,
-            )
-        }
-        assert len(prints) == 4
+        halves = open_native(root, ego_motion="exact"), open_native(root, calibration="exact")
+        assert len({digest_recording(opened) for opened in (recorded, *halves, exact)}) == 4
         offsets.append(off.matrix)
     assert not np.allclose(offsets[0], offsets[1])

@@ -9,10 +9,9 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, deskew, interpolation_timestamps
 from bench.lidar.files import read_sweep, write_sweep
 from bench.synthesis.bodies import make_body
-from bench.synthesis.driving.ego import own_body
-from bench.synthesis.driving.motion import EgoMotion, ego_motion
-from bench.synthesis.driving.path import SECOND_NS, driven_path
+from bench.synthesis.ego import own_body
 from bench.synthesis.mesh import Mesh, Surface, joined, quads
+from bench.synthesis.motion import SECOND_NS, EgoMotion, driven_path, ego_motion
 from bench.synthesis.scanner import BEAMS_DEG, COLUMN_OF, Echoes, LidarScanner, _are_panes, detected, revolution
 from bench.synthesis.scenario import LidarSpec, StreetSpec, SuspensionSpec
 from bench.synthesis.scene import Actor

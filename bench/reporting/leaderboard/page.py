@@ -13,11 +13,11 @@ from bench.harness.stages import Progress
 from bench.recordings import load_card
 from bench.reporting import document
 from bench.reporting.canvas import write_picture
+from bench.reporting.frame import AREA_COLOURS, AREA_NAMES
 from bench.reporting.leaderboard.chart import draw_quality_and_cost
 from bench.reporting.leaderboard.pictures import Example, draw_examples
 from bench.reporting.leaderboard.reading import RANKING_PROTOCOL, Group, Leaderboard
 from bench.reporting.leaderboard.texts import NOTES, best_methods, json_group, report
-from bench.reporting.overlay import AREA_COLOURS, AREA_NAMES
 from bench.reporting.page.charts import Chart, inline_svg
 
 CHART = "quality-and-cost"

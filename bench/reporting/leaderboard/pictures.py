@@ -18,10 +18,9 @@ from bench.harness.stages import Progress
 from bench.harness.stored import read_run
 from bench.reporting import canvas
 from bench.reporting.formats import LABELS, frame_name
-from bench.reporting.frame_pictures import example_frames
+from bench.reporting.frame import AREA_COLOURS, detected_pixels, false_positive_text, pixel_classes
+from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
 from bench.reporting.leaderboard.reading import Group
-from bench.reporting.overlay import AREA_COLOURS, detected_pixels, false_positive_text, pixel_classes
-from bench.reporting.side_by_side import ImageKey, draw_images
 
 WIDTH_PX, LAYER_PX = 480, 320
 Example = dict[str, Any]  # an image and what each run made of it, as the page takes it

@@ -16,10 +16,10 @@ from bench.reference import Category
 from bench.reporting.compare.runs import pair_on_common_images, read_comparable
 from bench.reporting.document import Column, Picture, Table
 from bench.reporting.formats import LABELS, headline_metrics, image_name, with_interval
-from bench.reporting.frame_pictures import example_frames
+from bench.reporting.frame import draw_frames, scored_layers
+from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
 from bench.reporting.page.charts import figure_uri
 from bench.reporting.page.worst import image_key, worst_objects
-from bench.reporting.side_by_side import ImageKey, Side, draw_images, draw_side_by_side
 
 Beside = tuple[Table, list[Picture], list[str]]  # both values, pictures, why pictures are missing
 
@@ -56,9 +56,9 @@ def beside(run: StoredRun, other: Path, *, pictures: bool, progress: Progress | 
     return table, found, problems
 
 
-def _picture(runs: Sequence[StoredRun], _: ImageKey, frames: Sequence[ProcessedFrame], __: FramePipeline) -> str:
-    sides = [Side(label=run.label, processed=frame) for run, frame in zip(runs, frames, strict=True)]
-    return figure_uri(draw_side_by_side(sides))
+def _picture(runs: Sequence[StoredRun], key: ImageKey, frames: Sequence[ProcessedFrame], _: FramePipeline) -> str:
+    sides = [scored_layers(frame, label=run.label) for run, frame in zip(runs, frames, strict=True)]
+    return figure_uri(draw_frames(sides, name=image_name(*key)))
 
 
 def _values(one: StoredRun, two: StoredRun) -> list[tuple[str, Metric, Metric]]:

@@ -1,0 +1,186 @@
+"""Open a data set and walk through its images, each with what a method may see and with the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.errors import UnknownNameError
+from bench.evaluation import load_protocol
+from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
+from bench.methods import MethodInput
+from bench.recordings import DatasetCard, Recording, RecordingHandle, chosen_recordings, load_card
+from bench.recordings import open_dataset as list_recordings
+from bench.reference import ReferenceFrame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """One image of a recording.
+
+    Attributes:
+        recording: name.
+        camera: name.
+        timestamp_ns: time of exposure.
+        input: what a method may see: this image and those before it, lens, road, motion of the camera, valid pixels.
+        reference: what a mask of this image is scored against: labels, ignored and valid pixels, objects.
+        exact: (H, W) bool, the exact pixels of all objects that move, evaluated or not; None where it was not asked for
+            and where the data have none.
+    """
+
+    recording: str
+    camera: str
+    timestamp_ns: int
+    input: MethodInput
+    reference: ReferenceFrame
+    exact: NDArray[np.bool_] | None = None
+
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """The current image, (H, W) grey or (H, W, 3) BGR."""
+        return self.input.images[-1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Dataset:
+    """The recordings of a data set, or of a split of it; iterating opens one after the other.
+
+    Attributes:
+        card: what the data set's card says.
+        handles: its recordings, not opened yet.
+    """
+
+    card: DatasetCard
+    handles: tuple[RecordingHandle, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the recordings."""
+        return tuple(handle.name for handle in self.handles)
+
+    def __len__(self) -> int:
+        return len(self.handles)
+
+    def __iter__(self) -> Iterator[Recording]:
+        return (handle.open() for handle in self.handles)
+
+    def __getitem__(self, name: str) -> Recording:
+        """Open a recording.
+
+        Raises:
+            UnknownNameError: no recording of this name.
+            DataError: it cannot be opened.
+        """
+        found = next((handle for handle in self.handles if handle.name == name), None)
+        if found is None:
+            raise UnknownNameError("recording", name, self.names)
+        return found.open()
+
+    def frames(
+        self,
+        *,
+        protocol: str | Path = "paper-v1",
+        recordings: Sequence[str] | None = None,
+        camera: str | None = None,
+        history: int = 1,
+        longest_history: int = 0,
+        colour: bool = False,
+        exact: bool = False,
+    ) -> Iterator[Frame]:
+        """The images that a run would score, in order of recording, camera and time.
+
+        Images without enough others before them are passed over.
+
+        Args:
+            protocol: of the reference, by name or file.
+            recordings: names; None for all.
+            camera: name; None for all.
+            history: earlier images that `Frame.input` holds beside the current one.
+            longest_history: earlier images that it holds where there are as many; 0 for no more than `history`.
+            colour: read images in colour, BGR.
+            exact: read the exact masks of rendered data.
+
+        Raises:
+            UnknownNameError: no recording, camera or protocol of this name.
+            DataError: a recording or image that cannot be read.
+        """
+        looks = InputOnly(history=history, longest_history=longest_history, colour=colour)
+        rules = load_protocol(protocol)
+        for name in self.names if recordings is None else recordings:
+            recording = self[name]
+            if camera is not None and camera not in recording.cameras:
+                raise UnknownNameError("camera", camera, recording.cameras)
+            for chosen in recording.cameras if camera is None else (camera,):
+                pipeline = FramePipeline(recording, chosen, method=looks, protocol=rules)
+                yield from _frames(pipeline, history, exact=exact)
+
+
+def open_dataset(
+    dataset: str | Path,
+    split: str | None = None,
+    *,
+    workers: int = 1,
+    progress: Callable[[float, int], None] | None = None,
+) -> Dataset:
+    """Open a data set, rendered first where its card names a scenario that is not rendered yet.
+
+    Args:
+        dataset: path of a card, or a name that `fisheye-bench list` shows.
+        split: of the data set; None for all of it.
+        workers: processes that render; more than one need `if __name__ == "__main__":` in a program.
+        progress: called with the numbers of rendered and of all recordings.
+
+    Raises:
+        UnknownNameError: no card or split of this name.
+        DataError: the card or its data cannot be used.
+    """
+    card = load_card(dataset)
+    render_if_missing(card, split, workers=workers, progress=progress)
+    return Dataset(card=card, handles=list_recordings(card, split))
+
+
+def render_if_missing(
+    card: DatasetCard,
+    split: str | None,
+    *,
+    workers: int | None = None,
+    progress: Callable[[float, int], None] | None = None,
+) -> int:
+    """Render what of a split a card's scenario asks for and is not there yet.
+
+    Returns:
+        How many recordings of the split are rendered then; 0 of data that are not.
+
+    Raises:
+        UnknownNameError: no such split, nor recordings of these names.
+        DataError: the scenario is not one, or something else lies where a recording goes.
+    """
+    if card.scenario is None:
+        return 0
+    from bench.synthesis import read_scenario, synthesize  # a second, and recorded data need none of it
+
+    known = [spec.name for spec in read_scenario(card.scenario).recordings]
+    names, _ = chosen_recordings(card, split, known)
+    return len(synthesize(card.scenario, card.root, only=names, workers=workers, progress=progress))
+
+
+def _frames(pipeline: FramePipeline, history: int, *, exact: bool) -> Iterator[Frame]:
+    for index in range(history, len(pipeline.images)):
+        if not pipeline.images[index].scored:
+            continue
+        try:
+            given, reference = pipeline.method_input(index), pipeline.reference(index)
+        except UnscorableFrame:
+            continue
+        yield Frame(
+            recording=pipeline.recording.name,
+            camera=pipeline.camera.name,
+            timestamp_ns=pipeline.images[index].timestamp_ns,
+            input=given,
+            reference=reference,
+            exact=pipeline.exact_mask(index, reference) if exact else None,
+        )
