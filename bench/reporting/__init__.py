@@ -6,11 +6,11 @@ outside is escaped there), and numbers for programs (CSV, JSON). A figure is one
 The functions `write_*` store files; equal input gives equal bytes.
 
 - `document` (blocks, reports and their writers), `formats` (how values and intervals are written everywhere), `canvas`
-  (colours, figures), `overlay` (masks, polygons and the areas that a frame is scored by, over images);
+  (colours, figures, what is drawn on axes);
 - `tables`, `table_files` (ours beside the paper's), `verdict` (of the gate), `totals` (of a run), `findings` (what is
   wrong with data or predictions), `citation` (BibTeX);
-- `range_maps`, `panels` (the paper's figures), `side_by_side` (of one or several methods on one image),
-  `frame_pictures` (all pictures of one frame), `video`, `rerun_log`;
+- `range_maps`; `frame` (the one drawing of an image, as one or several methods were scored on it), `frame_pictures`
+  (what a method saw, lidar clusters, the frames that show a run), `film` (video, log), `calibration`;
 - `sweep` (one setting through many values), `audit_tables`,
   `audit_pictures`;
 - `proposal_scores` (proposals against annotations);

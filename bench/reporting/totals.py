@@ -10,6 +10,7 @@ from bench.evaluation import Protocol
 from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED, read_parts
 from bench.evaluation.summary import not_annotated
 from bench.harness import Provenance, RunSummary, StoredRun
+from bench.plain_text import counted
 from bench.reference import IgnoreReason
 from bench.reporting.tables import threshold_free_line
 
@@ -27,7 +28,8 @@ def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
     )
     if summary.threshold_free is not None:
         yield threshold_free_line(summary.threshold_free)
-    yield f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed"
+    ended = f"{images.evaluated} scored, {images.skipped} skipped, {images.failed} failed"
+    yield f"{counted(images.images, 'image')}: {ended}"
     if unscored := not_annotated(summary):
         yield unscored
     if summary.unreviewed:
@@ -73,8 +75,8 @@ def cost_lines(made: Provenance) -> Iterator[str]:
         f"seconds by stage, over all processes: {stage_times(made.stage_seconds)}"
     )
     stored = made.images - made.images_asked
-    found = f"; the answers of {stored} images were stored" if stored > 0 else ""
-    yield f"{made.workers} processes; the method was asked for {made.images_asked} images{found}"
+    found = f"; the answers of {counted(stored, 'image')} were there" if stored > 0 else ""
+    yield f"{counted(made.workers, 'process')}; the method was asked for {counted(made.images_asked, 'image')}{found}"
 
 
 def stage_times(seconds: Mapping[str, float]) -> str:
