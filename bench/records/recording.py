@@ -16,6 +16,7 @@ from bench.egomotion import Trajectory
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.lidar import LidarSweep
+from bench.times import SECOND_NS
 
 MotionKind = Literal["crossing", "overtaking", "preceding", "approaching", "static_ego"]
 MOTION_KINDS: tuple[str, ...] = get_args(MotionKind)
@@ -397,7 +398,6 @@ def frame_gaps(recording: Recording, camera: str) -> tuple[FrameGap, ...]:
 
 
 TURN_SPAN_NS = 500_000_000  # headings are compared over about this time, since single ones jitter
-SECOND_NS = 1_000_000_000
 
 
 def yaw_rates(

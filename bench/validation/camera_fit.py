@@ -19,8 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory
 from bench.recordings import MountedCamera
+from bench.times import SECOND_NS
 from bench.validation.edges import FARTHEST_PX, SECTORS
-from bench.validation.findings import DEGREE, SECOND_NS
+from bench.validation.findings import DEGREE
 from bench.validation.measured_motion import MeasuredMotion
 from bench.validation.static_flow import SeenFlow
 

@@ -9,15 +9,9 @@ from numpy.typing import NDArray
 
 from bench.geometry import twist_between
 from bench.recordings import Recording
+from bench.times import SECOND_NS
 from bench.validation.drive import boxes_near
-from bench.validation.findings import (
-    EGO_SIDEWAYS_MPS2,
-    EGO_TOP_SPEED_MPS,
-    EGO_TOP_TURN_RADPS,
-    SECOND_NS,
-    Finding,
-    occurrences,
-)
+from bench.validation.findings import EGO_SIDEWAYS_MPS2, EGO_TOP_SPEED_MPS, EGO_TOP_TURN_RADPS, Finding, occurrences
 
 SPEED_WINDOW_NS = 200_000_000  # single steps of measured poses jitter
 JUMP_MPS2 = 40.0  # a crash; also what a pose that jumps by half a metre between two 10 Hz poses gives

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from bench.geometry import twist_between
 from bench.recordings import Recording
+from bench.times import SECOND_NS
 from bench.validation.drive import distance_to
-from bench.validation.findings import DEGREE, SECOND_NS
+from bench.validation.findings import DEGREE
 from bench.validation.scan_matching import Step
 
 Floats = NDArray[np.float64]

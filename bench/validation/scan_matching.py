@@ -20,9 +20,9 @@ from bench.errors import DataError
 from bench.geometry import advance_twist, twist_between
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
+from bench.times import SECOND_NS
 from bench.validation.drive import sweep_times
 from bench.validation.ego_motion import on_objects
-from bench.validation.findings import SECOND_NS
 
 Array = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from bench.egomotion.time_units import FACTORS, other_unit
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import Recording
+from bench.times import FACTORS, other_unit
 from bench.validation.drive import annotated_times, annotation_file, boxes_of, calibration_file, sweep_times, times_of
 from bench.validation.findings import BODIES, CAMERA_HEIGHT_M, LIDAR_HEIGHT_M, SENSOR_OUTSIDE_M, Finding, Span
 
