@@ -31,9 +31,9 @@ from bench.evaluation import Protocol, Summary, summarise
 from bench.evaluation.summary import ProtocolOfRun, Ratio
 from bench.evaluation.sums import bin_names, name_bins
 from bench.execution import SerialExecutor, TaskExecutor
+from bench.harness.answers import write_table
 from bench.harness.method_of_run import MethodOfRun
 from bench.harness.stages import Progress
-from bench.harness.table_files import write_table
 from bench.methods import FlowMethod, Method
 from bench.recordings import DatasetCard
 from bench.reference import REGION_KINDS

@@ -17,8 +17,7 @@ from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, TaskExecutor
 from bench.harness.digests import digest_of, digest_recording
 from bench.harness.manifest import CodeOfRun
-from bench.harness.provenance import Provenance, provenance_since
-from bench.harness.stages import Progress, StageClock, add_up, no_progress
+from bench.harness.stages import Progress, Provenance, StageClock, add_up, no_progress, provenance_since
 from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
 from bench.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Status
 from bench.synthesis import Scenario, read_scenario

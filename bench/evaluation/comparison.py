@@ -252,7 +252,7 @@ def _measured(objects: pd.DataFrame) -> pd.DataFrame:
 
 
 def changes_in_parts(before: Rows, after: Rows, *, rows_at_once: int | None = None) -> Iterator[pd.DataFrame]:
-    """The same of runs of any size, some recordings at a time, in the same order; one part where there is no row.
+    """Yield the changes of `object_changes` for runs of any size, some recordings at a time; one part without a row.
 
     Args:
         before: of `OBJECTS_SCHEMA`, in memory or stored.

@@ -91,7 +91,7 @@ def coverage(rows: pd.DataFrame) -> pd.Series[float]:
 
 
 def chance_coverage(rows: pd.DataFrame) -> pd.Series[float]:
-    """The same in the method's mask of another time; NaN where there is none."""
+    """Share of each object that the method's mask of another time covers; NaN where there is none."""
     return rows["chance_tp"] / (rows["tp"] + rows["fn"])
 
 

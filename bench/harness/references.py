@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from bench.errors import BenchError, OutputError
+from bench.harness.answers import read_table, write_table
 from bench.harness.digests import REFERENCE_CODE, code_digest, digest_of, library_versions
 from bench.harness.stages import StageClock
-from bench.harness.table_files import read_table, write_table
 from bench.recordings import ImageRef, Recording
 from bench.records.reference import Category, Direction, IgnoreReason, ReferenceFrame, ReferenceObject, Status
 from bench.reference import ReferenceBuilder, ReferenceSettings

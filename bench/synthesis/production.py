@@ -34,7 +34,7 @@ from bench.synthesis.draws import DrawError, named_rng
 from bench.synthesis.ego import OUTLINE_M, bus_report, mounted_rig
 from bench.synthesis.imaging.renderer import write_images
 from bench.synthesis.placement import FIRST_IMAGE_NS, camera_fault, first_clash
-from bench.synthesis.scanner import write_sweeps
+from bench.synthesis.scanner import scans
 from bench.synthesis.scenario import RecordingSpec, Scenario, ScenarioFile, ScenarioHead, interval_ns
 from bench.synthesis.scene import Actor, Scene, build_scene
 
@@ -200,7 +200,8 @@ def render_recording(scenario: Scenario, spec: RecordingSpec, root: Path) -> Non
     writer = RecordingWriter(root, decimals=DECIMALS)
     for camera in rig.cameras.values():
         write_images(scenario, spec, scene, camera=camera, writer=writer)
-    write_sweeps(scenario, spec, scene, vehicle_from_lidar=rig.vehicle_from_lidar, writer=writer)
+    for sweep in scans(scenario, spec, scene, vehicle_from_lidar=rig.vehicle_from_lidar):
+        writer.sweep(sweep)
     write_motion(scenario, spec, scene, writer)
     times_ns = (scene.sweep_times_ns + FIRST_IMAGE_NS).tolist()
     writer.annotations([_track(actor, scene) for actor in scene.actors], timestamps_ns=times_ns)

@@ -67,11 +67,11 @@ class SphericalMethod(SphericalSettings, FlowMethod):
         return self.segmentation(found, flow_parts(flow) | deviations)
 
     def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32]) -> Segmentation:
-        """See `bench.methods.contract.FlowMethod`."""
+        """Segment the current image with the flow of others in place of its own."""
         return self.segmentation(self.likelihood_map(frame, flow))
 
     def flow_cell_px(self, width: int) -> int:  # noqa: ARG002 - the same for every image
-        """See `bench.methods.contract.FlowMethod`."""
+        """Side of the cells on which it takes flow, px, for images of this width."""
         return self.cell_size_px
 
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:

@@ -74,7 +74,7 @@ class VisualOdometryMethod(SphericalMethod):
             )
 
     def likelihood_map(self, frame: MethodInput, flow: NDArray[np.float32]) -> LikelihoodMap:
-        """See `SphericalMethod.likelihood_map`; without scale the deviations that need one are not known."""
+        """Likelihood map by ego-motion from images; without scale the deviations that need one are not known."""
         found = super().likelihood_map(frame, flow)
         hidden = NEED_SCALE if self.scale == "none" else ()
         return replace(found, deviations={name: d for name, d in found.deviations.items() if name not in hidden})
