@@ -13,8 +13,7 @@ from bench.harness.run import Finish
 from bench.harness.stages import Progress, no_progress
 from bench.reporting.findings import VALIDATION
 from bench.reporting.frame_pictures import write_example_pictures
-from bench.reporting.table_files import write_report_files
-from bench.reporting.tables import TableRow
+from bench.reporting.run_tables import TableRow, write_report_files
 from bench.validation import ValidationReport
 
 READ_FIRST = ("summary.json", "table.md", "range_map.png")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bench.execution import TaskExecutor
     from bench.harness import StoredRun
     from bench.recordings import DatasetCard
-    from bench.reporting.leaderboard.reading import Leaderboard
+    from bench.reporting.leaderboard import Leaderboard
 
 RUNS = Path("reports/runs")
 LEFT = "what is scored stays, and the same command goes on from there"
@@ -90,8 +90,8 @@ def score_competitor(
     from bench.api.runs import run_request
     from bench.harness import run_benchmark
     from bench.methods.settings import parse_settings
-    from bench.reporting.leaderboard.reading import RANKING_PROTOCOL
-    from bench.reporting.page.build import write_page
+    from bench.reporting.leaderboard import RANKING_PROTOCOL
+    from bench.reporting.run_page import write_page
 
     settings, out = parse_settings(competitor.settings), runs / card.name / competitor.folder
     request = run_request(card, competitor.name, settings=settings, protocols=protocols, out=out, overwrite=True)
@@ -146,16 +146,16 @@ def leaderboard(
     ] = "paper-v1,surface-v1",
     out: Annotated[
         str | Path | None,
-        typer.Option(help="Also write the page, the chart, leaderboard.md, .csv, .json into this folder."),
+        typer.Option(help="Also write the page, the chart, leaderboard.md, .csv, .json, .tex into this folder."),
         PATH,
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Show methods on the same images, from rendered data sets.")] = True,
     workers: options.Workers = 1,
     progress: Report | None = None,
 ) -> LeaderboardReport:
-    """List all runs of a folder, those that compare in one table each; with --score, make them first.
+    """List all runs of a folder, those that compare in one table each, beside the rows that ship with the package.
 
-    Runs that are there and up to date are not computed again.
+    With --score, make the runs first; those that are there and up to date are not computed again.
 
     Args:
         folder: holds runs; those that are scored go into one below it that is called as the data set.
@@ -173,8 +173,9 @@ def leaderboard(
     """
     from bench.api.datasets import as_executor
     from bench.commands.request import rendered_card
-    from bench.reporting.leaderboard.page import write_leaderboard
-    from bench.reporting.leaderboard.reading import read_leaderboard
+    from bench.recordings.cards import shipped_folder
+    from bench.reporting.leaderboard import read_leaderboard, with_shipped
+    from bench.reporting.leaderboard_page import write_leaderboard
 
     if not score and methods is not None:
         raise UsageError("leaderboard: expected --score beside --methods, which say what to score")
@@ -191,7 +192,9 @@ def leaderboard(
                 continue
             failures += max(len(run.summary.failures) for run in runs)
             scored.append(f"{called}: {runs[0].summary.provenance.images_asked} images answered, the others were there")
-    found = read_leaderboard(Path(folder))
+    found, shipped = read_leaderboard(Path(folder)), shipped_folder("leaderboard")
+    if out is None or Path(out).resolve() != shipped.resolve():  # what is written there is what ships
+        found = with_shipped(found, shipped / "leaderboard.json")
     files, problems = tuple[Path, ...](), tuple[str, ...]()
     if out is not None:
         with progress_bar("drawing the same images", "runs", progress) as report:
@@ -208,7 +211,7 @@ def leaderboard(
 
 def show(ranked: LeaderboardReport) -> int:
     """Print what was scored, the tables, what is wrong, and the files."""
-    from bench.reporting.leaderboard.texts import leaderboard_tables
+    from bench.reporting.leaderboard_page import leaderboard_tables
 
     for line in ranked.scored:
         say(line)

@@ -67,7 +67,7 @@ def run(
     from bench.api.runs import Run, run_request
     from bench.commands.request import rendered_card
     from bench.harness import run_benchmark
-    from bench.reporting.table_files import write_report_files
+    from bench.reporting.run_tables import write_report_files
 
     request = run_request(
         dataset,
@@ -121,7 +121,7 @@ def command(
     from bench.commands.request import rendered_card
     from bench.harness import Part
     from bench.recordings.cards import shipped_folder
-    from bench.reporting.leaderboard.texts import best_line
+    from bench.reporting.leaderboard import best_line
 
     request = run_request(
         dataset,

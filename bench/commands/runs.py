@@ -40,8 +40,7 @@ def score(
 
 def print_run(run: StoredRun, report: RunReport) -> None:
     """Print the table, what became of the images, the cost, and where everything is."""
-    from bench.reporting.tables import terminal_report
-    from bench.reporting.totals import nothing_scored, odd_masks, total_lines
+    from bench.reporting.run_tables import nothing_scored, odd_masks, terminal_report, total_lines
 
     summary = run.summary
     for warning in filter(None, (nothing_scored(summary), odd_masks(run), *run.manifest.dataset.same_data)):
@@ -58,7 +57,7 @@ def print_run(run: StoredRun, report: RunReport) -> None:
 
 def print_cost(made: Provenance) -> None:
     """Print what a run had to compute, and the time and memory that it took."""
-    from bench.reporting.totals import cost_lines
+    from bench.reporting.run_tables import cost_lines
 
     for line in cost_lines(made):
         note(line)

@@ -91,8 +91,8 @@ def sweep(
     from bench.harness.references import cache_folder
     from bench.harness.stages import part_of
     from bench.reporting.formats import file_name
+    from bench.reporting.run_tables import write_report_files
     from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
-    from bench.reporting.table_files import write_report_files
 
     named = values if isinstance(values, Mapping) else {str(value): value for value in values}
     if not named:

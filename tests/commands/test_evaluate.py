@@ -14,7 +14,7 @@ from pycocotools import mask as coco
 
 from bench.harness import read_run, read_tables
 from bench.recordings import load_card, open_dataset
-from bench.reporting.totals import odd_masks
+from bench.reporting.run_tables import odd_masks
 from tests.commands.predictions import CAMERA, images_of, write_map, write_maps
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call

@@ -21,6 +21,7 @@ from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun
 from bench.reference import Category, ReferenceObject, Status
 from bench.reporting.canvas import jpeg_uri
+from bench.reporting.charts import figure_uri
 from bench.reporting.document import Cell, Paragraph, Table
 from bench.reporting.formats import LABELS, frame_name, image_name
 from bench.reporting.overlay import (
@@ -31,7 +32,6 @@ from bench.reporting.overlay import (
     overlay_polygons,
     pixel_classes,
 )
-from bench.reporting.page.charts import figure_uri
 from bench.reporting.panels import draw_panels
 from bench.reporting.side_by_side import ImageKey, Side, draw_images, draw_side_by_side
 
