@@ -3,10 +3,10 @@
 Moving objects are annotated in the lidar point cloud, projected into the fisheye image, and the bounding
 polygon is the reference that a segmentation method is scored against (Mariotti and Eising 2020).
 
-From Python, as docs/python.md shows: `bench.score` compares arrays; `bench.open_dataset`, `bench.run` and
+From Python, as docs/reference.md shows: `bench.score` compares arrays; `bench.open_dataset`, `bench.run` and
 `bench.load_run` give data sets and runs; most commands are a function of their name, such as `bench.compare` and
 `bench.validate`. Each is imported when it is used first. Start reading in `bench.evaluation`. Which package may import
-which: docs/architecture.md.
+which: docs/maintainers.md.
 """
 
 import ast

@@ -1,14 +1,6 @@
 """The public names of `bench`, each once; `bench/__init__.py` reads this list and imports a name on first use."""
 
 from bench.annotation.formats import LabelOptions as LabelOptions
-from bench.api.arrays import Score as Score
-from bench.api.arrays import interval as interval
-from bench.api.arrays import score as score
-from bench.api.datasets import Dataset as Dataset
-from bench.api.datasets import Frame as Frame
-from bench.api.datasets import open_dataset as open_dataset
-from bench.api.runs import Run as Run
-from bench.api.runs import load_run as load_run
 from bench.commands.annotate import ConvertedLabels as ConvertedLabels
 from bench.commands.annotate import Proposals as Proposals
 from bench.commands.annotate import ProposalScores as ProposalScores
@@ -32,14 +24,22 @@ from bench.commands.reference import export_reference as export_reference
 from bench.commands.report import RunPage as RunPage
 from bench.commands.report import report as report
 from bench.commands.run import run as run
+from bench.commands.runs import Run as Run
+from bench.commands.runs import load_run as load_run
 from bench.commands.sweep import Sweep as Sweep
 from bench.commands.sweep import sweep as sweep
 from bench.commands.validate import validate as validate
 from bench.commands.verify import verify as verify
 from bench.commands.view import View as View
 from bench.commands.view import view as view
+from bench.evaluation.arrays import Score as Score
+from bench.evaluation.arrays import interval as interval
+from bench.evaluation.arrays import score as score
 from bench.gate import MissingBaselineError as MissingBaselineError
 from bench.gate import Verdict as Verdict
+from bench.harness.datasets import Dataset as Dataset
+from bench.harness.datasets import Frame as Frame
+from bench.harness.datasets import open_dataset as open_dataset
 from bench.harness.verify import Verification as Verification
 from bench.recordings import RecordingWriter as RecordingWriter
 from bench.reporting.verdict import write_verdict as write_verdict

@@ -203,10 +203,8 @@ def new_folder(out: Path) -> Iterator[Path]:
         DataError: `out` holds something.
         OutputError: it cannot be made.
     """
+    refuse_filled(out)
     place = out.absolute()
-    if place.exists() and (not place.is_dir() or any(place.iterdir())):
-        got, hint = "one that holds something" if place.is_dir() else "a file", "name another folder with --out"
-        raise DataError(out, expected="a new or an empty folder", got=got, hint=hint)
     new = place.with_name(temporary_name(place.name))
     make_folder(new)
     try:
@@ -218,6 +216,17 @@ def new_folder(out: Path) -> Iterator[Path]:
         raise OutputError.of(error, out) from error
     finally:
         shutil.rmtree(new, ignore_errors=True)
+
+
+def refuse_filled(out: Path) -> None:
+    """Refuse a folder that is neither new nor empty.
+
+    Raises:
+        DataError: it holds something, or is a file.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        got, hint = "one that holds something" if out.is_dir() else "a file", "name another folder with --out"
+        raise DataError(out, expected="a new or an empty folder", got=got, hint=hint)
 
 
 def _remove(temporary: Path) -> None:

@@ -254,7 +254,7 @@ class _Pool:
     def submit(self, function: Callable[[Task], Result], task: Task) -> Future[Result]:
         """Begin a task, with a new process where all are at work."""
         with _starting():
-            return self._executor.submit(_in_worker, function, task)
+            return self._executor.submit(_in_worker, Path.cwd(), function, task)
 
     def end(self) -> None:
         """End the processes, in the middle of a task too."""
@@ -263,10 +263,11 @@ class _Pool:
         self._theirs.close()
 
 
-def _in_worker(function: Callable[[Task], Result], task: Task) -> Result:
-    """Compute a task; what it raises can travel."""
+def _in_worker(folder: Path, function: Callable[[Task], Result], task: Task) -> Result:
+    """Compute a task in the folder in which the run was started; what it raises can travel."""
     try:
-        return function(task)
+        with chdir(folder):
+            return function(task)
     except SystemExit as error:
         raise RuntimeError(f"a task called sys.exit({error.code!r})") from error
     except Exception as error:

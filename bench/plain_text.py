@@ -37,6 +37,11 @@ def parsed_number(text: str) -> float:
         return math.nan
 
 
+def counted(count: int, what: str) -> str:
+    """A number of things: "1 error", "2 errors", "2 processes"."""
+    return f"{count} {what}{'' if count == 1 else 'es' if what.endswith('s') else 's'}"
+
+
 def listed(names: Sequence[str], most: int = 5) -> str:
     """The first few of many names."""
     rest = len(names) - most

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import traceback
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -10,9 +12,28 @@ from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bench.errors import UsageError
 
 SHOWN_CALLS = 5  # of the traceback of foreign code, innermost last
+
+
+class Undisturbed:
+    """Around foreign code: what it changes of the process is as before afterwards.
+
+    That is the working folder, from which paths count, the recursion limit, and how NumPy meets errors. No frame of
+    Python lies between leaving and the restored limit, which may be too low for any.
+    """
+
+    def __enter__(self) -> None:
+        self._folder, self._limit, self._errors = Path.cwd(), sys.getrecursionlimit(), np.errstate()
+        self._errors.__enter__()
+
+    def __exit__(self, *_: object) -> None:
+        sys.setrecursionlimit(self._limit)
+        self._errors.__exit__(None, None, None)
+        os.chdir(self._folder)
 
 
 @cache
@@ -44,7 +65,8 @@ def imported(target: str, *, expected: str) -> Any:
     """
     module, _, attribute = target.partition(":")
     try:
-        return getattr(import_module(module), attribute)
+        with Undisturbed():
+            return getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         hint = f"; name the module without .py: {module[:-3]}:{attribute}" if module.endswith(".py") else ""
         raise UsageError(f"{expected} that can be imported; {error}{hint}") from error

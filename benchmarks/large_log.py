@@ -17,7 +17,7 @@ from pathlib import Path
 import pyarrow as pa
 import yaml
 
-from bench.api.runs import run_request
+from bench.commands.runs import run_request
 from bench.harness import Part, score_part
 from bench.harness.provenance import largest_resident_mb
 from bench.harness.tasks import TASK_IMAGES

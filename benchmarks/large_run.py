@@ -27,7 +27,7 @@ from bench.methods import build_method
 from bench.reporting.compare_page import write_comparison
 from bench.reporting.run_page import write_page
 from bench.reporting.run_tables import write_report_files
-from tests.support.large_runs import write_run_tables
+from benchmarks.drawn_tables import write_run_tables
 
 OUTLINE_M = ((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9))
 SPREAD = "  {:<8} {:>8} {:>8} {:>8}"

@@ -1,6 +1,7 @@
 """Mistakes that people make with a drive of their own, planted into rendered drives: what `validate` says of each.
 
-python -m benchmarks.planted_mistakes writes the table into docs/your-data.md, with --only some of its rows; with
+python -m benchmarks.planted_mistakes writes the table into reports/studies/planted-mistakes.md, with --only some of
+its rows; with
 --clean CARD it counts what is found in drives without mistakes, with --scores it tells by how much a mistake changes
 scores. Each mistake goes into a copy of each drive of planted.scenario.yaml that it can be told in, and the copy is
 validated. A mistake is found with the right lead where a finding that the clean drive does not have names the cause
@@ -35,7 +36,7 @@ from benchmarks.mistakes import MISTAKES, Mistake
 
 HERE = Path(__file__).parent
 SCENARIO = HERE / "planted.scenario.yaml"
-DOCS = HERE.parent / "docs" / "your-data.md"
+DOCS = HERE.parent / "reports/studies/planted-mistakes.md"
 MARKERS = "<!-- written by python -m benchmarks.planted_mistakes -->", "<!-- end -->"
 
 VERDICTS = {
@@ -133,7 +134,7 @@ def scores(drive: Path, mistake: Mistake | None = None) -> pd.Series[float]:
         if mistake is not None:
             mistake.plant(root)
         card.write_text(CARD.format(root=root.parent), "utf-8")
-        run = bench.run(card, "rigid-scene", protocol="surface-v1", out=Path(folder) / "run")
+        run = bench.run(card, "rigid-scene", protocol="surface-v1", pictures=False, out=Path(folder) / "run")
         row = run.metrics.loc["all_moving"]
         values = [row["object_frames"], 100 * row["iou"], 100 * row["tpr_all"], 100 * run.false_positives]
         return pd.Series(values, index=["object-frames", "IoU", "TPR", "false positives"])

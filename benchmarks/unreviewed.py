@@ -1,6 +1,7 @@
 """Scores by proposals that nobody looked at, against scores by the annotations: is such a reference good enough?
 
-python -m benchmarks.unreviewed writes the tables into docs/annotate.md. Drives of `paper`, drawn by a fixed seed before
+python -m benchmarks.unreviewed writes the tables into reports/studies/proposals.md. Drives of `paper`, drawn by a
+fixed seed before
 the first look, are proposed as they are and with a weakness in each (`CONDITIONS`). Methods are then scored by
 `surface-v1` twice on the same data: by the drives' own annotations, and by the proposals, unreviewed.
 """
@@ -35,7 +36,7 @@ from tests.support import planting
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "datasets" / "paper.scenario.yaml"
-DOCS = ROOT / "docs" / "annotate.md"
+DOCS = ROOT / "reports/studies/proposals.md"
 MARKERS = "<!-- written by python -m benchmarks.unreviewed -->", "<!-- end -->"
 SEED, DRIVES, LEAST_RECORDINGS = 2900, 25, 6
 CEILING = "truth"
@@ -120,7 +121,7 @@ def scores(card: Path, methods: Sequence[str], folder: Path, workers: int) -> pd
     scored = []
     for method in methods:
         out = folder / f"{card.stem}-{method}"
-        run = bench.run(card, method, protocol="surface-v1", out=out, workers=workers, cache=folder / "cache")
+        run = bench.run(card, method, protocol="surface-v1", pictures=False, out=out, workers=workers)
         recordings = run.objects[run.objects["status"] == "evaluated"].groupby("category")["recording"].nunique()
         table = 100 * run.metrics[["iou", "tpr_all"]].astype(float)
         table["object_frames"], table["recordings"] = run.metrics["object_frames"], recordings

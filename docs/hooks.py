@@ -1,5 +1,5 @@
-"""Hooks of mkdocs: commands and schemas are made from the code, notebooks become pages with what they show, and files
-beside `docs/` come.
+"""Hooks of mkdocs: the README is the landing page, commands, functions, options and schemas are made from the code,
+notebooks become pages with what they show, and committed files that pages link to are copied.
 
 Pages link to committed files outside of `docs/` by relative paths, which work on a code host. In the site these files
 lie under the same names below the root of the site.
@@ -8,6 +8,7 @@ lie under the same names below the root of the site.
 from __future__ import annotations
 
 import ast
+import inspect
 import io
 import json
 import os
@@ -27,14 +28,18 @@ import typer.main
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
-from bench.api.schemas import SCHEMAS, json_schema  # noqa: E402 - of this checkout, wherever mkdocs is started
+import bench  # noqa: E402 - of this checkout, wherever mkdocs is started
 from bench.commands.app import app  # noqa: E402
 from bench.commands.examples import EXAMPLES  # noqa: E402
+from bench.commands.schemas import OPTIONS, SCHEMAS, json_schema  # noqa: E402
 
 LINK = re.compile(r"(\]\()([^)#\s]+)([^)\s]*\))")
 FENCE = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 MARKER = "<!-- the commands, filled in by docs/hooks.py -->"
 SCHEMAS_MARKER = "<!-- the schemas, filled in by docs/hooks.py -->"
+FUNCTIONS_MARKER = "<!-- the functions, filled in by docs/hooks.py -->"
+OPTIONS_MARKER = "<!-- the options, filled in by docs/hooks.py -->"
+LANDING, LANDING_SOURCE = "index.md", ROOT / "README.md"
 
 
 def commands() -> Iterator[tuple[str, Any]]:
@@ -69,6 +74,28 @@ def _section(name: str, command: Any) -> Iterator[str]:
         yield ""
 
 
+def function_reference() -> str:
+    """The functions of `bench` as a Markdown table, each with what it returns and the first line of its docstring."""
+    rows = ["| function | returns | |", "|---|---|---|"]
+    for name in bench.__all__:
+        function = getattr(bench, name)
+        if inspect.isfunction(function):
+            returns = re.sub(r"\b(?:\w+\.)+", "", str(inspect.signature(function).return_annotation))
+            text = inspect.getdoc(function) or ""
+            rows.append(f"| `bench.{name}` | `{returns}` | {_cell(text.splitlines()[0])} |")
+    return "\n".join(rows)
+
+
+def option_reference() -> str:
+    """The options of every adapter as a Markdown table, from the schema of cards."""
+    models = json_schema("card")["$defs"]
+    rows = ["| adapter | option | |", "|---|---|---|"]
+    for adapter, model in OPTIONS.items():
+        for option, field in models[model.__name__]["properties"].items():
+            rows.append(f"| `{adapter}` | `{option}` | {_cell(field.get('description'))} |")
+    return "\n".join(rows)
+
+
 def _metavar(argument: Any) -> str:
     shown = argument.metavar or argument.name.upper()
     shown = f"{shown}..." if argument.nargs == -1 else shown
@@ -101,6 +128,12 @@ def _cell(text: str | None) -> str:
 
 
 @cache
+def _rendered() -> TemporaryDirectory[str]:
+    """Where notebooks render data sets, each once for all of them."""
+    return TemporaryDirectory()
+
+
+@cache
 def notebook_page(file: Path) -> tuple[str, dict[str, bytes]]:
     """A notebook's text, code and outputs as Markdown, and its pictures (PNG) by name; its cells run for that."""
     cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(file.read_text("utf-8"))["cells"]]
@@ -116,7 +149,7 @@ def notebook_page(file: Path) -> tuple[str, dict[str, bytes]]:
     backend, names = plt.get_backend(), {"__name__": "__main__"}
     plt.switch_backend("agg")
     with TemporaryDirectory() as folder, chdir(folder), patch.object(plt, "show", keep), patch.dict(os.environ):
-        os.environ |= {"FISHEYE_BENCH_DATA": folder, "FISHEYE_BENCH_DATASETS": str(ROOT / "datasets")}
+        os.environ |= {"FISHEYE_BENCH_DATA": _rendered().name, "FISHEYE_BENCH_DATASETS": str(ROOT / "datasets")}
         for kind, text in cells:
             if kind != "code":
                 shown.append(text)
@@ -154,33 +187,48 @@ def on_files(files: Any, config: Any) -> Any:
         files.append(File.generated(config, f"{notebook.stem}.md", content=page))
         for name, picture in pictures.items():
             files.append(File.generated(config, name, content=picture))
+    files.append(File.generated(config, LANDING, content=LANDING_SOURCE.read_text("utf-8")))
     waiting = [page for file in files.documentation_pages() if (page := ROOT / "docs" / file.src_uri).is_file()]
+    waiting.append(LANDING_SOURCE)
     while waiting:
         page = waiting.pop()
         for target in _linked(page):
             name = target.relative_to(ROOT).as_posix()
-            if not name.startswith("docs/") and files.get_file_from_path(name) is None:
+            if not name.startswith("docs/") and target != LANDING_SOURCE and files.get_file_from_path(name) is None:
                 files.append(File(name, str(ROOT), config.site_dir, config.use_directory_urls))
                 waiting += [target] if target.suffix == ".md" else []
     return files
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Fill in commands and schemas, and point links at where the files lie in the site."""
-    schemas = ", ".join(f"[{name}](schemas/{name}.json)" for name in SCHEMAS)
-    markdown = markdown.replace(MARKER, command_reference()).replace(SCHEMAS_MARKER, f"Here they are: {schemas}.")
+    """Fill in what is made from the code, and point links at where the files lie in the site."""
+    for marker, content in (
+        (MARKER, command_reference),
+        (FUNCTIONS_MARKER, function_reference),
+        (OPTIONS_MARKER, option_reference),
+        (SCHEMAS_MARKER, _schema_links),
+    ):
+        if marker in markdown:
+            markdown = markdown.replace(marker, content())
     source = ROOT / page.file.src_uri
     source = source if source.is_file() and page.file.src_dir == str(ROOT) else ROOT / "docs" / page.file.src_uri
+    source = LANDING_SOURCE if page.file.src_uri == LANDING else source
     here = Path(page.file.src_uri).parent
 
     def in_site(link: re.Match[str]) -> str:
         target = (source.parent / link[2]).resolve()
         if "://" in link[2] or not target.is_file():
             return link[0]
-        name = target.relative_to(ROOT).as_posix().removeprefix("docs/")
+        name = LANDING if target == LANDING_SOURCE else target.relative_to(ROOT).as_posix().removeprefix("docs/")
+        if target.suffix == ".ipynb" and target.stem != Path(page.file.src_uri).stem:
+            name = Path(name).with_suffix(".md").as_posix()
         return f"{link[1]}{Path(os.path.relpath(name, here)).as_posix()}{link[3]}"
 
     return LINK.sub(in_site, markdown)
+
+
+def _schema_links() -> str:
+    return f"Here they are: {', '.join(f'[{name}](schemas/{name}.json)' for name in SCHEMAS)}."
 
 
 def _linked(page: Path) -> Iterator[Path]:

@@ -6,3 +6,6 @@ const complete = () => {
 };
 new MutationObserver(complete).observe(document.body, { childList: true, subtree: true });
 complete();
+
+// Browsers refuse the search its index from disk: show no search there.
+if (location.protocol === "file:") document.querySelectorAll(".md-search, [for=__search]").forEach((part) => (part.style.display = "none"));

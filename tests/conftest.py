@@ -33,11 +33,10 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 LIMIT_S = 2.0
 ABOVE_THE_LIMIT = {  # tests that may take longer, and run with `make test` nevertheless
     "tests/api/test_commands.py::test_the_page_of_a_run_is_written",
-    "tests/commands/test_commands.py::test_run_by_two_protocols_prints_two_tables_and_stores_two_runs",
+    "tests/commands/test_commands.py::test_report_writes_the_page_and_names_the_files",
     "tests/commands/test_commands.py::test_run_writes_the_report_and_ends_with_the_table",
     "tests/commands/test_evaluate.py::test_a_methods_masks_count_as_the_method_does",
     "tests/commands/test_new.py::test_a_new_data_set_validates_and_scores_as_it_is",
-    "tests/commands/test_report.py::test_report_writes_the_page_and_names_the_files",
     "tests/commands/test_require_valid.py::test_clean_data_are_scored_and_the_run_says_so",
     "tests/commands/test_require_valid.py::test_errors_are_refused_before_anything_is_written",
     "tests/commands/test_sweep.py::test_each_value_is_the_run_with_it_in_a_folder_of_its_own",
@@ -154,6 +153,16 @@ def _one_worker() -> Iterator[None]:
     """Commands that are called in this process start no others unless they are told to: that takes seconds."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("bench.commands.options.worker_processes", lambda count: local_executor(count or 1))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _blank_range_maps() -> Iterator[None]:
+    """The map of a run takes two thirds of the time of a small run: it is blank but for tests that are about it."""
+    from matplotlib.figure import Figure
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("bench.reporting.run_tables.draw_run_maps", lambda _: Figure(figsize=(1, 1)))
         yield
 
 

@@ -11,13 +11,15 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-LOCAL = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+LOCAL = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 FOLDERS = ("datasets", "annotations", "reports")
 PAGES = (
     *(ROOT / name for name in LOCAL),
     *(ROOT / folder / "README.md" for folder in FOLDERS),
     *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "reports/studies").glob("*.md")),
 )
+NOTEBOOKS = {"first-score": 3, "masks-to-score": 1, "bag-to-drive": 0, "red-gate": 0}  # how many pictures each draws
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 CODE = re.compile(r"`[^`\n]+`")
@@ -39,29 +41,33 @@ def prose(page):
 
 
 def anchors(page):
-    """What links can name: its headings, as code hosts and mkdocs spell them."""
+    """What links can name: its headings, as code hosts and mkdocs spell them; or those that a page is filled with."""
     headings = re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
 
 def test_the_scores_of_the_readme_are_those_of_the_leaderboard():
-    """Simulated and real side by side, each as its table of the leaderboard has it."""
+    """The table is of rendered drives, the sentence below it of the real one, each as the leaderboard has it."""
     tables = (ROOT / "reports/leaderboard/leaderboard.md").read_text("utf-8").replace(" %", "").split("\n## ")
     simulated, real = (
         next(table for table in tables if table.startswith(f"{name}, all recordings, surface-v1"))
         for name in ("paper", "aimotive-sample")
     )
-    rows = re.findall(r"^\| `(\S+)`, (.+) \|$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE)
-    assert len(rows) == 3
-    for method, row in rows:
-        cells = row.split(" | ")[1:]
-        for table, (false_positives, iou) in ((simulated, cells[:2]), (real, cells[2:])):
-            assert re.search(
-                rf"^\| {method}(?: \(first_guess=False, flow=farneback\))? "
-                rf"\| {re.escape(iou)} \| {re.escape(false_positives)} \|",
-                table,
-                re.MULTILINE,
-            )
+    text = (ROOT / "README.md").read_text("utf-8")
+    rows = re.findall(r"^\| `(\S+)`, .+ \| (.+) \| (.+) \|$", text, re.MULTILINE)
+    rows += [
+        (r"truth \(cell_size_px=1\)", *cells)
+        for cells in re.findall(r"^\| exact masks, .+? \| (.+) \| (.+) \|$", text, re.M)
+    ]
+    assert len(rows) == 7
+    settings = r"(?: \((?:ceiling|first_guess=False, flow=farneback)\))?"
+    for method, false_positives, iou in rows:
+        row = rf"^\| {method}{settings} \| {re.escape(iou)} \| {re.escape(false_positives)} \|"
+        assert re.search(row, simulated, re.MULTILINE), method
+    told = re.findall(r"([\d.]+) % for\s+`(\S+)`", text.partition("16 object-frames")[2])
+    assert len(told) == 4
+    for iou, method in told:
+        assert re.search(rf"^\| {method}{settings} \| {iou} \|", real, re.MULTILINE), method
 
 
 @every_page
@@ -92,8 +98,8 @@ def test_commands_that_are_named_exist(page, hooks):
 
 
 def test_every_command_is_in_the_reference(hooks):
-    page = (ROOT / "docs/commands.md").read_text("utf-8")
-    assert page.count(hooks.MARKER) == 1
+    page = (ROOT / "docs/reference.md").read_text("utf-8")
+    assert page.count(hooks.MARKER) == page.count(hooks.FUNCTIONS_MARKER) == 1
     reference = hooks.command_reference()
     for name, command in hooks.commands():
         section = reference.partition(f"## {name}\n")[2].partition("\n## ")[0]
@@ -108,31 +114,40 @@ def test_code_compiles(page):
             compile(block, str(page), "exec")
 
 
-def test_the_program_that_writes_a_recording_runs(tmp_path, monkeypatch):
-    from bench.recordings import open_native
+def test_every_function_and_option_is_in_the_reference(hooks):
+    import bench
 
+    functions = hooks.function_reference()
+    assert all(f"`bench.{name}`" in functions for name in ("run", "compare", "judge", "score", "open_dataset"))
+    assert functions.count("\n") == sum(name.islower() for name in bench.__all__) + 1
+    assert "| `native` | `bin_columns` |" in hooks.option_reference()
+
+
+def test_the_lines_that_write_files_of_a_recording_run(tmp_path, monkeypatch):
     blocks = [block for _, block in FENCE.findall((ROOT / "docs/your-data.md").read_text("utf-8"))]
     (program,) = [block for block in blocks if "RecordingWriter(" in block]
     monkeypatch.chdir(tmp_path)
     exec(compile(program, "your-data.md", "exec"), {})
-    recording = open_native(tmp_path / "my-drives/drive-01")
-    assert [image.timestamp_ns for image in recording.images["front"]] == [0, 66_666_667]
+    written = {file.relative_to(tmp_path).as_posix() for file in tmp_path.rglob("*.*")}
+    assert written == {"my-drives/drive-01/lidar/0.npz", "my-drives/drive-01/images/front/0.png"}
 
 
-def test_the_architecture_page_shows_the_layers_that_are_checked():
+def test_the_page_for_maintainers_shows_the_layers_that_are_checked():
     (layers,) = [
         contract["layers"]
         for contract in tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
         if contract["type"] == "layers"
     ]
-    rows = re.findall(r"^\| (`[^|]+`) \|", (ROOT / "docs/architecture.md").read_text("utf-8"), re.MULTILINE)
+    page = (ROOT / "docs/maintainers.md").read_text("utf-8").partition("## Decisions")[0]
+    rows = re.findall(r"^\| (`[^|]+`) \|", page, re.MULTILINE)
     assert [set(re.findall(r"`(\w+)`", row)) for row in rows] == [set(layer.split(" | ")) for layer in layers]
 
 
 def test_every_page_is_in_the_navigation():
     named = set(re.findall(r"(\S+\.md)$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE))
     notebooks = {notebook.with_suffix(".md").name for notebook in (ROOT / "docs").glob("*.ipynb")}
-    assert named == {page.name for page in (ROOT / "docs").glob("*.md")} | notebooks
+    beside = {"index.md", "reports/leaderboard/leaderboard.md"}  # made of the README; committed elsewhere
+    assert named == {page.name for page in (ROOT / "docs").glob("*.md")} | notebooks | beside
 
 
 @pytest.fixture
@@ -143,22 +158,31 @@ def tiny_data(tiny_card, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_notebook_is_shown_with_what_it_prints_and_draws(hooks, tmp_path, monkeypatch):
-    file = ROOT / "docs/first-score.ipynb"
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_a_notebook_is_shown_with_what_it_prints_and_draws(hooks, tmp_path, monkeypatch, name):
+    assert {notebook.stem for notebook in (ROOT / "docs").glob("*.ipynb")} == NOTEBOOKS.keys()
+    file = ROOT / f"docs/{name}.ipynb"
     stored = json.loads(file.read_text("utf-8"))["cells"]
     assert not any(cell.get("outputs") for cell in stored), "clear the outputs: they are those of one machine"
     monkeypatch.chdir(tmp_path)
     page, pictures = hooks.notebook_page(file)
-    assert len(pictures) == 3
+    assert len(pictures) == NOTEBOOKS[name]
     assert all(picture.startswith(b"\x89PNG") and f"]({name})" in page for name, picture in pictures.items())
-    assert re.search(r"^all_moving +12 ", page, re.MULTILINE)
+    printed = {
+        "first-score": r"^all_moving +12 ",
+        "masks-to-score": r"^all_moving +12 .*\n(.*\n)*.*got 1 missing",
+        "bag-to-drive": r"^0 errors, 0 warnings$(.*\n)*^1 errors, .*\n- .*road's height",
+        "red-gate": r"^gate passed: (.*\n)*^gate FAILED: (.*\n)*exit status 1$",
+    }
+    assert re.search(printed[name], page, re.MULTILINE)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
-def test_the_programs_of_the_python_page_run(tiny_data, capsys):
-    for _, block in FENCE.findall((ROOT / "docs/python.md").read_text("utf-8")):
-        exec(compile(block, "python.md", "exec"), {})
+def test_the_programs_of_the_reference_run(tiny_data, capsys):
+    for language, block in FENCE.findall((ROOT / "docs/reference.md").read_text("utf-8")):
+        if language == "python":
+            exec(compile(block, "reference.md", "exec"), {})
     assert capsys.readouterr().out.startswith("0.428")
 
 
@@ -175,11 +199,11 @@ DIFFERENCE_NETWORK = bytes.fromhex(
 def test_the_network_of_the_page_is_scored(tiny_data):
     import bench
 
-    blocks = [block for _, block in FENCE.findall((ROOT / "docs/your-network.md").read_text("utf-8"))]
+    blocks = [block for _, block in FENCE.findall((ROOT / "docs/your-method.md").read_text("utf-8"))]
     (program,) = [block for block in blocks if "class MyNetwork" in block]
     Path("my_network.onnx").write_bytes(DIFFERENCE_NETWORK)
     names = {}
-    exec(compile(program, "your-network.md", "exec"), names)
+    exec(compile(program, "your-method.md", "exec"), names)
     method = names["MyNetwork"](threshold=0.1)
     frame = next(bench.open_dataset("tiny").frames(recordings=["standing"]))
     found = method.segment(frame.input)

@@ -93,6 +93,6 @@ def test_clouds_are_read_without_it(slim, tmp_path):
 
 
 def test_the_libraries_that_messages_ask_for_are_those_of_the_documentation():
-    text = (Path(__file__).parents[1] / "docs" / "index.md").read_text()
+    text = (Path(__file__).parents[1] / "docs" / "start.md").read_text()
     asked = re.search(r"apt-get install [a-z0-9 -]+", Path(cloud_files.__file__).read_text())
     assert asked.group().strip() in text

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from bench.annotation.clusters import ends_without_stray
 from bench.annotation.registration import Motion, cut_ends, track_motion
 from bench.annotation.settings import SECOND_NS, ProposalSettings
 from bench.annotation.tracking import Fragment
@@ -207,7 +208,7 @@ def _box(fragment: Fragment, motion: Motion, moving: NDArray[np.bool_], settings
     ends, cut = [], []
     for i, points in enumerate(motion.points):
         seen = (points[:, :2] - motion.positions_m[i]) @ np.stack([ahead[i], left[i]], axis=1)
-        ends.append([seen.min(axis=0), seen.max(axis=0)])
+        ends.append(np.column_stack([[seen[:, 0].min(), seen[:, 0].max()], ends_without_stray(seen[:, 1])]))
         cut.append(np.transpose([cut_ends(axis, motion.cut_off[i]) for axis in seen.T]))
     (rear, right), (front, leftmost) = _outermost(np.array(ends), np.array(cut))
     centres = motion.positions_m + ahead * (front + rear) / 2 + left * (leftmost + right) / 2

@@ -17,7 +17,10 @@ from bench.annotation.settings import ProposalSettings
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 UPRIGHT = np.array([1.0, 1.0, 0.6])  # beams lie further apart in height than along the scan
-ANGLES_RAD = np.radians(np.arange(0, 90, 5))
+ANGLES_RAD = np.radians(np.arange(0, 90, 2))
+AHEAD, LEFT = np.stack([np.cos(ANGLES_RAD), np.sin(ANGLES_RAD)]), np.stack([-np.sin(ANGLES_RAD), np.cos(ANGLES_RAD)])
+MOST_POINTS = 500  # that are looked at
+STRAY = 0.01  # share of the returns that may lie outside at each side
 LEAST_SEEDS, LEAST_SEED_SHARE = 3, 0.3  # of a cluster that was cut out of a larger component
 
 
@@ -51,14 +54,21 @@ def find_clusters(cloud: Cloud, settings: ProposalSettings) -> list[Rows]:
 
 
 def extent(points: Floats) -> tuple[float, float]:
-    """Length and width, m, of the smallest rectangle around points (N, 2 or more), seen from above."""
-    if len(points) < 2:
-        return 0.1, 0.1
-    cosine, sine = np.cos(ANGLES_RAD), np.sin(ANGLES_RAD)
-    along = np.ptp(points[:, :2] @ np.stack([cosine, sine]), axis=0)
-    across = np.ptp(points[:, :2] @ np.stack([-sine, cosine]), axis=0)
+    """Length and width, m, of the smallest rectangle around points (N, 2 or more), seen from above.
+
+    A few stray returns, as at edges and in mirrors, lie outside.
+    """
+    xy = points[:: -(-len(points) // MOST_POINTS), :2]
+    (low, high), (right, left) = (ends_without_stray(xy @ axes) for axes in (AHEAD, LEFT))
+    along, across = high - low, left - right
     best = int(np.argmin(along * across + 0.2 * (along + across)))
     return float(max(along[best], across[best])), float(min(along[best], across[best]))
+
+
+def ends_without_stray(places_m: Floats) -> Floats:
+    """(2, ...) float64, m, lowest and highest of places (N, ...), but for a few stray ones."""
+    ends = [int(STRAY * len(places_m)), len(places_m) - 1 - int(STRAY * len(places_m))]
+    return np.asarray(np.partition(places_m, ends, axis=0)[ends])
 
 
 def _fits(points: Floats, settings: ProposalSettings) -> bool:

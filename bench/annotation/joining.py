@@ -64,7 +64,9 @@ def _belongs(small: Box, large: Box, settings: ProposalSettings) -> tuple[bool, 
     inside = bool((np.abs(place) < large.size_m[:2] / 2 + INSIDE_M).all())
     low = np.minimum(-large.size_m[:2] / 2, place - small.size_m[:2] / 2)
     high = np.maximum(large.size_m[:2] / 2, place + small.size_m[:2] / 2)
-    allowed = settings.joined_m if large.object_class == "vehicle" else PERSON_M
+    allowed = np.maximum(
+        settings.joined_m if large.object_class == "vehicle" else PERSON_M, large.size_m[:2] + INSIDE_M
+    )
     slower = np.median(small.motion.velocity_mps[mine], axis=0) - np.median(large.motion.velocity_mps[theirs], axis=0)
     alike = np.hypot(*slower) < settings.joined_mps + SPEED_SHARE * large.speed_mps
     return bool(alike and (high - low < allowed).all()), inside

@@ -103,8 +103,12 @@ def _visible_shift(
     if min(np.ptp(one) for one in along) < LONG_M and not (cut_off[0].any() or cut_off[1].any()):
         return guess_m
     ends = [(one[-END_POINTS:].mean(), one[:END_POINTS].mean()) for one in map(np.sort, along)]
-    shifts = [ends[1][end] - ends[0][end] for end in (0, 1) if not (cut[0][1 - end] or cut[1][1 - end])]
-    return np.asarray(guess_m / length_m * np.mean(shifts)) if shifts else guess_m
+    shifts = np.array([ends[1][end] - ends[0][end] for end in (0, 1) if not (cut[0][1 - end] or cut[1][1 - end])])
+    if not len(shifts):
+        return guess_m
+    if np.ptp(shifts) > CUT_M:  # one end was hidden in one of the sweeps
+        shifts = shifts[[np.argmin(np.abs(shifts - length_m))]]
+    return np.asarray(guess_m / length_m * shifts.mean())
 
 
 def slopes(times_s: Floats, positions_m: Floats, within_s: float) -> Floats:

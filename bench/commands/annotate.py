@@ -129,7 +129,7 @@ def propose(
         OutputError: a file cannot be written.
     """
     from bench.annotation.drives import propose_drives
-    from bench.api.datasets import as_executor
+    from bench.commands.data import as_executor
 
     executor = as_executor(workers)
     card, handles, folder = open_drives(dataset, split=split, reviews=reviews, executor=executor)
@@ -182,7 +182,7 @@ def evaluate_proposals(
     """
     from bench.annotation import class_confusion, proposal_scores, worst_tracks
     from bench.annotation.drives import evaluate_drives
-    from bench.api.datasets import as_executor
+    from bench.commands.data import as_executor
     from bench.reporting.proposal_scores import write_proposal_scores
 
     executor = as_executor(workers)
@@ -237,7 +237,7 @@ def import_labels(
     from bench.annotation.formats import LabelOptions, label_format
     from bench.annotation.formats import import_labels as read_labels
     from bench.annotation.stored_labels import store_labels
-    from bench.api.datasets import as_card
+    from bench.commands.data import as_card
     from bench.recordings.writing import annotation_text
 
     label_format(format_name)  # an unknown name is told before anything is opened
@@ -345,7 +345,7 @@ def open_drives(
     executor: TaskExecutor | None = None,
 ) -> tuple[DatasetCard, tuple[RecordingHandle, ...], Path]:
     """The card of a data set, its recordings, rendered where they are missing, and the folder of their reviews."""
-    from bench.commands.request import rendered_card
+    from bench.commands.data import rendered_card
     from bench.recordings import open_dataset
 
     card = rendered_card(dataset, split, executor=executor)

@@ -80,10 +80,9 @@ def audit_reference(
         UsageError: settings that the method does not take, or beside an object; fewer than one recording.
         DataError: nothing of the data set could be audited, above all where it has no rendered masks.
     """
-    from bench.api.datasets import as_card, as_executor
     from bench.atomic import output_folder
     from bench.audit import audit_sources, run_audit
-    from bench.commands.request import rendered_card
+    from bench.commands.data import as_card, as_executor, rendered_card
     from bench.evaluation import load_protocol
     from bench.methods import FlowMethod, build_method
     from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples

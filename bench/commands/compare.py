@@ -13,7 +13,7 @@ from bench.commands.console import note_files, print_blocks, say
 from bench.commands.progress import Report, progress_bar
 
 if TYPE_CHECKING:
-    from bench.api.runs import Run
+    from bench.commands.runs import Run
     from bench.reporting.compare import RunComparison
 
 USUAL = Path("reports/runs/compare-<run>-<run>")
@@ -57,7 +57,7 @@ def compare(
         DataError: a run is missing or damaged.
         UsageError: fewer than two runs, or runs that do not compare, as of other data or by another protocol.
     """
-    from bench.api.runs import run_folder
+    from bench.commands.runs import run_folder
     from bench.reporting.compare import compare_runs, read_comparable
     from bench.reporting.compare_page import write_comparison
 

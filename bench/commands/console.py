@@ -20,7 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bench.errors import OutputError
-from bench.plain_text import plain
+from bench.plain_text import counted, plain
 
 if TYPE_CHECKING:
     from bench.reporting.document import Block
@@ -140,7 +140,7 @@ def print_failures(failures: Sequence[str], *, all_in: str) -> None:
     """
     shown = [f"failed: {failure}" for failure in failures[:SHOWN_FAILURES]]
     if len(failures) > SHOWN_FAILURES:
-        shown.append(f"... and {len(failures) - SHOWN_FAILURES} more failures, all in {all_in}")
+        shown.append(f"... and {counted(len(failures) - SHOWN_FAILURES, 'more failure')}, all in {all_in}")
     for line in shown:
         say(line, style="red")
 
@@ -152,7 +152,7 @@ def note_files(files: Iterable[Path]) -> None:
     for file in shown:
         note(str(file))
     if rest := paths[len(shown) :]:
-        note(f"and {len(rest)} more files in {os.path.commonpath([file.parent for file in rest]) or '.'}")
+        note(f"and {counted(len(rest), 'more file')} in {os.path.commonpath([file.parent for file in rest]) or '.'}")
 
 
 def _print(shown: Table | Text, *, to_errors: bool = False, wrap: bool = False) -> None:

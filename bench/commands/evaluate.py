@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,14 +12,12 @@ import typer
 
 from bench.commands import options
 from bench.commands.command import PATH, TEXT
-from bench.commands.console import note, note_blocks
+from bench.commands.console import note, note_blocks, say
 from bench.commands.progress import Report, progress_bar
-from bench.commands.runs import print_run, score
+from bench.commands.runs import PROTOCOLS, Run, print_runs, score
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
-    from bench.api.run_report import RunReport
-    from bench.api.runs import Run
     from bench.methods.predictions import PredictionIndex
 
 
@@ -27,14 +26,12 @@ class Evaluation:
     """Predictions from disk, scored.
 
     Attributes:
-        run: as it is stored.
+        run: the results by the first protocol.
         found: which predictions are there, and what is wrong with others.
-        report: the files beside the run's results.
     """
 
     run: Run
     found: PredictionIndex
-    report: RunReport
 
 
 def evaluate(
@@ -56,7 +53,7 @@ def evaluate(
     history: Annotated[
         int, typer.Option(help="Score images with this many before them; 1 as methods that compare two.")
     ] = 1,
-    protocol: options.ProtocolName = "paper-v1",
+    protocol: options.Protocols = PROTOCOLS,
     split: options.Split = None,
     out: Annotated[
         str | Path | None,
@@ -78,7 +75,7 @@ def evaluate(
         names: "auto" to find it out.
         threshold: None for 0.5.
         history: images.
-        protocol: by name or file.
+        protocol: names or files with commas in between.
         split: of the data set.
         out: folder of the run.
         overwrite: replace another run in the folder.
@@ -94,15 +91,16 @@ def evaluate(
     """
     from tempfile import mkdtemp
 
-    from bench.api.datasets import as_card, as_executor
-    from bench.api.runs import Run, run_request
-    from bench.commands.request import rendered_card
+    from bench.commands.data import as_card, as_executor, rendered_card
+    from bench.commands.runs import run_request
     from bench.harness.stored import PREDICTIONS
     from bench.methods import known_methods
     from bench.methods.predictions import PredictedMotion
     from bench.methods.predictions.report import check_predictions, refusal, refused, write_report
     from bench.reporting.findings import prediction_line, prediction_table
 
+    if not Path(predictions).is_dir():
+        raise UsageError(f"--predictions: expected a folder of masks or scores, got {predictions}, which is none")
     card, called = as_card(dataset), name or f"predictions-{Path(predictions).resolve().name}"
     if called in known_methods():
         raise UsageError(f"--name: expected another name than those of methods, got {called!r}")
@@ -110,9 +108,7 @@ def evaluate(
     usual = named().settings()
     method = named(threshold=threshold, missing=missing, naming=names, history=history)
     chosen = [(option, value) for option, value in method.settings().items() if value != usual[option]]
-    request = run_request(
-        card, method, protocols=[protocol], split=split, out=out, overwrite=overwrite, named_by=chosen
-    )
+    request = run_request(card, method, protocol=protocol, split=split, out=out, overwrite=overwrite, named_by=chosen)
     executor = as_executor(workers)
     rendered_card(card, split, executor=executor, as_it_is=True)
     with progress_bar(f"reading {predictions}", "recordings") as report:
@@ -126,16 +122,17 @@ def evaluate(
         listed = Path(mkdtemp(prefix="fisheye-bench-")) / PREDICTIONS  # a new folder: no file of the user's is replaced
         write_report(listed, card, method, found)
         raise refused(method, found, listed_in=listed)
-    ((stored, made),) = score(
+    scored = score(
         replace(request, executor=executor),
         pictures=pictures,
         finish=lambda run: write_report(run.folder / PREDICTIONS, card, method, found),
         progress=progress,
     )
-    return Evaluation(run=Run(stored=stored), found=found, report=made)
+    return Evaluation(run=scored, found=found)
 
 
 def show(evaluation: Evaluation) -> int:
-    """Print the run."""
-    print_run(evaluation.run.stored, evaluation.report)
-    return options.FAILURES if evaluation.run.summary.failures else 0
+    """Print the run, and the next command."""
+    passed = print_runs(evaluation.run)
+    say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(evaluation.run.folder)])}")
+    return 0 if passed else options.FAILURES

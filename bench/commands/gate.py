@@ -15,7 +15,7 @@ from bench.commands.options import StoredRun
 from bench.errors import BenchError, UsageError
 
 if TYPE_CHECKING:
-    from bench.api.runs import Run
+    from bench.commands.runs import Run
     from bench.gate import Verdict
     from bench.harness.manifest import Manifest
 
@@ -43,7 +43,7 @@ def judge(
         UsageError: the baseline is of another data set, split or protocol.
         DataError: run or baseline is missing or damaged.
     """
-    from bench.api.runs import run_folder
+    from bench.commands.runs import run_folder
     from bench.gate import find_baseline, read_baseline, read_run_sums
     from bench.gate import judge as judge_sums
     from bench.gate.tolerances import load_tolerances
@@ -64,7 +64,7 @@ def refused_verdict(run: str | Path | Run, *, reason: str, tolerances: str | Pat
     Raises:
         UnknownNameError: no tolerances of this name.
     """
-    from bench.api.runs import run_folder
+    from bench.commands.runs import run_folder
     from bench.gate import read_run_sums
     from bench.gate.judge import refuse
     from bench.gate.tolerances import load_tolerances
@@ -117,7 +117,7 @@ def update_baseline(
         DataError: the run is missing or damaged.
         UsageError: it has failures or was made by code that nobody can repeat, or the folder is that of a run.
     """
-    from bench.api.runs import run_folder
+    from bench.commands.runs import run_folder
     from bench.gate import MissingBaselineError, read_baseline, read_run_sums, write_baseline
     from bench.gate import judge as judge_sums
     from bench.gate.baseline import own_baseline
@@ -175,7 +175,7 @@ def command(
     ] = False,
 ) -> None:
     """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no verdict."""
-    from bench.api.runs import run_folder
+    from bench.commands.runs import run_folder
     from bench.gate import MissingBaselineError, Outcome, find_baseline
     from bench.gate.changes import how_to_compare
 

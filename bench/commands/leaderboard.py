@@ -14,7 +14,9 @@ from bench.commands import options
 from bench.commands.command import PATH, Words
 from bench.commands.console import note_files, print_blocks, say, say_damaged
 from bench.commands.progress import Report, interruptible, progress_bar
+from bench.commands.runs import PROTOCOLS, RUNS, split_protocols
 from bench.errors import BenchError, UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     from bench.execution import TaskExecutor
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
     from bench.recordings import DatasetCard
     from bench.reporting.leaderboard import Leaderboard
 
-RUNS = Path("reports/runs")
 LEFT = "what is scored stays, and the same command goes on from there"
 
 # Settings that make another method of one; the others come from the registry alone.
@@ -71,7 +72,7 @@ def competitors(card: DatasetCard, methods: str | None) -> list[Competitor]:
 
 
 def score_competitor(
-    card: DatasetCard, competitor: Competitor, *, protocols: Sequence[str], runs: Path, executor: TaskExecutor
+    card: DatasetCard, competitor: Competitor, *, protocol: str, runs: Path, executor: TaskExecutor
 ) -> list[StoredRun]:
     """Score one method by all protocols in one pass, and write the page of the run that is ranked.
 
@@ -80,21 +81,21 @@ def score_competitor(
     Args:
         card: the data set, rendered.
         competitor: the method.
-        protocols: by name or file.
+        protocol: names or files with commas in between.
         runs: folder of runs.
         executor: computes.
 
     Raises:
         UnknownNameError, UsageError, DataError: as `bench.run`.
     """
-    from bench.api.runs import run_request
+    from bench.commands.runs import run_request
     from bench.harness import run_benchmark
     from bench.methods.settings import parse_settings
     from bench.reporting.leaderboard import RANKING_PROTOCOL
     from bench.reporting.run_page import write_page
 
     settings, out = parse_settings(competitor.settings), runs / card.name / competitor.folder
-    request = run_request(card, competitor.name, settings=settings, protocols=protocols, out=out, overwrite=True)
+    request = run_request(card, competitor.name, settings=settings, protocol=protocol, out=out, overwrite=True)
 
     def finish(run: StoredRun) -> None:
         if run.protocol.name == RANKING_PROTOCOL:
@@ -143,7 +144,7 @@ def leaderboard(
     ] = None,
     protocol: Annotated[
         str, typer.Option(help="With --score: protocols with commas in between, in one pass.")
-    ] = "paper-v1,surface-v1",
+    ] = PROTOCOLS,
     out: Annotated[
         str | Path | None,
         typer.Option(help="Also write the page, the chart, leaderboard.md, .csv, .json, .tex into this folder."),
@@ -171,8 +172,10 @@ def leaderboard(
         DataError: there is no folder, or no run in it.
         UnknownNameError, UsageError: as `competitors`.
     """
-    from bench.api.datasets import as_executor
-    from bench.commands.request import rendered_card
+    from bench.commands.data import as_card, as_executor, rendered_card
+    from bench.evaluation import load_protocol
+    from bench.harness import build_scorable
+    from bench.methods.settings import parse_settings
     from bench.recordings.cards import shipped_folder
     from bench.reporting.leaderboard import read_leaderboard, with_shipped
     from bench.reporting.leaderboard_page import write_leaderboard
@@ -180,18 +183,23 @@ def leaderboard(
     if not score and methods is not None:
         raise UsageError("leaderboard: expected --score beside --methods, which say what to score")
     scored, left_out, failures, executor = list[str](), list[str](), 0, as_executor(workers)
-    protocols = [name.strip() for name in protocol.split(",")]
-    for dataset in score:
-        card = rendered_card(dataset, executor=executor)
-        for competitor in competitors(card, methods):
+    asked = [(card, competitors(card, methods)) for card in map(as_card, score)]
+    for name in split_protocols(protocol) if score else ():
+        load_protocol(name)  # mistakes are told before anything is rendered
+    for competitor in asked[0][1] if asked and methods is not None else ():
+        build_scorable(competitor.name, parse_settings(competitor.settings))
+    for card, named in asked:
+        rendered_card(card, executor=executor)
+        for competitor in named:
             called = f"{card.name}, {competitor.folder}"
             try:
-                runs = score_competitor(card, competitor, protocols=protocols, runs=Path(folder), executor=executor)
+                runs = score_competitor(card, competitor, protocol=protocol, runs=Path(folder), executor=executor)
             except BenchError as error:
                 left_out.append(f"{called}: {error}")
                 continue
             failures += max(len(run.summary.failures) for run in runs)
-            scored.append(f"{called}: {runs[0].summary.provenance.images_asked} images answered, the others were there")
+            answered = counted(runs[0].summary.provenance.images_asked, "image")
+            scored.append(f"{called}: {answered} answered, the others were there")
     found, shipped = read_leaderboard(Path(folder)), shipped_folder("leaderboard")
     if out is None or Path(out).resolve() != shipped.resolve():  # what is written there is what ships
         found = with_shipped(found, shipped / "leaderboard.json")

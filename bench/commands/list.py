@@ -8,6 +8,7 @@ import typer
 
 from bench.commands.console import note, print_blocks, write_out
 from bench.errors import UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     from bench.reporting.document import Table
@@ -56,7 +57,7 @@ def _note_folders() -> None:
     from bench.recordings.cards import OWN_DATA, card_folders, data_folder
 
     for place in card_folders():
-        note(f"{place}: {len(list_cards(place))} cards")
+        note(f"{place}: {counted(len(list_cards(place)), 'card')}")
     if (data := data_folder()) is not None:
         note(f"{data}: what the cards of the package render ({OWN_DATA} names another folder)")
 
@@ -87,7 +88,7 @@ def _protocols() -> list[Table]:
 
 def _formats() -> list[Table]:
     from bench.annotation.formats import known_formats, label_format
-    from bench.api.schemas import SCHEMAS, json_schema
+    from bench.commands.schemas import SCHEMAS, json_schema
     from bench.plug_ins import described
     from bench.recordings.catalogue import describe_adapter, known_adapters
     from bench.reporting.document import Table
@@ -106,6 +107,6 @@ def _formats() -> list[Table]:
 def _print_schema(kind: str) -> None:
     import json
 
-    from bench.api.schemas import json_schema
+    from bench.commands.schemas import json_schema
 
     write_out(json.dumps(json_schema(kind), indent=1, ensure_ascii=False))

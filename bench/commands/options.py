@@ -15,7 +15,7 @@ from bench.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bench.api.runs import Run
+    from bench.commands.runs import Run
     from bench.execution import TaskExecutor
     from bench.methods import Method
     from bench.recordings import DatasetCard
@@ -110,12 +110,13 @@ ProtocolName = Annotated[
     TEXT,
 ]
 Protocols = Annotated[
-    str,
+    "str | Path",
     typer.Option(
         "--protocol",
         help="paper-v1, extended-v1, surface-v1, masks-v1, or a YAML file; several with commas in between; the "
         "method is asked once.",
     ),
+    TEXT,
 ]
 Split = Annotated[
     str | None,

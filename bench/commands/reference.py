@@ -46,12 +46,13 @@ def export_reference(
         UnknownNameError: no data set, protocol, split or recording of this name.
         DataError: the folder holds something, or a recording cannot be opened.
     """
-    from bench.api.datasets import as_executor
-    from bench.commands.request import rendered_card
+    from bench.atomic import refuse_filled
+    from bench.commands.data import as_executor, rendered_card
     from bench.evaluation import load_protocol
     from bench.harness.reference_export import export_references
 
     executor, rules = as_executor(workers), load_protocol(protocol)
+    refuse_filled(Path(out))
     card = rendered_card(dataset, split, executor=executor)
     with progress_bar(f"exporting the reference of {card.name}", "recordings", progress) as report:
         return export_references(

@@ -15,7 +15,7 @@ from bench.commands.progress import Report, progress_bar
 from bench.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    from bench.api.runs import Run
+    from bench.commands.runs import Run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +63,7 @@ def report(
         DataError: a run is missing or damaged.
         UsageError: `beside` does not compare.
     """
-    from bench.api.runs import run_folder
+    from bench.commands.runs import run_folder
     from bench.reference import Category
     from bench.reporting.charts import write_figures
     from bench.reporting.run_page import write_page

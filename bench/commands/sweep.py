@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from copy import deepcopy
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bench.commands import options
+from bench.commands.command import PATH, Words
 from bench.commands.console import note, note_files, print_blocks, print_failures
 from bench.commands.progress import Report, progress_bar, resumable
+from bench.commands.runs import Run
 from bench.errors import UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
-    from bench.api.runs import Run
-    from bench.execution import TaskExecutor
-    from bench.recordings import DatasetCard
     from bench.reporting.document import Table
 
 SWEEPS = Path("reports/sweeps")
@@ -41,41 +41,75 @@ class Sweep:
     files: tuple[Path, ...]
 
 
+def _values(option: str) -> Words:
+    """Assignments of an option; several values of one, commas in between, are a list."""
+
+    def parse(texts: list[str] | None) -> dict[str, object]:
+        from bench.methods.settings import flat_settings, parse_settings, split_values
+
+        chosen: dict[str, object] = {}
+        for text in texts or ():
+            name, equals, written = text.partition("=")
+            texts_of = split_values(name, written).values() if equals else ()
+            values = [parse_settings([f"value={value}"], option=option)["value"] for value in texts_of]
+            if len(values) > 1:
+                chosen[name] = values
+            else:
+                chosen |= flat_settings(parse_settings([text], option=option))
+        return chosen
+
+    return Words(list[str] | None, parse)
+
+
 def sweep(
-    dataset: str | Path | DatasetCard,
-    setting: str,
-    values: Iterable[object] | Mapping[str, object],
-    method: str = "spherical",
+    dataset: options.Dataset,
+    method: options.MethodName = "spherical",
     *,
-    of_input: bool = False,
-    settings: Mapping[str, object] | None = None,
-    protocol: str | Path = "paper-v1",
-    split: str | None = None,
-    input_errors: Mapping[str, object] | None = None,
-    out: str | Path | None = None,
-    overwrite: bool = False,
-    workers: int | TaskExecutor = 1,
-    flow_cache: str | Path | None = None,
+    settings: Annotated[
+        Mapping[str, object] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE,...",
+            help="A parameter of the method, as YAML; one of them with several values, commas in between; repeatable.",
+        ),
+        _values("--set"),
+    ] = None,
+    input_errors: Annotated[
+        Mapping[str, object] | None,
+        typer.Option(
+            "--input-error",
+            metavar="NAME=VALUE,...",
+            help="As of `run`; one may have several values in place of a parameter.",
+        ),
+        _values("--input-error"),
+    ] = None,
+    protocol: options.ProtocolName = "paper-v1",
+    split: options.Split = None,
+    out: Annotated[
+        str | Path | None,
+        typer.Option(help="Folder of the sweep; default: reports/sweeps/<data set>-<method>-<setting>."),
+        PATH,
+    ] = None,
+    overwrite: options.Overwrite = False,
+    workers: options.Workers = 1,
     progress: Report | None = None,
 ) -> Sweep:
-    """Score a method once for each of several values of one setting.
+    """Score a method once for each of several values of one setting: a table and a chart.
 
-    Values that are done are not computed again.
+    Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
+    command.
 
     Args:
         dataset: card, by path or by a name that `fisheye-bench list` shows.
-        setting: parameter of the method; a part of one behind a dot, as in "weights.epipolar".
-        values: of it; by the names that tables show where it is a mapping.
         method: by name, or as "module:Class".
-        of_input: `setting` is an error of what the method is given instead, for example "pitch_deg".
-        settings: other parameters of the method.
+        settings: parameters of the method, one of them, or of `input_errors`, with a list of values; a part of one
+            behind a dot, as in "weights.epipolar".
+        input_errors: errors of what the method is given, for example "pitch_deg".
         protocol: by name or file.
         split: of the data set; None for all of it.
-        input_errors: other errors of what the method is given.
         out: folder of the sweep; None for `reports/sweeps/<data set>-<method>-<setting>`.
         overwrite: replace other runs in the folders.
         workers: processes, or an executor.
-        flow_cache: folder where dense flow is stored for the other values; None for that of the user.
         progress: called with the values done, fractions allowed, and their number.
 
     Raises:
@@ -83,49 +117,48 @@ def sweep(
         UsageError: no values, or one that the method does not take.
         DataError: nothing of the data set could be used, or a folder holds another run.
     """
-    from bench.api.datasets import as_executor
-    from bench.api.runs import Run, default_folder, run_request
     from bench.atomic import output_folder
-    from bench.commands.request import rendered_card
+    from bench.commands.data import as_executor, rendered_card
+    from bench.commands.runs import default_folder, run_request
     from bench.harness import run_benchmark
     from bench.harness.references import cache_folder
     from bench.harness.stages import part_of
+    from bench.methods.settings import flat_settings
     from bench.reporting.formats import file_name
     from bench.reporting.run_tables import write_report_files
     from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
 
-    named = values if isinstance(values, Mapping) else {str(value): value for value in values}
-    if not named:
-        raise UsageError(f"sweep: expected values of {setting}, got none")
+    if "," in str(protocol):
+        raise UsageError(f"sweep: expected one protocol, got {protocol!r}")
+    setting, choices = _combinations(settings or {}, input_errors or {})
     requests = {
         shown: run_request(
-            dataset,
-            method,
-            settings=settings if of_input else _assigned(settings or {}, setting, value),
-            protocols=[protocol],
-            split=split,
-            input_errors=_assigned(input_errors or {}, setting, value) if of_input else input_errors,
-            out=out,
+            dataset, method, settings=chosen, protocol=protocol, split=split, input_errors=errors, out=out,
             overwrite=overwrite,
         )
-        for shown, value in named.items()
-    }
+        for shown, (chosen, errors) in choices.items()
+    }  # fmt: skip
     first = next(iter(requests.values()))
     card, name, (rules,) = first.card, first.method.name, first.protocols
-    fixed = [*(settings or {}).items(), *(input_errors or {}).items()]
+    fixed = [
+        item for given in (settings, input_errors) for item in flat_settings(given or {}).items() if item[0] != setting
+    ]
     folder = SWEEPS / f"{default_folder(card, name, fixed, split).name}-{setting}" if out is None else Path(out)
-    cache = cache_folder() / "flow" if flow_cache is None else Path(flow_cache)
     runs = dict[str, Run]()
     with output_folder(folder), as_executor(workers) as executor:  # of all values, so that workers start once
         rendered_card(card, split, executor=executor)
         title = f"scoring {len(requests)} values of {setting}"
         with resumable(folder), progress_bar(title, "values", progress) as report:
             for number, (value, request) in enumerate(requests.items()):
-                place = folder / (file_name(value).lstrip(".") or "_")
-                part = part_of(report, number=number, total=len(requests))
-                asked = replace(request, folder=place, executor=executor, flow_cache=cache, progress=part)
+                asked = replace(
+                    request,
+                    folder=folder / (file_name(value).lstrip(".") or "_"),
+                    executor=executor,
+                    flow_cache=cache_folder() / "flow",
+                    progress=part_of(report, number=number, total=len(requests)),
+                )
                 (stored,) = run_benchmark(asked, finish=write_report_files)
-                runs[value] = Run(stored=stored)
+                runs[value] = Run(folder=stored.folder)
     shown = {
         "title": f"{setting} of {name} on {card.name} by {rules.name}",
         "note": METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else "",
@@ -135,108 +168,38 @@ def sweep(
     return Sweep(folder=folder, runs=runs, table=table(setting, summaries, **shown), files=files)
 
 
-def command(
-    dataset: options.Dataset,
-    method: options.MethodName = "spherical",
-    set_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="NAME=VALUE,...",
-            help="A parameter of the method, as YAML; one of them with several values, commas in between; repeatable.",
-        ),
-    ] = None,
-    input_error: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE,...", help="As of `run`; one may have several values in place of a parameter."
-        ),
-    ] = None,
-    protocol: options.ProtocolName = "paper-v1",
-    split: options.Split = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder of the sweep; default: reports/sweeps/<data set>-<method>-<setting>."),
-    ] = None,
-    overwrite: options.Overwrite = False,
-    workers: options.Workers = 1,
-) -> int:
-    """Score a method once for each of several values of one setting: a table and a chart.
-
-    Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
-    command.
-    """
-    from bench.methods.settings import parse_settings
-
-    if "," in str(protocol):
-        raise UsageError(f"sweep: expected one protocol, got {protocol!r}")
-    fixed, fixed_errors, (setting, values, of_input) = split_assigned(set_ or [], input_error or [])
-    swept = sweep(
-        dataset,
-        setting,
-        values,
-        str(method),
-        of_input=of_input,
-        settings=parse_settings(fixed),
-        protocol=protocol,
-        split=split,
-        input_errors=parse_settings(fixed_errors, option="--input-error"),
-        out=out,
-        overwrite=overwrite,
-        workers=workers,
-    )
+def show(swept: Sweep) -> int:
+    """Print the table, what failed, and the files."""
     print_blocks([swept.table])
     failures = [f"{value}: {failure}" for value, run in swept.runs.items() for failure in run.summary.failures]
     print_failures(failures, all_in=f"the summary.json of each value in {swept.folder}")
     asked = sum(run.summary.provenance.images_asked for run in swept.runs.values())
-    note(f"{len(swept.runs)} values; {asked} images answered, the others were there")
+    note(f"{len(swept.runs)} values; {counted(asked, 'image')} answered, the others were there")
     note_files(swept.files)
     return options.FAILURES if failures else 0
 
 
-def split_assigned(
-    settings: Sequence[str], input_errors: Sequence[str]
-) -> tuple[list[str], list[str], tuple[str, dict[str, object], bool]]:
-    """Split assignments into those of one value and the one with several.
-
-    Returns:
-        The settings and the input errors with one value; then name and values of the other, by what is shown of them,
-        and True for an input error.
+def _combinations(
+    settings: Mapping[str, object], input_errors: Mapping[str, object]
+) -> tuple[str, dict[str, tuple[dict[str, object], dict[str, object]]]]:
+    """The name that has several values, and for each of them, as it is shown, all settings and all input errors.
 
     Raises:
-        UsageError: none or two with several values, or values that are no YAML.
+        UsageError: none or two have several values, or a group of settings is a value, too.
     """
-    from bench.methods.settings import parse_settings, split_values
+    from bench.methods.settings import flat_settings, nested_settings
 
-    fixed: tuple[list[str], list[str]] = ([], [])
-    several: list[tuple[str, dict[str, object], bool]] = []
-    for of_input, texts in enumerate((settings, input_errors)):
-        for text in texts:
-            name, _, written = text.partition("=")
-            chosen = split_values(name, written)
-            if len(chosen) > 1:
-                values = {shown: parse_settings([f"value={value}"])["value"] for shown, value in chosen.items()}
-                several.append((name, values, bool(of_input)))
-            else:
-                fixed[of_input].append(text)
+    given = flat_settings(settings), flat_settings(input_errors)
+    several = [(side, name) for side in (0, 1) for name, value in given[side].items() if isinstance(value, list)]
     if len(several) != 1:
         expected = "one --set or --input-error with several values, as --set threshold=3e-4,6e-4,1e-3"
         raise UsageError(f"sweep: expected {expected}, got {len(several)}")
-    return *fixed, several[0]
-
-
-def _assigned(settings: Mapping[str, object], name: str, value: object) -> dict[str, object]:
-    """Settings with one more.
-
-    Raises:
-        UsageError: what is before a dot is no group.
-    """
-    assigned = deepcopy(dict(settings))
-    group: dict[str, Any] = assigned
-    *parents, leaf = name.split(".")
-    for parent in parents:
-        group = group.setdefault(parent, {})
-        if not isinstance(group, dict):
-            raise UsageError(f"{name}: {parent!r} already has the value {group!r}")
-    group[leaf] = value
-    return assigned
+    ((side, name),) = several
+    values: Any = given[side].pop(name)
+    if not values:
+        raise UsageError(f"sweep: expected values of {name}, got none")
+    choices = {}
+    for value in values:
+        chosen = [nested_settings(of | ({name: value} if number == side else {})) for number, of in enumerate(given)]
+        choices[value if isinstance(value, str) else json.dumps(value, default=str)] = chosen[0], chosen[1]
+    return name, choices

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from bench.commands.console import note
+from bench.plain_text import counted
 
 
 def synthesize(
@@ -16,9 +17,9 @@ def synthesize(
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
 ) -> None:
     """Render a scenario into recordings; what is there and up to date stays."""
-    from bench.commands.request import rendering
+    from bench.commands.data import rendering
     from bench.synthesis import synthesize as render
 
     with rendering(scenario, out) as report:
         folders = render(scenario, out, workers=workers, progress=report)
-    note(f"{len(folders)} recordings in {out}")
+    note(f"{counted(len(folders), 'recording')} in {out}")

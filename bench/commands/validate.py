@@ -11,6 +11,7 @@ from bench.commands.console import print_blocks, say
 from bench.commands.options import Split
 from bench.commands.progress import Report, progress_bar
 from bench.errors import UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     from bench.recordings import DatasetCard
@@ -19,13 +20,19 @@ if TYPE_CHECKING:
 
 
 def validate(
-    dataset: str | Path | DatasetCard, *, split: str | None = None, deep: bool = False, progress: Report | None = None
+    dataset: str | Path | DatasetCard,
+    *,
+    split: str | None = None,
+    recording: str | None = None,
+    deep: bool = False,
+    progress: Report | None = None,
 ) -> ValidationReport:
     """Validate a data set, as `fisheye-bench validate` does; what a scenario has rendered is validated as it is.
 
     Args:
         dataset: card, by path or by a name that `fisheye-bench list` shows.
         split: of the data set; None for all of it.
+        recording: only the one of this name; None for all.
         deep: read every image and sweep, not a sample.
         progress: called with the recordings done, fractions allowed, and their number.
 
@@ -33,22 +40,30 @@ def validate(
         What looks wrong: `findings`, their numbers `errors` and `warnings`, and `recordings`, which say what was read.
 
     Raises:
-        UnknownNameError: no data set or split of this name.
+        UnknownNameError: no data set, split or recording of this name.
         DataError: the card cannot be used; what is wrong with a recording is a finding.
     """
-    from bench.commands.request import rendered_card
+    from bench.commands.data import rendered_card
+    from bench.errors import UnknownNameError
     from bench.recordings import open_dataset
     from bench.validation import Depth, validate_dataset
 
     card = rendered_card(dataset, split, as_it_is=True)
+    handles = open_dataset(card, split)
+    if recording is not None:
+        names = [handle.name for handle in handles]
+        if recording not in names:
+            raise UnknownNameError("recording", recording, names)
+        handles = (handles[names.index(recording)],)
     depth = Depth.DEEP if deep else Depth.SAMPLED
     with progress_bar(f"validating {card.name}", "recordings", progress) as report:
-        return validate_dataset(card.name, open_dataset(card, split), depth=depth, progress=report)
+        return validate_dataset(card.name, handles, depth=depth, progress=report)
 
 
 def command(
     dataset: Annotated[str, typer.Argument(help="A data-set card; with --adapter a folder of data.")],
     split: Split = None,
+    recording: Annotated[str | None, typer.Option(help="Name of the recording; default: all.")] = None,
     deep: Annotated[bool, typer.Option("--deep", help="Read every image and sweep, not a sample.")] = False,
     errors_only: Annotated[
         bool, typer.Option("--errors-only", help="Exit with 0 where there are warnings alone.")
@@ -65,15 +80,17 @@ def command(
     if adapter is not None:
         passed = _keeps_contract(adapter, Path(dataset), settings=set_)
     else:
-        passed = _looks_right(dataset, split=split, deep=deep, errors_only=errors_only, json=json)
+        passed = _looks_right(dataset, split=split, recording=recording, deep=deep, errors_only=errors_only, json=json)
     return 0 if passed else 1
 
 
-def _looks_right(dataset: str, *, split: str | None, deep: bool, errors_only: bool, json: Path | None) -> bool:
+def _looks_right(
+    dataset: str, *, split: str | None, recording: str | None, deep: bool, errors_only: bool, json: Path | None
+) -> bool:
     from bench.atomic import write_output
     from bench.validation import Severity
 
-    report = validate(dataset, split=split, deep=deep)
+    report = validate(dataset, split=split, recording=recording, deep=deep)
     print_findings(report)
     if json is not None:
         write_output(json, report.as_json())
@@ -103,6 +120,6 @@ def _keeps_contract(name: str, root: Path, *, settings: list[str] | None) -> boo
         faults = adapter_faults(adapter, root, options=parse_settings(settings), progress=progress)
     for fault in faults:
         say(fault, style="red")
-    outcome = f"breaks {len(faults)} promises of" if faults else "keeps"
+    outcome = f"breaks {counted(len(faults), 'promise')} of" if faults else "keeps"
     say(f"{name} {outcome} the contract of adapters")
     return not faults

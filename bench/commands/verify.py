@@ -12,6 +12,7 @@ from bench.commands.command import TEXT
 from bench.commands.console import note, say
 from bench.commands.progress import Report, progress_bar
 from bench.errors import UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     from bench.harness.verify import Verification
@@ -50,9 +51,8 @@ def verify(
         UsageError: no `dataset`, and the run is of none that ships.
         DataError: a file of the run or of the data is missing or damaged.
     """
-    from bench.api.datasets import as_executor
-    from bench.api.runs import load_run, run_folder
-    from bench.commands.request import rendered_card
+    from bench.commands.data import as_executor, rendered_card
+    from bench.commands.runs import load_run, run_folder
     from bench.harness.verify import verify_run
 
     folder, executor = run_folder(run), as_executor(workers)
@@ -75,8 +75,8 @@ def card_to_verify(run: Path, dataset: str | Path | DatasetCard | None) -> Datas
         UsageError: no `dataset`, and the run is of none that ships.
         DataError: the card cannot be read.
     """
-    from bench.api.datasets import as_card
-    from bench.api.runs import load_run
+    from bench.commands.data import as_card
+    from bench.commands.runs import load_run
     from bench.recordings import list_cards
     from bench.recordings.cards import shipped_folder
 
@@ -97,5 +97,5 @@ def show(found: Verification) -> int:
     for line in found.differences:
         say(f"differs: {line}", style="red")
     if not found.differences:
-        say(f"equal: the run holds what its answers score, {found.images} images counted again")
+        say(f"equal: the run holds what its answers score, {counted(found.images, 'image')} counted again")
     return 1 if found.differences else 0

@@ -124,6 +124,7 @@ def view(
         raise UsageError("--video: expected none with --calibration, which draws pictures and logs (--out, --rrd)")
     film, log = _path(video), _path(rrd)
     refuse_other_files(video=film, rrd=log)
+    _refuse_several(frame=frame, frames=frames, time_ns=time_ns)
     opened, cameras = _open(dataset, recording, camera)
     choose = partial(chosen_frames, frame=frame, frames=frames, time_ns=time_ns)
     with progress_bar(f"drawing {opened.name}", "images", progress) as report:
@@ -202,13 +203,15 @@ def _open(dataset: str | Path | DatasetCard, recording: str | None, camera: str 
     Raises:
         UnknownNameError: no such recording or camera.
     """
-    from bench.api.datasets import Dataset
-    from bench.commands.request import rendered_card
+    from bench.commands.data import rendered_card
+    from bench.harness.datasets import Dataset
     from bench.recordings import open_dataset
 
-    card = rendered_card(dataset)
-    data = Dataset(card=card, handles=open_dataset(card))
-    opened = data[recording or data.names[0]]
+    card = rendered_card(dataset, recording)
+    data = Dataset(card=card, handles=open_dataset(card, recording))
+    if recording is not None and data.names != (recording,):
+        raise UnknownNameError("recording", recording, data.names)
+    opened = data[data.names[0]]
     if camera is not None and camera not in opened.cameras:
         raise UnknownNameError("camera", camera, opened.cameras)
     return opened, sorted(opened.cameras, key=lambda name: (name != camera, name))
@@ -275,13 +278,8 @@ def chosen_frames(
         all_without: without an option all images, else the middle one.
 
     Raises:
-        UsageError: two options, an index that does not exist, or a time outside of the images.
+        UsageError: an index that does not exist, or a time outside of the images.
     """
-    given = [
-        name for name, value in (("--frame", frame), ("--frames", frames), ("--time-ns", time_ns)) if value is not None
-    ]
-    if len(given) > 1:
-        raise UsageError(f"expected one of --frame, --frames and --time-ns, got {' and '.join(given)}")
     last = len(images) - 1
     if history > last:
         raise UsageError(f"expected more than {history} images of the camera, got {len(images)}")
@@ -297,10 +295,26 @@ def chosen_frames(
     return range(index, index + 1)
 
 
-def _span(frames: str, history: int, last: int) -> range:
+def _refuse_several(*, frame: int | None, frames: str | None, time_ns: int | None) -> None:
+    """Refuse two choices of frames, and one that is none of any recording."""
+    given = [
+        name for name, value in (("--frame", frame), ("--frames", frames), ("--time-ns", time_ns)) if value is not None
+    ]
+    if len(given) > 1:
+        raise UsageError(f"expected one of --frame, --frames and --time-ns, got {' and '.join(given)}")
+    if frames is not None:
+        _parsed_span(frames)
+
+
+def _parsed_span(frames: str) -> re.Match[str]:
     match = re.fullmatch(r"(\d{0,9}):(\d{0,9})(?::(\d{1,9}))?", frames)
     if match is None:
         raise UsageError(f"--frames: expected FIRST:LAST or FIRST:LAST:STEP, got {frames!r}")
+    return match
+
+
+def _span(frames: str, history: int, last: int) -> range:
+    match = _parsed_span(frames)
     first = int(match[1]) if match[1] else history
     end = int(match[2]) if match[2] else last
     step = int(match[3]) if match[3] else 1

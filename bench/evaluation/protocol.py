@@ -118,6 +118,7 @@ class ReferenceRules(_Part):
         polygon_kind: kind of the regions.
         max_sweep_gap_ms: a sweep further from the exposure than this is not used.
         max_annotation_gap_ms: an annotation further from the exposure than this is not used.
+        shape_margin_m: points this far outside of an annotated shape, but for its bottom, are still the object's.
         ground_clearance_above: the road alone, or also the bottom of the annotated shape; surface patches always do.
         unknown_band: null for regions without one.
     """
@@ -133,6 +134,7 @@ class ReferenceRules(_Part):
     max_sweep_gap_ms: NotNegative
     max_annotation_gap_ms: NotNegative
     motion: MotionRules
+    shape_margin_m: Annotated[float, Field(ge=0, le=1)] = 0.0
     ground_clearance_above: Literal["road", "shape"] = "road"
     unknown_band: UnknownBandRules | None = None
 
@@ -222,6 +224,7 @@ class Protocol(_Part):
             max_sweep_gap_ns=round(rules.max_sweep_gap_ms * 1e6),
             max_annotation_gap_ns=round(rules.max_annotation_gap_ms * 1e6),
             motion=_motion_settings(rules.motion),
+            shape_margin_m=rules.shape_margin_m,
             clearance_above_shape=rules.ground_clearance_above == "shape",
             outline=None if rules.unknown_band is None else _outline_errors(rules.unknown_band),
         )

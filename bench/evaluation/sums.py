@@ -233,6 +233,9 @@ def _count(rows: pd.DataFrame, metric: str, columns: Sequence[str]) -> pd.DataFr
     return table.assign(denominator=table["numerator"])[[*KEY, *TERMS]]
 
 
+LARGEST = 1e15  # of a sum: the pixels of a billion images; whole numbers up to here are exact
+
+
 def write_sums(table: pd.DataFrame, file: Path) -> None:
     """Store a table of sums as CSV, in the order of its key; numbers come back as they were."""
     write_text(file, table.sort_values(KEY)[[*KEY, *TERMS]].to_csv(index=False, lineterminator="\n"))
@@ -256,7 +259,7 @@ def read_sums(file: Path) -> pd.DataFrame:
     above, below = table["numerator"], table["denominator"]
     bounded = table["metric"].map({name: _is_bounded(name, file) for name in table["metric"].unique()}).astype(bool)
     for wrong, what in (
-        (~(np.isfinite(above) & np.isfinite(below)), "finite numbers"),
+        (~((above <= LARGEST) & (below <= LARGEST)), f"numbers up to {LARGEST:g}"),
         ((above < 0) | (below < 0), "numbers that are not negative"),
         (bounded & (above > below * (1 + 1e-9)), "a numerator that is at most the denominator"),
         ((below == 0) & (above > 0), "no numerator without a denominator"),

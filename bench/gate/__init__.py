@@ -14,7 +14,7 @@ objects is not a better score. docs/gate.md has false alarms and power.
 Modules: `tolerances` (the rules, versioned files), `baseline` (sums and manifest of a run, stored), `changes` (what
 differs beside the scores), `judge` (the checks, and the verdict on each metric), `verdict` (the result, and how its
 numbers are written), `brief` (what of it is read first); `bench.reporting.verdict` writes it for people and CI.
-Only `bench.api` and the command line call this package.
+Only commands call this package.
 """
 
 from bench.gate.baseline import (

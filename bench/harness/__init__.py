@@ -12,7 +12,7 @@ from bench.harness.counts import open_tables, read_image_maps
 from bench.harness.exact import build_scorable, scorable_methods
 from bench.harness.frames import FramePipeline, ProcessedFrame
 from bench.harness.provenance import Provenance
-from bench.harness.run import Part, RunRequest, run_benchmark, score_part
+from bench.harness.run import Part, RunRequest, ScoredPart, run_benchmark, score_part
 from bench.harness.stored import RunSummary, StoredRun, read_run, read_tables, run_name
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "Provenance",
     "RunRequest",
     "RunSummary",
+    "ScoredPart",
     "StoredRun",
     "build_scorable",
     "open_tables",

@@ -280,6 +280,17 @@ def is_counted(folder: Path, name: str) -> bool:
     return (folder / f"{name}{FRAMES}").is_file()
 
 
+def remove_counts(folder: Path, name: str) -> None:
+    """Remove the counts of a task, the file that says that all are there first.
+
+    Args:
+        folder: of the recording's counts.
+        name: of the task.
+    """
+    for suffix in (FRAMES, MAP, OBJECTS):
+        (folder / f"{name}{suffix}").unlink(missing_ok=True)
+
+
 def counts_folder(folder: Path, recording: str) -> Path:
     """Folder of a recording's counts.
 

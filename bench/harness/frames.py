@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from pathlib import Path
 from typing import TypeVar, overload
 
 import numpy as np
@@ -139,14 +137,11 @@ class FramePipeline:
         """
         if not isinstance(self._method, Method):
             raise UsageError(f"{self._method.name}: {not_derived(type(self._method).__name__)}")
-        folder = Path.cwd()
         with self._clock.stage("method"):
             try:
                 return ask_method(self._method, given)
             except UnansweredImage as reason:
                 raise UnscorableFrame(str(reason)) from reason
-            finally:
-                os.chdir(folder)  # where paths of the data count from, wherever the method went
 
     def method_input(self, index: int) -> MethodInput:
         """Return what a method may see of the images up to `index`."""

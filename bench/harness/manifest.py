@@ -16,7 +16,8 @@ from bench.atomic import write_text
 from bench.evaluation import Protocol
 from bench.evaluation.summary import ProtocolOfRun
 from bench.harness.digests import ANSWER_CODE, COUNT_CODE, code_digest, digest_of, library_versions, short_digest
-from bench.harness.method_of_run import MethodOfRun, commit_of, flat_settings
+from bench.harness.method_of_run import MethodOfRun, commit_of
+from bench.methods.settings import flat_settings
 from bench.plain_text import listed
 from bench.recordings.validation import read_json
 

@@ -17,6 +17,7 @@ from bench.errors import UsageError
 from bench.harness.digests import digest_file, digest_of
 from bench.methods import METHODS, Scorable, build_method, known_methods
 from bench.methods.contract import refuse_unfit
+from bench.methods.settings import flat_settings
 
 UNIDENTIFIED = "unidentified"
 
@@ -102,17 +103,6 @@ class MethodOfRun(BaseModel):
             defaults = {}
         flat = flat_settings(self.settings)
         return {name: value for name, value in flat.items() if name not in defaults or defaults[name] != value}
-
-
-def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str, object]:
-    """A method's settings with dots for what lies deeper, for example "weights.epipolar", as `--set` takes them."""
-    flat: dict[str, object] = {}
-    for name, value in settings.items():
-        if isinstance(value, Mapping) and value:
-            flat |= flat_settings(value, f"{parent}{name}.")
-        else:
-            flat[f"{parent}{name}"] = value
-    return flat
 
 
 def method_digest(method: Scorable) -> str:

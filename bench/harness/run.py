@@ -19,6 +19,7 @@ from bench.execution import FailedTask, SerialExecutor, TaskExecutor
 from bench.flow import evict_flow
 from bench.harness.answers import ANSWERS, safe_name
 from bench.harness.counts import COUNTS, open_tables
+from bench.harness.exact import is_oracle
 from bench.harness.manifest import (
     ANSWERS_MANIFEST,
     MANIFEST,
@@ -37,7 +38,16 @@ from bench.harness.provenance import Provenance, largest_resident_mb, provenance
 from bench.harness.references import evict_cache
 from bench.harness.stages import Progress, add_up
 from bench.harness.stored import RESULT_FILES, SUMMARY, SUMS, StoredRun, failed_images, write_run
-from bench.harness.tasks import Outcome, PlannedRecording, RunSpec, Task, code_here, plan_recording, process_task
+from bench.harness.tasks import (
+    Outcome,
+    PlannedRecording,
+    RunSpec,
+    Task,
+    ask_again,
+    code_here,
+    plan_recording,
+    process_task,
+)
 from bench.methods import Scorable
 from bench.methods.contract import own_copy
 from bench.plain_text import listed
@@ -229,7 +239,7 @@ def _scored(request: RunRequest, part: Part) -> Iterator[ScoredPart]:
         )
     make_folder(request.folder)
     with folder_lock(request.folder, shared=part.count > 1, wait=False), request.executor:
-        _refuse_foreign(request.folder)
+        refuse_foreign(request.folder)
         if part.count == 1:  # nobody else writes here
             _remove_half_written(request.folder)
         spec = RunSpec(
@@ -276,15 +286,27 @@ def _process(spec: RunSpec, request: RunRequest, tasks: Sequence[Task]) -> dict[
     outcomes: dict[str, Outcome] = {}
     total, done = sum(task.images for task in tasks), 0
     longest_first = sorted(tasks, key=lambda task: -task.images)  # to end together
-    with closing(request.executor.compute(partial(process_task, spec), longest_first)) as results:
+    for task, outcome in _computed(request, partial(process_task, spec), longest_first):
+        outcomes[str(task)] = outcome
+        done += task.images
+        if request.progress is not None:
+            request.progress(done, total)
+    asked = [task for task in tasks if outcomes[str(task)].asked and not outcomes[str(task)].failure]
+    if asked and not is_oracle(spec.method):
+        for task, outcome in _computed(request, partial(ask_again, spec), asked[:1]):
+            if outcome.failure:
+                outcomes[str(task)] = outcome
+    return {str(task): outcomes[str(task)] for task in tasks}
+
+
+def _computed(
+    request: RunRequest, function: Callable[[Task], Outcome], tasks: Sequence[Task]
+) -> Iterator[tuple[Task, Outcome]]:
+    with closing(request.executor.compute(function, tasks)) as results:
         for task, outcome in results:
             if isinstance(outcome, FailedTask):
                 outcome = Outcome(failure=f"{task}: {outcome.reason}")
-            outcomes[str(task)] = outcome
-            done += task.images
-            if request.progress is not None:
-                request.progress(done, total)
-    return {str(task): outcomes[str(task)] for task in tasks}
+            yield task, outcome
 
 
 def _manifest(request: RunRequest, method: MethodOfRun, recordings: Sequence[PlannedRecording]) -> AnswersManifest:
@@ -352,13 +374,13 @@ def _refuse(folder: Path, others: Sequence[Difference], *, overwrite: bool) -> N
         raise DataError(folder, expected="an empty folder or the run that is asked for", got=got, hint=REPLACE)
 
 
-def _refuse_foreign(folder: Path) -> None:
+def refuse_foreign(folder: Path) -> None:
     """Refuse a folder that holds something and is no run's.
 
     Raises:
         DataError: it is.
     """
-    if not (folder / ANSWERS_MANIFEST).is_file():
+    if folder.is_dir() and not (folder / ANSWERS_MANIFEST).is_file():
         foreign = sorted(entry.name for entry in folder.iterdir() if not is_temporary(entry.name))
         if foreign:
             got = f"one with {listed(foreign, LISTED)}, and without {ANSWERS_MANIFEST}"

@@ -6,7 +6,7 @@ Both run in workers. What is computed is written to files; a file that is there 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 
@@ -14,7 +14,7 @@ from bench.errors import BenchError, DataError, OutputError
 from bench.evaluation import Protocol
 from bench.flow import memoise_flow
 from bench.harness.answers import ANSWERS, FAILED, SKIPPED, Answer, Key, read_answers, safe_name, write_answers
-from bench.harness.counts import count_answers, counts_folder, is_counted, told
+from bench.harness.counts import count_answers, counts_folder, is_counted, remove_counts, told
 from bench.harness.digests import (
     ANSWER_CODE,
     COUNT_CODE,
@@ -258,7 +258,7 @@ def _process(spec: RunSpec, task: Task, clock: StageClock) -> int:
 
 
 def ask(
-    recording: Recording, task: Task, method: Scorable, references: Sequence[StoredReference], clock: StageClock
+    recording: Recording, task: Task, method: Scorable, references: Sequence[StoredReference | None], clock: StageClock
 ) -> list[Answer]:
     """Ask a method, or an oracle, for each image of a task; an image without an answer says why.
 
@@ -266,7 +266,7 @@ def ask(
         recording: the drive.
         task: which images.
         method: to be asked.
-        references: of the images, for oracles.
+        references: of the images, for oracles; None for others.
         clock: adds up the time of each stage.
     """
     pipeline = FramePipeline(recording, task.camera, method=method, clock=clock)
@@ -278,6 +278,7 @@ def ask(
         try:
             given = pipeline.method_input(index)
             if is_oracle(method):
+                assert reference is not None, "an oracle answers with the reference"
                 with clock.stage("method"):
                     segmentation = method.answer(recording, image, reference.frame(recording.name))
             else:
@@ -289,6 +290,35 @@ def ask(
         else:
             answers.append(Answer.of(key, segmentation, seconds=clock.seconds["method"] - before))
     return answers
+
+
+def ask_again(spec: RunSpec, task: Task) -> Outcome:
+    """Ask once more for the first image of a task that is done; where the answer is another one, the image fails.
+
+    It is another one where a method notes something in a module: then all answers depend on what a process did before.
+
+    Raises:
+        OutputError: a result cannot be stored.
+    """
+    file = task.answers(spec.folder)
+    try:
+        recording, (first, *others) = _open(task.handle, task.digests), read_answers(file)
+    except BenchError as error:
+        return Outcome(failure=f"{task}: {error}")
+    with memoise_flow(spec.flow_cache):
+        (again,) = ask(recording, replace(task, stop=task.start + 1), spec.method, [None], StageClock())
+    if again.same_as(first):
+        return Outcome()
+    key = Key(recording.name, task.camera, recording.images[task.camera][task.start].timestamp_ns)
+    problem = (
+        f"method {spec.method.name!r}, recording {key.recording!r}, camera {key.camera!r}, image at {key.timestamp_ns} "
+        f"ns: expected the same answer when asked again at the end, got another; what is noted in a module or class, "
+        f"and random numbers without a seed of their own, make scores depend on --workers"
+    )
+    for results in spec.protocols:
+        remove_counts(counts_folder(results, task.handle.name), task.name)
+    write_answers(file, [Answer.none(key, FAILED, problem), *others])
+    return process_task(spec, task)
 
 
 def _refuse_other_code(spec: RunSpec) -> None:

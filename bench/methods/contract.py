@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from bench.cameras import CameraModel, RollingShutter
 from bench.errors import BenchError, DataError, UsageError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.plug_ins import describe_error
+from bench.plug_ins import Undisturbed, describe_error
 from bench.records.segmentation import Segmentation, segmentation_fault
 
 
@@ -106,11 +106,16 @@ class Scorable:
 class Method(Scorable, ABC):
     """A segmentation method: a subclass gives a `name` and `segment`, and overrides what else differs.
 
-    Each unit of work, some hundred consecutive images of a camera, is segmented by a copy of the object of its own:
-    what a method notes on itself reaches no other unit, and one that needs the past says so (`longest_history`). What
-    is expensive to load belongs in a function of its module with `functools.lru_cache`, by the digest of the file.
-    Nothing else may be noted in a module or a class: a process asks for several units, so that answers would depend on
-    how many there are (`--workers`). An answer is copied when it is returned; what becomes of its arrays is no matter.
+    Each task, up to a hundred consecutive images of a camera, is answered by a copy of the object of its own: what a
+    method notes on itself reaches no other task, and one that needs the past says so (`longest_history`). What is
+    expensive to load belongs in a function of its module with `functools.lru_cache`, by the digest of the file.
+
+    Nothing else may be noted in a module or a class. A process computes several tasks, so that answers would depend on
+    how many processes there are. A run finds most of this out: at its end it asks again for its first image, and fails
+    that image where the answer is another one. Random numbers come from a generator that `segment` seeds.
+
+    What is changed of the process, as the working folder, is undone after each answer. An answer is copied when it is
+    returned; what becomes of its arrays is no matter.
     """
 
     @abstractmethod
@@ -206,7 +211,8 @@ def own_copy(method: Copied) -> Copied:
         UsageError: it holds what cannot be copied.
     """
     try:
-        return deepcopy(method)
+        with Undisturbed():
+            return deepcopy(method)
     except Exception as error:  # whatever its attributes raise
         raise UsageError(
             f"method {method.name!r}: expected an object of {type(method).__name__} that can be copied, since each "
@@ -268,7 +274,8 @@ def ask_method(method: Method, frame: MethodInput) -> Segmentation:
         DataError: a file that the method reads cannot be used.
     """
     try:
-        answer = method.segment(frame)
+        with Undisturbed():
+            answer = method.segment(frame)
     except (UnansweredImage, DataError, MemoryError, KeyboardInterrupt):
         raise
     except BenchError as error:

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from bench.errors import BenchError, UnknownNameError, UsageError
 from bench.methods.contract import Method, Scorable, not_derived, refuse_unfit
-from bench.plug_ins import describe_error, imported, known_targets
+from bench.plug_ins import Undisturbed, describe_error, imported, known_targets
 
 Kind = TypeVar("Kind", bound=Scorable)
 ENTRY_POINTS = "fisheye_bench.methods"
@@ -95,7 +95,8 @@ def build(name: str, target: str, base: type[Kind], parameters: Mapping[str, obj
     given = dict(parameters or {})
     _refuse_values(name, kind, given)
     try:
-        built = kind(**given)
+        with Undisturbed():
+            built = kind(**given)
     except TypeError as error:
         takes = ", ".join(inspect.signature(kind).parameters) or "no parameters"
         raise UsageError(f"method {name!r} takes {takes}; {error}") from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bench.errors import DataError, UsageError
@@ -18,7 +18,7 @@ def parse_settings(pairs: Sequence[str] | None, *, option: str = "--set") -> dic
     Raises:
         UsageError: no `=`, a value that is no YAML, or a name that is both a value and a group.
     """
-    parsed: dict[str, Any] = {}
+    flat: dict[str, object] = {}
     for pair in pairs or ():
         if len(pair) > MAX_CHARS:
             raise UsageError(f"{option}: expected at most {MAX_CHARS} characters, got {len(pair)}")
@@ -29,14 +29,37 @@ def parse_settings(pairs: Sequence[str] | None, *, option: str = "--set") -> dic
             value = parse_yaml(text, file=f"{option} {name}")
         except DataError as error:
             raise UsageError(f"{option} {name}: expected a YAML value, got {text!r}") from error
-        group = parsed
+        flat[name] = _number(value)
+    return nested_settings(flat, option=option)
+
+
+def nested_settings(flat: Mapping[str, object], *, option: str = "--set") -> dict[str, Any]:
+    """Settings by dotted name as groups: "weights.epipolar" as part of "weights".
+
+    Raises:
+        UsageError: a name that is both a value and a group.
+    """
+    nested: dict[str, Any] = {}
+    for name, value in flat.items():
+        group = nested
         *parents, leaf = name.split(".")
         for parent in parents:
             group = group.setdefault(parent, {})
             if not isinstance(group, dict):
                 raise UsageError(f"{option} {name}: {parent!r} already has the value {group!r}")
-        group[leaf] = _number(value)
-    return parsed
+        group[leaf] = value
+    return nested
+
+
+def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str, object]:
+    """A method's settings with dots for what lies deeper, for example "weights.epipolar", as `--set` takes them."""
+    flat: dict[str, object] = {}
+    for name, value in settings.items():
+        if isinstance(value, Mapping) and value:
+            flat |= flat_settings(value, f"{parent}{name}.")
+        else:
+            flat[f"{parent}{name}"] = value
+    return flat
 
 
 def split_methods(text: str) -> list[tuple[str, str, list[str]]]:

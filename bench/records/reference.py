@@ -249,6 +249,7 @@ class ReferenceSettings:
         max_sweep_gap_ns: a sweep further from the exposure than this is not used.
         max_annotation_gap_ns: an annotation further from the exposure than this is not used.
         motion: thresholds on velocities.
+        shape_margin_m: points this far outside of an annotated shape, but for its bottom, are still the object's.
         clearance_above_shape: points lower than `ground_clearance_m` above the bottom of the annotated shape are the
             ground's as well, be it road or pavement; for surface patches always.
         outline: causes of uncertain outlines; None for regions without an unknown band.
@@ -265,5 +266,6 @@ class ReferenceSettings:
     max_sweep_gap_ns: int
     max_annotation_gap_ns: int
     motion: MotionSettings
+    shape_margin_m: float = 0.0
     clearance_above_shape: bool = False
     outline: OutlineErrors | None = None

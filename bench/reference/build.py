@@ -99,6 +99,7 @@ class ReferenceBuilder:
                 exposure_ns=exposure.timestamp_ns,
                 lowest_m=self._lowest_m,
                 clearance_m=self._clearance_m,
+                margin_m=self.settings.shape_margin_m,
             )
         return ScannedObject(
             annotated=annotated,

@@ -38,6 +38,7 @@ def object_cluster(
     exposure_ns: int,
     lowest_m: float = -np.inf,
     clearance_m: float = 0.0,
+    margin_m: float = 0.0,
 ) -> Cluster:
     """The points on an object, moved to where they were at exposure.
 
@@ -54,16 +55,19 @@ def object_cluster(
         lowest_m: points below this height in the vehicle frame are the road's; point indices are taken at their word.
         clearance_m: points less than this above the bottom of the shape are the ground's on which the object stands,
             be it road or pavement.
+        margin_m: points this far outside of the shape, but not below it, are still the object's: ranges are noisy, and
+            boxes are drawn tight.
     """
     velocity = np.where(np.isnan(velocity_world_mps), 0.0, velocity_world_mps)
-    chosen = _candidates(placed, state, world_from_vehicle, float(np.linalg.norm(velocity)))
+    chosen = _candidates(placed, state, world_from_vehicle, float(np.linalg.norm(velocity)), margin_m)
     points = placed.points_world(chosen)
     if not len(points):
         return Cluster(points_world=points, rows=chosen)
     centre = _centre_world(state.shape, world_from_vehicle, points)
     seconds = (state.timestamp_ns - placed.times_ns[chosen]) / SECOND_NS
     moved = _carried(points, velocity, seconds, yaw_rate_radps=state.yaw_rate_radps, centre_then=centre)
-    belongs = np.flatnonzero(_inside(state.shape, world_from_vehicle.inverse().apply(moved), lowest_m, clearance_m))
+    moved_vehicle = world_from_vehicle.inverse().apply(moved)
+    belongs = np.flatnonzero(_inside(state.shape, moved_vehicle, lowest_m, clearance_m, margin_m))
     later_s = (exposure_ns - state.timestamp_ns) / SECOND_NS
     carried = _carried(
         moved.T.take(belongs, axis=1).T,
@@ -109,7 +113,7 @@ def parts_at_exposure(
 
 
 def _candidates(
-    placed: PosedSweep, state: ObjectState, world_from_vehicle: RigidTransform, speed_mps: float
+    placed: PosedSweep, state: ObjectState, world_from_vehicle: RigidTransform, speed_mps: float, margin_m: float
 ) -> NDArray[np.intp]:
     """Rows that could lie on the object, by a generous rectangle around it in the raw sweep."""
     if isinstance(state.shape, PointIndices):
@@ -121,7 +125,7 @@ def _candidates(
         abs(int(placed.interpolation_ns[0]) - state.timestamp_ns),
         abs(int(placed.interpolation_ns[-1]) - state.timestamp_ns),
     )
-    reach_m = radius_m + speed_mps * wait_ns / SECOND_NS + 0.1
+    reach_m = radius_m + margin_m + speed_mps * wait_ns / SECOND_NS + 0.1
     return placed.rows_between(seen_from_lidar.min(axis=0) - reach_m, seen_from_lidar.max(axis=0) + reach_m)
 
 
@@ -175,16 +179,18 @@ def _centre_world(
 
 
 def _inside(
-    shape: ObjectShape, points_vehicle: NDArray[np.float64], lowest_m: float, clearance_m: float
+    shape: ObjectShape, points_vehicle: NDArray[np.float64], lowest_m: float, clearance_m: float, margin_m: float
 ) -> NDArray[np.bool_]:
     above_road = points_vehicle[:, 2] >= lowest_m
     match shape:
         case Cuboid():
             local, half = shape.vehicle_from_object.inverse().apply(points_vehicle).T, shape.size_m / 2
-            within = (np.abs(local) <= half[:, None]).all(axis=0)
+            within = (np.abs(local) <= (half + margin_m)[:, None]).all(axis=0)
             return np.asarray(within & (local[2] >= clearance_m - half[2]) & above_road)
         case GroundPolygon():
-            x, y, z = points_vehicle.T
-            within = np.asarray(shapely.contains_xy(shapely.Polygon(shape.outline_m), x, y), dtype=bool)
-            return np.asarray(within & (z >= shape.bottom_m + clearance_m) & (z <= shape.top_m) & above_road)
+            (x, y, z), ground = points_vehicle.T, shapely.Polygon(shape.outline_m)
+            if margin_m:
+                ground = shapely.buffer(ground, margin_m)
+            within = np.asarray(shapely.contains_xy(ground, x, y), dtype=bool)
+            return np.asarray(within & (z >= shape.bottom_m + clearance_m) & (z <= shape.top_m + margin_m) & above_road)
     return np.ones(len(points_vehicle), dtype=bool)

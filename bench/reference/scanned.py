@@ -15,6 +15,7 @@ from bench.geometry import RigidTransform, cross, dot, normalise
 from bench.geometry.raster import Raster
 from bench.records.reference import ReferenceSettings
 from bench.reference.clusters import SECOND_NS, Cluster, parts_at_exposure
+from bench.reference.envelope import Beam
 from bench.reference.exposure import Exposure
 from bench.reference.grid import Grid
 from bench.reference.motion import ObjectAtExposure
@@ -34,6 +35,7 @@ from bench.reference.patches import (
 from bench.reference.silhouette import silhouette
 from bench.reference.sweeps import PosedSweep
 
+OUTLINE_STEP_M = 0.25  # the height of a cone that falls by 24 degrees, 1.5 m from its axis, is right to 3 mm
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
 
 
@@ -270,20 +272,36 @@ class ScannedObject:
     def unseen(self) -> Raster | None:
         """Part of the annotated shape below the lowest beam or above the highest; None where there is none."""
         assert self.placed is not None, "only where a sweep has met the object"
-        lowest, highest = self.placed.envelope
-        found = []
-        for corners in self.world_from_sensor.inverse().apply(self.parts_world):
-            flat_m, heights_m = np.hypot(corners[:, 0], corners[:, 1]), corners[:, 2]
-            bottom_m, top_m = heights_m.min(), heights_m.max()
-            for beam, end_m in ((lowest, bottom_m), (highest, top_m)):
-                limit_m = np.clip(beam.heights_m(flat_m), bottom_m, top_m)
-                if (limit_m != end_m).any():
-                    ends = (np.column_stack([corners[:, :2], z]) for z in (limit_m, np.full_like(limit_m, end_m)))
-                    found.append(np.concatenate(list(ends)))
-        if not found:
-            return None
         camera_from_sensor = self.exposure.camera_from_world @ self.world_from_sensor
-        return silhouette(self.exposure.seen(camera_from_sensor.apply(np.array(found))), self.exposure.camera.model)
+        bodies = [
+            self.exposure.seen(camera_from_sensor.apply(body))
+            for corners in self.world_from_sensor.inverse().apply(self.parts_world)
+            for beam, end_m in zip(self.placed.envelope, (corners[:, 2].min(), corners[:, 2].max()), strict=True)
+            if len(body := beyond_beam(corners, beam, end_m=end_m))
+        ]
+        return silhouette(bodies, self.exposure.camera.model) if bodies else None
+
+
+def beyond_beam(corners: NDArray[np.float64], beam: Beam, *, end_m: float) -> NDArray[np.float64]:
+    """Part of an upright convex body between a beam's cone and the body's bottom or top.
+
+    The cone is curved: along a side it is followed in steps of at most `OUTLINE_STEP_M`.
+
+    Args:
+        corners: (K, 3) float64, m, of the body, sensor frame.
+        beam: the lowest or the highest.
+        end_m: m, height of the body's bottom for the lowest beam, of its top for the highest.
+
+    Returns:
+        (J, 3) float64, m, points whose convex hull is the part; none where the beam reaches the end everywhere.
+    """
+    ground = shapely.convex_hull(shapely.multipoints(corners[:, :2]))
+    outline_m = shapely.get_coordinates(shapely.segmentize(ground, OUTLINE_STEP_M))
+    heights_m = beam.heights_m(np.hypot(*outline_m.T)).clip(corners[:, 2].min(), corners[:, 2].max())
+    missed = heights_m != end_m
+    end = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(outline_m[missed])))
+    cut = np.column_stack([outline_m[missed], heights_m[missed]])
+    return np.concatenate([cut, np.column_stack([end, np.full(len(end), end_m)])])
 
 
 def way_out_m(

@@ -7,6 +7,7 @@ field cut it where they are.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -44,11 +45,11 @@ def convex_parts(shape: ObjectShape) -> NDArray[np.float64]:
     return np.empty((0, 8, 3))
 
 
-def silhouette(parts_camera: NDArray[np.float64], camera: CameraModel) -> Raster:
+def silhouette(parts_camera: Iterable[NDArray[np.float64]], camera: CameraModel) -> Raster:
     """The pixels whose centre's ray meets one of several convex bodies.
 
     Args:
-        parts_camera: (P, K, 3) float64, m, corners of each body, camera frame; a body may hold the camera.
+        parts_camera: corners of each body, (K, 3) float64, m, camera frame; a body may hold the camera.
         camera: the lens.
     """
     blocks = _blocks(camera)

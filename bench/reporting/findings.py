@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from bench.methods.predictions import FaultKind, PredictionIndex
-from bench.plain_text import listed
+from bench.plain_text import counted, listed
 from bench.reporting.document import Block, Heading, Paragraph, Style, Table
 from bench.reporting.formats import shortened
 from bench.validation import Count, Depth, Finding, RecordingReport, Severity, ValidationReport, read_report
@@ -31,7 +31,8 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
     )
     whole = report.depth is Depth.DEEP or (images.read == images.all and sweeps.read == sweeps.all)
     yield Paragraph(
-        f"{errors} errors and {warnings} warnings in {len(report.recordings)} recordings; "
+        f"{counted(errors, 'error')} and {counted(warnings, 'warning')} in "
+        f"{counted(len(report.recordings), 'recording')}; "
         f"read {images.read} of {images.all} images and {sweeps.read} of {sweeps.all} sweeps"
         + ("" if whole else "; --deep reads all")
     )

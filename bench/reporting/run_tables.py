@@ -20,6 +20,7 @@ from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED, read_parts
 from bench.evaluation.summary import Summary, not_annotated
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness import Provenance, RunSummary, StoredRun
+from bench.plain_text import counted
 from bench.recordings import load_card
 from bench.records.reference import Category, IgnoreReason
 from bench.reporting.canvas import write_picture
@@ -303,7 +304,12 @@ def terminal_report(rows: Sequence[TableRow], *, title: str) -> list[Block]:
         # The paper prints the false-positive coverage in the column of the detection rate.
         names = [None] * len(COVERAGES) + ["coverage"] + [None] * (len(shown) - len(COVERAGES) - 1)
         cells = [name and _cell(row, name, below) for name in (names if of_images else shown)]
-        head = [_label(row.label), Cell("ours", tuple(below)), row.recordings, Cell(str(row.frames), frames)]
+        head = [
+            _label(row.label),
+            Cell("ours" if row.paper else "", tuple(below)),
+            row.recordings,
+            Cell(str(row.frames), frames),
+        ]
         lines.append([*head, row.tracks, *cells])
     headings = [_SHORT.get(name) or _label(heading, before=" ") for name, heading in shown.items()]
     table = Table(
@@ -415,7 +421,8 @@ def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
     )
     if summary.threshold_free is not None:
         yield threshold_free_line(summary.threshold_free)
-    yield f"{images.images} images: {images.evaluated} scored, {images.skipped} skipped, {images.failed} failed"
+    ended = f"{images.evaluated} scored, {images.skipped} skipped, {images.failed} failed"
+    yield f"{counted(images.images, 'image')}: {ended}"
     if unscored := not_annotated(summary):
         yield unscored
     if summary.unreviewed:
@@ -461,8 +468,8 @@ def cost_lines(made: Provenance) -> Iterator[str]:
         f"seconds by stage, over all processes: {stage_times(made.stage_seconds)}"
     )
     stored = made.images - made.images_asked
-    found = f"; the answers of {stored} images were stored" if stored > 0 else ""
-    yield f"{made.workers} processes; the method was asked for {made.images_asked} images{found}"
+    found = f"; the answers of {counted(stored, 'image')} were there" if stored > 0 else ""
+    yield f"{counted(made.workers, 'process')}; the method was asked for {counted(made.images_asked, 'image')}{found}"
 
 
 def stage_times(seconds: Mapping[str, float]) -> str:

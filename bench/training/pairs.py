@@ -7,8 +7,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Literal
 
-from bench.api.datasets import Dataset, Frame, open_dataset
 from bench.errors import DataError
+from bench.harness.datasets import Dataset, Frame, open_dataset
 
 DATASET = "training"
 VALIDATION = "validation"

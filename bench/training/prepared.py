@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.api.datasets import Frame, open_dataset
 from bench.atomic import make_folder, replacing, write_text
 from bench.errors import DataError
 from bench.execution import FailedTask, local_executor
+from bench.harness.datasets import Frame, open_dataset
 from bench.methods.learned import inputs
 from bench.methods.rigid_scene.views import Views
 from bench.recordings import load_card

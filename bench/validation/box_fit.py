@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, PointIndices, Recording, Track
-from bench.validation.box_returns import Beams, Boxes, BoxPath, Near
+from bench.validation.box_returns import (
+    LEAST_RETURNS,
+    MARGINS_M,
+    Beams,
+    Boxes,
+    BoxPath,
+    Near,
+    returns_held,
+    tight_boxes,
+)
 from bench.validation.drive import annotation_file, object_field
 from bench.validation.findings import Finding, Severity
 from bench.validation.readings import Reading, readings
@@ -38,7 +47,6 @@ GROWN_M = np.arange(1, 8) / 10  # each of length, width and height
 QUARTER_M = 0.25
 STEPS_M = np.arange(-4, 5) * QUARTER_M
 SHIFTS_M = np.stack(np.meshgrid(STEPS_M, STEPS_M, indexing="ij"), axis=-1).reshape(-1, 2)
-LEAST_RETURNS = 40  # of an object in all its sweeps
 CLEARLY, FITS = 0.15, 0.6  # how much more of the returns another reading holds, and how many
 SLIGHTLY = 0.05  # so much more tells of centimetres and milliseconds
 AS_WELL = 0.02  # a share that differs by less is no difference
@@ -57,6 +65,7 @@ class _Tally:
     first_ns: int | None = None
     tight_ns: list[int] = field(default_factory=list)
     in_tight: int = 0
+    held: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(MARGINS_M)))
     beams: int = 0
     wrong_indices: list[tuple[int, str]] = field(default_factory=list)
 
@@ -161,6 +170,9 @@ class BoxFit:
         if of_all is not None:
             yield replace(of_all, file=file)
             return
+        tight = tight_boxes(np.array([tally.held for tally in self._tallies.values()]).reshape(-1, len(MARGINS_M)))
+        if tight is not None:
+            yield replace(tight, file=file)
         for track in self._recording.tracks:
             found = self._of_one(track)
             if found is not None:
@@ -298,6 +310,7 @@ def _read_finding(reading: Reading) -> Finding:
 
 def _look_inside(tally: _Tally, box: Cuboid, near: Near, time_ns: int) -> None:
     outside_m = near.depths_m(box)
+    tally.held += returns_held(outside_m)
     points = int((outside_m < SLACK_M).sum())
     beams = 0 if points else int(near.counts(Boxes.of([box]), opaque=True)[0, 2])
     if not points and beams < LEAST_BEAMS:

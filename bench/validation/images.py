@@ -1,11 +1,14 @@
-"""Images: readable, of the right size, not black, not twice the same."""
+"""Images: readable, of the right size, not black, not twice the same, in the order in which they were taken."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from hashlib import blake2b
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.recordings import ImageRef, Recording, read_image, read_truth
@@ -16,6 +19,57 @@ BLACK = 3.0  # grey levels
 FEW_LEVELS, DARK_LEVEL = 32, 64  # as of 12 bits in files of 16, read as if these were full
 WHITE_LEVELS = "state the camera's white_level where files of 16 bits hold fewer: 1023, 4095 or 16383 for 10, 12 or 14"
 MOVING_MPS = 0.5
+COMPARED_PX, BLUR_PX = 64, 1.0  # width at which images are compared, and the standard deviation of a blur
+LONGEST_STEP_S = 0.25  # between images whose order shows
+# In clean drives, rendered and real, by day and night, the first is 1.10 to 2.0 and the second 1.16 to 2.0; of two
+# images that were swapped the first is 0.5 to 0.9.
+SWAPPED, FOREIGN = 0.85, 0.6
+
+
+class ImageOrder:
+    """Says which images do not lie between those before and after them; takes them one by one.
+
+    The difference of two images is the mean of that of their small, blurred copies, of mean 0 and deviation 1. While a
+    camera moves or watches what moves, it grows with the time between them.
+    """
+
+    def __init__(self, interval_ns: float) -> None:
+        self._longest_ns = min(LONGEST_STEP_S * 1e9, 1.5 * interval_ns)
+        self._last: deque[tuple[int, int, NDArray[np.float32]]] = deque(maxlen=2)
+        self._next: dict[int, float] = {}  # difference to the next image, by row
+        self._second: dict[int, float] = {}  # and to the one after it
+
+    def add(self, row: int, timestamp_ns: int, pixels: NDArray[np.uint8]) -> None:
+        """Compare an image, (H, W), with the two before it; rows increase."""
+        height = max(round(pixels.shape[0] * COMPARED_PX / pixels.shape[1]), 1)
+        reduced = cv2.resize(pixels, (COMPARED_PX, height), interpolation=cv2.INTER_AREA).astype(np.float32)
+        blurred = cv2.GaussianBlur(reduced, (0, 0), BLUR_PX)
+        small = np.asarray((blurred - blurred.mean()) / max(float(blurred.std()), 1.0), np.float32)
+        for before, before_ns, image in self._last:
+            steps = row - before
+            if steps <= 2 and timestamp_ns - before_ns < steps * self._longest_ns:
+                (self._next if steps == 1 else self._second)[before] = float(np.abs(small - image).mean())
+        self._last.append((row, timestamp_ns, small))
+
+    def foreign(self) -> list[int]:
+        """Rows of images that differ from both neighbours far more than these from each other."""
+        return [
+            row + 1
+            for row, around in self._second.items()
+            if around < FOREIGN * min(self._next.get(row, 0.0), self._next.get(row + 1, 0.0))
+        ]
+
+    def swapped(self) -> list[int]:
+        """Rows of images that, with the next one in their place, fit their neighbours better; not of foreign ones."""
+        foreign, rows = set(self.foreign()), []
+        known = {row for row in self._second if row in self._next and row + 1 in self._next}
+        for row in self._next:
+            before, after = row - 1 in known, row in known  # whether the images around the two were compared
+            stated = before * self._next.get(row - 1, 0.0) + after * self._next.get(row + 1, 0.0)
+            exchanged = before * self._second.get(row - 1, 0.0) + after * self._second.get(row, 0.0)
+            if exchanged < SWAPPED * stated and not {row - 1, row, row + 1, row + 2} & foreign:
+                rows.append(row)
+        return rows
 
 
 def check_images(recording: Recording, camera: str, rows: list[int], progress: Callable[[], None]) -> Iterator[Finding]:
@@ -33,6 +87,7 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
     twice: list[ImageRef] = []
     still: list[ImageRef] = []
     levels = np.zeros(256, dtype=bool)
+    order = ImageOrder(recording.frame_interval_ns)
     for row in rows:
         image = images[row]
         try:
@@ -42,6 +97,7 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
         else:
             seen = pixels if mounted.ego_body is None else pixels[~mounted.ego_body]
             levels[seen] = True
+            order.add(row, image.timestamp_ns, pixels)
             if seen.size and float(seen.mean()) < BLACK and float(seen.std()) < BLACK:
                 dark.append(image)
             digest = blake2b(pixels.tobytes(), digest_size=16).digest()
@@ -75,6 +131,16 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
         dark, "black-image", what, "an image of something", "black ones", Severity.WARNING, WHITE_LEVELS
     )
     yield from _finding(twice, "same-image", what, "another image at another time", "the same pixels while driving")
+    foreign, swapped = ([images[row] for row in rows] for rows in (order.foreign(), order.swapped()))
+    yield from _finding(
+        foreign, "strange-image", what, "an image that lies between its neighbours",
+        "unlike both neighbours, which are like each other", Severity.WARNING,
+        "an image of another time, drive or camera, or a mirrored one? look at it and its neighbours",
+    )  # fmt: skip
+    yield from _finding(
+        swapped, "image-order", what, "images in the order in which they were taken",
+        "fits better in the place of the next image", Severity.WARNING, "exchange the times of the two images",
+    )  # fmt: skip
     yield from _finding(still, "same-image", what, "the noise of a sensor", "the same pixels twice", Severity.WARNING)
 
 

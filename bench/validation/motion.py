@@ -1,10 +1,11 @@
-"""Tracks over time: jumps, speeds beyond the class, stated velocities and turns against positions and headings."""
+"""Tracks over time: jumps, names that change, labels that come and go, speeds, velocities and headings."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations, pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from bench.egomotion import Trajectory
 from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
-from bench.validation.drive import boxes_of, object_field
+from bench.validation.drive import annotated_times, boxes_of, object_field
 from bench.validation.findings import BODIES, SECOND_NS, BodyLimits, Finding, Severity, occurrences
 
 LONGEST_STEP_S = 1.0
@@ -27,6 +28,10 @@ MOVING_MPS = 2.0
 WALKING_MPS = 0.7
 ROLLING = frozenset({"vehicle", "cyclist"})
 SLIDING_DEG, BACKWARDS_DEG, SAME_DEG = 50.0, 130.0, 20.0
+SAME_OBJECT_M, SAME_OBJECT_SIZE = 0.4, 0.15  # of its expected place, and part of each side
+EXCHANGED_M, EXCHANGED_BETTER = 1.0, 0.3  # what two names are off, and what part of it is left after an exchange
+GAP_STEPS = 1.5
+FLICKERS, FLICKER_STEPS = 3, 2  # gaps of an object, and the annotated times in one; hidden objects have few, long gaps
 # What the box's heading may be, the sign and the offset in degrees that undo it, and what to do.
 HEADINGS: tuple[tuple[str, float, float, str], ...] = (
     ("it is right", 1.0, 0.0, ""),
@@ -105,6 +110,8 @@ def _turned(rotations: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDA
 
 def check_motion(recording: Recording) -> Iterator[Finding]:
     """Every track for itself; a fault that many of them share is reported once."""
+    yield from _names_that_change(recording)
+    yield from _labels_that_come_and_go(recording)
     velocities: dict[str, list[tuple[str, float]]] = defaultdict(list)
     headings: dict[str, NDArray[np.float64]] = {}
     for track in recording.tracks:
@@ -134,6 +141,116 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
             hint=cause,
             times=len(found),
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Sighting:
+    """An object at an annotated time: place (3,) m and velocity (3,) m/s, world frame, size (3,) m."""
+
+    track: Track
+    position_m: NDArray[np.float64]
+    velocity_mps: NDArray[np.float64]
+    size_m: NDArray[np.float64]
+
+    def misses_m(self, later: _Sighting, seconds: float) -> float:
+        """Distance of a later sighting from where this object is expected then; infinite for another class."""
+        if later.track.object_class != self.track.object_class:
+            return np.inf
+        return float(np.linalg.norm((later.position_m - self.position_m - seconds * self.velocity_mps)[:2]))
+
+
+def _sightings(recording: Recording) -> dict[int, dict[str, _Sighting]]:
+    """Objects by time and name; velocities from the state before, of the first state as stated."""
+    sightings: dict[int, dict[str, _Sighting]] = defaultdict(dict)
+    for track in recording.tracks:
+        path = track_path(track, recording.trajectory)
+        sizes_m = {state.timestamp_ns: box.size_m for state, box in boxes_of(track)}
+        velocities = path.stated_mps.copy()
+        if len(path.times_ns) > 1:
+            seconds = np.diff(path.times_ns)[:, None] / SECOND_NS
+            velocities[1:] = np.diff(path.positions_m, axis=0) / seconds
+        for time_ns, position_m, velocity in zip(path.times_ns.tolist(), path.positions_m, velocities, strict=True):
+            sightings[time_ns][track.track_id] = _Sighting(
+                track=track, position_m=position_m, velocity_mps=velocity, size_m=sizes_m[time_ns]
+            )
+    return dict(sorted(sightings.items()))
+
+
+def _names_that_change(recording: Recording) -> Iterator[Finding]:
+    """One object that goes on under another name, and two that exchange their names."""
+    handed_over: dict[tuple[str, str], list[int]] = defaultdict(list)
+    exchanged: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for (before_ns, before), (time_ns, now) in pairwise(_sightings(recording).items()):
+        seconds = (time_ns - before_ns) / SECOND_NS
+        if seconds > LONGEST_STEP_S:
+            continue
+        ended = [seen for name, seen in before.items() if name not in now]
+        begun = [seen for name, seen in now.items() if name not in before]
+        for old, new in product(ended, begun):
+            alike = bool((np.abs(new.size_m - old.size_m) < SAME_OBJECT_SIZE * old.size_m).all())
+            if alike and old.misses_m(new, seconds) < SAME_OBJECT_M:
+                handed_over[_pair(old, new)].append(time_ns)
+        for one, other in combinations([name for name in before if name in now], 2):
+            stated_m = before[one].misses_m(now[one], seconds) + before[other].misses_m(now[other], seconds)
+            exchanged_m = before[one].misses_m(now[other], seconds) + before[other].misses_m(now[one], seconds)
+            if stated_m > EXCHANGED_M and exchanged_m < EXCHANGED_BETTER * stated_m:
+                exchanged[_pair(before[one], before[other])].append(time_ns)
+    for pairs, what in ((handed_over, "one ends where the other goes on"), (exchanged, "each goes on as the other")):
+        for (one, other), times_ns in pairs.items():
+            yield Finding(
+                check="object-name",
+                severity=Severity.WARNING,
+                field=f"objects {one!r} and {other!r}",
+                expected="one name for each object, from its first to its last label",
+                got=f"{what} at {len(times_ns)} times",
+                hint="give both parts of a track one name" if pairs is handed_over else "exchange the names back",
+                times=len(times_ns),
+                timestamp_ns=times_ns[0],
+            )
+
+
+def _pair(one: _Sighting, other: _Sighting) -> tuple[str, str]:
+    first, last = sorted((one.track.track_id, other.track.track_id))
+    return first, last
+
+
+def _labels_that_come_and_go(recording: Recording) -> Iterator[Finding]:
+    """Times without any label between labels of one object, and objects that have gaps again and again."""
+    times_ns = annotated_times(recording)
+    if len(times_ns) < 3:
+        return
+    usual_ns = float(np.quantile(np.diff(times_ns), 0.25, method="lower"))
+    rows = [np.searchsorted(times_ns, [s.timestamp_ns for s in track.states]) for track in recording.tracks]
+    followed = np.zeros(len(times_ns) - 1, dtype=bool)  # steps over which an object has labels on both sides
+    for row in rows:
+        followed[row[:-1][np.diff(row) == 1]] = True
+    middle_ns = (times_ns[1:] + times_ns[:-1]) // 2
+    gaps = (np.diff(times_ns) > GAP_STEPS * usual_ns) & followed
+    gaps &= [recording.annotated.covers(int(time_ns)) for time_ns in middle_ns]
+    if gaps.any():
+        yield Finding(
+            check="label-gaps",
+            severity=Severity.WARNING,
+            field="frames",
+            expected=f"labels every {usual_ns / 1e6:.1f} ms, as in most of the recording",
+            got=f"none for up to {np.diff(times_ns)[gaps].max() / 1e6:.1f} ms, {int(gaps.sum())} times, "
+            "between labels of one object",
+            hint="label these frames too, or leave their times out by `annotated: {timestamps_ns: ...}`",
+            **occurrences(gaps, times_ns[1:]),
+        )
+    for track, row in zip(recording.tracks, rows, strict=True):
+        missing = np.diff(row) - 1
+        flickers = (missing > 0) & (missing <= FLICKER_STEPS)
+        if flickers.sum() >= FLICKERS:
+            yield Finding(
+                check="label-gaps",
+                severity=Severity.WARNING,
+                field=object_field(track),
+                expected="a label at each annotated time, while the object is there",
+                got=f"none for one or two times, {int(flickers.sum())} times",
+                hint="label it there too; where it is hidden from the lidar, nothing is scored anyway",
+                **occurrences(flickers, times_ns[row[1:]]),
+            )
 
 
 def _jumps(path: TrackPath, field: str) -> Iterator[Finding]:

@@ -36,8 +36,8 @@ from bench.validation.sweeps import SweepChecks
 from bench.validation.unboxed import check_unboxed
 from bench.validation.units import check_length_units, check_time_units
 
-SAMPLED_IMAGES = 40  # of each camera, in pairs of neighbours
-SAMPLED_SWEEPS = 20
+SAMPLED_IMAGES, NEIGHBOURING_IMAGES = 120, 6  # of each camera, in runs of so many
+SAMPLED_SWEEPS, NEIGHBOURING_SWEEPS = 24, 2
 LARGEST_COMPARED_BYTES = 100_000_000  # of an image or a sweep; larger files hold whole drives
 
 
@@ -139,8 +139,11 @@ def validate_recording(
                     undecided.append(found)
                 else:
                     findings.append(replace(found, file=found.file or str(file(recording))))
-        rows = {camera: _pairs(len(recording.images[camera]), depth) for camera in recording.cameras}
-        sweep_rows = _spread(len(recording.sweeps), SAMPLED_SWEEPS, depth)
+        rows = {
+            camera: _sampled(len(recording.images[camera]), depth, SAMPLED_IMAGES, NEIGHBOURING_IMAGES)
+            for camera in recording.cameras
+        }
+        sweep_rows = _sampled(len(recording.sweeps), depth, SAMPLED_SWEEPS, NEIGHBOURING_SWEEPS)
         images = Count(read=sum(map(len, rows.values())), all=sum(map(len, recording.images.values())))
         sweeps = Count(read=len(sweep_rows), all=len(recording.sweeps))
         box_fit = BoxFit(recording)
@@ -211,17 +214,12 @@ def _causes_first(
     ]
 
 
-def _spread(count: int, most: int, depth: Depth) -> list[int]:
+def _sampled(count: int, depth: Depth, most: int, run: int) -> list[int]:
+    """Of so many files those that are read: all, or runs of neighbours spread over the drive."""
     if depth is Depth.DEEP or count <= most:
         return list(range(count))
-    return [int(i) for i in np.unique(np.linspace(0, count - 1, most).round())]
-
-
-def _pairs(count: int, depth: Depth) -> list[int]:
-    if depth is Depth.DEEP or count <= SAMPLED_IMAGES:
-        return list(range(count))
-    firsts = np.linspace(0, count - 2, SAMPLED_IMAGES // 2).round().astype(int)
-    return sorted({int(i) for first in firsts for i in (first, first + 1)})
+    firsts = np.linspace(0, count - run, most // run).round().astype(int)
+    return sorted({int(first) + i for first in firsts for i in range(run)})
 
 
 class ValidationReport(FileModel, extra="ignore"):

@@ -160,11 +160,16 @@ def scan_steps(recording: Recording) -> tuple[Step, ...]:
     return tuple(steps)
 
 
+def neighbouring(recording: Recording) -> NDArray[np.bool_]:
+    """Steps between sweeps, (N - 1,), that are neither too short nor too long to be matched."""
+    steps_s = np.diff(sweep_times(recording)) / SECOND_NS
+    return np.asarray((steps_s > MATCHING.apart_s[0]) & (steps_s < MATCHING.apart_s[1]))
+
+
 def _runs(recording: Recording) -> Iterator[Sequence[int]]:
     """Stretches of neighbouring sweeps: those in which the stated speed and yaw rate change most, clocks show there."""
     times_ns = sweep_times(recording)
-    steps_s = np.diff(times_ns) / SECOND_NS
-    near = (steps_s > MATCHING.apart_s[0]) & (steps_s < MATCHING.apart_s[1])
+    steps_s, near = np.diff(times_ns) / SECOND_NS, neighbouring(recording)
     if not near.any():
         return
     starts = np.arange(0, len(times_ns) - 1, MATCHING.run - 1)

@@ -30,7 +30,7 @@ from bench.validation.lidar_motion import (
 )
 from bench.validation.mounting import mounting_name, returns_in_boxes, road_plane, some_sweeps
 from bench.validation.pose_readings import PoseReading, pose_readings
-from bench.validation.scan_matching import scan_steps
+from bench.validation.scan_matching import MATCHING, neighbouring, scan_steps
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,15 @@ def check_static_world(recording: Recording) -> Iterator[Finding | Undecided]:
     """Clock, mounting of the lidar and ego-motion, from sweeps that have to meet."""
     steps = scan_steps(recording)
     if len(steps) < VERDICTS.least_steps:
-        why = "neighbouring sweeps see too few of the same surfaces" if recording.sweeps else "no lidar sweeps"
+        pairs = int(neighbouring(recording).sum())
+        if not recording.sweeps:
+            why = "no lidar sweeps"
+        elif pairs < VERDICTS.least_steps:
+            why = "{} of {} sweeps follow another by {:g} to {:g} s, at least {} are needed".format(
+                pairs, len(recording.sweeps), *MATCHING.apart_s, VERDICTS.least_steps
+            )
+        else:
+            why = f"{len(steps)} of {pairs} neighbouring sweeps see enough of the same surfaces, fewer than needed"
         yield Undecided(about="ego-motion, clock and mounting of the lidar", why=why)
         return
     path_m = np.median([step.path_m for step in steps], axis=0)

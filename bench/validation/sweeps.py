@@ -103,6 +103,9 @@ def _lane_height_m(points_vehicle: NDArray[np.float64], plane: NDArray[np.float6
 
 
 FEW = 0.1  # of the middle number of points
+UNEVEN = 0.7  # of the points of the sweep before or after it; clean drives, real ones too, have 0.97
+MOST_TWICE = 0.01
+TURN_CELLS, TURN_SEEN, MIXED = 360, 0.8, 0.1  # of azimuth; share with points; spread of times in one, of the sweep's
 MOST_AT_ORIGIN, ORIGIN_M = 0.01, 0.05
 MOST_BEYOND = 0.5
 SMALL_M = 1.0  # a sweep all within this is in another unit
@@ -111,6 +114,11 @@ LANE_OFF_M = 0.05  # the protocols' ground clearance: a road farther up counts a
 LEAST_ROADS = 2
 LONGEST_SWEEPS = 2.5  # of the interval: revolutions overlap, but not that much
 MICRO = 1e-3
+
+
+WARNINGS = frozenset({
+    "thin-sweep", "uneven-sweeps", "points-twice", "mixed-times", "lost-returns", "point-times-missing",
+})  # fmt: skip
 
 
 class SweepChecks:
@@ -126,7 +134,7 @@ class SweepChecks:
         self._counts: list[tuple[int, int, str]] = []
         self._roads: list[SeenRoad] = []
         self._faults: dict[str, list[tuple[int, str, str]]] = {}
-        self._before: tuple[int, bytes] | None = None
+        self._before: tuple[int, bytes, int] | None = None  # row, digest and points of the sweep before
         self._read: dict[str, None] = {}
         self._unread: dict[str, None] = {}
         self._lost = 0
@@ -170,9 +178,16 @@ class SweepChecks:
             return
         away_m = np.linalg.norm(points, axis=1)
         digest = blake2b(np.ascontiguousarray(points).tobytes(), digest_size=16).digest()
-        if self._before == (row - 1, digest):
-            self._note("same-sweep", sweep, file, "the points of the sweep before it, to the last digit")
-        self._before = row, digest
+        if self._before is not None and self._before[0] == row - 1:
+            _, before, count = self._before
+            if before == digest:
+                self._note("same-sweep", sweep, file, "the points of the sweep before it, to the last digit")
+            elif FEW < min(len(points) / count, count / len(points)) < UNEVEN:
+                self._note("uneven-sweeps", sweep, file, f"{len(points)} points after {count} in the sweep before it")
+        self._before = row, digest, len(points)
+        twice = float(pd.DataFrame(points[away_m > ORIGIN_M]).duplicated().mean())
+        if twice > MOST_TWICE:
+            self._note("points-twice", sweep, file, f"{100 * twice:.0f} % of the points a second time")
         if (away_m < ORIGIN_M).mean() > MOST_AT_ORIGIN:
             got = f"{100 * (away_m < ORIGIN_M).mean():.0f} % of the points at the lidar itself"
             self._note("lost-returns", sweep, file, got)
@@ -200,6 +215,19 @@ class SweepChecks:
             self._note("point-times", sweep, file, f"points over {span_ns} ns, as microseconds would be")
         elif away_ns > self._interval_ns:
             self._note("point-times", sweep, file, f"points {away_ns / 1e6:.1f} ms away from it")
+        elif span_ns and self._times_are_mixed(sweep.points_lidar, offsets_ns):
+            self._note("mixed-times", sweep, file, "times that have nothing to do with the direction")
+
+    def _times_are_mixed(self, points_lidar: NDArray[np.floating], offsets_ns: NDArray[np.int64]) -> bool:
+        """Whether points all around have times that differ within a degree of azimuth as they do in the whole sweep."""
+        points = points_lidar - self._recording.lidar_from_sensor.translation_m
+        azimuth_rad = np.arctan2(points[:, 1], points[:, 0])
+        cell = np.floor((azimuth_rad / (2 * np.pi) + 0.5) * TURN_CELLS).astype(np.int64)
+        offsets = pd.Series(offsets_ns, dtype=np.float64).groupby(cell)
+        spreads = offsets.quantile(0.75) - offsets.quantile(0.25)
+        if len(spreads) < TURN_SEEN * TURN_CELLS:
+            return False
+        return float(spreads.median()) > 2 * MIXED * float(np.ptp(offsets_ns))
 
     def _note(self, check: str, sweep: LidarSweep, file: str, got: str) -> None:
         self._faults.setdefault(check, []).append((sweep.timestamp_ns, file, got))
@@ -212,6 +240,15 @@ class SweepChecks:
             "empty-sweep": ("points", ""),
             "thin-sweep": (f"about {middle:.0f} points, as the others", ""),
             "same-sweep": ("new points in each sweep", ""),
+            "uneven-sweeps": (
+                f"at least {100 * UNEVEN:.0f} % of the points of its neighbour",
+                "packets lost or doubled?",
+            ),
+            "points-twice": ("each return once", "merged twice, or copied in the place of lost ones? leave them out"),
+            "mixed-times": (
+                "times that follow the direction, as those of a lidar that turns",
+                "shuffled? right where the lidar draws rosettes, or the clouds of several lidars are merged",
+            ),
             "lost-returns": ("points with a return", "leave out lost returns"),
             "sweep-range": (f"points within {LIDAR_REACH_M:.0f} m", "check the unit: expected metres"),
             "point-times-missing": ("a time for each point", self._without_times()),
@@ -223,9 +260,7 @@ class SweepChecks:
             time_ns, file, got = found[0]
             yield Finding(
                 check=check,
-                severity=Severity.WARNING
-                if check in ("thin-sweep", "lost-returns", "point-times-missing")
-                else Severity.ERROR,
+                severity=Severity.WARNING if check in WARNINGS else Severity.ERROR,
                 file=file,
                 expected=expected[check][0],
                 got=got,

@@ -9,9 +9,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from bench.api.datasets import rendered_card
 from bench.commands.audit import audit_folder
 from bench.commands.console import print_blocks, print_failures, say, take_verbosity
+from bench.commands.data import rendered_card
 from bench.commands.progress import progress_bar
 from bench.execution import local_executor, usable_cores
 from bench.reporting.audit_tables import for_terminal

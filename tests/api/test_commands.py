@@ -17,7 +17,7 @@ def folder(tiny_card, tmp_path_factory):
     """Two runs of the same data, for all functions that read runs."""
     folder = tmp_path_factory.mktemp("runs")
     for method in ("frame-difference", "nothing"):
-        bench.run(tiny_card, method, out=folder / method)
+        bench.run(tiny_card, method, protocol="paper-v1", pictures=False, out=folder / method)
     return folder
 
 
@@ -40,18 +40,14 @@ def test_every_name_is_there_and_loaded_from_its_module():
     for name in bench.__all__:
         assert getattr(bench, name).__name__ == name
         assert getattr(bench, name).__doc__
-    assert set(bench.__all__) <= set(dir(bench))
 
 
 def test_a_comparison_takes_folders_and_runs_and_writes_where_it_is_told(runs, tmp_path):
     before, after = bench.load_run(runs[0]), str(runs[1])
-    found = bench.compare(before, after)
+    found = bench.compare(before, after, out=tmp_path / "c", pictures=False)
     (pair,) = found.pairs
-    assert found.files == ()
+    assert tmp_path / "c" / "compare.html" in found.files
     assert pair.detections["after"].iloc[-1] == 0
-    written = bench.compare(before, after, out=tmp_path / "c", pictures=False)
-    assert tmp_path / "c" / "compare.html" in written.files
-    assert written.pairs[0].changes.equals(pair.changes)
     with pytest.raises(UsageError, match="at least two runs"):
         bench.compare(before)
 
@@ -83,9 +79,9 @@ def test_a_ci_server_is_told_why_there_is_no_verdict(runs, tmp_path):
 
 
 def test_a_data_set_is_validated(tiny_card):
-    shallow, deep = (bench.validate(tiny_card, split="crossing", deep=deep) for deep in (False, True))
-    assert [recording.name for recording in shallow.recordings] == ["crossing"]
-    assert deep.recordings[0].images.read == deep.recordings[0].images.all
+    (recording,) = bench.validate(tiny_card, split="crossing", deep=True).recordings
+    assert recording.name == "crossing"
+    assert recording.images.read == recording.images.all
     with pytest.raises(UnknownNameError):
         bench.validate(tiny_card, split="none")
 
@@ -106,6 +102,7 @@ def test_runs_are_ranked(folder, tmp_path):
     assert written.files[0] == tmp_path / "board" / "index.html"
 
 
+@pytest.mark.usefixtures("without_charts")
 def test_the_page_of_a_run_is_written(runs, tmp_path):
     page = bench.report(runs[0], pictures=False, out=tmp_path / "page.html")
     assert page.files[0] == tmp_path / "page.html"
@@ -126,17 +123,19 @@ def test_a_method_is_scored_for_a_leaderboard(tiny_card, tmp_path):
 @pytest.mark.slow
 def test_parts_of_settings_and_errors_of_the_input_are_swept(tiny_card, tmp_path):
     chosen = {"method": "spherical", "split": "standing"}
-    swept = bench.sweep(tiny_card, "weights.epipolar", [0.0, 1.0], out=tmp_path / "a", **chosen)
+    swept = bench.sweep(tiny_card, settings={"weights.epipolar": [0.0, 1.0]}, out=tmp_path / "a", **chosen)
     assert list(swept.runs) == ["0.0", "1.0"]
     weights = [run.manifest.method.settings["weights"] for run in swept.runs.values()]
     assert [weight["epipolar"] for weight in weights] == [0.0, 1.0]
-    wrong = bench.sweep(tiny_card, "pitch_deg", {"none": 0, "some": 2}, of_input=True, out=tmp_path / "b", **chosen)
-    assert list(wrong.runs) == ["none", "some"]
-    assert (wrong.folder / "some" / "paper-v1" / "summary.json").is_file()
+    nested = bench.sweep(tiny_card, settings={"weights": {"epipolar": [0.0, 1.0]}}, out=tmp_path / "a", **chosen)
+    assert sum(run.summary.provenance.images_asked for run in nested.runs.values()) == 0
+    wrong = bench.sweep(tiny_card, input_errors={"pitch_deg": [0, 2]}, out=tmp_path / "b", **chosen)
+    assert list(wrong.runs) == ["0", "2"]
+    assert (wrong.folder / "2" / "paper-v1" / "summary.json").is_file()
     with pytest.raises(UsageError, match="'weights' already has the value 1"):
-        bench.sweep(tiny_card, "weights.epipolar", [0.0, 1.0], settings={"weights": 1}, **chosen)
+        bench.sweep(tiny_card, settings={"weights": 1, "weights.epipolar": [0.0, 1.0]}, **chosen)
     with pytest.raises(UsageError, match="got none"):
-        bench.sweep(tiny_card, "threshold", [], **chosen)
+        bench.sweep(tiny_card, settings={"threshold": []}, **chosen)
 
 
 def test_masks_of_a_folder_are_scored(tiny_card, tmp_path):

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from bench.api.schemas import SCHEMAS, json_schema
+from bench.commands.schemas import SCHEMAS, json_schema
 
 SNAPSHOT = Path(__file__).with_name("public.txt")
 MODULES = ("bench", "bench.methods", "bench.errors")

@@ -12,7 +12,7 @@ from bench.methods import Method, Segmentation, build_method
 
 @pytest.fixture(scope="module")
 def run(tiny_card, tmp_path_factory):
-    return bench.run(tiny_card, "frame-difference", out=tmp_path_factory.mktemp("api") / "run")
+    return bench.run(tiny_card, "frame-difference", pictures=False, out=tmp_path_factory.mktemp("api") / "run")
 
 
 def test_a_run_is_stored_and_read_back_as_tables(run):
@@ -24,7 +24,10 @@ def test_a_run_is_stored_and_read_back_as_tables(run):
     assert len(again.objects) == 16
     assert again.frames["fp_px"].sum() > 0
     assert again.false_positives == run.summary.false_positives.coverage.value
-    assert (run.folder / "table.md").is_file()
+    assert (run.folder / "table.md") in run.files
+    (other,) = run.others
+    assert (run.manifest.protocol.name, other.manifest.protocol.name) == ("paper-v1", "surface-v1")
+    assert other.summary.all_moving.iou.value != run.summary.all_moving.iou.value
 
 
 def test_scores_of_single_frames_add_up_to_the_run(run, tiny_card):
@@ -53,7 +56,7 @@ class Bright(Method):
 
 def test_an_object_is_a_method_too(tiny_card, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    found = bench.run(tiny_card, Bright(), split="moving", protocol="extended-v1")
+    found = bench.run(tiny_card, Bright(), split="moving", protocol="extended-v1", pictures=False)
     assert found.folder == Path("reports/runs/tiny-bright-moving/extended-v1")
     assert found.summary.images.evaluated == 8
     with pytest.raises(UsageError, match="settings: expected none"):
@@ -76,7 +79,3 @@ def test_a_data_set_gives_recordings_and_frames(tiny_card, monkeypatch):
         _ = data["crosing"]
     with pytest.raises(UnknownNameError, match="unknown camera 'rear'"):
         next(data.frames(camera="rear"))
-
-
-def test_the_writer_is_offered(tmp_path):
-    assert bench.RecordingWriter(tmp_path).root == tmp_path

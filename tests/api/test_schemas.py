@@ -9,7 +9,7 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
-from bench.api.schemas import OPTIONS, SCHEMAS, json_schema
+from bench.commands.schemas import OPTIONS, SCHEMAS, json_schema
 from bench.recordings.catalogue import ADAPTERS
 from tests.support import tiny, tiny_rosbag
 from tests.support.commands import called_here

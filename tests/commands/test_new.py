@@ -26,16 +26,8 @@ def test_a_new_method_scores_as_it_is(place, monkeypatch, capsys):
     told = capsys.readouterr().out
     assert "grey_change.py\n" in told
     assert "fisheye-bench run tiny --method grey_change:GreyChange" in told
-    words = (
-        "run",
-        "tiny",
-        "--method",
-        "grey_change:GreyChange",
-        "--set",
-        "threshold=20",
-        "--no-pictures",
-    )
-    assert call(monkeypatch, *words) == 0
+    words = ("--method", "grey_change:GreyChange", "--set", "threshold=20", "--no-pictures")
+    assert call(monkeypatch, "run", "tiny", *words) == 0
     assert (place / "reports/runs/tiny-grey-change-threshold-20/paper-v1/summary.json").is_file()
     tests = importlib.import_module("test_grey_change")
     tests.test_every_answer_is_a_segmentation_of_its_image()
@@ -50,7 +42,7 @@ def test_a_new_data_set_validates_and_scores_as_it_is(place, monkeypatch, capsys
     program = importlib.import_module("write_car_park")
     program.write(program.FOLDER / "drive-01")
     assert call(monkeypatch, "validate", "car-park") == 0
-    assert "0 errors and 0 warnings in 1 recordings" in capsys.readouterr().out
+    assert "0 errors and 0 warnings in 1 recording" in capsys.readouterr().out
     assert call(monkeypatch, "run", "car-park", "--method", "everything", "--no-pictures") == 0
     assert "11 annotated object-frames: 11 evaluated" in capsys.readouterr().out
     tests = importlib.import_module("test_car_park")

@@ -88,27 +88,16 @@ def one_line(told: str, *, about: Path) -> bool:
     return line.startswith("error: ") and str(about) in line and slow
 
 
-@pytest.mark.parametrize("obstacle", ["a file above", "a dangling link above"])
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_place_that_cannot_be_made(monkeypatch, capsys, places, tmp_path, name, obstacle):
+def test_a_place_that_cannot_be_made(monkeypatch, capsys, places, tmp_path, name):
     if "log" in name:
         pytest.importorskip("rerun")
     above = tmp_path / "above"
-    if obstacle == "a file above":
-        above.write_text("a file")
-    else:
-        above.symlink_to(tmp_path / "nowhere" / "at all")
+    above.write_text("a file")
     assert call(monkeypatch, *words_of(name, places, above / "out")) == 2
     told = capsys.readouterr().err
     assert one_line(told, about=above), told
-    if obstacle == "a file above":
-        assert above.read_text() == "a file"
-
-
-def test_a_file_system_that_takes_no_folders(monkeypatch, capsys, places):
-    above = Path("/proc/no-such-folder")
-    assert call(monkeypatch, *words_of("gate, json", places, above / "out")) == 2
-    assert one_line(capsys.readouterr().err, about=above)
+    assert above.read_text() == "a file"
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -32,7 +32,7 @@ def test_clean_data_are_scored_and_the_run_says_so(card, tmp_path, monkeypatch):
     assert not (tmp_path / "plain" / "paper-v1" / "validation.json").exists()
     ended = called_here("run", card, "--out", tmp_path / "run", "--require-valid", *RUN)
     assert ended.returncode == 0
-    assert "0 errors and 0 warnings in 1 recordings" in ended.stdout
+    assert "0 errors and 0 warnings in 1 recording" in ended.stdout
     assert "does not validate" not in ended.stdout
     for run, told in ((tmp_path / "plain", "were not validated"), (tmp_path / "run", "0 errors and 0 warnings")):
         assert call(monkeypatch, "report", run, "--no-pictures") == 0
@@ -61,5 +61,14 @@ def test_errors_are_refused_before_anything_is_written(card, tmp_path):
     ended = called_here("run", card, "--out", tmp_path / "run", "--require-valid", *RUN)
     assert ended.returncode == 2
     assert "image-times" in ended.stdout
-    assert "drives.yaml: expected data that validate finds no errors in, got 1 errors" in ended.stderr
+    assert "drives.yaml: expected data that validate finds no errors in, got 1 error;" in ended.stderr
     assert not (tmp_path / "run").exists()
+
+
+def test_one_recording_is_validated_by_its_name(card, tmp_path):
+    shutil.copytree(tmp_path / "data" / "drive", tmp_path / "data" / "other")
+    ended = called_here("validate", card, "--recording", "other")
+    assert "in 1 recordings" in ended.stdout
+    assert "same-drive" not in ended.stdout
+    refused = called_here("validate", card, "--recording", "othr")
+    assert (refused.returncode, "did you mean 'other'?" in refused.stderr) == (2, True)

@@ -6,7 +6,6 @@ import re
 import resource
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -40,9 +39,8 @@ def called(folder, *words, addresses_bytes=None):
     return done.returncode, done.stdout.decode(), done.stderr.decode()
 
 
-@pytest.mark.parametrize("limit_mb", [60, 300, 1000])
-def test_less_memory_than_libraries_need_is_told_before_they_are_loaded(folder, limit_mb):
-    status, shown, told = called(folder, "validate", "x.yaml", addresses_bytes=limit_mb * 1_000_000)
+def test_less_memory_than_libraries_need_is_told_before_they_are_loaded(folder):
+    status, shown, told = called(folder, "validate", "x.yaml", addresses_bytes=300_000_000)
     assert (status, shown) == (2, "")
     assert told.startswith("error: ulimit -v: expected a limit of at least ")
     assert told.count("\n") == 1
@@ -88,41 +86,6 @@ def test_a_library_that_gets_no_memory_is_told_in_one_line(lack):
 
 def test_other_errors_stay_what_they_are():
     assert user_message(RuntimeError("a bug")) is None
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("run", NOT_TEXT + b"/x.yaml"),
-        ("run", "x.yaml", "--out", NOT_TEXT),
-        ("validate", "x.yaml", "--json", NOT_TEXT + b".json"),
-        ("report", NOT_TEXT),
-        ("audit", NOT_TEXT + b"/x.yaml"),
-    ],
-)
-def test_arguments_that_are_not_utf_8(folder, words):
-    Path(os.fsdecode(os.fsencode(folder) + b"/" + NOT_TEXT)).symlink_to(folder)
-    status, shown, told = called(folder, *words)
-    assert (status, shown) == (2, "")
-    assert told.startswith("error: expected arguments in UTF-8, got 'caf\\udce9")
-    assert told.count("\n") == 1
-
-
-def test_a_working_folder_that_is_not_utf_8(folder):
-    place = folder.rename(os.fsdecode(os.fsencode(folder) + NOT_TEXT))
-    for words in (
-        ("run", "x.yaml", "--method", "nothing", "--out", "out"),
-        ("report", "out"),
-        ("compare", "out", "out", "--out", "compared"),
-        ("gate", "out", "--baseline", "b", "--update", "--allow-dirty"),
-        ("gate", "out", "--baseline", "b", "--junit", "j.xml", "--json", "v.json"),
-        ("validate", "x.yaml", "--json", "told.json"),
-        ("view", "x.yaml", "--method", "nothing", "--out", "seen"),
-    ):
-        done = called_here(*words, folder=place)
-        assert "Traceback" not in done.stderr, words
-        expected = {"validate": {0, 1}, "gate": {0, 3}}.get(words[0], {0})  # 3: too few recordings for a verdict
-        assert done.returncode in expected, (words, done.stderr)
 
 
 def test_a_recording_whose_name_is_not_utf_8(folder):

@@ -26,16 +26,16 @@ def test_each_value_is_the_run_with_it_in_a_folder_of_its_own(monkeypatch, capsy
     assert "threshold of spherical on tiny by paper-v1" in shown
     assert "2 values; 24 images answered" in shown
     rows = table(tmp_path / "sweep")
-    assert [row["threshold"] for row in rows] == ["2e-3", "6e-4"]
+    assert [row["threshold"] for row in rows] == ["0.002", "0.0006"]
     run = ("run", tiny_card, *common, "--set", "threshold=0.002", "--out", tmp_path / "run", "--no-pictures")
     assert call(monkeypatch, *run) == 0
     alone, value = (
         json.loads((place / "paper-v1" / "summary.json").read_text())
-        for place in (tmp_path / "run", tmp_path / "sweep" / "2e-3")
+        for place in (tmp_path / "run", tmp_path / "sweep" / "0.002")
     )
     assert alone | UNLIKE == value | UNLIKE
     assert float(rows[0]["iou"]) == alone["all_moving"]["iou"]["value"]
-    assert (tmp_path / "sweep" / "2e-3" / "paper-v1" / "table.md").is_file()
+    assert (tmp_path / "sweep" / "0.002" / "paper-v1" / "table.md").is_file()
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ def folder(clean, tmp_path):
 def test_a_clean_data_set_exits_with_0(monkeypatch, capsys, clean):
     assert call(monkeypatch, "validate", clean / "street.yaml", "--deep") == 0
     shown = capsys.readouterr().out
-    assert "0 errors and 0 warnings in 1 recordings; read 24 of 24 images and 16 of 16 sweeps" in shown
+    assert "0 errors and 0 warnings in 1 recording; read 24 of 24 images and 16 of 16 sweeps" in shown
 
 
 def test_faults_exit_with_1_and_stand_in_text_and_json(monkeypatch, capsys, folder):
@@ -80,7 +80,7 @@ def test_warnings_alone_exit_with_1_unless_only_errors_count(monkeypatch, capsys
         path.unlink()
     assert call(monkeypatch, "validate", folder / "street.yaml") == 1
     shown = capsys.readouterr().out
-    assert "0 errors and 1 warnings" in shown
+    assert "0 errors and 1 warning" in shown
     assert "image-gaps" in shown
     assert call(monkeypatch, "validate", folder / "street.yaml", "--errors-only") == 0
     (folder / "data" / "drive" / "recording.json").write_text("{}")
@@ -132,7 +132,7 @@ def test_an_adapter_of_the_users_own(monkeypatch, capsys, clean, tmp_path):
     assert call(monkeypatch, "validate", clean / "data", "--adapter", "my_own_adapter:listing") == 1
     shown = capsys.readouterr().out
     assert "options: expected a DataError for an option that does not exist, got none" in shown
-    assert "my_own_adapter:listing breaks 1 promises of the contract of adapters" in shown
+    assert "my_own_adapter:listing breaks 1 promise of the contract of adapters" in shown
     name = "bench.recordings.native:native_recordings"
     assert call(monkeypatch, "validate", clean / "data", "--adapter", name, "--set", "evaluated_size_px=[32,24]") == 0
     assert f"{name} keeps the contract of adapters" in capsys.readouterr().out

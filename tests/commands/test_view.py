@@ -69,6 +69,8 @@ def test_pictures_of_several_frames_lie_in_folders_named_by_their_image(monkeypa
     names = [f"{index:06d}-{stems[index]}" for index in (5, 6)]
     assert sorted(path.name for path in (tmp_path / "p").iterdir()) == names
     for name in names:
+        made = {path.name for path in (tmp_path / "p" / name).iterdir()}
+        assert made >= {"areas.png", "overlay.png", "panels.png"}
         assert (tmp_path / "p" / name / "overlay.png").read_bytes().startswith(b"\x89PNG")
     monkeypatch.chdir(tmp_path)
     assert call(monkeypatch, "view", card, "--frame", 5) == 0

@@ -29,10 +29,9 @@ def change_of(before: Sums, after: Sums, *, metric: str = "tpr_all") -> PairedCh
     return PairedChange(**compared.loc["category", "crossing", metric][[*PairedChange.__slots__]])
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_every_value_of_the_summaries_that_has_a_direction_is_compared(seed: int) -> None:
-    runs = random_run(seed), random_run(seed + 1)
-    compared = compare_sums(random_sums(seed), random_sums(seed + 1))
+def test_every_value_of_the_summaries_that_has_a_direction_is_compared() -> None:
+    runs = random_run(1), random_run(2)
+    compared = compare_sums(random_sums(1), random_sums(2))
     for side, run in zip(("before", "after"), runs, strict=True):
         summary = summarise(*run, protocol=PAPER)
         for name, row in summary.categories.items():
@@ -63,7 +62,7 @@ def test_counts_and_what_has_no_direction_are_not_compared() -> None:
 
 
 def test_identical_runs_do_not_differ() -> None:
-    sums = random_sums(4, recordings=6)
+    sums = random_sums(1)
     compared = compare_sums(sums, sums).loc["all_moving"]
     levels = PAPER.scoring.detection_levels
     assert {*compared.index.get_level_values("metric")} == {
@@ -166,10 +165,9 @@ def test_recordings_with_cases_of_one_run_count_in_the_change_and_not_as_recordi
     assert found.ci95[0] < found.difference < found.ci95[1]
 
 
-@pytest.mark.parametrize("seed", [0, 3])
-def test_a_change_does_not_depend_on_the_order_of_the_rows(seed: int) -> None:
-    before, after = (random_sums(s, recordings=7) for s in (seed, seed + 1))
-    turned = [side.sample(frac=1, random_state=seed) for side in (before, after)]
+def test_a_change_does_not_depend_on_the_order_of_the_rows() -> None:
+    before, after = random_sums(1), random_sums(2)
+    turned = [side.sample(frac=1, random_state=1) for side in (before, after)]
     pd.testing.assert_frame_equal(compare_sums(*turned), compare_sums(before, after))
 
 

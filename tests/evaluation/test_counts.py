@@ -8,10 +8,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError
-from bench.evaluation.counts import FrameCounts, ObjectCounts, count_frame
+from bench.evaluation.counts import (
+    FrameCounts,
+    ObjectCounts,
+    count_by_cell,
+    count_frame,
+    find_regions,
+    share_in_proportion,
+)
 from bench.records.reference import ReferenceFrame, Status
 from tests.evaluation.frames import frames, mask, masks, picture, reference_frame, reordered
 
@@ -219,3 +227,62 @@ def _components(pixels: set[tuple[int, int]]) -> list[set[tuple[int, int]]]:
             edge.extend(near)
         found.append(component)
     return found
+
+
+# An image taken apart, and pixels counted by cell.
+
+
+def test_cells_to_check_by_hand() -> None:
+    found = count_by_cell(mask("xx.x.\nx...x\n....x"), 2)
+    assert found.tolist() == [[3, 1, 1], [0, 0, 1]]
+    assert found.dtype == np.int64
+
+
+@pytest.mark.parametrize("cell", [1, 5, 8, 16, 300])
+def test_no_cell_overflows(cell: int) -> None:
+    assert count_by_cell(np.ones((600, 900), dtype=bool), cell).sum() == 600 * 900
+
+
+@given(npst.arrays(bool, st.tuples(st.integers(1, 20), st.integers(1, 20))), st.integers(1, 9))
+def test_cells_hold_what_a_loop_finds(region: NDArray[np.bool_], cell: int) -> None:
+    rows, columns = (range(0, size, cell) for size in region.shape)
+    expected = [[int(region[v : v + cell, u : u + cell].sum()) for u in columns] for v in rows]
+    assert count_by_cell(region, cell).tolist() == expected
+
+
+@given(frames(), masks)
+def test_every_valid_pixel_is_in_one_region(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> None:
+    regions = find_regions(frame, detected)
+    parts = regions.moving.astype(int) + regions.outside + (frame.ignored & frame.valid)
+    assert np.array_equal(parts, frame.valid.astype(int))
+    assert np.array_equal(regions.true, regions.moving & detected)
+    assert np.array_equal(regions.false, regions.outside & detected)
+    within = np.zeros_like(regions.moving)
+    within[regions.window] = True
+    assert not (regions.moving & ~within).any()
+    assert regions.moving.any() or not within.any()
+
+
+# Whole pixels shared in proportion.
+
+
+def test_seven_pixels_over_three_equal_weights() -> None:
+    assert share_in_proportion(np.array([7]), weights=np.array([[1, 1, 1]])).tolist() == [3, 2, 2]
+
+
+def test_a_row_without_weight_gives_nothing() -> None:
+    assert share_in_proportion(np.array([7, 2]), weights=np.array([[0, 0], [0, 5]])).tolist() == [0, 2]
+
+
+def test_no_columns_and_no_rows() -> None:
+    assert share_in_proportion(np.array([7]), weights=np.zeros((1, 0), dtype=np.int64)).shape == (0,)
+    assert share_in_proportion(np.zeros(0, dtype=np.int64), weights=np.zeros((0, 2), dtype=np.int64)).tolist() == [0, 0]
+
+
+@given(st.integers(0, 400_000), npst.arrays(np.int64, st.integers(1, 6), elements=st.integers(0, 300_000)))
+def test_shares_are_exact_in_sum_and_within_a_pixel_of_the_proportion(amount: int, weight: NDArray[np.int64]) -> None:
+    shares = share_in_proportion(np.array([amount]), weights=weight[None])
+    assert shares.sum() == (amount if weight.any() else 0)
+    exact = amount * weight / max(weight.sum(), 1)
+    assert (np.abs(shares - exact) < 1).all()
+    assert not shares[weight == 0].any()

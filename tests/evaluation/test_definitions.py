@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from bench.errors import UnknownNameError
-from bench.evaluation import find_metric, headlines
+from bench.evaluation import find_metric, headlines, load_protocol, published
 from bench.evaluation.definitions import OBJECT_FRAMES, Definition, cause_metric, image_metrics, object_metrics
 from bench.evaluation.rows import to_frame
+from bench.records.reference import Category
 from tests.evaluation.runs import random_run
 
 METRICS = (*object_metrics((0.1, 0.5), unknown_bands=True, ceilings=True), *image_metrics(["epipolar", "depth"]))
@@ -66,3 +67,20 @@ def test_the_headlines() -> None:
     assert [metric.name for metric in headlines()] == names
     assert {metric.name for metric in METRICS if metric.headline} == set(names)
     assert [metric.name for metric in headlines(levels=(0.1,))] == ["iou", "tpr_all", "false_positive_coverage"]
+
+
+# The paper's table as printed.
+
+
+def test_every_category_in_order() -> None:
+    assert list(published.CATEGORIES) == list(load_protocol("paper-v1").reference.categories)
+
+
+def test_the_rows_sum_to_object_frames() -> None:
+    assert sum(row.object_frames for row in published.CATEGORIES.values()) == 8093
+
+
+def test_the_papers_iou_is_over_detected_object_frames() -> None:
+    crossing = published.CATEGORIES[Category.CROSSING]
+    assert crossing.iou > crossing.detection_rate * crossing.tpr
+    assert all(row.iou <= row.tpr for row in published.CATEGORIES.values())

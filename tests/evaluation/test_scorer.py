@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pyarrow as pa
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, SequenceScorer
 from bench.records.reference import IgnoreReason
@@ -60,14 +59,3 @@ def test_chance_comes_from_the_mask_a_second_away() -> None:
     late = reference_frame(picture("..11"), objects=objects, timestamp_ns=SECOND_NS)
     table, _ = scored([(early, mask("xxx.")), (late, mask(".xxx"))])
     assert table["chance_tp"].to_pylist() == [1, None, 1, None]
-
-
-def test_the_tables_survive_parquet() -> None:
-    import io
-
-    import pyarrow.parquet as pq
-
-    for table in scored([(reference_frame(picture("11..")), mask(".x.x"))]):
-        file = io.BytesIO()
-        pq.write_table(table, file)
-        assert pq.read_table(pa.BufferReader(file.getvalue())).equals(table)

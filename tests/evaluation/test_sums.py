@@ -17,10 +17,9 @@ from bench.evaluation import (
     read_sums,
     sum_run,
     summarise,
-    threshold_sweep,
     write_sums,
 )
-from bench.evaluation.maps import THRESHOLDS, coverage_curves, range_maps
+from bench.evaluation.maps import THRESHOLDS, coverage_curves
 from bench.evaluation.rows import ChosenRows, TableRows, group_recordings, to_frame
 from bench.evaluation.sums import KEY, add_sums, sum_frames, sum_objects
 from bench.harness import open_tables
@@ -28,7 +27,6 @@ from bench.harness.counts import StoredRows
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import PAPER, joined, random_run, random_sums, scored, shuffled
 from tests.support.counts import write_counts
-from tests.support.large_runs import write_tables
 
 Tables = tuple[Rows, Rows]
 
@@ -91,56 +89,36 @@ def test_a_track_in_two_cameras_is_one_object() -> None:
 
 
 def test_a_cause_that_a_recordings_images_do_not_name_has_none_of_its_pixels_but_is_a_share_of_all() -> None:
-    _, frames = random_run(4)
+    _, frames = random_run(3)
     kind = frames.schema.field("fp_by_cause").type
     causes = [[("static", px)] if name == "drive-0" else list(found) for name, px, found in zip(
         *(frames[column].to_pylist() for column in ("recording", "fp_px", "fp_by_cause")), strict=True)]  # fmt: skip
     place = frames.schema.names.index("fp_by_cause")
-    sums = reduced((random_run(4)[0], frames.set_column(place, "fp_by_cause", pa.array(causes, kind))), 25)
+    sums = reduced((random_run(3)[0], frames.set_column(place, "fp_by_cause", pa.array(causes, kind))), 25)
     of_static, of_depth = (of(sums, "frames", "frames", f"false_positives_by_{name}") for name in ("static", "depth"))
     assert {name: below for name, (_, below) in of_static.items()} == {n: below for n, (_, below) in of_depth.items()}
     assert of_depth["drive-0"][0] == of_static["drive-1"][0] == 0
     assert of_static["drive-0"][0] == of_static["drive-0"][1] > 0
 
 
-@pytest.mark.parametrize(("seed", "rows_at_once"), [(0, 1), (1, 30), (2, 10_000)])
-def test_neither_the_order_of_the_rows_nor_the_size_of_the_parts_matters(seed: int, rows_at_once: int) -> None:
-    objects, frames = random_run(seed)
-    turned = shuffled(objects, seed), shuffled(frames, seed + 1)
-    assert_same(reduced(turned, rows_at_once), random_sums(seed))
+def test_neither_the_order_of_the_rows_nor_the_size_of_the_parts_matters() -> None:
+    objects, frames = random_run(3)
+    assert_same(reduced((shuffled(objects, 1), shuffled(frames, 2)), 30), random_sums(3))
 
 
-@pytest.mark.parametrize(("seed", "part_of"), [(0, [0, 1, 2, 1, 0, 2]), (3, [1, 1, 1, 1, 1, 1])])
-def test_sums_of_parts_are_the_sums_of_the_whole(seed: int, part_of: list[int]) -> None:
-    objects, frames = map(to_frame, random_run(seed))
-    number = {f"drive-{k}": part for k, part in enumerate(part_of)}
+def test_sums_of_parts_are_the_sums_of_the_whole() -> None:
+    objects, frames = map(to_frame, random_run(3))
+    number = {f"drive-{k}": part for k, part in enumerate([0, 1, 2, 1, 0, 2])}
     parts = [sums_of(*(rows[rows["recording"].map(number) == part] for rows in (objects, frames))) for part in range(3)]
-    assert_same(add_sums(parts), random_sums(seed))
+    assert_same(add_sums(parts), random_sums(3))
     assert_same(add_sums([add_sums(parts[:2]), parts[2]]), add_sums(parts))
 
 
-@pytest.mark.parametrize("rows_at_once", [7, 10_000])
-def test_stored_rows_give_the_same(tmp_path: Path, rows_at_once: int) -> None:
+def test_stored_rows_give_the_same(tmp_path: Path) -> None:
     tables = random_run(3)
     kept = stored((shuffled(tables[0], 1), shuffled(tables[1], 2)), tmp_path)
-    assert_same(reduced(kept, rows_at_once), random_sums(3))
+    assert_same(reduced(kept, 7), random_sums(3))
     assert [len(rows) for rows in kept] == [len(table) for table in tables]
-
-
-def test_rows_without_order_give_the_same_curves_and_maps(tmp_path: Path) -> None:
-    write_tables(tmp_path, recordings=3, images=60, seed=1)
-    whole = open_tables(tmp_path)
-    (tmp_path / "turned").mkdir()
-    tables = (shuffled(whole[0].table(), 1), shuffled(whole[1].table(), 2))
-    turned = stored(tables, tmp_path / "turned")
-    one, other = threshold_sweep(whole[1]), threshold_sweep(turned[1])
-    assert one is not None
-    assert other is not None
-    assert one.auprc == other.auprc
-    assert np.allclose(one.false_positive_coverage, other.false_positive_coverage, rtol=1e-12)
-    maps = [range_maps(rows[0], protocol=PAPER).maps for rows in (whole, turned)]
-    assert all(np.array_equal(a.detected, b.detected) for a, b in zip(*maps, strict=True))
-    assert_same(reduced(whole), reduced(turned, 100))
 
 
 def test_a_recording_is_never_cut() -> None:
@@ -151,14 +129,14 @@ def test_a_recording_is_never_cut() -> None:
 
 
 def test_the_same_row_twice_is_refused(tmp_path: Path) -> None:
-    objects, frames = random_run(4)
+    objects, frames = random_run(3)
     twice = pa.concat_tables([objects, objects.slice(5, 1)])
     with pytest.raises(DataError, match="track_id: expected each row once"):
         reduced(stored((twice, frames), tmp_path), 20)
 
 
 def test_an_object_that_is_neither_scored_nor_ignored_for_a_reason_is_our_own_mistake() -> None:
-    objects, frames = random_run(4)
+    objects, frames = random_run(3)
     place = objects["status"].to_pylist().index("ignored")
     reasons = objects["reason"].to_pylist()
     reasons[place] = "no such reason"
@@ -168,14 +146,14 @@ def test_an_object_that_is_neither_scored_nor_ignored_for_a_reason_is_our_own_mi
 
 
 def test_chosen_rows_are_those_of_a_filtered_table() -> None:
-    objects, frames = random_run(5)
+    objects, frames = random_run(3)
     filtered = objects.filter(pa.compute.equal(objects["category"], "crossing"))
     chosen = ChosenRows(source=TableRows(objects), column="category", word="crossing")
     assert_same(reduced((chosen, frames), 20), reduced((filtered, frames)))
 
 
 def test_coverage_curves_count_at_least() -> None:
-    objects, _ = random_run(6)
+    objects, _ = random_run(3)
     rows = [r for r in objects.to_pylist() if r["status"] == "evaluated" and r["category"] == "crossing"]
     found, chance = coverage_curves(shuffled(objects, 3), protocol=PAPER)["crossing"]
     covered = np.array([r["tp"] / (r["tp"] + r["fn"]) for r in rows])
@@ -206,8 +184,9 @@ GOOD = "breakdown,slice,recording,metric,numerator,denominator\nframes,frames,NA
         ("", "expected a table of sums with the columns breakdown, slice"),
         ("a,b\n1,2\n", "got a, b"),
         (GOOD.replace("1.0", "one"), "expected a table of sums"),
-        (GOOD.replace("1.0", "nan"), "line 2: expected finite numbers, got frames, frames, NA, recall, nan, 2.0"),
-        (GOOD.replace("1.0", "inf"), "line 2: expected finite numbers"),
+        (GOOD.replace("1.0", "nan"), "line 2: expected numbers up to 1e+15, got frames, frames, NA, recall, nan, 2.0"),
+        (GOOD.replace("1.0", "inf"), "line 2: expected numbers up to 1e+15"),
+        (GOOD.replace("2.0", "1e308"), "line 2: expected numbers up to 1e+15"),
         (GOOD.replace("1.0", "-1"), "line 2: expected numbers that are not negative"),
         (GOOD.replace("1.0", "3"), "line 2: expected a numerator that is at most the denominator"),
         (GOOD.replace("recall", "recal"), "metric: expected known metrics, got 'recal'"),
@@ -239,6 +218,6 @@ def test_a_mean_may_exceed_one(tmp_path: Path) -> None:
 
 
 def test_only_protocols_with_unknown_bands_have_their_share() -> None:
-    tables = random_run(1)
+    tables = random_run(3)
     names = [set(sum_run(*tables, protocol=load_protocol(name))["metric"]) for name in ("paper-v1", "surface-v1")]
     assert names[1] - names[0] == {"unknown_share"}

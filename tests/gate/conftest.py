@@ -1,5 +1,6 @@
 """A rendered data set on which regressions show, and runs of it."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +11,6 @@ from bench.methods import Method, build_method
 from bench.recordings import load_card
 from bench.synthesis import synthesize
 from tests.conftest import made_once
-from tests.gate.drives import CARD, SCENARIO
 from tests.support.runs import run_one
 
 Run = Callable[[Method, Path], Path]
@@ -20,8 +20,8 @@ Run = Callable[[Method, Path], Path]
 def gated_card(shared: Path) -> Path:
     def make(folder: Path) -> None:
         folder.mkdir()
-        (folder / "gated.scenario.yaml").write_text(SCENARIO)
-        (folder / "gated.yaml").write_text(CARD)
+        for name in ("gated.scenario.yaml", "gated.yaml"):
+            shutil.copy(Path(__file__).with_name(name), folder)
         synthesize(folder / "gated.scenario.yaml", folder / "data" / "gated", workers=1)
 
     return made_once(shared, "gated", make) / "gated.yaml"

@@ -48,7 +48,7 @@ def test_a_run_with_failures_is_judged_all_the_same(tmp_path):
     """`run` ends with status 2 there, and leaves a summary; without one there is nothing to judge."""
     github, gitlab = (yaml.safe_load(file.read_text("utf-8")) for file in EXAMPLES)
     (judged,) = [step for step in github["jobs"]["gate"]["steps"] if "--junit" in step.get("run", "")]
-    assert {"!cancelled()", "hashFiles('run/summary.json') != ''"} < set(judged["if"].split(" && "))
+    assert {"!cancelled()", "hashFiles('run/surface-v1/summary.json') != ''"} < set(judged["if"].split(" && "))
     assert not any("fisheye-bench run" in line for line in gitlab[".score"]["before_script"])
     program = tmp_path / "fisheye-bench"
     program.write_text("#!/bin/sh\necho $1 >>called\n[ $1 = gate ] || exit 2\n")
@@ -56,11 +56,24 @@ def test_a_run_with_failures_is_judged_all_the_same(tmp_path):
     script = "\n".join(gitlab["gate"]["script"])
     for summary, status, called in ((False, 1, ["run"]), (True, 0, ["run", "run", "gate"])):
         if summary:
-            (tmp_path / "run").mkdir()
-            (tmp_path / "run" / "summary.json").touch()
+            (tmp_path / "run" / "surface-v1").mkdir(parents=True)
+            (tmp_path / "run" / "surface-v1" / "summary.json").touch()
         done = subprocess.run(["sh", "-ec", script], cwd=tmp_path, env={"PATH": f"{tmp_path}:/usr/bin:/bin"})
         assert done.returncode == status
         assert (tmp_path / "called").read_text().split() == called
+
+
+def test_the_action_scores_and_judges():
+    """Each command and option of action.yml exists, and each of its inputs is used."""
+    action = yaml.safe_load((Path(__file__).parents[2] / "action.yml").read_text("utf-8"))
+    steps = [step for step in action["runs"]["steps"] if "fisheye-bench " in step.get("run", "")]
+    assert [shlex.split(step["run"])[1] for step in steps] == ["run", "gate"]
+    for step in steps:
+        words = shlex.split(step["run"].partition("||")[0])
+        known = {option for one in COMMANDS[words[1]].params for option in one.opts}
+        assert {word for word in words if word.startswith("--")} <= known
+    values = " ".join(value for step in steps for value in step["env"].values())
+    assert all(f"inputs.{name} " in values for name in action["inputs"])
 
 
 def test_there_is_one_for_each_server():

@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from subprocess import CompletedProcess
 
@@ -15,17 +15,36 @@ import pytest
 from bench.evaluation import load_protocol, read_sums, sum_run, write_sums
 from bench.evaluation.definitions import COUNTS
 from bench.gate import Outcome, Verdict, judge, load_tolerances, read_run_sums, write_baseline
+from bench.geometry import RigidTransform
 from bench.harness import open_tables
 from bench.harness.stored import SUMS
-from bench.methods import build_method
+from bench.methods import MethodInput, Segmentation, build_method
+from bench.methods.spherical.method import SphericalMethod
 from tests.gate.conftest import run
-from tests.gate.regressions import CalibrationShifted, YawSignFlipped
 from tests.support.commands import called_here
 from tests.support.counts import change_table
 
 pytestmark = pytest.mark.slow
 
 SEEDS = range(20)
+
+
+@dataclass(frozen=True, kw_only=True)
+class YawSignFlipped(SphericalMethod):
+    """The ego-motion's rotation is inverted and the translation kept, as a wrong sign of the yaw rate does."""
+
+    def segment(self, frame: MethodInput) -> Segmentation:
+        motions = tuple(RigidTransform(m.rotation.T, m.translation_m) for m in frame.current_from_previous)
+        return super().segment(replace(frame, current_from_previous=motions))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationShifted(SphericalMethod):
+    """The principal point is 5 px to the right."""
+
+    def segment(self, frame: MethodInput) -> Segmentation:
+        u, v = frame.camera.principal_point
+        return super().segment(replace(frame, camera=replace(frame.camera, principal_point=(u + 5.0, v))))
 
 
 @pytest.fixture(scope="module")

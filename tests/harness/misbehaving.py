@@ -1,5 +1,6 @@
 """Methods that break the contract, each in its own way."""
 
+import inspect
 import os
 import sys
 from dataclasses import replace
@@ -85,6 +86,25 @@ def go_away(frame):
     return calm(frame)
 
 
+def lower_limits(frame):
+    """Too few calls for anything that follows, and every rounding an error."""
+    depth = len(inspect.stack(0))
+    sys.setrecursionlimit(depth + 10)
+    np.seterr(all="raise")
+    return calm(frame)
+
+
+seen = []
+
+
+def remember(frame):
+    """Each answer depends on how many images the process was asked for before."""
+    seen.append(frame.timestamps_ns[-1])
+    found = calm(frame)
+    found.mask[0, : len(seen) % found.mask.shape[1]] = True
+    return found
+
+
 FAULTS = {
     "none": calm,
     "returns_none": lambda _: None,
@@ -109,5 +129,7 @@ FAULTS = {
     "force_valid": force_valid,
     "change_later": change_later,
     "go_away": go_away,
+    "lower_limits": lower_limits,
+    "remember": remember,
     "bench_error": lambda _: build_method("spherical", {"threshold": -1.0}),
 }

@@ -26,16 +26,8 @@ def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protoc
     summary = read_run(out).summary
     assert summary.all_moving.object_frames >= 12
     for figures in (summary.all_moving, summary.categories["crossing"], summary.categories["static_ego"]):
-        for name in (
-            "detection_rate",
-            "detection_rate_10",
-            "detection_rate_50",
-            "tpr",
-            "tpr_all",
-            "iou",
-            "iou_detected",
-        ):
-            assert figures.metric(name).value == 1.0
+        rates = "detection_rate", "detection_rate_10", "detection_rate_50"
+        assert {figures.metric(name).value for name in (*rates, "tpr", "tpr_all", "iou", "iou_detected")} == {1.0}
     assert summary.false_positives.coverage.value == summary.false_positives.frame_rate.value == 0.0
     assert summary.images.evaluated == 12
     # The manifest tells that this is no method.
@@ -51,14 +43,6 @@ def test_regions_with_unknown_bands_are_the_same_in_one_process_and_in_two(tiny_
     one, two = (read_tables(tmp_path / name / "surface-v1") for name in ("one", "two"))
     assert one == two
     assert read_run(tmp_path / "one").summary.all_moving.metric("unknown_share").value > 0
-
-
-def test_it_compares_with_methods_on_the_same_images(tiny_card, tmp_path):
-    names = ("reference", "nothing", "background-subtraction", "spherical-sparse")
-    for name in names:
-        score(tiny_card, tmp_path / name, method=name)
-    digests = {read_run(tmp_path / name).manifest.reference for name in names}
-    assert len(digests) == 1
 
 
 def test_it_is_no_method(monkeypatch, tiny_card, capsys):
@@ -110,14 +94,7 @@ def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_
     assert again.all_moving.metric("tpr_all").value < summary.all_moving.metric("tpr_all").value
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"sees_the_truth": False},
-        {"cell_size_px": 0},
-        {"cell_size_px": 1.5},
-    ],
-)
+@pytest.mark.parametrize("settings", [{"sees_the_truth": False}, {"cell_size_px": 0}, {"cell_size_px": 1.5}])
 def test_wrong_parameters_of_the_exact_masks(settings):
     with pytest.raises(UsageError, match=f"truth: .*{next(iter(settings)).removeprefix('sees_the_truth')}"):
         build_scorable("truth", settings)
@@ -139,24 +116,3 @@ def test_nobody_else_is_answered_for(tiny_card):
     pipeline = FramePipeline(handle.open(), "front", method=Answers(), protocol=PAPER)
     with pytest.raises(UsageError, match=r"derived from bench\.methods\.Method, got Answers"):
         pipeline.process(2)
-
-
-def test_it_can_be_looked_at(tiny_card, tmp_path, monkeypatch):
-    assert call(monkeypatch, "view", tiny_card, "--method", "reference", "--out", tmp_path) == 0
-    assert list(tmp_path.rglob("*.png"))
-
-
-def test_methods_are_listed_with_a_line_each(monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "200")
-    assert call(monkeypatch, "list", "methods") == 0
-    listed = capsys.readouterr().out
-    for name in scorable_methods():
-        assert f"\n{name} " in listed
-    assert "MOG2" in listed
-
-
-def test_visual_odometry_refuses_what_needs_scale_in_one_line(monkeypatch, tiny_card, tmp_path, capsys):
-    words = ("--method", "spherical-visual-odometry", "--set", "weights.positive_height=0.2", "--out", tmp_path / "run")
-    assert call(monkeypatch, "run", tiny_card, *words) == 2
-    assert "need the length of the translation, which images do not show" in capsys.readouterr().err
-    assert not (tmp_path / "run").exists()

@@ -69,7 +69,7 @@ def test_a_gap_shortens_what_is_seen(own_card):
     assert images_seen(own_card, [1, 3]) == [2, 2]
 
 
-@pytest.mark.parametrize("name", ["spherical", "background-subtraction", "spherical-sparse"])
+@pytest.mark.parametrize("name", ["spherical", "background-subtraction"])
 def test_chunks_give_the_same_tables_and_maps(tiny_card, tmp_path, monkeypatch, name):
     def found(out):
         score(tiny_card, tmp_path / out, method=name)

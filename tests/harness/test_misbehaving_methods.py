@@ -30,7 +30,14 @@ FAULTY = {
 
 
 def test_every_fault_is_tried():
-    assert FAULTY.keys() == FAULTS.keys() - {"none", "force_valid", "change_later", "go_away"}
+    assert FAULTY.keys() == FAULTS.keys() - {
+        "none",
+        "force_valid",
+        "change_later",
+        "go_away",
+        "lower_limits",
+        "remember",
+    }
 
 
 @pytest.mark.parametrize("fault", FAULTY)
@@ -66,12 +73,25 @@ def test_the_command_ends_with_2(tiny_card, tmp_path, fault):
     assert read_run(out).summary.images.evaluated == 0
 
 
-@pytest.mark.parametrize("fault", ["change_later", "go_away"])
+@pytest.mark.parametrize("fault", ["change_later", "go_away", "lower_limits"])
 def test_what_a_method_does_after_or_beside_its_answer_changes_no_score(tiny_card, tmp_path, monkeypatch, fault):
     monkeypatch.chdir(tiny_card.parent)  # so that paths of the data are relative ones
     calm, other = (score(tiny_card.name, tmp_path / name, method=Misbehaving(fault=name)) for name in ("none", fault))
     assert (other.all_moving, other.false_positives) == (calm.all_moving, calm.false_positives)
     assert other.failures == ()
+
+
+def test_what_a_method_notes_in_a_module_is_found_out(tiny_card, tmp_path):
+    out = tmp_path / "run"
+    words = ("--method", "tests.harness.misbehaving:Misbehaving", "--set", "fault=remember", "--workers")
+    done = call(tiny_card, out, *words, "1")
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert "expected the same answer when asked again at the end, got another" in done.stdout
+    (failure,) = read_run(out).summary.failures
+    assert "random numbers without a seed" in failure
+    again = call(tiny_card, out, *words, "2")
+    assert again.returncode == 2, "it is not forgotten"
+    assert read_run(out).summary.failures == (failure,)
 
 
 def test_a_method_cannot_change_what_it_is_scored_against(tiny_card, tmp_path):

@@ -27,20 +27,11 @@ from tests.support.changed_data import (
     change_egomotion,
     change_image,
     change_sweep,
-    damage_image,
     remove_image,
 )
 from tests.support.runs import IMAGES, PAPER, bytes_of, score
 
-CHANGES = [
-    change_image,
-    change_sweep,
-    change_annotation,
-    change_egomotion,
-    change_calibration,
-    remove_image,
-    damage_image,
-]
+CHANGES = [change_image, change_sweep, change_annotation, change_egomotion, change_calibration, remove_image]
 SURFACE = load_protocol("surface-v1")
 
 

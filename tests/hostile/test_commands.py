@@ -30,7 +30,7 @@ def edit(folder, change):
     change_json(folder / "data" / "drive" / "annotations.json", lambda content: change(content["openlabel"]))
 
 
-@pytest.mark.parametrize("name", ["../../../evil", "/tmp/evil", "a/b", "..", "\n\x1b[2J", "x" * 5000, "<script>"])
+@pytest.mark.parametrize("name", ["../../../evil", "/tmp/evil", "\n\x1b[2J", "x" * 5000])
 def test_names_of_objects(monkeypatch, capsys, folder, name):
     def rename(content):
         content["objects"][name] = content["objects"].pop("van")
@@ -65,7 +65,7 @@ def test_polygons_of_a_hundred_thousand_points(monkeypatch, capsys, folder):
 
 BROKEN = [(f"images/front/{tiny.TIMES_NS[1]}.png", kind, files.IMAGES[kind])
           for kind in ("30000 x 30000 px", "cut short", "one byte turned")]  # fmt: skip
-BROKEN.append((f"lidar/{tiny.TIMES_NS[1]}.npz", "zip of zeros", files.NPZ_FILES["zip of zeros"]))
+BROKEN.append((f"lidar/{tiny.TIMES_NS[1]}.npz", "cut short", files.NPZ_FILES["cut short"]))
 
 
 @pytest.mark.parametrize(("name", "content"), [(n, c) for n, _, c in BROKEN], ids=[kind for _, kind, _ in BROKEN])

@@ -94,6 +94,7 @@ def _there(wild, monkeypatch):
 
 COMMANDS = {
     "list": (0, ("list", "datasets")),
+    "failed run": (2, ("run", "broken/tiny.yaml", "--method", "nothing", "--out", "failed", "--no-pictures")),
     "validate": (1, ("validate", "broken/tiny.yaml")),
     "run": (0, ("run", "datasets/tiny.yaml", "--method", "wild_method:Wild", "--out", f"again{IN_A_PATH}")),
     "view": (2, ("view", "datasets/tiny.yaml", "--recording", WILD)),
@@ -118,14 +119,6 @@ def test_what_a_command_prints_does_nothing(monkeypatch, capsys, wild, runs, nam
     assert harmless(told)
     assert "pwned" in told
     assert "Traceback" not in told
-
-
-def test_a_failure_is_printed_harmlessly(monkeypatch, capsys, wild):
-    words = ("run", "broken/tiny.yaml", "--method", "nothing", "--out", "failed", "--no-pictures")
-    assert call(monkeypatch, *words, "--workers", 1) == 2
-    shown = capsys.readouterr()
-    assert "pwned" in shown.out + shown.err
-    assert harmless(shown.out + shown.err)
 
 
 def test_an_annotation_is_one_command(monkeypatch, capsys, runs, wild):

@@ -19,7 +19,6 @@ import cv2
 import numpy as np
 import pytest
 
-import bench
 from bench.errors import BenchError
 from bench.lidar import read_sweep
 from bench.recordings import ImageRef, read_image
@@ -33,7 +32,6 @@ from tests.support.data_sets import DATA_SETS, card_of
 from tests.support.limits import at_most
 from tests.support.runs import bytes_of
 
-BENCH = Path(bench.__file__).parent
 SEED = 12
 CLOUD_CASES, IMAGE_CASES = 60, 80  # of each kind
 LONGEST_S = 30  # of a case; the slowest whole one takes two
@@ -139,10 +137,6 @@ TARGETS = {
     "run native": Target(("data/**/*",), DATA, 20),
     "run woodscape": Target(("data/**/*",), (*DATA, "--protocol", "masks-v1"), 15),
     **{f"validate {name}": Target(("data/**/*",), VALIDATE, 25) for name in ("aimotive", "kitti360", "native", "mcap")},
-    "card": Target(("card.yaml",), DATA),
-    "scenario": Target(
-        ("*.scenario.yaml",), ("synthesize", "{}/s.scenario.yaml", "--out", "{}/made", "--workers", "1"), 10
-    ),
     **{
         f"label format {name}": Target(
             ("tool/**/*",),
@@ -153,8 +147,6 @@ TARGETS = {
     },
     "predictions": Target(("predictions/*",), ("evaluate", "{}/card.yaml", "--predictions", "{}/predictions",
                                                "--missing", "empty", *QUIETLY, "--out", "{}/out"), 40),
-    "protocol": Target(("p.yaml",), (*RUN, "--protocol", "{}/p.yaml", "--out", "{}/out"), 15),
-    "tolerances": Target(("t.yaml",), (*GATE, "--tolerances", "{}/t.yaml"), 15),
     "gate": Target(("run/paper-v1/*",), GATE, 50),
     "baseline": Target(("baseline/*",), GATE, 50),
     "report": Target(RESULTS, ("report", "{}/run", "--no-pictures"), 12),
@@ -191,8 +183,6 @@ def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
         first, _, last = name.partition(" ")
         if first in {"run", "validate"}:
             return data_set(last)
-        if name == "card":
-            return data_set("native")
         if name == "predictions":
             folder = data_set("native")
             (folder / "predictions").mkdir()
@@ -208,13 +198,7 @@ def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
             assert call(patched, "annotate", "export", *words) == 0
             return folder
         folder = tmp_path_factory.mktemp("stored")
-        if name == "scenario":
-            shutil.copy(tiny_card.with_name("tiny.scenario.yaml"), folder / "s.scenario.yaml")
-            return folder
         shutil.copytree(tiny_card.parent, folder, dirs_exist_ok=True)
-        if name == "protocol":
-            shutil.copy(BENCH / "evaluation/protocols/extended-v1.yaml", folder / "p.yaml")
-            return folder
         if name == "references":
             with pytest.MonkeyPatch.context() as cached:
                 cached.setenv("FISHEYE_BENCH_CACHE", str(folder / "cache"))
@@ -223,10 +207,9 @@ def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
         run_of("everything", folder / "run")
         if name == "compare":
             run_of("nothing", folder / "other")
-        if name in {"gate", "baseline", "tolerances"}:
+        if name in {"gate", "baseline"}:
             words = ("--baseline", folder / "baseline", "--update", "--allow-dirty")
             assert call(patched, "gate", folder / "run", *words) == 0
-            shutil.copy(BENCH / "gate/tolerances/default-v1.yaml", folder / "t.yaml")
         return folder
 
     def folder_of(name: str) -> Path:
@@ -281,10 +264,3 @@ def test_files_behind_commands(whole, tmp_path, monkeypatch, capsys, name):
         if target.observe is not None and status != 2 and (status, observed) != expected:
             wrong.append(f"{where}: another result, status {status}")
     assert not wrong, "\n".join(wrong)
-
-
-def test_the_round_is_large_enough():
-    """What the tests above say of themselves."""
-    cases = CLOUD_CASES * len(CLOUDS) + IMAGE_CASES * 2 + sum(target.cases for target in TARGETS.values())
-    assert cases >= 1000
-    assert all(json.dumps(target.words) for target in TARGETS.values())

@@ -5,7 +5,6 @@ import shutil
 from dataclasses import replace
 from functools import partial
 
-import cv2
 import numpy as np
 import pytest
 
@@ -146,18 +145,3 @@ def test_memory_does_not_grow_with_the_recording(tmp_path, write):
     assert counts[1] - counts[0] >= LONG - SHORT
     grown = (peaks[1] - peaks[0]) / (counts[1] - counts[0])
     assert grown < INDEX_BYTES, f"{grown:.0f} bytes a frame, {peaks} in all"
-
-
-def test_a_reader_that_keeps_what_it_read_would_be_found(tmp_path):
-    """The measure itself: the same walk with every image kept."""
-    kept = []
-
-    def keep(count):
-        kept.clear()
-        for frame in range(count):
-            _, encoded = cv2.imencode(".png", pixels(frame))
-            kept.append(cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE))
-        return count
-
-    peaks = [peak_bytes(partial(keep, count))[0] for count in (20, 60)]
-    assert (peaks[1] - peaks[0]) / 40 > INDEX_BYTES

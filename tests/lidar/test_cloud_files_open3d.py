@@ -1,10 +1,8 @@
 """The one import of open3d."""
 
 import os
-import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +10,6 @@ import pytest
 from bench.errors import UsageError
 from bench.lidar import cloud_files, open3d, read_points
 from bench.synthesis import rays
-
-PACKAGE = Path(__file__).parents[2] / "bench"
 
 
 @pytest.fixture
@@ -52,14 +48,6 @@ def test_rays_meet_the_same_by_embreex_and_open3d(library):
     ours, other = (make(corners)(origins, directions) for make in (rays._embreex_scene, rays._open3d_scene))
     assert 100 < (ours >= 0).sum() < 450
     np.testing.assert_array_equal(ours, other)
-
-
-def test_no_other_file_imports_it():
-    importing = re.compile(r"^\s*(import open3d|from open3d)", re.MULTILINE)
-    found = [
-        path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py") if importing.search(path.read_text())
-    ]
-    assert found == ["lidar/cloud_files.py"]
 
 
 def test_open3d_loads_without_the_viewers_that_it_brings(library):

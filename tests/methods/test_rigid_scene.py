@@ -24,7 +24,7 @@ from bench.methods.rigid_scene.own_effects import own_effects
 from bench.methods.rigid_scene.scene import RigidScene, at_every_pixel
 from bench.methods.rigid_scene.standing import floating, upright
 from tests.methods.worlds import FORWARD, TwoViews, pitched_down
-from tests.support.board_scene import CAMERA, LOOK, ROAD, STEP, crossing, frame, render
+from tests.support.board_scene import CAMERA, LOOK, ROAD, STEP, crossing, frame, render, texture
 
 PINHOLE = PinholeCamera(width=320, height=240, focal=(150.0, 150.0), principal_point=(159.5, 119.5))
 
@@ -77,7 +77,7 @@ def test_rays_far_outside_of_the_image_overflow_nothing():
     np.testing.assert_allclose(
         flow.reshape(-1, 2)[within], (far - scene.grid.pixels.reshape(-1, 2))[within], rtol=1e-5, atol=1e-4
     )
-    images = tuple(ROAD[at : at + 400, at : at + 640].astype(np.uint8) for at in (0, 8))
+    images = tuple(texture(ROAD)[at : at + 400, at : at + 640].astype(np.uint8) for at in (0, 8))
     given = replace(
         frame(*images, STEP, valid=np.ones((400, 640), bool)), camera=STEEP, road=road, current_from_previous=(motion,)
     )
@@ -272,7 +272,7 @@ def test_the_road_is_seen_through_what_stands_still_in_the_image_but_not_through
         return own_effects(region, three, replace(evidence, road=road))[region].mean()
 
     def moving(px):  # to the right by so much an image
-        return [np.roll(ROAD, px * (k - 2), axis=1)[: shape[0], : shape[1]] for k in range(3)]
+        return [np.roll(texture(ROAD), px * (k - 2), axis=1)[: shape[0], : shape[1]] for k in range(3)]
 
     shade = np.where(np.indices(shape)[1] > 160, 0.4, 1.0)
     assert seen([image * shade for image in moving(-6)], 6.0) == 1

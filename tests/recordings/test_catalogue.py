@@ -230,9 +230,7 @@ def test_the_committed_cards_say_what_their_adapter_knows(card, tmp_path):
 
 def test_the_examples_of_the_documentation_are_valid(tmp_path, root):
     text = (REPOSITORY / "docs/your-data.md").read_text("utf-8")
-    card, annotated = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
-    world = (REPOSITORY / "docs/simulated-world.md").read_text("utf-8")
-    (series,) = re.findall(r"```yaml\n(.*?)```", world, re.DOTALL)
+    card, annotated, series = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
     (tmp_path / "example.yaml").write_text(card + annotated)
     assert len(load_card(tmp_path / "example.yaml").content.exclusions) == 3
     head = (REPOSITORY / "datasets/demo.scenario.yaml").read_text().split("\nrecordings:")[0]

@@ -206,8 +206,8 @@ def test_truth_is_sixteen_bits_and_only_where_there_is_some(root, tmp_path):
         read_truth(first, recording.cameras["front"])
 
 
-@pytest.mark.parametrize("kind", JPEGS)
-@pytest.mark.parametrize("padding", [bytes(60), bytes(512), b"\xff" * 4096, b"\xff\xd8 another", b"text"])
+@pytest.mark.parametrize("kind", ["plain", "progressive"])
+@pytest.mark.parametrize("padding", [bytes(60), b"\xff" * 4096, b"\xff\xd8 another"])
 def test_what_follows_the_end_of_a_jpeg_is_none_of_it(kind, padding):
     whole = decode_image(jpeg(kind), file=Path("1.jpg"))
     assert np.array_equal(decode_image(jpeg(kind) + padding, file=Path("1.jpg")), whole)

@@ -269,16 +269,19 @@ def nearest_width(scanned: ScannedObject, error_m: Array) -> Array:
 def below_and_above(scanned: ScannedObject, sensor: Array, rotation: Array, beams: tuple[Array, Array]) -> Array:
     bodies, found = [], np.zeros(scanned.exposure.valid.shape, dtype=bool)
     for corners in (scanned.parts_world - sensor) @ rotation:
-        ends = corners[:, 2].min(), corners[:, 2].max()
-        for (offset, slope), end in zip(beams, ends, strict=True):
-            limit = np.clip(offset + slope * np.hypot(corners[:, 0], corners[:, 1]), *ends)
-            if (limit != end).any():
-                bodies.append([[x, y, z] for z_of in (limit, np.full_like(limit, end))
-                               for (x, y), z in zip(corners[:, :2], z_of, strict=True)])  # fmt: skip
-    if bodies:
-        corners_world = np.array(bodies) @ rotation.T + sensor
-        seen = silhouette(scanned.exposure.camera_from_world.apply(corners_world), scanned.exposure.camera.model)
-        found[seen.window] = seen.covered
+        ends, ring = (corners[:, 2].min(), corners[:, 2].max()), shapely.MultiPoint(corners[:, :2]).convex_hull.exterior
+        outline = []
+        for start, end in pairwise(shapely.get_coordinates(ring)):
+            pieces = int(np.ceil(np.hypot(*(end - start)) / 0.25))
+            outline += [start + (end - start) * piece / pieces for piece in range(pieces)]
+        for (offset, slope), last in zip(beams, ends, strict=True):
+            heights = [(x, y, np.clip(offset + slope * np.hypot(x, y), *ends)) for x, y in outline]
+            cut = [[x, y, z] for x, y, limit in heights if limit != last for z in (limit, last)]
+            bodies += [np.array(cut)] if cut else []
+    for body in bodies:
+        corners_camera = scanned.exposure.camera_from_world.apply(body @ rotation.T + sensor)
+        seen = silhouette([corners_camera], scanned.exposure.camera.model)
+        found[seen.window] |= seen.covered
     return found
 
 

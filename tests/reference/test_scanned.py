@@ -9,8 +9,9 @@ import shapely
 from bench.recordings import GroundPolygon, PointIndices
 from bench.records.reference import Limb
 from bench.reference import OutlineErrors, ReferenceBuilder, Status
+from bench.reference.envelope import Beam
 from bench.reference.grid import find_grid
-from bench.reference.scanned import way_out_m
+from bench.reference.scanned import beyond_beam, way_out_m
 from tests.reference.drives import camera, pixels_of, reference_of, wall_recording, with_settings
 
 LEGS = (Limb(joint=0.53, end=0.0, speed=2.0),)
@@ -95,6 +96,36 @@ def test_what_the_lidar_looks_over_is_unknown():
     assert bottom.sum() > 500
     assert not (frame.labels[bottom] > 0).any()
     assert frame.ignored[bottom].all()
+
+
+def test_a_beam_that_meets_the_ends_of_a_side_at_the_bottom_passes_above_its_middle():
+    """A beam that falls by a half: 1 m down at 2 m, where the side is nearest, and 1.25 m down at its ends at 2.5 m."""
+    side = np.array([[x, y, z] for x in (-1.5, 1.5) for y in (2.0, 3.0) for z in (-1.25, 0.0)])
+    part = beyond_beam(side, Beam(0.0, -0.5), end_m=-1.25)
+    x, y, z = part.T
+    assert z.max() == pytest.approx(-1.0)
+    assert part[z == z.max()].tolist() == [[pytest.approx(0.0), 2.0, pytest.approx(-1.0)]]
+    assert np.abs(x).max() < 1.5
+    assert (np.hypot(x, y)[z > -1.25] < 2.5).all()
+    assert not len(beyond_beam(side, Beam(0.0, -1.0), end_m=-1.25))
+
+
+@pytest.mark.parametrize("shape", ["cuboid", "ground polygon"])
+def test_a_box_that_is_tight_by_centimetres_keeps_its_noisy_returns(shape):
+    """A wall 2 cm thick with 1 cm of noise: without a margin a third of the returns lies beside it."""
+    recording, _ = wall_recording(width_m=2.0, away_m=6.0)
+    sweep, rng = recording.sweeps[0].read(), np.random.default_rng(1)
+    away_m = np.linalg.norm(sweep.points_lidar, axis=1)
+    noisy = sweep.points_lidar * (1 + 0.01 * rng.standard_normal(len(away_m)) / away_m)[:, None]
+    recording = annotated_as(recording, "cuboid") if shape == "cuboid" else recording
+    noise = replace(recording.sweeps[0], reader=lambda *_: replace(sweep, points_lidar=noisy))
+    points = {}
+    for margin_m in (0.0, 0.05):
+        (exact,) = built(recording, replace(SURFACE, shape_margin_m=margin_m)).objects
+        (wall,) = built(replace(recording, sweeps=(noise,)), replace(SURFACE, shape_margin_m=margin_m)).objects
+        points[margin_m] = wall.points / exact.points
+    assert points[0.0] < 0.75
+    assert points[0.05] > 0.98
 
 
 def test_where_beams_went_past_is_not_certain():

@@ -11,7 +11,6 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
-from bench.execution import ProcessExecutor
 from bench.harness import build_scorable
 from bench.lidar import LidarSweep
 from bench.recordings import Recording, load_card, open_dataset
@@ -152,12 +151,6 @@ def test_every_object_frame_of_the_whole_sensor_is_told_or_lost(found):
         )
 
 
-@pytest.mark.slow
-def test_processes_change_nothing(found, tiny_card, tmp_path):
-    again = thinned(tiny_card, tmp_path, executor=ProcessExecutor(workers=2))
-    assert again.model_dump_json(exclude={"provenance"}) == found.model_dump_json(exclude={"provenance"})
-
-
 def test_methods_are_ranked_beside_the_exact_masks(tiny_card, tmp_path):
     found = thinned(tiny_card, tmp_path, "16", "truth,truth:grow_px=30,nothing", recordings=1)
     assert found.predictions == ("truth", "truth:grow_px=30", "nothing")
@@ -186,8 +179,3 @@ def test_the_command_prints_the_table_and_leaves_the_files(monkeypatch, capsys, 
     rows = list(csv.DictReader((tmp_path / "beams.csv").read_text().splitlines()))
     assert [float(row["ceiling"]) for row in rows] == [row.ceiling for row in found.rows]
     assert {row["tau"] for row in rows} == {""}
-
-
-def test_more_beams_than_the_sensor_has_are_refused(tiny_card, tmp_path):
-    with pytest.raises(DataError, match="expected at most 64 beams, as many as its lidar has, got --beams 128"):
-        thinned(tiny_card, tmp_path, "128,32")

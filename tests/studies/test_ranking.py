@@ -13,9 +13,8 @@ import pytest
 from matplotlib.lines import Line2D
 
 from bench.audit.sources import same_objects
-from bench.errors import DataError, UnknownNameError, UsageError
+from bench.errors import UnknownNameError, UsageError
 from bench.evaluation import load_protocol
-from bench.execution import ProcessExecutor
 from bench.geometry import RigidTransform
 from bench.methods import MethodInput, build_method
 from bench.methods.spherical.method import SphericalMethod
@@ -335,26 +334,10 @@ def test_a_method_scores_as_in_a_run(ranking: RankingSummary, tiny_card: Path, t
 
 
 @pytest.mark.slow
-def test_processes_change_nothing(ranking: RankingSummary, tiny_card: Path, tmp_path: Path):
-    again = ranked(tiny_card, tmp_path, executor=ProcessExecutor(workers=2))
-    assert again.model_dump_json(exclude={"provenance"}) == ranking.model_dump_json(exclude={"provenance"})
-
-
-@pytest.mark.slow
 def test_a_single_method_or_one_twice_is_refused(tiny_card: Path, tmp_path: Path):
     for methods in ("nothing", "nothing,nothing"):
         with pytest.raises(UsageError, match="at least two different methods"):
             ranked(tiny_card, tmp_path, methods)
-
-
-@pytest.mark.slow
-def test_without_masks_there_is_nothing_to_rank_by(tiny_card: Path, tmp_path: Path):
-    card = shutil.copytree(tiny_card.parent, tmp_path / "datasets") / tiny_card.name
-    without_scenario(card)
-    for folder in (card.parent / "data" / "tiny").glob("*/truth/front"):
-        shutil.rmtree(folder)
-    with pytest.raises(DataError, match=r"expected rendered masks .* audit a rendered data set"):
-        ranked(card, tmp_path / "out")
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ MOUNT_M = np.array([0.0, 0.0, 0.66])
 LOOK = pitched_down(np.deg2rad(20))
 
 
+@cache
 def texture(seed, size=1024):
     """Periodic noise with detail at every scale, so that near and far surfaces both carry flow."""
     u, v = np.meshgrid(np.fft.rfftfreq(size), np.fft.fftfreq(size))
@@ -28,7 +29,7 @@ def texture(seed, size=1024):
     return np.clip(128 + 40 * pattern / pattern.std(), 5, 250).astype(np.float32)
 
 
-ROAD, WALL, BOX = texture(1), texture(2), texture(3)
+ROAD, WALL, BOX = 1, 2, 3  # seeds of their textures
 
 
 def sample(pattern, x, y, pixels_per_m):
@@ -67,10 +68,10 @@ def scene(position_m, box_m=None):
 def render(position_m, box_m=None):
     """The scene with texture, and the board's mask."""
     hit, road, board = scene(position_m, box_m)
-    image = sample(WALL, np.arctan2(hit[..., 1], hit[..., 0]) * 12.0, hit[..., 2], 40.0)
-    image[road] = sample(ROAD, hit[..., 0], hit[..., 1], 150.0)[road]
+    image = sample(texture(WALL), np.arctan2(hit[..., 1], hit[..., 0]) * 12.0, hit[..., 2], 40.0)
+    image[road] = sample(texture(ROAD), hit[..., 0], hit[..., 1], 150.0)[road]
     if box_m is not None:
-        image[board] = sample(BOX, hit[..., 1] - box_m[1], hit[..., 2], 80.0)[board]
+        image[board] = sample(texture(BOX), hit[..., 1] - box_m[1], hit[..., 2], 80.0)[board]
     return image.astype(np.uint8), board
 
 

@@ -61,25 +61,6 @@ def remove_image(folder: Path) -> None:
     sorted((folder / "images" / "front").iterdir())[-1].unlink()
 
 
-def damage_image(folder: Path) -> None:
-    file = sorted((folder / "images" / "front").iterdir())[2]
-    changed_in_place(file, file.read_bytes()[:-40])
-
-
-def flip_a_bit(file: Path) -> None:
-    content = bytearray(file.read_bytes())
-    content[len(content) // 3] ^= 4
-    file.write_bytes(content)
-
-
-DAMAGES = {
-    "cut": lambda file: file.write_bytes(file.read_bytes()[:-7]),
-    "flipped": flip_a_bit,
-    "empty": lambda file: file.write_bytes(b""),
-    "gone": Path.unlink,
-}
-
-
 def without_scenario(card: Path) -> None:
     """Let a card's data be as they are: what is changed in them is not rendered again."""
     card.write_text(re.sub("scenario:.*\n", "", card.read_text()))

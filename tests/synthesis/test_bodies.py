@@ -54,10 +54,9 @@ def test_solids_are_closed_and_face_outwards(mesh: Mesh, wanted_m3: float) -> No
     assert open_edges(mesh) == 0
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("kind", BODIES)
-def test_every_part_is_a_closed_solid(kind: str, seed: int) -> None:
-    parts, _, _ = BODIES[kind][1](np.random.default_rng(seed))
+def test_every_part_is_a_closed_solid(kind: str) -> None:
+    parts, _, _ = BODIES[kind][1](np.random.default_rng(1))
     for mesh, joint in parts:
         assert open_edges(mesh) == 0, joint
         assert volume_m3(mesh) > 0, joint
@@ -126,9 +125,8 @@ def test_vehicles_keep_their_shape_and_their_wheels_roll(kind: str) -> None:
         # The ground is still, the top goes twice as fast: in the body's frame one way back and one way forward.
         assert (later - start)[low, 0] == pytest.approx(-0.01, abs=0.002)
         assert (later - start)[high, 0] == pytest.approx(0.01, abs=0.002)
-    turning = (
-        np.abs(body.corners_at(0.4) - body.corners_at(0.0)).reshape(len(body.mesh.corners_m), -1).max(axis=1) > 1e-9
-    )
+    apart_m = np.abs(body.corners_at(0.4) - body.corners_at(0.0)).reshape(len(body.mesh.corners_m), -1)
+    turning = apart_m.max(axis=1) > 1e-9
     still = sum(end - start for start, end, _ in body.linkage.parts)
     assert 0 < turning.sum() <= still
 

@@ -152,15 +152,7 @@ def test_the_recording_states_the_nominal_calibration_and_the_truth_the_true_one
         assert recorded.trajectory.world_from_vehicle(time_ns).rotation[2] == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
         assert abs(exact.trajectory.world_from_vehicle(time_ns).rotation[2, 0]) > 1e-6
         # A run says which of them it was made with.
-        prints = {
-            digest_recording(opened)
-            for opened in (
-                recorded,
-                open_native(root, ego_motion="exact"),
-                open_native(root, calibration="exact"),
-                exact,
-            )
-        }
-        assert len(prints) == 4
+        halves = open_native(root, ego_motion="exact"), open_native(root, calibration="exact")
+        assert len({digest_recording(opened) for opened in (recorded, *halves, exact)}) == 4
         offsets.append(off.matrix)
     assert not np.allclose(offsets[0], offsets[1])

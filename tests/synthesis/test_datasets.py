@@ -42,14 +42,6 @@ def training() -> Scenario:
     return read_scenario(DATASETS / "training.scenario.yaml")
 
 
-@pytest.mark.parametrize("name", ["demo", "development", "paper", "paper-exact", "range-maps", "training"])
-def test_card_names_its_scenario(name: str) -> None:
-    card = load_card(DATASETS / f"{name}.yaml")
-    assert card.name == name
-    assert card.scenario is not None
-    assert card.scenario.is_file()
-
-
 def test_both_cards_of_the_paper_read_the_same_recordings() -> None:
     recorded, exact = (load_card(DATASETS / f"{name}.yaml") for name in ("paper", "paper-exact"))
     assert (recorded.root, recorded.scenario) == (exact.root, exact.scenario)

@@ -69,6 +69,14 @@ def test_where_little_of_the_flow_fits_images_that_are_clearly_late_are_told_as_
     assert re.match(r"perhaps images \d+ ms late .*of the flow is that of a static world", finding.got)
 
 
+@pytest.mark.slow
+def test_flow_that_no_calibration_predicts_is_a_warning(turning, monkeypatch):
+    monkeypatch.setattr(cameras, "LIMITS", replace(cameras.LIMITS, least=1.0))
+    finding = verdict(turning)
+    assert (finding.check, finding.severity) == ("camera-flow", Severity.WARNING)
+    assert re.fullmatch(r"\d+ % of it; \d+ % by the calibration or clock that fits best", finding.got)
+
+
 def test_a_drive_without_sweeps_says_why_it_cannot_tell(turning, tmp_path):
     root = shutil.copytree(turning, tmp_path / turning.name)
     for path in (root / "lidar").iterdir():

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from copy import deepcopy
 from dataclasses import replace
 
 import cv2
@@ -15,6 +16,7 @@ from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings, open_native
 from bench.validation import Depth, Severity, box_fit, boxes
 from bench.validation.boxes import check_boxes
+from bench.validation.images import ImageOrder
 from bench.validation.report import BY_EGO_MOTION
 from bench.validation.sweeps import seen_road
 from tests.support import tiny
@@ -46,6 +48,20 @@ def cuboids(change, only=None):
     return lambda root: change_boxes(root, lambda _name, i, data: change(data["cuboid"][0]["val"], i), only=only)
 
 
+MARGIN_M = 0.03  # returns scatter by 1 cm
+
+
+@pytest.fixture
+def root(root):
+    """The clean recording with boxes that hold their returns; those of the drive end where the objects do."""
+
+    def grow(numbers, _i):
+        numbers[7:10] = [size + 2 * MARGIN_M for size in numbers[7:10]]
+
+    cuboids(grow)(root)
+    return root
+
+
 def velocities(change, only):
     def velocity(_name, _i, data):
         (entry,) = [entry for entry in data["vec"] if entry["name"] == "velocity_mps"]
@@ -59,8 +75,8 @@ def annotations(change):
 
 
 @pytest.mark.parametrize("depth", [Depth.SAMPLED, pytest.param(Depth.DEEP, marks=pytest.mark.slow)])
-def test_a_clean_recording_has_no_findings(clean, depth):
-    assert found(clean, depth, static_world=True, returns=True) == []
+def test_a_clean_recording_has_no_findings(root, depth):
+    assert found(root, depth, static_world=True, returns=True) == []
 
 
 # ---------------------------------------------------------------- faults of one finding
@@ -103,6 +119,24 @@ def twice(openlabel):
         frame["objects"]["copy"] = frame["objects"]["leader"]
 
 
+def renamed(openlabel, numbers):
+    """The leader's labels under another name in some frames."""
+    openlabel["objects"]["other"] = openlabel["objects"]["leader"] | {"name": "other"}
+    for number in numbers:
+        objects = openlabel["frames"][str(number)]["objects"]
+        objects["other"] = objects.pop("leader")
+
+
+def exchanged(openlabel):
+    """Two walkers, a metre apart, whose names are exchanged in the second half."""
+    openlabel["objects"]["friend"] = openlabel["objects"]["walker"] | {"name": "friend"}
+    for number, frame in openlabel["frames"].items():
+        friend = deepcopy(frame["objects"]["walker"])
+        friend["object_data"]["cuboid"][0]["val"][0] += 1.0
+        first, last = ("walker", "friend") if int(number) < 8 else ("friend", "walker")
+        frame["objects"] |= {first: frame["objects"]["walker"], last: friend}
+
+
 def unknown_category(openlabel):
     state = openlabel["frames"]["3"]["objects"]["walker"]["object_data"]
     state["text"] = [{"name": "category", "val": "sideways"}]
@@ -120,6 +154,8 @@ OF_IMAGES = {"image-gaps", "clock-drift", "same-image", "camera-mounting", "sens
         (annotations(annotated_later), "error", "annotation-outside"),
         (sweep_of(lambda points: points[:0]), "error", "empty-sweep"),
         (sweep_of(lambda points: points[::50]), "warning", "thin-sweep"),
+        (sweep_of(lambda points: points[::2]), "warning", "uneven-sweeps"),
+        (sweep_of(lambda points: np.vstack([points, points[::10]])), "warning", "points-twice"),
         (sweep_of(lambda points: np.vstack([points, np.zeros((500, 3), np.float32)])), "warning", "lost-returns"),
         (lambda root: change_mounting(root, translation_m=[3.7, 0, 65.0]), "error", "camera-mounting"),
         (lambda root: change_mounting(root, translation_m=[37, 0, 0.65]), "warning", "sensor-outside"),
@@ -127,6 +163,10 @@ OF_IMAGES = {"image-gaps", "clock-drift", "same-image", "camera-mounting", "sens
         (cuboids(stretched_once, only="leader"), "warning", "box-grows"),
         (cuboids(rotated_by_90_degrees, only="leader"), "error", "heading"),
         (annotations(twice), "error", "same-object"),
+        (annotations(lambda o: renamed(o, range(8, 16))), "warning", "object-name"),
+        (annotations(lambda o: [o["frames"].pop(str(i)) for i in range(2, 14, 3)]), "warning", "label-gaps"),
+        (annotations(lambda o: [o["frames"][str(i)]["objects"].pop("walker") for i in range(2, 14, 3)]), "warning",
+         "label-gaps"),
         (annotations(lambda o: o["objects"].update(ghost={"name": "ghost", "type": "animal"})), "warning",
          "object-without-frames"),
         (annotations(unknown_category), "error", "file"),
@@ -136,6 +176,47 @@ def test_a_fault_is_told_and_nothing_else(root, plant, severity, check):
     plant(root)
     told = found(root, returns=check not in OF_IMAGES)
     assert {(finding.check, finding.severity) for finding in told} == {(check, severity)}
+
+
+def test_names_that_are_exchanged(root):
+    annotations(exchanged)(root)
+    (finding,) = [finding for finding in found(root) if finding.check == "object-name"]
+    assert (finding.field, finding.times) == ("objects 'friend' and 'walker'", 1)
+
+
+@pytest.mark.parametrize(("mixed", "told"), [(False, set()), (True, {"mixed-times"})])
+def test_times_of_points_that_do_not_follow_their_direction(root, mixed, told):
+    def turn(sweep):
+        points = sweep.points_lidar
+        offsets_ns = np.round(np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) * drive.SWEEP_NS).astype(np.int64)
+        if mixed:
+            np.random.default_rng(0).shuffle(offsets_ns)
+        return replace(sweep, time_offset_ns=offsets_ns)
+
+    change_sweeps(root, turn)
+    assert {finding.check for finding in found(root)} == told
+
+
+# What the middle one of nine images of a moving edge is replaced by, or exchanged with: findings, and their images.
+ORDERS = {
+    "as taken": (lambda images: images, [], []),
+    "two swapped": (lambda images: images[[0, 1, 2, 3, 5, 4, 6, 7, 8]], [], [4]),
+    "the first two swapped": (lambda images: images[[1, 0, 2, 3, 4, 5, 6, 7, 8]], [], [0]),
+    "two swapped that are no neighbours": (lambda images: images[[0, 7, 2, 3, 4, 5, 6, 1, 8]], [1, 7], []),
+    "one mirrored": (lambda images: np.concatenate([images[:4], images[4:5, :, ::-1], images[5:]]), [4], []),
+    "one of another scene": (lambda images: np.concatenate([images[:4], 255 - images[4:5], images[5:]]), [4], []),
+}
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_images_that_are_out_of_order(name):
+    u = np.arange(96, dtype=np.float64)
+    edges = np.array([np.tile(255 / (1 + np.exp((20 + 2 * i - u) / 3)), (64, 1)) for i in range(9)])
+    change, foreign, swapped = ORDERS[name]
+    order = ImageOrder(drive.IMAGE_NS)
+    for row, image in enumerate(change(edges).astype(np.uint8)):
+        order.add(row, row * drive.IMAGE_NS, image)
+    assert (order.foreign(), order.swapped()) == (foreign, swapped)
 
 
 def times_of_arrival(root):
@@ -181,6 +262,7 @@ def turns_in_degrees(root):
         (lambda root: change_head(root, offset_from_the_middle), "error", "principal-point"),
         (velocities(lambda _: [0.0, -20.0, 0.0], only="walker"), "error", "object-speed"),
         (turns_in_degrees, "error", "object-turn"),
+        (annotations(lambda o: renamed(o, range(1, 16, 2))), "warning", "object-name"),
         (cuboids(quaternion_of_another_order, only="parked"), "error", "box-tilt"),
         (cuboids(bottom_for_centre), "error", "box-height"),
         (cuboids(in_the_ego_vehicle, only="walker"), "error", "object-in-ego"),
@@ -433,12 +515,22 @@ def test_a_box_without_points(root):
 
 def test_a_box_whose_points_lie_on_and_outside_of_its_faces(root):
     def shrink(numbers, _i):
-        numbers[7:10] = [size - 0.1 for size in numbers[7:10]]
+        numbers[7:10] = [size - 0.16 for size in numbers[7:10]]
 
     cuboids(shrink, only="leader")(root)
     (told,) = found(root, returns=True)
     assert (told.check, told.severity, told.field) == ("tight-box", Severity.WARNING, "object 'leader' (vehicle)")
     assert told.got == f"0 points in {told.times} of 16 sweeps that see it, and more within 10 cm outside"
+
+
+@pytest.mark.parametrize(("tighter_m", "margin_cm"), [(2 * MARGIN_M, 2), (0.0, None)])
+def test_boxes_that_are_all_tight_by_centimetres(root, tighter_m: float, margin_cm: int | None):
+    def shrink(numbers, _i):
+        numbers[7:10] = [size - tighter_m for size in numbers[7:10]]
+
+    cuboids(shrink)(root)
+    told = [finding.got for finding in found(root, returns=True) if finding.check == "tight-boxes"]
+    assert [f"with {margin_cm} cm more on each side" in got for got in told] == [True] * bool(margin_cm), told
 
 
 def test_a_lidar_that_is_mirrored_left_to_right(root):

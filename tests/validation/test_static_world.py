@@ -198,6 +198,12 @@ def test_the_side_of_a_bus_beside_a_vehicle_that_stands_is_no_road(root):
     assert not any("a road that is not below" in one.got for one in told(root))
 
 
+def test_sweeps_that_are_too_far_apart_say_so(root):
+    recording = open_native(root)
+    (undecided,) = check_static_world(replace(recording, sweeps=recording.sweeps[::4]))
+    assert undecided.why == "0 of 4 sweeps follow another by 0.03 to 0.35 s, at least 6 are needed"
+
+
 def test_a_drive_without_sweeps_says_so(root):
     for path in (root / "lidar").iterdir():
         path.unlink()

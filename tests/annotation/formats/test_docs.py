@@ -13,8 +13,8 @@ from bench.commands.annotate import open_unannotated
 from bench.recordings import load_card
 from tests.support import tiny
 
-PAGE = Path(__file__).parents[3] / "docs" / "label-formats.md"
-HEAD, *EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+SECTION = (Path(__file__).parents[3] / "docs/your-data.md").read_text("utf-8").partition("### A table of boxes")[2]
+HEAD, *EXAMPLES = re.findall(r"```python\n(.*?)```", SECTION, flags=re.DOTALL)
 TIME_NS = tiny.TIMES_NS[0]
 PLACE, SIZE, YAW = (8.0, -2.0, -0.5), (4.5, 1.75, 1.5), 0.5
 

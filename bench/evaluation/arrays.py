@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from shapely import MultiPolygon, Polygon
 
 from bench.errors import ShapeError, UsageError
-from bench.evaluation import Protocol, SequenceScorer, load_protocol
 from bench.evaluation.definitions import (
     FALSE_POSITIVES,
     SEGMENTATION,
@@ -26,7 +25,9 @@ from bench.evaluation.definitions import (
     object_metrics,
 )
 from bench.evaluation.intervals import ratio_interval
+from bench.evaluation.protocol import Protocol, load_protocol
 from bench.evaluation.rows import to_frame
+from bench.evaluation.scorer import SequenceScorer
 from bench.geometry.raster import rasterise
 from bench.records.reference import IgnoreReason, ReferenceFrame, Status, pixels_object
 from bench.records.segmentation import Segmentation

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from bench.errors import UnknownNameError
 from bench.evaluation import load_protocol
-from bench.execution import TaskExecutor, local_executor
-from bench.harness import FramePipeline
-from bench.harness.frames import InputOnly, UnscorableFrame
+from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
 from bench.methods import MethodInput
 from bench.recordings import DatasetCard, Recording, RecordingHandle, chosen_recordings, load_card
 from bench.recordings import open_dataset as list_recordings
@@ -143,46 +141,6 @@ def open_dataset(
     card = load_card(dataset)
     render_if_missing(card, split, workers=workers, progress=progress)
     return Dataset(card=card, handles=list_recordings(card, split))
-
-
-def as_card(dataset: str | Path | DatasetCard) -> DatasetCard:
-    """The card of a data set, read where it is not given itself.
-
-    Raises:
-        UnknownNameError: no card of this name.
-        DataError: it cannot be read.
-    """
-    return dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
-
-
-def rendered_card(
-    dataset: str | Path | DatasetCard,
-    split: str | None = None,
-    *,
-    executor: TaskExecutor | None = None,
-    as_it_is: bool = False,
-) -> DatasetCard:
-    """The card of a data set, of which what its scenario asks for in a split is rendered where it is not there yet.
-
-    Args:
-        dataset: card, by path or by a name that `fisheye-bench list` shows.
-        split: of the data set; None for all of it.
-        executor: of what is done with the data; as many of its workers render.
-        as_it_is: render nothing where the data have a folder, however much of them is in it.
-
-    Raises:
-        UnknownNameError: no card or split of this name.
-        DataError: the card or its scenario cannot be used.
-    """
-    card = as_card(dataset)
-    if not (as_it_is and card.root.is_dir()):
-        render_if_missing(card, split, workers=1 if executor is None else executor.workers)
-    return card
-
-
-def as_executor(workers: int | TaskExecutor) -> TaskExecutor:
-    """The executor of so many processes: one computes in this process; or the one that is given."""
-    return local_executor(workers) if isinstance(workers, int) else workers
 
 
 def render_if_missing(
