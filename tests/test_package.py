@@ -18,7 +18,7 @@ import os
 import sys
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
-from bench.reporting.leaderboard.texts import best_line
+from bench.reporting.leaderboard import best_line
 card = load_card("demo")
 assert card.file.is_relative_to(sys.argv[1]), card.file
 assert card.scenario.is_file()
