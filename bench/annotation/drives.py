@@ -31,8 +31,8 @@ from bench.recordings import Recording, RecordingHandle
 from bench.records.recording import COMPLETELY
 
 MODULES = (
-    *("boxes", "clusters", "free_space", "ground", "joining", "people", "prepared"),
-    *("proposals", "registration", "settings", "tracking"),
+    *("boxes", "free_space", "ground", "joining", "prepared", "proposals"),
+    *("registration", "settings", "tracking"),
 )
 CODE = (*REFERENCE_CODE, *(f"annotation/{name}.py" for name in MODULES))
 

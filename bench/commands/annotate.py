@@ -309,9 +309,9 @@ def import_labels(
         DataError: files that the format refuses, an object of two classes, or twice at one time.
         OutputError: annotations that a person made or changed are there, or they cannot be written.
     """
+    from bench.annotation.export import store_labels
     from bench.annotation.formats import LabelOptions, label_format
     from bench.annotation.formats import import_labels as read_labels
-    from bench.annotation.stored_labels import store_labels
     from bench.commands.data import as_card
     from bench.recordings.writing import annotation_text
 
@@ -383,9 +383,9 @@ def export_labels(
         DataError: a review is missing, damaged or of another drive, or leaves something undecided or not watched.
         OutputError: labels that a person made or changed are there, or they cannot be written.
     """
+    from bench.annotation.export import store_labels
     from bench.annotation.formats import LabelOptions, LabelSet, writable_format
     from bench.annotation.formats import export_labels as write_labels
-    from bench.annotation.stored_labels import store_labels
     from bench.recordings.writing import annotation_text
 
     if format_name is not None:
