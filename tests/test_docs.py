@@ -186,6 +186,19 @@ def test_the_programs_of_the_reference_run(tiny_data, capsys):
     assert capsys.readouterr().out.startswith("0.428")
 
 
+@pytest.mark.slow
+def test_the_first_score_is_the_one_of_the_docs(tiny_data):
+    import bench
+
+    run = bench.run("tiny", "spherical", protocol="surface-v1", out="run", pictures=False)
+    metrics = run.metrics.loc["all_moving"]
+    shown = [metrics[name] for name in ("iou", "tpr_all", "detection_rate_50", "ceiling_iou", "unknown_share")]
+    page = (ROOT / "docs/start.md").read_text("utf-8")
+    (row,) = re.findall(r"^All moving +12 +(.+)$", page, re.MULTILINE)
+    assert row.split() == [f"{100 * value:.1f}" for value in shown]
+    assert re.search(rf"^False positives +12 +{100 * run.false_positives:.1f}$", page, re.MULTILINE)
+
+
 # The largest less the smallest of two images: ReduceMax, ReduceMin, Sub; made with onnx.helper.
 DIFFERENCE_NETWORK = bytes.fromhex(
     "08083ae1010a370a06696d6167657312046d6f737422095265647563654d61782a0b0a04617865734001a001072a0f0a086b65657064696d73"
