@@ -158,7 +158,7 @@ def show(scored: Run) -> int:
     if scored.part is not None:
         return _show_part(scored)
     from bench.recordings.cards import shipped_folder
-    from bench.reporting.leaderboard.texts import best_line
+    from bench.reporting.leaderboard import best_line
 
     passed = print_runs(scored)
     board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name

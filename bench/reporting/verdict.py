@@ -43,7 +43,7 @@ from bench.gate.verdict import (
 )
 from bench.plain_text import plain
 from bench.reporting import document
-from bench.reporting.document import Block, Cell, Folded, Heading, Items, Paragraph, Style, Table
+from bench.reporting.document import Block, Cell, Group, Heading, Items, Paragraph, Style, Table
 
 MOST = 10
 
@@ -198,7 +198,7 @@ def _summary(verdict: Verdict) -> Iterator[Block]:
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
     if others:
         title = f"{len(others)} other rows, those of breakdowns among them"
-        yield Folded(title, [row_table(others, with_notes=True)])
+        yield Group(look="folded", title=title, blocks=[row_table(others, with_notes=True)])
 
 
 def row_table(rows: Iterable[Row], *, with_notes: bool = False, caption: str = "") -> Table:

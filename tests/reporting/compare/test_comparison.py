@@ -7,8 +7,7 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import holm
-from bench.reporting.compare.changes import HEADLINES, Kind, Shown, compare_runs, verdict_line
-from bench.reporting.compare.runs import name_methods, read_comparable
+from bench.reporting.compare import HEADLINES, Kind, Shown, compare_runs, name_methods, read_comparable, verdict_line
 from tests.reporting.compare.runs import IMAGE_PX, IMAGES, RECORDINGS, drawn, write_run
 from tests.support.counts import change_table
 
