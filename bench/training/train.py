@@ -37,8 +37,7 @@ from bench.methods.learned.inputs import COARSE, DIFFERENCES, FINE, GROUPS, MIRR
 from bench.methods.learned.method import padded
 from bench.recordings import load_card
 from bench.training.network import MotionNetwork, ScoredNetwork
-from bench.training.pairs import DATASET
-from bench.training.prepared import PreparedDrive, prepare
+from bench.training.pairs import DATASET, PreparedDrive, prepare
 
 LOG = logging.getLogger(__name__)
 CROPS_ON_MOTION = 0.5  # share of the crops that are put around something that moves, where anything does
