@@ -122,7 +122,7 @@ class ProposalSettings:
     seen_share: float = 0.55
     least_move_m: float = 0.45
     straight: float = 0.6
-    object_through: float = 0.4
+    object_through: float = 0.45
     least_top_m: float = 0.60
     found_share: float = 0.5
     gain_share: float = 0.15

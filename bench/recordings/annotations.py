@@ -219,8 +219,8 @@ def _quaternions_xyzw(track: Track) -> list[list[float]]:
     boxes = [state.shape.vehicle_from_object for state in track.states if isinstance(state.shape, Cuboid)]
     if not boxes:
         return [[] for _ in track.states]
-    found = iter(np.roll(quaternions_wxyz(np.stack([box.rotation for box in boxes])), -1, axis=1).tolist())
-    return [next(found) if isinstance(state.shape, Cuboid) else [] for state in track.states]
+    quaternions = iter(np.roll(quaternions_wxyz(np.stack([box.rotation for box in boxes])), -1, axis=1).tolist())
+    return [next(quaternions) if isinstance(state.shape, Cuboid) else [] for state in track.states]
 
 
 def _state_data(state: ObjectState, quaternion_xyzw: list[float]) -> dict[str, Any]:

@@ -225,8 +225,8 @@ def open_bag(root: Path, path: Path) -> Bag:
     else:
         got = "no such file; its counts cannot be compared"
         missing = DataError(file, expected="the metadata that a recorder writes last", got=got)
-        found = sorted((entry for entry in path.iterdir() if entry.suffix in SUFFIXES), key=_recording_order)
-        bag = Bag(path=path, files=tuple(found), losses=(missing,))
+        files = sorted((entry for entry in path.iterdir() if entry.suffix in SUFFIXES), key=_recording_order)
+        bag = Bag(path=path, files=tuple(files), losses=(missing,))
     if not bag.files:
         hint = "unpack them: unzstd *.zstd, then ros2 bag reindex" if any(path.glob("*.zstd")) else ""
         raise DataError(path, expected=f"files of messages, {' or '.join(SUFFIXES)}", got="none", hint=hint)
