@@ -157,7 +157,7 @@ class ProcessExecutor:
                 begin()
                 yield task, result
         except BrokenExecutor:
-            for future in [one for one in busy if one.done() and one.exception() is None]:
+            for future in [held for held in busy if held.done() and held.exception() is None]:
                 yield busy.pop(future), future.result()
             return list(busy.values())
         finally:

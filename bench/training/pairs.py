@@ -168,7 +168,7 @@ def prepare(
 
 
 def _prepare_drive(name: str, *, dataset: str | Path, place: Path, disturbed: bool) -> None:
-    found = {}
+    lengths = {}
     pairs = pairs_of(open_dataset(dataset), [name], longest_history=inputs.BACK)
     frames = (frame for frame in pairs if len(frame.input.images) > 2)  # training itself leaves the earlier one out
     for camera, of_camera in groupby(frames, key=lambda frame: frame.camera):
@@ -177,8 +177,8 @@ def _prepare_drive(name: str, *, dataset: str | Path, place: Path, disturbed: bo
         for size, arrays in (("coarse", coarse), ("fine", fine)):
             with replacing(place / _arrays(name, camera, size)) as file, file.open("wb") as stream:
                 np.save(stream, np.stack(arrays))
-        found[camera] = len(coarse)
-    write_text(_index(place, name), json.dumps(found) + "\n")
+        lengths[camera] = len(coarse)
+    write_text(_index(place, name), json.dumps(lengths) + "\n")
 
 
 def _arrays_of(frame: Frame, rng: np.random.Generator | None) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
