@@ -50,7 +50,7 @@ from bench.reporting.document import (
     Table,
     Tags,
 )
-from bench.reporting.formats import CEILING, LABELS, hundredths, points, points_interval
+from bench.reporting.formats import CEILING, LABELS, found_level, hundredths, points, points_interval
 from bench.reporting.side_by_side import ImageKey, Side, draw_images, draw_side_by_side
 
 NOTE = (
@@ -226,8 +226,9 @@ def _change_table(
 
 
 def _detection_table(comparison: RunComparison) -> Table:
+    found_by = "half of the core" if found_level(comparison.before.protocol) else "any pixel"
     return Table(
-        title="Object-frames gained and lost",
+        title=f"Object-frames gained and lost: found by {found_by}",
         columns=["Type", "Object-frames", "detected before", "after", "newly detected", "newly missed"],
         rows=comparison.detections.rename(index=LABELS).reset_index(),
         tags=[*map(_motion_tag, comparison.detections.index)],
