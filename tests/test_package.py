@@ -20,7 +20,7 @@ import sys
 from bench.evaluation import load_protocol
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
-from bench.reporting.leaderboard.texts import best_line
+from bench.reporting.leaderboard import best_line
 card = load_card("demo")
 assert card.file.is_relative_to(sys.argv[1]), card.file
 assert card.scenario.is_file()

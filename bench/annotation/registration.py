@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from bench.annotation.settings import SECOND_NS, ProposalSettings
+from bench.annotation.settings import ProposalSettings
 from bench.annotation.tracking import Fragment
+from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]
 ROUNDS = 2  # of registration, the second with points moved to one time

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from math import radians
 
 from bench.records.reference import MotionSettings
+from bench.times import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 MOTION = MotionSettings(  # those of paper-v1
     static_below_mps=0.3,
     hysteresis_low_mps=0.2,

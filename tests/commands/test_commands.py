@@ -11,7 +11,7 @@ from bench.commands.app import COMMANDS
 from bench.commands.examples import EXAMPLES
 from bench.errors import UnknownNameError, UsageError
 from bench.methods.settings import parse_settings
-from bench.reporting.range_maps import draw_run_maps
+from bench.reporting.charts import draw_run_maps
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call, error_line
 
@@ -24,7 +24,7 @@ def test_help_lists_every_command(monkeypatch, capsys):
 
 
 def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
-    monkeypatch.setattr("bench.reporting.table_files.draw_run_maps", draw_run_maps)
+    monkeypatch.setattr("bench.reporting.run_tables.draw_run_maps", draw_run_maps)
     out = tmp_path / "run"
     assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
     shown = capsys.readouterr().out
@@ -42,7 +42,9 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
         assert bench.load_run(out / protocol).manifest.protocol.name == protocol
     assert "Left out, without cases: preceding, approaching." in shown
     assert "16 annotated object-frames" in shown
-    assert r"\label{tab:run-paper}" in (out / "paper-v1" / "table.tex").read_text(), "named after the folder"
+    assert r"\label{tab:run-results-by-category-of-objects}" in (out / "paper-v1" / "table.tex").read_text(), (
+        "named after the folder"
+    )
     for picture in ("panels", "areas", "cluster-walker"):
         assert (out / "paper-v1" / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
