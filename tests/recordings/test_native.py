@@ -14,6 +14,7 @@ from bench.egomotion import read_tum
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter, frame_gaps, open_native, read_image, read_truth
+from bench.recordings.images import as_seen
 from bench.recordings.native import native_recordings
 from tests.support import tiny
 from tests.support.lenses import LENSES
@@ -358,6 +359,7 @@ def test_images_of_more_bits_are_read_by_their_white_level(root, white, bits, co
     image = recording.images["front"][0]
     seen = read_image(image, recording.cameras["front"], colour=colour)
     wanted = np.round(values.astype(np.float64) * 255 / white)
+    assert np.array_equal(as_seen(values, white), wanted)
     assert np.abs(seen.astype(float) - (wanted[..., None] if colour else wanted)).max() <= 1
     before = image.stored.content()
     change_head(root, lambda head: head["cameras"]["front"].update(white_level=white + 1))
