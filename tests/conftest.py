@@ -11,10 +11,12 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from markupsafe import Markup
 from typer.main import get_command
 
 from bench.atomic import folder_lock
 from bench.execution import local_executor
+from bench.reporting.document import Drawing
 from bench.synthesis import synthesize
 
 # CI repeats itself; at a desk every run tries new examples.
@@ -30,7 +32,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 LIMIT_S = 2.0
 ABOVE_THE_LIMIT = {  # tests that may take longer, and run with `make test` nevertheless
-    "tests/api/test_commands.py::test_the_page_of_a_run_is_written",
     "tests/commands/test_commands.py::test_report_writes_the_page_and_names_the_files",
     "tests/commands/test_commands.py::test_run_writes_the_report_and_ends_with_the_table",
     "tests/commands/test_evaluate.py::test_a_methods_masks_count_as_the_method_does",
@@ -160,7 +161,7 @@ def _blank_range_maps() -> Iterator[None]:
     from matplotlib.figure import Figure
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("bench.reporting.table_files.draw_run_maps", lambda _: Figure(figsize=(1, 1)))
+        patched.setattr("bench.reporting.run_tables.draw_run_maps", lambda _: Figure(figsize=(1, 1)))
         yield
 
 
@@ -188,5 +189,5 @@ def tiny_card(shared: Path) -> Path:
 @pytest.fixture
 def without_charts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages of this test show no chart, which takes most of their time."""
-    monkeypatch.setattr("bench.reporting.page.build.inline_svg", lambda chart: f"chart {chart.name}")
-    monkeypatch.setattr("bench.reporting.page.charts.write_picture", lambda *_, **__: ())
+    monkeypatch.setattr("bench.reporting.charts.Chart.drawing", lambda chart: Drawing(Markup(f"chart {chart.name}")))
+    monkeypatch.setattr("bench.reporting.charts.write_picture", lambda *_, **__: ())

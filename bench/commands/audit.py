@@ -126,7 +126,7 @@ def audit_folder(card: DatasetCard, out: str | Path | None) -> Path:
 def show(found: Audit) -> int:
     """Print the tables, the cost, failures and files."""
     from bench.reporting.audit_tables import for_terminal
-    from bench.reporting.totals import stage_times
+    from bench.reporting.run_tables import stage_times
 
     print_blocks(for_terminal(found.tables))
     summary, made = found.summary, found.summary.provenance

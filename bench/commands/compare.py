@@ -14,7 +14,7 @@ from bench.commands.progress import Report, progress_bar
 
 if TYPE_CHECKING:
     from bench.commands.runs import Run
-    from bench.reporting.compare.changes import RunComparison
+    from bench.reporting.compare import RunComparison
 
 USUAL = Path("reports/runs/compare-<run>-<run>")
 
@@ -58,9 +58,8 @@ def compare(
         UsageError: fewer than two runs, or runs that do not compare, as of other data or by another protocol.
     """
     from bench.commands.runs import run_folder
-    from bench.reporting.compare.changes import compare_runs
-    from bench.reporting.compare.runs import read_comparable
-    from bench.reporting.compare.writing import write_comparison
+    from bench.reporting.compare import compare_runs, read_comparable
+    from bench.reporting.compare_page import write_comparison
 
     folders = [run_folder(run) for run in runs]
     if out is None:
@@ -74,8 +73,8 @@ def compare(
 
 def show(found: Comparison) -> None:
     """Print differences, verdict and what was gained and lost of each pair, then the files."""
-    from bench.reporting.compare.changes import verdict_line
-    from bench.reporting.compare.writing import terminal_report
+    from bench.reporting.compare import verdict_line
+    from bench.reporting.compare_page import terminal_report
 
     for comparison in found.pairs:
         print_blocks(terminal_report(comparison))

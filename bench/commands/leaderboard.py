@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bench.execution import TaskExecutor
     from bench.harness import StoredRun
     from bench.recordings import DatasetCard
-    from bench.reporting.leaderboard.reading import Leaderboard
+    from bench.reporting.leaderboard import Leaderboard
 
 LEFT = "what is scored stays, and the same command goes on from there"
 
@@ -91,8 +91,8 @@ def score_competitor(
     from bench.commands.runs import run_request
     from bench.harness import run_benchmark
     from bench.methods.settings import parse_settings
-    from bench.reporting.leaderboard.reading import RANKING_PROTOCOL
-    from bench.reporting.page.build import write_page
+    from bench.reporting.leaderboard import RANKING_PROTOCOL
+    from bench.reporting.run_page import write_page
 
     settings, out = parse_settings(competitor.settings), runs / card.name / competitor.folder
     request = run_request(card, competitor.name, settings=settings, protocol=protocol, out=out, overwrite=True)
@@ -154,9 +154,9 @@ def leaderboard(
     workers: options.Workers = 1,
     progress: Report | None = None,
 ) -> LeaderboardReport:
-    """Rank the runs of a folder, one table for each group of comparable runs; with --score, make the runs first.
+    """List all runs of a folder, those that compare in one table each, beside the rows that ship with the package.
 
-    Runs that are up to date are not computed again.
+    With --score, make the runs first; those that are there and up to date are not computed again.
 
     Args:
         folder: holds runs; those that are scored go into one below it that is called as the data set.
@@ -176,8 +176,9 @@ def leaderboard(
     from bench.evaluation import load_protocol
     from bench.harness import build_scorable
     from bench.methods.settings import parse_settings
-    from bench.reporting.leaderboard.page import write_leaderboard
-    from bench.reporting.leaderboard.reading import read_leaderboard
+    from bench.recordings.cards import shipped_folder
+    from bench.reporting.leaderboard import read_leaderboard, with_shipped
+    from bench.reporting.leaderboard_page import write_leaderboard
 
     if not score and methods is not None:
         raise UsageError("leaderboard: expected --score beside --methods, which say what to score")
@@ -199,7 +200,9 @@ def leaderboard(
             failures += max(len(run.summary.failures) for run in runs)
             answered = counted(runs[0].summary.provenance.images_asked, "image")
             scored.append(f"{called}: {answered} answered, the others were there")
-    found = read_leaderboard(Path(folder))
+    found, shipped = read_leaderboard(Path(folder)), shipped_folder("leaderboard")
+    if out is None or Path(out).resolve() != shipped.resolve():  # what is written there is what ships
+        found = with_shipped(found, shipped / "leaderboard.json")
     files, problems = tuple[Path, ...](), tuple[str, ...]()
     if out is not None:
         with progress_bar("drawing the same images", "runs", progress) as report:
@@ -216,7 +219,7 @@ def leaderboard(
 
 def show(ranked: LeaderboardReport) -> int:
     """Print what was scored, the tables, what is wrong, and the files."""
-    from bench.reporting.leaderboard.texts import leaderboard_tables
+    from bench.reporting.leaderboard_page import leaderboard_tables
 
     for line in ranked.scored:
         say(line)

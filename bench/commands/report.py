@@ -65,8 +65,8 @@ def report(
     """
     from bench.commands.runs import run_folder
     from bench.reference import Category
-    from bench.reporting.page.build import write_page
-    from bench.reporting.page.charts import write_figures
+    from bench.reporting.charts import write_figures
+    from bench.reporting.run_page import write_page
 
     if category is not None and category not in set(Category):
         raise UnknownNameError("category", category, (known.value for known in Category))

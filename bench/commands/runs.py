@@ -276,9 +276,8 @@ def score(
     """
     from bench.atomic import write_text
     from bench.harness import run_benchmark
-    from bench.reporting.findings import VALIDATION
     from bench.reporting.frame_pictures import write_example_pictures
-    from bench.reporting.table_files import write_report_files
+    from bench.reporting.run_tables import write_report_files
 
     runs: list[Run] = []
 
@@ -291,6 +290,8 @@ def score(
                 drawn, missing = write_example_pictures(stored, card=request.card, progress=drawing)
             files += drawn
         if validation is not None:
+            from bench.reporting.findings import VALIDATION  # it loads all checks
+
             write_text(stored.folder / VALIDATION, validation.as_json())
             files.append(stored.folder / VALIDATION)
         files.sort(key=lambda file: file.name not in READ_FIRST)
@@ -309,8 +310,14 @@ def print_runs(first: Run) -> bool:
     Returns:
         True where nothing failed.
     """
-    from bench.reporting.tables import table_rows, terminal_report
-    from bench.reporting.totals import nothing_scored, odd_masks, total_lines
+    from bench.reporting.run_tables import (
+        is_rendered,
+        nothing_scored,
+        odd_masks,
+        table_rows,
+        terminal_report,
+        total_lines,
+    )
 
     runs = (first, *first.others)
     for run in runs:
@@ -319,7 +326,9 @@ def print_runs(first: Run) -> bool:
             say(warning, style="bold red")
         purpose = PURPOSES.get(manifest.protocol.name)
         told = manifest.title if purpose is None else f"{manifest.title}, {purpose}"
-        print_blocks(terminal_report(table_rows(summary), title=f"{told}; beside the paper, in percent"))
+        rows = table_rows(summary, beside_paper=is_rendered(manifest.dataset.card))
+        beside = "; beside the paper" if any(row.paper for row in rows) else ""
+        print_blocks(terminal_report(rows, title=f"{told}{beside}, in percent"))
         for line in total_lines(summary, run.stored.protocol):
             note(line)
     print_cost(first.summary.provenance)
@@ -334,7 +343,7 @@ def print_runs(first: Run) -> bool:
 
 def print_cost(made: Provenance) -> None:
     """Print what a run had to compute, and the time and memory that it took."""
-    from bench.reporting.totals import cost_lines
+    from bench.reporting.run_tables import cost_lines
 
     for line in cost_lines(made):
         note(line)

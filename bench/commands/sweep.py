@@ -124,8 +124,8 @@ def sweep(
     from bench.harness.stages import part_of
     from bench.methods.settings import flat_settings
     from bench.reporting.formats import file_name
+    from bench.reporting.run_tables import write_report_files
     from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
-    from bench.reporting.table_files import write_report_files
 
     if "," in str(protocol):
         raise UsageError(f"sweep: expected one protocol, got {protocol!r}")

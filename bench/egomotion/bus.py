@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion.time_units import unit_hint
-from bench.egomotion.trajectory import SECOND_NS, Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError, refuse
 from bench.geometry import advance_twist
 from bench.plain_text import parsed_number
+from bench.times import SECOND_NS, unit_hint
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -112,7 +112,7 @@ def _in_reverse(gear: Sequence[str | int] | NDArray[Any], source: str) -> NDArra
     Raises:
         DataError: a word that is no gear, and so perhaps reverse.
     """
-    words = [str(one).strip().upper() for one in gear]
+    words = [str(word).strip().upper() for word in gear]
     for row, word in enumerate(words, start=1):
         if not (REVERSE_GEAR.fullmatch(word) or OTHER_GEAR.fullmatch(word)):
             expected = "R or a negative number in reverse; P, N, D or another number otherwise"

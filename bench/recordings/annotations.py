@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from bench.egomotion.time_units import unit_hint
 from bench.errors import DataError, refuse
 from bench.geometry import RigidTransform, quaternions_wxyz
 from bench.recordings import openlabel
@@ -28,6 +27,7 @@ from bench.records.recording import (
     PointIndices,
     Track,
 )
+from bench.times import unit_hint
 
 REVIEW_SUFFIX = ".review.json"  # of files beside the annotations, from which they are made
 

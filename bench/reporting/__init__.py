@@ -1,20 +1,19 @@
-"""Tables and pictures of stored results; it prints nothing and scores nothing.
+"""Tables, pages and pictures of stored results; it prints nothing and scores nothing.
 
-Tables and range maps read only what a run has stored. The pictures of single frames take records that the harness
-fills. A report is told once, as a `Report` of `document`: blocks for people (terminal, Markdown, HTML, LaTeX; text from
-outside is escaped there), and numbers for programs (CSV, JSON). A figure is one of matplotlib on its own Agg canvas.
-The functions `write_*` store files; equal input gives equal bytes.
+Tables and charts read only what a run has stored. The pictures of single frames take records that the harness fills. A
+report is told once, in the blocks of `document`, for terminal, Markdown and pages (text from outside is escaped there),
+and its numbers are a CSV. A figure is one of matplotlib on its own Agg canvas. The functions `write_*` store files;
+equal input gives equal bytes.
 
-- `document` (blocks, reports and their writers), `formats` (how values and intervals are written everywhere), `canvas`
-  (colours, figures), `overlay` (masks, polygons and the areas that a frame is scored by, over images);
-- `tables`, `table_files` (ours beside the paper's), `verdict` (of the gate), `totals` (of a run), `findings` (what is
-  wrong with data or predictions), `citation` (BibTeX);
-- `range_maps`, `panels` (the paper's figures), `side_by_side` (of one or several methods on one image),
-  `frame_pictures` (all pictures of one frame), `video`, `rerun_log`;
-- `sweep` (one setting through many values), `audit_tables`,
-  `audit_pictures`;
-- `proposal_scores` (proposals against annotations);
-- `page` (the page of a run), `compare` (runs against each other), `leaderboard` (all runs of a folder).
+- `document` (blocks, reports and their writers; `page.html.j2`, `page.css` and `page.js` make the one page of all),
+  `formats` (how values and intervals are written everywhere), `canvas` (colours, figures, what is drawn on axes);
+- `run_tables` (a run in tables and lines), `charts` (its charts), `run_page` (its page), of `glance` (what to know
+  first), `worst_cases` and `object_table`;
+- `compare` and `compare_page` (runs against each other), `leaderboard` and `leaderboard_page` (all runs of a folder),
+  `verdict` (of the gate), `sweep` (one setting through many values);
+- `findings` (what is wrong with data or predictions), `audit_tables`, `proposal_scores` (against annotations);
+- `frame` (the one drawing of an image, as one or several methods were scored on it), `frame_pictures` (what a method
+  saw, lidar clusters, the frames that show a run), `film` (video, log), `calibration`, `audit_pictures`.
 
 Images are (H, W) grey or (H, W, 3) BGR uint8, pixels (u, v) with the centre of the first pixel at (0, 0). Pictures of
 the ground are in the vehicle frame, x forward up and y left to the left.

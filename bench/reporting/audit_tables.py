@@ -21,7 +21,7 @@ from bench.audit import (
 from bench.evaluation import Metric, find_metric
 from bench.reporting import formats
 from bench.reporting.document import Block, Cell, Column, Heading, Paragraph, Report, Table
-from bench.reporting.tables import COVERAGES
+from bench.reporting.run_tables import COVERAGES
 
 COMPENSATIONS = {
     Compensation.NONE: "none, a snapshot",

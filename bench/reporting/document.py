@@ -1,8 +1,8 @@
-"""A report as a list of blocks, and its writers: terminal, Markdown, HTML, LaTeX; and CSV and JSON of its numbers.
+"""A report as a list of blocks, and its writers: terminal, Markdown, HTML; and CSV of its numbers.
 
 A report is made once, of blocks, and `Report` writes all its files. All text in a block is text and no markup, wherever
 it comes from: names, titles and messages from data files may hold anything. The writers escape it, here and nowhere
-else.
+else. A page is one file: `page.html.j2` with `page.css` and `page.js`, which sorts, filters, folds and enlarges.
 """
 
 from __future__ import annotations
@@ -41,10 +41,14 @@ class Bar:
     Attributes:
         share: its length.
         interval: a line across it.
+        tick: a mark across it, as of a ceiling.
+        dot: draw the share as a dot on a line instead, as of a difference beside the tick of none.
     """
 
     share: float
     interval: tuple[float, float] | None = None
+    tick: float | None = None
+    dot: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +99,7 @@ class Table:
         title: stands above it.
         note: how to read it, below it.
         words: how many columns from the left hold words; the others hold numbers.
-        name: of letters, digits and dashes, ends the label of LaTeX.
-        look: classes of HTML.
+        look: of HTML: "tiles" makes a card of each value, "about" a list of terms, "narrow" keeps it small.
         tags: of each row, by which a page's filters find it; none for no row at all.
     """
 
@@ -105,7 +108,6 @@ class Table:
     title: str = ""
     note: str = ""
     words: int = 1
-    name: str = ""
     look: str = ""
     tags: Sequence[Tags] = ()
 
@@ -180,14 +182,61 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Folded:
-    """Blocks behind a line that opens them."""
+class Drawing:
+    """A chart drawn in lines, on pages alone: an `<svg>` of our own making, and a line below."""
 
-    summary: str
+    svg: Markup
+    caption: str = ""
+
+
+Look = Literal["section", "folded", "box", "charts", "pairs", "boxes", "strip", ""]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group:
+    """Blocks that stand together.
+
+    Attributes:
+        title: above them; of what is folded the line that opens it.
+        blocks: they.
+        look: on a page: "section" folds on a phone and is in the navigation, "folded" opens by its title, "box" has a
+            frame, "charts", "pairs" and "boxes" stand side by side, "strip" in one row that moves sideways.
+        name: to which links lead.
+        count: behind the title of a section.
+        backdrop: of a strip, address of an image behind each of its pictures.
+        tags: by which a page's filters find it.
+    """
+
     blocks: Sequence[Block]
+    title: str = ""
+    look: Look = ""
+    name: str = ""
+    count: str = ""
+    backdrop: str = ""
+    tags: Tags = field(default_factory=dict)
 
 
-Block = Heading | Paragraph | Items | Code | Picture | Table | Folded
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A filter of a page: hides the rows, pictures and groups whose tag is another; what has no such tag stays.
+
+    Two choices of one tag show what either chooses.
+    """
+
+    tag: str
+    label: str
+    chosen: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Filters:
+    """The filters of a page, one for each, and a field to search the tagged rows."""
+
+    choices: Sequence[Choice]
+    search: str = ""
+
+
+Block = Heading | Paragraph | Items | Code | Picture | Drawing | Table | Group | Filters
 
 
 CONSOLE_COLUMNS = 108  # letters of a line of a table; in wider ones headings of numbers stand a word a line
@@ -214,9 +263,11 @@ def to_terminal(blocks: Iterable[Block], *, clean: Callable[[str], str] = plain)
                 yield from (Text(f"  {clean(line)}") for line in block.text.splitlines())
             case Picture():
                 yield Text(clean(f"{block.text}: {block.address}"))
-            case Folded():
-                yield Text(clean(block.summary), style="bold")
+            case Group():
+                yield from (Text(clean(title), style="bold") for title in (block.title,) if title)
                 yield from to_terminal(block.blocks, clean=clean)
+            case Drawing() | Filters():
+                pass
             case Table():
                 yield from (Text(clean(title), style="bold") for title in (block.title,) if title)
                 yield _rich_table(block, clean)
@@ -271,7 +322,7 @@ def _rich_text(cell: Cell, clean: Callable[[str], str]) -> Text:
 
 def to_markdown(blocks: Iterable[Block]) -> str:
     """GitHub's Markdown."""
-    return "\n\n".join(map(_markdown, blocks)) + "\n"
+    return "\n\n".join(filter(None, map(_markdown, blocks))) + "\n"
 
 
 def _markdown(block: Block) -> str:
@@ -289,9 +340,14 @@ def _markdown(block: Block) -> str:
         case Picture():
             shown = f"![{escape_markdown(block.text)}]({block.address})"
             return f"{shown}\n\n*{escape_markdown(block.caption)}*" if block.caption else shown
-        case Folded():
+        case Group(look="folded"):
             inner = to_markdown(block.blocks)
-            return f"<details><summary>{escape_markdown(block.summary)}</summary>\n\n{inner}\n</details>"
+            return f"<details><summary>{escape_markdown(block.title)}</summary>\n\n{inner}\n</details>"
+        case Group():
+            heading = [Heading(block.title, 2 if block.look == "section" else 3)] if block.title else []
+            return to_markdown([*heading, *block.blocks]).rstrip("\n")
+        case Drawing() | Filters():
+            return ""
         case Table():
             title = [f"**{escape_markdown(block.title)}**"] if block.title else []
             return "\n\n".join([*title, markdown_table(block), *([_markdown_text(block.note)] if block.note else [])])
@@ -313,41 +369,33 @@ def _markdown_text(text: str) -> str:
 
 
 def to_html(blocks: Iterable[Block]) -> Markup:
-    """A fragment of HTML for a page with `page/page.css`; lines of a cell are small below it, bars are drawn."""
-    macros: Any = environment().get_template("document.html.j2").module
+    """A fragment of HTML for a page of `to_page`; lines of a cell are small below it, bars are drawn."""
+    macros: Any = environment().get_template("page.html.j2").module
     parts = [
         getattr(macros, type(block).__name__.lower())(
-            block, *([to_html(block.blocks)] if isinstance(block, Folded) else ())
+            block, *([to_html(block.blocks)] if isinstance(block, Group) else ())
         )
         for block in blocks
     ]
     return Markup("").join(parts)
 
 
-def to_page(title: str, blocks: Iterable[Block], *, folder: Path, filters: Mapping[str, str] | None = None) -> str:
+def to_page(title: str, blocks: Iterable[Block], *, folder: Path) -> str:
     """A whole page of HTML in one file; pictures are read from `folder` and become part of it.
 
     Args:
         title: of the page.
-        blocks: of the report.
+        blocks: of the report; what comes before the first section stands above the navigation.
         folder: of the pictures.
-        filters: label by the tag that it chooses from; without filters the page has no script.
     """
-    script = packaged("filters.js") if filters else None
-    blocks = [_with_picture(block, folder) for block in blocks]
-    style = packaged("page/page.css")
-    return render("document_page.html.j2", title=title, blocks=blocks, style=style, filters=filters, script=script)
-
-
-def packaged(name: str) -> Markup:
-    """A style or script of this package, which is ours and so no text to escape."""
-    return Markup(resources.files("bench.reporting").joinpath(name).read_text("utf-8"))
-
-
-def render(template: str, **context: object) -> str:
-    """Fill a template of this package, which escapes what it is given."""
-    text: str = environment().get_template(template).render(context)
-    return text
+    shown = [_with_pictures(block, folder) for block in blocks]
+    sections = [block for block in shown if isinstance(block, Group) and block.look == "section"]
+    head = shown[: shown.index(sections[0])] if sections else []
+    macros: Any = environment().get_template("page.html.j2").module
+    style, script = (Markup(resources.files("bench.reporting").joinpath(name).read_text("utf-8"))
+                     for name in ("page.css", "page.js"))  # fmt: skip
+    page: Markup = macros.page(title, to_html(head), sections, to_html(shown[len(head) :]), style, script)
+    return str(page)
 
 
 def data_uri(content: bytes, kind: str) -> str:
@@ -355,7 +403,9 @@ def data_uri(content: bytes, kind: str) -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def _with_picture(block: Block, folder: Path) -> Block:
+def _with_pictures(block: Block, folder: Path) -> Block:
+    if isinstance(block, Group):
+        return replace(block, blocks=[_with_pictures(inner, folder) for inner in block.blocks])
     if not isinstance(block, Picture) or block.address.startswith("data:"):
         return block
     kind, _ = mimetypes.guess_type(block.address)
@@ -364,8 +414,8 @@ def _with_picture(block: Block, folder: Path) -> Block:
 
 @cache
 def environment() -> jinja2.Environment:
-    """The templates of this package, which escape what they are given; blocks are written by the filter `html`."""
-    made = jinja2.Environment(
+    """The template of pages, which escapes what it is given."""
+    return jinja2.Environment(
         loader=jinja2.PackageLoader("bench.reporting", "."),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
@@ -374,94 +424,36 @@ def environment() -> jinja2.Environment:
         # HTML has no escape for control characters, as in a title; markup is a subclass of text and stays.
         finalize=lambda value: "\n".join(map(plain, value.split("\n"))) if type(value) is str else value,
     )
-    made.filters["html"] = to_html
-    # Inside of a <script> element nothing may close it: `tojson` escapes what could.
-    made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "ensure_ascii": False, "allow_nan": False}
-    return made
 
 
-_SHORT_HEADING = 8  # letters, in one line
-_SCRIPT_SIZE_HOLDS = 100  # letters across both columns of `article`, which are narrower than IEEEtran's
+def to_latex(table: Table, *, label: str, caption: str) -> str:
+    """A float that spans both columns of a paper, for a document with `booktabs`; values stand before intervals.
+
+    Args:
+        table: its note stands behind the caption.
+        label: behind "tab:".
+        caption: what the table shows.
+    """
+    import pandas as pd  # as in `to_csv`
+
+    head, *rows = [
+        [plain(" ".join((cell.text, *cell.below))) for cell in row] for row in (table.headings(), *table.cells())
+    ]
+    told = " ".join(filter(None, (caption, table.note)))
+    text: str = pd.DataFrame(rows, columns=head).to_latex(
+        index=False,
+        escape=True,  # of cells and headings; of a caption it is ours
+        column_format="l" * table.words + "r" * (len(head) - table.words),
+        caption=plain(told).translate(_LATEX_SPECIAL),
+        label=f"tab:{re.sub(r'[^A-Za-z0-9-]+', '-', label).strip('-').lower()}",
+    )
+    return text.replace("{table}", "{table*}").replace("\\begin{tabular}", "\\centering\\scriptsize\n\\begin{tabular}")
+
+
 _LATEX_SPECIAL = str.maketrans(
     {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
     | {character: f"\\{character}" for character in "%&#_${}"}
 )
-
-
-def to_latex(tables: Iterable[Table], *, label: str, about: str) -> str:
-    r"""Floats in the paper's form, for plain `article` or `IEEEtran` in two columns, without further packages.
-
-    Args:
-        tables: each becomes a float with its note; `*` spans both columns, since ours are wider than the paper's.
-        label: of all; each has a `\label` "tab:<label>-<name of the table>".
-        about: method, data set and protocol, behind the title of each caption.
-    """
-    return "\n".join(_float(table, label=label, about=about) for table in tables)
-
-
-def _float(table: Table, *, label: str, about: str) -> str:
-    head = _lines([_two_lines(cell) for cell in table.headings()])
-    body = [_lines(row) for row in table.cells()]
-    every = [line for lines in (head, *body) for line in lines]
-    letters = sum(max(map(len, column)) for column in zip(*every, strict=True))
-    bold = [[rf"\textbf{{{escape_latex(text)}}}" if text else "" for text in line] for line in head]
-    kinds = "l " * table.words, " ".join("r" * (len(table.columns) - table.words))
-    columns = "| ".join(kind for kind in kinds if kind)
-    return "\n".join(
-        [
-            r"\begin{table*}",
-            rf"\caption{{{escape_latex(f'{table.title}: {about}')}.}}",
-            rf"\label{{tab:{'-'.join(latex_label(part) for part in (label, table.name) if part)}}}",
-            r"\begin{center}",
-            r"\fontsize{6}{7}\selectfont" if letters > _SCRIPT_SIZE_HOLDS else r"\scriptsize",
-            r"\setlength{\tabcolsep}{2.5pt}",
-            r"\renewcommand{\arraystretch}{1.2}",
-            rf"\begin{{tabular}}{{{columns}}}",
-            r"\hline",
-            _latex_row(bold),
-            *(_latex_row([list(map(_latex_value, line)) for line in lines]) for lines in body),
-            r"\end{tabular}",
-            rf"\par\smallskip\parbox{{\linewidth}}{{\scriptsize {escape_latex(table.note)}}}",
-            r"\end{center}",
-            r"\end{table*}",
-        ]
-    )
-
-
-def _lines(row: Sequence[Cell]) -> list[list[str]]:
-    """The lines of a row, "" where a cell has no more."""
-    texts = [(cell.text, *cell.below) for cell in row]
-    return [[text[n] if n < len(text) else "" for text in texts] for n in range(max(map(len, texts)))]
-
-
-def _two_lines(heading: Cell) -> Cell:
-    """A heading broken at the space nearest to its middle, so that columns are as narrow as their numbers."""
-    text = heading.text
-    spaces = [place for place, letter in enumerate(text) if letter == " " and len(text) > _SHORT_HEADING]
-    if heading.below or not spaces:
-        return heading
-    place = min(spaces, key=lambda place: abs(2 * place - len(text)))
-    return Cell(text[:place], (text[place + 1 :],))
-
-
-def _latex_row(lines: Sequence[Sequence[str]]) -> str:
-    r"""Lines of a tabular with `\\hline` below the last one."""
-    return " \\\\\n".join(map(" & ".join, lines)) + r" \\ \hline"
-
-
-def _latex_value(text: str) -> str:
-    """Text in which the sign of a number is that of mathematics."""
-    return re.sub(r"^[-+](?=\d)", lambda sign: f"${sign[0]}$", escape_latex(text))
-
-
-def escape_latex(text: str) -> str:
-    """Text in which LaTeX's special characters stand for themselves."""
-    return plain(text).translate(_LATEX_SPECIAL)
-
-
-def latex_label(name: str) -> str:
-    """A name of letters, digits and dashes, as part of a label."""
-    return re.sub(r"[^A-Za-z0-9-]+", "-", name).strip("-")
 
 
 def to_csv(rows: Iterable[Mapping[str, object]] | pd.DataFrame) -> str:
@@ -493,38 +485,30 @@ class Report:
         title: above the blocks; "" for none.
         blocks: what people read.
         numbers: lines of the CSV file.
-        content: of the JSON file; None for no such file.
-        latex: of the LaTeX file; "" for no such file.
         page: also write the blocks as a page.
-        filters: of the page, label by tag.
     """
 
     title: str
     blocks: Sequence[Block]
     numbers: Iterable[Mapping[str, object]] | pd.DataFrame
-    content: Mapping[str, object] | None = None
-    latex: str = ""
     page: bool = False
-    filters: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, folder: Path, name: str) -> tuple[Path, ...]:
-        """Write `<name>.html`, `.md`, `.csv`, `.json` and `.tex`, each whole or not at all; paths of those that it has.
+        """Write `<name>.html`, `.md` and `.csv`, each whole or not at all; paths of those that it has.
 
         Raises:
             OutputError: a file cannot be written, or one of another kind is in its place.
         """
         heading = [Heading(self.title, 1)] if self.title else []
         texts = {
-            "html": to_page(self.title, self.blocks, folder=folder, filters=self.filters) if self.page else "",
+            "html": to_page(self.title, self.blocks, folder=folder) if self.page else "",
             "md": to_markdown([*heading, *self.blocks]),
             "csv": to_csv(self.numbers),
-            "json": "" if self.content is None else to_json(self.content),
-            "tex": self.latex,
         }
         files = {folder / f"{name}.{ending}": text for ending, text in texts.items() if text}
         beside = (folder / f"{name}.csv").is_file()  # numbers are always among the files, and show what they are
         for file, text in files.items():
-            if file.suffix in {".csv", ".html", ".json"}:
+            if file.suffix != ".md":
                 refuse_foreign(file, text)
             elif not beside:
                 refuse_foreign(file)

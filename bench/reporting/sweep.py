@@ -15,7 +15,6 @@ from bench.reporting import canvas
 from bench.reporting.document import Column, Paragraph, Report, Table
 from bench.reporting.formats import INTERVALS, headline_metrics, metric_cell
 
-TABLE = "sweep.csv"  # the runs in a folder with this file are values of a sweep, and no entries of a leaderboard
 STYLES = {  # colour and marker of each headline metric
     "iou": (canvas.PURPLE, "^"),
     "tpr_all": (canvas.GREEN, "s"),

@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory
 from bench.recordings import MountedCamera
-from bench.validation.findings import DEGREE, SECOND_NS
+from bench.times import SECOND_NS
+from bench.validation.findings import DEGREE
 from bench.validation.scan_matching import MeasuredMotion
 from bench.validation.static_flow import FARTHEST_PX, SECTORS, SeenFlow
 

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError
 
-SECOND_NS = 1_000_000_000
 DEGREE = float(np.pi / 180)
 
 

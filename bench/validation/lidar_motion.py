@@ -16,7 +16,8 @@ from scipy.optimize import least_squares
 
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform, twist_between
-from bench.validation.findings import DEGREE, SECOND_NS
+from bench.times import SECOND_NS
+from bench.validation.findings import DEGREE
 from bench.validation.scan_matching import Step
 
 Array = NDArray[np.float64]

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from bench.egomotion import Trajectory
 from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
+from bench.times import SECOND_NS
 from bench.validation.drive import annotated_times, boxes_of, object_field
-from bench.validation.findings import BODIES, SECOND_NS, BodyLimits, Finding, Severity, occurrences
+from bench.validation.findings import BODIES, BodyLimits, Finding, Severity, occurrences
 
 LONGEST_STEP_S = 1.0
 JUMP_M = 1.0

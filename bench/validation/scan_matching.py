@@ -23,8 +23,9 @@ from bench.errors import DataError
 from bench.geometry import advance_twist, twist_between
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
+from bench.times import SECOND_NS
 from bench.validation.drive import distance_to, on_objects, sweep_times
-from bench.validation.findings import DEGREE, SECOND_NS
+from bench.validation.findings import DEGREE
 
 Array = NDArray[np.float64]
 

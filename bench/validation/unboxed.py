@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.recordings import NOT_ANNOTATED, Recording
+from bench.times import SECOND_NS
 from bench.validation.drive import annotation_file, box_of
-from bench.validation.findings import SECOND_NS, Finding, Severity
+from bench.validation.findings import Finding, Severity
 
 if TYPE_CHECKING:
     from bench.annotation.proposals import Proposal

@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from bench.egomotion.time_units import FACTORS, other_unit
 from bench.errors import DataError
 from bench.geometry import RigidTransform, twist_between
 from bench.recordings import Recording
+from bench.times import FACTORS, SECOND_NS, other_unit
 from bench.validation.drive import (
     annotated_times,
     annotation_file,
@@ -28,7 +28,6 @@ from bench.validation.findings import (
     EGO_TOP_SPEED_MPS,
     EGO_TOP_TURN_RADPS,
     LIDAR_HEIGHT_M,
-    SECOND_NS,
     SENSOR_OUTSIDE_M,
     Finding,
     Span,

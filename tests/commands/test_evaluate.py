@@ -13,7 +13,7 @@ from pycocotools import mask as coco
 
 from bench.harness import read_run, read_tables
 from bench.recordings import load_card, open_dataset
-from bench.reporting.totals import odd_masks
+from bench.reporting.run_tables import odd_masks
 from tests.commands.predictions import CAMERA, images_of, write_map, write_maps
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
@@ -40,7 +40,7 @@ def evaluate(monkeypatch, tiny_card, tmp_path):
 
     def run(folder, *words, out="run", status=0, card=tiny_card, tables=False):
         if not tables:
-            monkeypatch.setattr("bench.reporting.table_files.write_report_files", lambda _: ([], ()))
+            monkeypatch.setattr("bench.reporting.run_tables.write_report_files", lambda _: ([], ()))
             monkeypatch.setattr("bench.commands.evaluate.print_runs", lambda run: not run.summary.failures)
         named = ("--predictions", folder, "--out", tmp_path / out, "--no-pictures", "--overwrite")
         assert call(monkeypatch, "evaluate", card, *named, "--protocol", "paper-v1", *words) == status

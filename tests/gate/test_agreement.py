@@ -8,8 +8,7 @@ import pytest
 from bench.evaluation import PairedChange, compare_sums
 from bench.evaluation.sums import name_slice
 from bench.gate import judge, load_tolerances, read_baseline, read_run_sums
-from bench.reporting.compare.changes import compare_runs
-from bench.reporting.compare.runs import read_comparable
+from bench.reporting.compare import compare_runs, read_comparable
 from tests.reporting.compare.runs import drawn, write_run
 
 CHANGE = [*PairedChange.__slots__]

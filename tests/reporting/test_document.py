@@ -8,25 +8,29 @@ import re
 
 import pandas as pd
 import pytest
+from markupsafe import Markup
 
 from bench.reporting.document import (
     Bar,
     Cell,
+    Choice,
     Code,
     Column,
-    Folded,
+    Drawing,
+    Filters,
+    Group,
     Heading,
     Items,
     Paragraph,
     Picture,
     Report,
     Table,
-    escape_latex,
     to_csv,
     to_html,
     to_json,
     to_latex,
     to_markdown,
+    to_page,
 )
 from tests.reporting.printed import printed, texts
 
@@ -36,7 +40,6 @@ TABLE = Table(
     columns=["Kind", Column("Detection rate", lambda share: f"{100 * share:.1f} %"), "cases"],
     rows=[["crossing", 0.5, 12], ["static", Cell("n/a", ("(0 cases)",)), None]],
     note="Of all images.",
-    name="found",
 )
 
 
@@ -48,7 +51,7 @@ def everything(text):
         Items([text]),
         Code(text),
         Picture("a.png", text, text),
-        Folded(text, [Paragraph(text)]),
+        Group(look="folded", title=text, blocks=[Paragraph(text)]),
         Table(title=text, columns=[text, text], rows=[[text, Cell(text, (text,), "bad", link="#a")]], note=text),
     ]
 
@@ -96,23 +99,36 @@ def test_html_draws_bars_and_escapes_text():
     assert "<details><summary>" in shown
 
 
-def test_latex_stands_values_over_their_intervals_and_escapes_text():
-    text = to_latex([TABLE], label="demo", about="method spherical_2")
-    assert r"\caption{Found: method spherical\_2.}" in text
+def test_latex_stands_values_before_their_intervals_and_escapes_text():
+    text = to_latex(TABLE, label="demo found", caption="Found: method spherical_2.")
+    assert r"\caption{Found: method spherical\_2. Of all images.}" in text
     assert r"\label{tab:demo-found}" in text
-    assert "\\textbf{Kind} & \\textbf{Detection} & \\textbf{cases} \\\\\n & \\textbf{rate} &  \\\\ \\hline" in text
-    assert "static & n/a &  \\\\\n & (0 cases) &  \\\\ \\hline" in text
-    shown = to_latex([everything(HOSTILE)[-1]], label=HOSTILE, about=HOSTILE)
+    assert r"Kind & Detection rate & cases \\" in text
+    assert r"static & n/a (0 cases) &  \\" in text
+    assert r"\begin{tabular}{lrr}" in text
+    shown = to_latex(everything(HOSTILE)[-1], label=HOSTILE, caption=HOSTILE)
     assert not re.search(r"(?<!\\)[%#$]", shown)
     assert shown.count(r"\begin{") == shown.count(r"\end{")
-    assert re.search(r"\\label\{tab:[A-Za-z0-9-]+\}", shown)
-    assert escape_latex("50 % of a_b & #1 {x} $ ~ ^ \\") == (
-        r"50 \% of a\_b \& \#1 \{x\} \$ \textasciitilde{} \textasciicircum{} \textbackslash{}"
-    )
-    numbers = to_latex([Table(columns=["a"], rows=[["-6.3"]], words=0)], label="a", about="")
-    assert "$-$6.3" in numbers
-    assert r"\begin{tabular}{r}" in numbers
-    assert r"\begin{tabular}{l | r" in text
+    assert re.search(r"\\label\{tab:[a-z0-9-]+\}", shown)
+
+
+def test_groups_are_headings_of_text_and_frames_of_a_page():
+    rows = [Paragraph("Said."), Drawing(Markup("<svg></svg>"), "Drawn."), Filters([Choice("a", "A")])]
+    section = Group(look="section", title="Part", name="part", count="3", blocks=rows, tags={"a": "x"})
+    assert to_markdown([section]) == "## Part\n\nSaid.\n"
+    shown = to_html([section])
+    assert '<section id="part" data-a="x"><details class="part" open><summary><h2>Part</h2>' in shown
+    assert "<svg></svg><figcaption>Drawn." in shown
+    assert '<select data-filter="a" data-chosen="">' in shown
+
+
+def test_a_page_has_a_navigation_where_it_has_sections(tmp_path):
+    sections = [Group(look="section", title=name, name=name, blocks=[Paragraph(name)]) for name in "abc"]
+    page = to_page("A <title>", [Paragraph("First."), *sections], folder=tmp_path)
+    assert "<title>A &lt;title&gt;: fisheye-bench</title>" in page
+    assert page.index("First.") < page.index('<nav aria-label="Sections">') < page.index("<main>")
+    assert re.findall(r'<a href="#(.)">', page) == ["a", "b", "c"]
+    assert "<nav" not in to_page("a", sections[:2], folder=tmp_path)
 
 
 def test_the_terminal_shows_all_blocks_and_no_character_acts():
@@ -165,9 +181,8 @@ def test_a_report_writes_the_files_that_it_has_and_its_title_once(tmp_path):
     few = Report(title="", blocks=blocks, numbers=numbers).write(tmp_path, "few")
     assert [file.name for file in few] == ["few.md", "few.csv"]
     assert few[0].read_text() == to_markdown(blocks)
-    every = Report(title="A & b", blocks=blocks, numbers=numbers, content={"a": 1}, latex="x", page=True)
-    page, markdown, table, content, latex = every.write(tmp_path / "new", "every")
+    every = Report(title="A & b", blocks=blocks, numbers=numbers, page=True)
+    page, markdown, table = every.write(tmp_path / "new", "every")
     assert page.read_text().count("<h1>A &amp; b</h1>") == page.read_text().count("<h1>") == 1
     assert markdown.read_text() == f"# A & b\n\n{to_markdown(blocks)}"
-    assert (table.read_text(), latex.read_text()) == (to_csv(numbers), "x")
-    assert json.loads(content.read_text()) == {"a": 1}
+    assert table.read_text() == to_csv(numbers)

@@ -8,14 +8,13 @@ from matplotlib.text import Annotation
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.reporting.leaderboard.chart import draw_quality_and_cost
-from bench.reporting.leaderboard.page import write_leaderboard
-from bench.reporting.leaderboard.reading import read_leaderboard
-from bench.reporting.leaderboard.texts import best_line, leaderboard_tables
-from bench.reporting.sweep import TABLE
+from bench.reporting.findings import SWEEP as TABLE
+from bench.reporting.leaderboard import best_line, read_leaderboard, with_shipped
+from bench.reporting.leaderboard_page import draw_quality_and_cost, leaderboard_tables, write_leaderboard
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed
 from tests.support.counts import counts_file, write_seconds
+from tests.support.stored_files import change_manifest
 
 
 @pytest.fixture(scope="module")
@@ -76,17 +75,16 @@ def test_the_files_carry_the_same_numbers_and_the_same_bytes(folder, tmp_path):
     again, _ = write_leaderboard(read_leaderboard(folder), tmp_path / "two")
     assert [file.read_bytes() for file in files] == [file.read_bytes() for file in again]
     assert not problems
-    page, markdown, table, content = (file.read_text() for file in files)
+    page, markdown, table, content, paper = (file.read_text() for file in files)
     rows = list(csv.DictReader(io.StringIO(table)))
     (row,) = [r for r in rows if (r["run"], r["row"], r["metric"]) == ("weak", "all_moving", "tpr_all")]
     assert float(row["value"]) == 0.2
     groups = json.loads(content)["groups"]
     assert 0.8 in [group["entries"][0]["values"]["crossing"]["tpr_all"][0] for group in groups]
     assert markdown.count("\n## demo, all recordings, ") == 3
-    assert "| nothing (threshold=2) | 18.2 % [" in markdown
-    shown = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
-    rounded = json.loads(content, parse_float=lambda number: round(float(number), 5))["groups"]
-    assert [group["entries"] for group in shown["groups"]] == [group["entries"] for group in rounded]
+    assert "| 2 | nothing, threshold=2 | 18.2 % [" in markdown
+    assert "nothing, threshold=2 & 18.2" in paper
+    assert "<strong>18.2 %</strong>" in page
     assert "//" not in page.replace("http://www.w3.org", "").partition("<script>")[0], "no network"
 
 
@@ -129,17 +127,17 @@ def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, t
     assert best_line(tmp_path / "leaderboard.json", dataset="another") is None
     assert best_line(tmp_path / "nowhere.json", dataset="demo") is None
     page = files[0].read_text()
-    assert "<strong>good</strong> of 2 methods" in page
-    assert '"pages":{}' in page, "runs elsewhere do not travel with the page"
+    assert '<p class="remark good">Best of 2 on demo: good, IoU 63.6 %' in page
+    assert "surface-v1/index.html" not in page, "runs elsewhere do not travel with the page"
     beside, _ = write_leaderboard(read_leaderboard(judged), judged, pictures=False)
-    assert '"pages":{"exact":"exact/surface-v1/index.html"}' in beside[0].read_text()
+    assert '<a href="exact/surface-v1/index.html">exact masks, ' in beside[0].read_text()
 
 
 @pytest.mark.parametrize("ms", [2, 80, 3000])
 def test_every_dot_has_a_number_and_its_name_beside_the_chart_is_never_cut(judged, ms):
     (group,) = read_leaderboard(judged).groups
     names = ("wide (first=1, second=22222, third=3)", 120 * "o")
-    entries = [replace(entry, method=name, cost_ms=ms) for entry, name in zip(group.methods, names, strict=True)]
+    entries = [replace(entry, name=name, cost_ms=ms) for entry, name in zip(group.methods, names, strict=True)]
     figure = draw_quality_and_cost([replace(group, entries=tuple(entries))])
     figure.canvas.draw()
     (axes,) = figure.axes
@@ -168,7 +166,7 @@ def test_no_best_method_is_named_of_another_state_of_the_protocol_or_too_few_rec
     assert line.startswith(
         "first of 1 methods on all of demo by surface-v1: nothing, IoU 45.5 % (too few recordings for an "
     )
-    assert '<span class="mark">first</span>' in (tmp_path / "index.html").read_text()
+    assert "First of 1 on demo: nothing" in (tmp_path / "index.html").read_text()
     stored.write_text('{"best": [{"dataset": "demo"}]}')
     assert best_line(stored, dataset="demo") is None
 
@@ -184,3 +182,54 @@ def test_a_folder_without_runs_is_an_error(tmp_path):
         read_leaderboard(tmp_path)
     with pytest.raises(DataError, match="no such folder"):
         read_leaderboard(tmp_path / "nowhere")
+
+
+def test_best_is_only_what_compare_shows_to_be_better_than_each_of_the_others(tmp_path):
+    uneven = {key: 90 if key[0] % 2 else 20 for key in drawn(1)}
+    for name, px in (("steady", drawn(50)), ("uneven", uneven), ("weak", drawn(5))):
+        write_run(tmp_path / name, px, protocol="surface-v1", method=name)
+    board = read_leaderboard(tmp_path)
+    (group,) = board.groups
+    assert [(entry.method, entry.rank, entry.behind) for entry in group.entries] == [
+        ("uneven", 1, None), ("steady", 2, False), ("weak", 3, True)
+    ]  # fmt: skip
+    assert not group.best
+    write_leaderboard(board, tmp_path / "board")
+    page = (tmp_path / "board" / "index.html").read_text()
+    assert "First of 3 on demo: uneven" in page
+    assert "Not shown to be behind it: steady." in page
+    assert '<p class="remark good">' not in page
+
+
+def test_methods_have_the_names_that_readers_know_and_are_described(tmp_path):
+    place = "bench.methods.spherical.method:SphericalMethod"
+    run = write_run(tmp_path / "plain", drawn(50), protocol="surface-v1", method="spherical")
+    change_manifest(run, lambda content: content["method"].update(place=place))
+    (group,) = read_leaderboard(tmp_path).groups
+    (entry,) = group.entries
+    assert entry.name.startswith("the paper's method")
+    assert entry.about.startswith("The paper's method: dense flow on cells")
+    assert entry.code_file == "bench/methods/spherical/method.py"
+
+
+def test_shipped_rows_stand_beside_what_compares_with_them(judged, tmp_path):
+    write_leaderboard(read_leaderboard(judged), tmp_path)
+    own = tmp_path / "own"
+    write_run(own / "mine", drawn(60), protocol="surface-v1", method="mine")
+    write_run(own / "other-reference", drawn(60), protocol="surface-v1", method="mine", region_px=90)
+    board = with_shipped(read_leaderboard(own), tmp_path / "leaderboard.json")
+    (beside,) = [group for group in board.groups if any(entry.shipped for entry in group.entries)]
+    assert [(entry.name, entry.rank, entry.shipped) for entry in beside.entries if entry.kind == "method"] == [
+        ("good", 1, True), ("mine", 2, False), ("cheap", 3, True)
+    ]  # fmt: skip
+    assert [entry.kind for entry in beside.entries[:2]] == ["ceiling", "oracle"]
+    assert beside.entries[2].cost_ms == pytest.approx(80.0)
+    assert not beside.best, "shipped rows are not compared in pairs"
+    assert "good, shipped" in printed(leaderboard_tables(board))
+    again = write_leaderboard(board, tmp_path / "again")[0]
+    groups = json.loads((tmp_path / "again" / "leaderboard.json").read_text())["groups"]
+    assert {entry["method"] for group in groups for entry in group["entries"]} == {"mine"}, "it is of own runs"
+    assert "good, shipped" in again[1].read_text()
+    (tmp_path / "leaderboard.json").write_text('{"schema_version": 2}')
+    alone = with_shipped(read_leaderboard(own), tmp_path / "leaderboard.json")
+    assert not any(entry.shipped for group in alone.groups for entry in group.entries)

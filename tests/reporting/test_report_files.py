@@ -7,7 +7,7 @@ from bench.errors import DataError, OutputError
 from bench.evaluation import load_protocol, sum_run, summary_of, write_sums
 from bench.evaluation.rows import frames_table, objects_table
 from bench.harness.stored import SUMS, read_run, write_run
-from bench.reporting.table_files import write_report_files
+from bench.reporting.run_tables import write_report_files
 from tests.support.counts import write_counts
 from tests.support.manifests import manifest, provenance
 from tests.support.result_rows import frame_row, object_row

@@ -6,9 +6,8 @@ from urllib.parse import unquote
 import pandas as pd
 import pytest
 
-from bench.reporting.compare.changes import compare_runs
-from bench.reporting.compare.runs import read_comparable
-from bench.reporting.compare.writing import terminal_report, write_comparison
+from bench.reporting.compare import compare_runs, read_comparable
+from bench.reporting.compare_page import terminal_report, write_comparison
 from bench.reporting.formats import points
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed

@@ -6,10 +6,9 @@ import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
-from bench.reporting.compare.changes import compare_runs
-from bench.reporting.compare.runs import read_comparable
-from bench.reporting.compare.writing import report
-from bench.reporting.document import Table, to_page
+from bench.reporting.compare import compare_runs, read_comparable
+from bench.reporting.compare_page import report
+from bench.reporting.document import Choice, Filters, Table, to_page
 from tests.reporting.compare.runs import drawn, write_run
 from tests.support.browser import accessibility_faults, headless_chromium, opened
 
@@ -19,7 +18,8 @@ PIXEL = base64.b64decode(
 )
 TAGGED = "return [...document.querySelectorAll('tr, figure')].filter(e => e.dataset.recording && !e.hidden)"
 
-TABLES = "return [...document.querySelectorAll('table')].filter(t => t.offsetParent).length"
+WIDE = "return [...document.querySelectorAll('.scroll')].filter(s => s.scrollWidth > s.clientWidth).length"
+TABLES = "return [...document.querySelectorAll('.scroll:not([hidden])')].length"
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_filters_hide_what_does_not_fit_and_clear_shows_it_again(browser, page, 
     tables = browser.execute_script(TABLES)
     choose(browser, "change", "better")
     assert browser.execute_script(TABLES) < tables, "tables without rows are hidden"
-    assert "All moving" in browser.find_element(By.TAG_NAME, "main").text, "what is of all kinds stays"
+    assert "All moving" in browser.find_element(By.TAG_NAME, "main").get_property("textContent"), "of all kinds"
     browser.find_element(By.CSS_SELECTOR, "#filters button").click()
     browser.execute_async_script("setTimeout(arguments[0], 50)")
     assert told.text == whole
@@ -79,13 +79,28 @@ def test_filters_hide_what_does_not_fit_and_clear_shows_it_again(browser, page, 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing(browser, page, width, scheme):
     opened(browser, page, width=width, scheme=scheme)
+    browser.execute_script("for (const part of document.querySelectorAll('details')) part.open = true")
     assert accessibility_faults(browser) == []
+    assert browser.execute_script(WIDE) == 0
+
+
+def test_the_verdict_comes_first_and_pictures_within_the_first_screens(browser, page):
+    for width in (1280, 390):
+        opened(browser, page, width=width)
+        tiles, picture, table = (
+            browser.find_element(By.CSS_SELECTOR, selector).rect["y"]
+            for selector in (".tiles", "figure img", "table:not(.tiles, .about)")
+        )
+        assert tiles < 900 * 0.6
+        assert tiles < picture < table
+        assert picture < 2 * 900
 
 
 def test_names_of_recordings_are_no_markup(tmp_path, browser):
     name = '"><img src=x onerror=alert(1)>'
     table = Table(columns=["Recording"], rows=[[name], ["other"]], tags=[{"recording": name}, {"recording": "other"}])
-    (tmp_path / "a.html").write_text(to_page("a", [table], folder=tmp_path, filters={"recording": "Recording"}))
+    filters = Filters([Choice("recording", "Recording")])
+    (tmp_path / "a.html").write_text(to_page("a", [filters, table], folder=tmp_path))
     opened(browser, tmp_path / "a.html")
     assert browser.find_elements(By.TAG_NAME, "img") == []
     choose(browser, "recording", name)

@@ -7,8 +7,7 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import holm
-from bench.reporting.compare.changes import HEADLINES, Kind, Shown, compare_runs, verdict_line
-from bench.reporting.compare.runs import name_methods, read_comparable
+from bench.reporting.compare import HEADLINES, Kind, Shown, compare_runs, name_methods, read_comparable, verdict_line
 from tests.reporting.compare.runs import IMAGE_PX, IMAGES, RECORDINGS, drawn, write_run
 from tests.support.counts import change_table
 
@@ -41,6 +40,13 @@ def test_a_run_against_itself_differs_in_nothing(half):
     assert found.frames.empty
     assert found.after.label == "half (2)"
     assert verdict_line(found).startswith("half (2) against half, over everything: the same: IoU, all; TPR, all")
+
+
+@pytest.mark.parametrize(("protocol", "lost"), [("paper-v1", 0), ("surface-v1", RECORDINGS * IMAGES + 3 * IMAGES)])
+def test_under_a_protocol_with_bands_an_object_is_missed_below_half_of_its_core(tmp_path, protocol, lost):
+    runs = [write_run(tmp_path / f"{px}", drawn(px), protocol=protocol) for px in (50, 49)]
+    (found,) = compared(*runs)
+    assert found.detections.loc["all_moving", "lost"] == lost
 
 
 def test_a_run_that_finds_nothing_loses_everything(half, tmp_path):

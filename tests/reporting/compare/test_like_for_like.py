@@ -15,10 +15,9 @@ from bench.gate import judge, load_tolerances, read_run_sums
 from bench.harness import open_tables, read_run, read_tables
 from bench.methods import Method, Segmentation
 from bench.recordings import load_card
-from bench.reporting.compare.changes import compare_runs
-from bench.reporting.compare.runs import read_comparable
-from bench.reporting.compare.writing import write_comparison
-from bench.reporting.leaderboard.reading import read_leaderboard
+from bench.reporting.compare import compare_runs, read_comparable
+from bench.reporting.compare_page import write_comparison
+from bench.reporting.leaderboard import read_leaderboard
 from tests.support.counts import change_table
 from tests.support.runs import run_one
 from tests.support.stored_files import change_manifest

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.reporting.compare.changes import Shown, what_is_shown
+from bench.reporting.compare import Shown, what_is_shown
 
 RISE = {"difference": 0.1, "ci95": (0.05, 0.15), "p_holm": 0.01}
 FALL = {"difference": -0.1, "ci95": (-0.15, -0.05), "p_holm": 0.01}

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.reporting.page.build import write_page
+from bench.reporting.run_page import write_page
 from tests.conftest import made_once
 from tests.reporting.page.hostile import hostile_run
 from tests.support.browser import headless_chromium

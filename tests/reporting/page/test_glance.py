@@ -9,8 +9,7 @@ from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
 from bench.reference import Category
 from bench.reporting.document import to_html
 from bench.reporting.formats import percent
-from bench.reporting.page.summary import against_chance, breakdowns, kind_tables, lowest_of, remarks, tiles
-from bench.reporting.page.tables import breakdown_table
+from bench.reporting.glance import against_chance, breakdown_table, breakdowns, kind_tables, lowest_of, remarks, tiles
 from tests.reporting.printed import texts
 from tests.reporting.summaries import figure, object_figures, summary
 
@@ -42,7 +41,7 @@ def without_chance(row):
 @pytest.mark.parametrize(
     ("row", "style", "statement"),
     [
-        (object_figures(0.6), "good",
+        (object_figures(0.6), "",
          "Above chance when half of an object must be found: crossing (30.0 %, by chance 6.0 %)"),
         (at_chance(object_figures(0.6)), "bad",
          "Not shown to be above chance when half of an object must be found: crossing (20.0 %, by chance 15.0 %)"),
@@ -100,19 +99,19 @@ def test_the_page_begins_with_the_headlines_and_the_ceiling_of_iou():
     figures = summary()
     ceiling = Metric(value=0.92, ci95=None, cases=100, recordings=8)
     with_truth = figures.all_moving.model_copy(update={"ceiling_iou": ceiling})
-    shown = tiles(figures.model_copy(update={"all_moving": with_truth}), category=None)
-    assert [(name, cell.text) for name, cell in shown] == [
+    table = tiles(figures.model_copy(update={"all_moving": with_truth}), category=None)
+    assert list(zip((cell.text for cell in table.headings()), texts(table)[0], strict=True)) == [
         ("IoU, all", "27.0 %"),
         ("TPR, all", "42.0 %"),
         ("Detection at 50 %", percent(figures.all_moving.metric("detection_rate_50").value)),
         ("False-positive coverage", "10.5 %"),
     ]
-    assert shown[0][1].below == ("[22.0, 32.0]", "ceiling 92.0 %; over 100 object-frames")
-    assert tiles(figures, category=None)[0][1].below[-1] == "over 100 object-frames"
-    of_crossing = [name for name, _ in tiles(figures, category=Category.CROSSING)]
+    assert table.cells()[0][0].below == ("[22.0, 32.0]", "ceiling 92.0 %; over 100 object-frames")
+    assert tiles(figures, category=None).cells()[0][0].below[-1] == "over 100 object-frames"
+    of_crossing = [cell.text for cell in tiles(figures, category=Category.CROSSING).headings()]
     assert of_crossing == ["IoU, all", "TPR, all", "Detection at 50 %"]
     few = figures.model_copy(update={"all_moving": object_figures(0.4, object_frames=9)})
-    assert [cell.text == "n/a" for _, cell in tiles(few, category=None)] == [True, True, True, False]
+    assert [text == "n/a" for text in texts(tiles(few, category=None))[0]] == [True, True, True, False]
 
 
 def test_images_that_were_not_scored_are_said():
@@ -123,12 +122,12 @@ def test_images_that_were_not_scored_are_said():
 
 def test_a_run_without_object_frames_says_so():
     none = of_kinds(crossing=object_figures(math.nan))
-    assert told(none) == [("", "No object-frame was evaluated: there is nothing to say of moving objects.")]
+    assert told(none) == [("warn", "No object-frame was evaluated: there is nothing to say of moving objects.")]
 
 
 def cells(rows):
     """What the page shows of IoU, by row."""
-    table = breakdown_table("By letter", "letter", rows, lowest=lowest_of(rows))
+    table = breakdown_table("By letter", "letter", rows)
     lines = [re.findall(r"<td class=\"metric.*?</td>|<td.*?</td>", line, re.DOTALL)
              for line in to_html([table]).split("<tr>")[2:]]  # fmt: skip
     return {name: line[0] for name, line in zip(rows, lines, strict=True)}

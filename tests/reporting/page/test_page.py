@@ -1,6 +1,5 @@
 """The page as a file."""
 
-import json
 import re
 import shutil
 
@@ -11,11 +10,10 @@ from bench.errors import DataError
 from bench.harness import read_run, read_tables
 from bench.recordings import load_card, open_dataset
 from bench.reference import Category
+from bench.reporting.charts import write_figures
 from bench.reporting.document import environment
-from bench.reporting.page.build import write_page
-from bench.reporting.page.charts import write_figures
-from bench.reporting.page.object_table import table_data
-from tests.reporting.page.hostile import TRACK
+from bench.reporting.object_table import object_table
+from bench.reporting.run_page import write_page
 from tests.support.counts import change_table
 from tests.support.stored_files import change_manifest
 
@@ -31,8 +29,10 @@ def sections(text):
     return re.findall(rf'<section id="(\w+)">{head}\s*(<\w+)', text)
 
 
-def rows_of(text):
-    return json.loads(re.search(r'id="rows">(.*?)</script>', text, flags=re.DOTALL)[1])
+def rows_of(table):
+    """The rows of a table of object-frames, by heading, as text."""
+    names = [cell.text for cell in table.headings()]
+    return [dict(zip(names, (cell.text for cell in row), strict=True)) for row in table.cells()]
 
 
 def test_every_section_opens_with_a_sentence(tiny_page):
@@ -44,12 +44,12 @@ def test_it_holds_everything_itself(tiny_page):
     addresses = re.findall(r'(?:src|href|url)\s*[=(]\s*"?([^\s")>]+)', text)
     assert len(addresses) > 20
     assert all(address.startswith(("data:", "#")) for address in addresses)
-    assert text.count("<script") == 2
+    assert text.count("<script") == 1
     assert "@import" not in text
 
 
 def test_it_names_paper_data_and_method_with_its_settings(tiny_page):
-    about = re.search(r'<dl class="about">.*?</dl>', tiny_page.read_text(), flags=re.DOTALL)[0]
+    about = re.search(r'<table class="about">.*?</table>', tiny_page.read_text(), flags=re.DOTALL)[0]
     assert "Spherical formulation of geometric motion segmentation constraints in fisheye cameras" in about
     assert "settings: threshold = 0.0005." in about
     assert "12 images of 3 recordings" in about
@@ -58,7 +58,7 @@ def test_it_names_paper_data_and_method_with_its_settings(tiny_page):
 def test_every_recording_has_a_row_that_leads_to_its_frames_and_its_worst_case(tiny_run, tiny_page):
     text = tiny_page.read_text()
     section = text[text.index('<section id="recordings">') : text.index('<section id="around">')]
-    assert set(re.findall(r'href="#frames">([^<]+)<', section)) == {
+    assert set(re.findall(r'href="#recording=([^"]+)">', section)) == {
         "crossing",
         "standing",
         "overtaking",
@@ -69,8 +69,8 @@ def test_every_recording_has_a_row_that_leads_to_its_frames_and_its_worst_case(t
     objects, _ = read_tables(tiny_run / "paper-v1")
     scored = [row for row in objects.to_pylist() if row["status"] == "evaluated" and row["recording"] == "standing"]
     tpr = sum(row["tp"] / (row["tp"] + row["fn"]) for row in scored) / len(scored)
-    line = section[section.index('href="#frames">standing') :]
-    shown = [cell.strip() for cell in re.findall(r'<td[^>]* class="count">(.*?)</td>', line, re.DOTALL)]
+    line = section[section.index('href="#recording=standing">') :]
+    shown = [cell.strip() for cell in re.findall(r'<td[^>]* class="count ">(.*?)</td>', line, re.DOTALL)]
     assert shown[1] == f"{100 * tpr:.1f} %"
     assert shown[3] == str(len(scored))
 
@@ -115,57 +115,40 @@ def test_figures_for_papers_are_vectors_and_the_same_twice(tiny_run):
     assert again[2].read_bytes() == made["coverage-crossing.pdf"]
 
 
-def test_every_annotated_object_is_a_row(tiny_run, tiny_page):
+def test_every_annotated_object_is_a_row_the_least_covered_first(tiny_run):
     objects, _ = read_tables(tiny_run / "paper-v1")
-    shown = rows_of(tiny_page.read_text())
-    assert shown["rows"] == objects.num_rows == read_run(tiny_run).summary.objects.annotated
-    assert all(len(values) == objects.num_rows for values in shown["columns"].values())
-
-
-def test_a_row_says_what_is_stored(tiny_run):
-    data = table_data(read_run(tiny_run), pictured={})
-    stored = (
-        read_tables(tiny_run / "paper-v1")[0]
-        .to_pandas()
-        .sort_values(["recording", "camera", "timestamp_ns", "track_id"])
-    )
-    for place, (_, row) in enumerate(stored.iterrows()):
-        of_row = {name: values[place] for name, values in data["columns"].items()}
-        assert data["words"]["track_id"][of_row["track_id"]] == row["track_id"]
+    table, annotated = object_table(read_run(tiny_run), pictured={})
+    assert len(table.rows) == len(table.tags) == annotated == objects.num_rows
+    key = ["recording", "camera", "time (s)", "object"]
+    shown = {tuple(row[name] for name in key): row for row in rows_of(table)}
+    for row in objects.to_pylist():
+        time_s = f"{row['timestamp_ns'] / 1e9:.2f}"
+        found = shown[row["recording"], row["camera"], time_s, row["track_id"]]
         if row["status"] == "evaluated":
-            assert of_row["coverage"] == pytest.approx(100 * row["tp"] / (row["tp"] + row["fn"]), abs=0.051)
-            assert of_row["iou"] == pytest.approx(100 * row["tp"] / (row["tp"] + row["fn"] + row["fp"]), abs=0.051)
+            assert found["TPR %"] == f"{100 * row['tp'] / (row['tp'] + row['fn']):.1f}"
+            assert found["IoU %"] == f"{100 * row['tp'] / (row['tp'] + row['fn'] + row['fp']):.1f}"
         else:
-            assert of_row["coverage"] is None
+            assert found["TPR %"] == found["IoU %"] == ""
+    covered = [float(row["TPR %"]) for row in rows_of(table) if row["TPR %"]]
+    assert covered == sorted(covered)
 
 
-def test_a_row_opens_its_own_card_or_that_of_its_image(tiny_run):
+def test_a_row_leads_to_its_own_card_or_that_of_its_image(tiny_run):
     source = read_run(tiny_run)
     one, other = read_tables(tiny_run / "paper-v1")[0].to_pylist()[:2]
     keys = [(row["recording"], row["camera"], row["timestamp_ns"]) for row in (one, other)]
     assert keys[0] == keys[1], "two objects of one image"
     pictured = {(*keys[0], ""): "first", (*keys[0], other["track_id"]): "own"}
-    data = table_data(source, pictured=pictured)
-    shown = zip(data["columns"]["track_id"], data["columns"]["picture"], strict=True)
-    found = {data["words"]["track_id"][track]: picture for track, picture in shown if picture}
-    assert found == {one["track_id"]: "first", other["track_id"]: "own"}
+    table, _ = object_table(source, pictured=pictured)
+    found = {row[0].text: row[0].link for row in table.cells() if row[0].link}
+    assert found == {one["track_id"]: "#first", other["track_id"]: "#own"}
 
 
 def test_the_index_of_a_row_is_that_of_its_image(tiny_run, tiny_card):
-    data = table_data(read_run(tiny_run), pictured={})
     images = {handle.name: handle.open().images["front"] for handle in open_dataset(load_card(tiny_card))}
-    columns, words = data["columns"], data["words"]["recording"]
-    for recording, index, time_s in zip(columns["recording"], columns["index"], columns["time_s"], strict=True):
-        assert images[words[recording]][index].timestamp_ns / 1e9 == pytest.approx(time_s, abs=1e-3)
-
-
-def test_json_in_a_script_cannot_end_it():
-    script = environment().from_string("{{ content | tojson }}")
-    text = script.render(content={TRACK: [1.5, None]})
-    assert not set("<>&") & set(text)
-    assert json.loads(text) == {TRACK: [1.5, None]}
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        script.render(content=[float("nan")])
+    for row in rows_of(object_table(read_run(tiny_run), pictured={})[0]):
+        time_s = images[row["recording"]][int(row["image"])].timestamp_ns / 1e9
+        assert f"{time_s:.2f}" == row["time (s)"]
 
 
 def test_control_characters_are_shown_wherever_a_page_has_them():
@@ -192,7 +175,7 @@ def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     assert "No picture: the data set was not available." in text
     assert "<img" not in text
     assert [name for name, _ in sections(text)] == SECTIONS
-    assert re.search(r'<p class="facts">found \d+ %, range \d', text)
+    assert re.search(r'<p class="footnote">found \d+ %, range \d', text)
 
 
 @pytest.mark.usefixtures("without_charts")
@@ -245,7 +228,7 @@ def test_a_page_of_one_kind_has_only_its_rows(tiny_run):
     text = page.file.read_text()
     assert page.file.name == "index-overtaking.html"
     assert [name for name, _ in sections(text)] == [name for name in SECTIONS if name not in OF_FRAMES]
-    assert rows_of(text)["words"]["category"] == ["overtaking"]
+    assert set(re.findall(r' data-kind="([^"]*)"', text)) == {"overtaking"}
     assert "<small>(positive depth)</small>" in text
     assert "(epipolar)" not in text
     assert 'id="worst-overtaking-0"' in text

@@ -10,8 +10,8 @@ from bench.evaluation import CoverageCurve
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.records.segmentation import Segmentation
 from bench.reference import Category
-from bench.reporting.page.charts import coverage_points
-from bench.reporting.page.worst import (
+from bench.reporting.charts import coverage_points
+from bench.reporting.worst_cases import (
     OF_IMAGE,
     OF_OBJECT,
     Card,

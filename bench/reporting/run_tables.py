@@ -1,28 +1,46 @@
-"""The rows of the paper's table, ours beside the paper's, as tables for every form and one for the terminal."""
+"""A run in tables and lines: the rows of the paper's table, ours beside the paper's where that says something.
+
+The same rows make the table of the terminal, `table.md`, `.csv` and `.tex`, and the tables of a run's page. Totals say
+what became of objects and images, and what the run cost.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
-from bench.evaluation import Metric, ThresholdFreeMetrics, definitions, find_metric, published
-from bench.evaluation.summary import Summary
+import pandas as pd
+
+from bench.atomic import write_text
+from bench.errors import BenchError
+from bench.evaluation import Metric, Protocol, ThresholdFreeMetrics, definitions, find_metric, published
+from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED, read_parts
+from bench.evaluation.summary import Summary, not_annotated
 from bench.evaluation.sums import ALL_MOVING
-from bench.records.reference import Category
-from bench.reporting.document import Block, Cell, Column, Paragraph, Table
+from bench.harness import Provenance, RunSummary, StoredRun
+from bench.plain_text import counted
+from bench.recordings import load_card
+from bench.records.reference import Category, IgnoreReason
+from bench.reporting.canvas import write_picture
+from bench.reporting.charts import draw_run_maps
+from bench.reporting.document import Block, Cell, Column, Paragraph, Report, Table, to_latex
 from bench.reporting.formats import (
     CEILING,
     INTERVALS,
+    annotations_field,
     chance_of,
     detection_levels,
     hundredths,
     level_percent,
     mean_cell,
     metric_cell,
+    metric_record,
     percent,
     row_label,
     short_interval,
+    shortened,
     with_interval,
 )
 
@@ -31,10 +49,10 @@ FALSE_POSITIVE_METRICS = tuple(metric.field for metric in definitions.FALSE_POSI
 COMPARED = {"detection_rate": "Detection rate", "tpr": "TPR", "iou_detected": "IoU"}
 _OF_PAPER = {"detection_rate": "detection_rate", "tpr": "tpr", "iou_detected": "iou"}  # its name of each
 COVERAGES = {name: find_metric(name).label for name in ("iou", "tpr_all", "iou_detected", "tpr")}
+CASES_NOTE = "Cases: object-frames; in the last row images, and the area of the image."
 BESIDE_NOTE = (
     "TPR and IoU beside the paper's are averages over the detected object-frames. Differences in percentage points. "
-    "Cases: object-frames; in the last row images, and the area of the image. The paper's recordings are private: same "
-    "form, not the same data."
+    "The paper's recordings are private: same form, not the same data."
 )
 CHANCE_NOTE = "Chance: the same objects on the mask of another frame."
 NO_CHANCE_NOTE = "No chance level where the recordings are shorter than the protocol's chance_lag_s."
@@ -94,15 +112,27 @@ class TableRow:
         return percent(self.paper[name], digits=0) if name in self.paper else ""
 
 
-def table_rows(summary: Summary) -> list[TableRow]:
+def is_rendered(card: str) -> bool:
+    """True for a data set that is rendered from a scenario: ours, so that pages may show it, beside the paper's too."""
+    try:
+        return load_card(card).scenario is not None
+    except BenchError:
+        return False
+
+
+def table_rows(summary: Summary, *, beside_paper: bool = True) -> list[TableRow]:
     """The rows of the table: the categories in the paper's order, all moving objects, the false positives.
 
     The paper's TPR and IoU stand beside ours over the detected object-frames: as averages over all of them they would
     contradict its detection rate (0.72 x 0.64 is less than 0.55).
+
+    Args:
+        summary: of the run.
+        beside_paper: with the paper's values, which say something of scenes that were staged as its own.
     """
     rows = []
     for name, found in (summary.categories | {ALL_MOVING: summary.all_moving}).items():
-        theirs = published.CATEGORIES.get(Category(name)) if name != ALL_MOVING else None
+        theirs = published.CATEGORIES.get(Category(name)) if name != ALL_MOVING and beside_paper else None
         rows.append(
             TableRow(
                 name=name,
@@ -120,11 +150,11 @@ def table_rows(summary: Summary) -> list[TableRow]:
         name=FALSE_POSITIVES,
         label="False positives",
         frames=false.frames,
-        paper_frames=published.IMAGE_FRAMES,
+        paper_frames=published.IMAGE_FRAMES if beside_paper else None,
         tracks=None,
         recordings=false.recordings,
         metrics={name: getattr(false, name) for name in FALSE_POSITIVE_METRICS},
-        paper={"coverage": published.FALSE_POSITIVE_COVERAGE},
+        paper={"coverage": published.FALSE_POSITIVE_COVERAGE} if beside_paper else {},
     )
     return [*rows, of_images]
 
@@ -167,7 +197,11 @@ def further_columns(rows: Sequence[TableRow]) -> dict[str, str]:
 
 def table_note(rows: Sequence[TableRow]) -> str:
     """Return the note on how to read the tables of these rows."""
-    return " ".join([BESIDE_NOTE, *_chance_notes(rows), INTERVALS, *_further_notes(rows)])
+    return " ".join([CASES_NOTE, *_beside_notes(rows), *_chance_notes(rows), INTERVALS, *_further_notes(rows)])
+
+
+def _beside_notes(rows: Sequence[TableRow]) -> list[str]:
+    return [BESIDE_NOTE] if any(row.paper for row in rows) else []
 
 
 def _chance_notes(rows: Sequence[TableRow]) -> list[str]:
@@ -195,19 +229,21 @@ def text_tables(rows: Sequence[TableRow]) -> tuple[Table, ...]:
 
 
 def _beside_the_paper(rows: Sequence[TableRow]) -> Table:
-    columns = ["Type", "Recordings", "Cases", "paper"]
+    """The paper's metrics, with its values and the differences where it states any of these rows."""
+    beside = any(row.paper for row in rows)
+    columns = ["Type", "Recordings", "Cases", *(["paper"] if beside else [])]
     for heading in COMPARED.values():
-        columns += [heading, "paper", "diff."]
+        columns += [heading, *(["paper", "diff."] if beside else [])]
     lines: list[list[object]] = []
     for row in rows:
-        line: list[object] = [_label(row.label), row.recordings, row.frames, row.paper_frames]
+        line: list[object] = [_label(row.label), row.recordings, row.frames, *([row.paper_frames] if beside else [])]
         # The paper prints the false-positive coverage in the column of the detection rate.
         for name in ["coverage"] if row.name == FALSE_POSITIVES else COMPARED:
-            metric = row.metrics[name]
-            line += [percent(metric.value, cases=metric.cases), row.paper_percent(name), row.difference(name)]
+            line.append(percent(row.metrics[name].value, cases=row.metrics[name].cases))
+            line += [row.paper_percent(name), row.difference(name)] if beside else []
         lines.append(line + [None] * (len(columns) - len(line)))
-    title = "Results by category of objects, beside the paper's"
-    return Table(title=title, columns=columns, rows=lines, note=BESIDE_NOTE, name="paper", look="texts counted")
+    title = f"Results by category of objects{', beside the paper' if beside else ''}"
+    return Table(title=title, columns=columns, rows=lines, note=" ".join([CASES_NOTE, *_beside_notes(rows)]))
 
 
 def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str], notes: Sequence[str]) -> Table:
@@ -222,8 +258,6 @@ def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str,
             for row in of_objects
         ],
         note=" ".join([*notes, INTERVALS]),
-        name=title.lower(),
-        look="texts counted",
     )
 
 
@@ -240,8 +274,6 @@ def _false_positives(rows: Sequence[TableRow]) -> Table:
         ],
         words=0,
         note=f"{FALSE_POSITIVE_NOTE} {INTERVALS}",
-        name="false-positives",
-        look="texts",
     )
 
 
@@ -272,7 +304,12 @@ def terminal_report(rows: Sequence[TableRow], *, title: str) -> list[Block]:
         # The paper prints the false-positive coverage in the column of the detection rate.
         names = [None] * len(COVERAGES) + ["coverage"] + [None] * (len(shown) - len(COVERAGES) - 1)
         cells = [name and _cell(row, name, below) for name in (names if of_images else shown)]
-        head = [_label(row.label), Cell("ours", tuple(below)), row.recordings, Cell(str(row.frames), frames)]
+        head = [
+            _label(row.label),
+            Cell("ours" if row.paper else "", tuple(below)),
+            row.recordings,
+            Cell(str(row.frames), frames),
+        ]
         lines.append([*head, row.tracks, *cells])
     headings = [_SHORT.get(name) or _label(heading, before=" ") for name, heading in shown.items()]
     table = Table(
@@ -301,3 +338,140 @@ def _terminal_notes(rows: Sequence[TableRow]) -> list[str]:
     large = [f"{percent(row.metrics['frame_rate'].value)} of the images have a large false positive."
              for row in rows if row.name == FALSE_POSITIVES and row.frames]  # fmt: skip
     return [*filter(None, [left_out_note(rows)]), *large, f"{table_note(rows)} {COVERAGE_NOTE}"]
+
+
+_LONGEST_SETTINGS = 80  # characters in a caption
+
+
+def report(rows: Sequence[TableRow], *, notes: Sequence[str] = (), unreviewed: str = "") -> Report:
+    """The table of a run; a line of numbers per row and metric, ratios in [0, 1].
+
+    Args:
+        rows: of the table.
+        notes: on the method and the data, around the note on how to read the table.
+        unreviewed: `RunSummary.unreviewed`, which stands in each line of numbers of such a run.
+    """
+    numbers: list[dict[str, object]] = [
+        {"row": row.name, "label": row.label, "frames": row.frames, "paper_frames": row.paper_frames,
+         "tracks": row.tracks, "metric": name} | metric_record(metric)
+        | {"recordings": row.recordings, "paper": row.paper.get(name), "difference_points": row.difference_points(name)}
+        | annotations_field(unreviewed)
+        for row in rows
+        for name, metric in row.metrics.items()
+    ]  # fmt: skip
+    tables = [replace(table, note="") for table in text_tables(rows)]
+    said = map(Paragraph, filter(None, [*notes[:1], table_note(rows), *notes[1:]]))
+    return Report(title="", blocks=[*tables, *said], numbers=numbers)
+
+
+def latex(rows: Sequence[TableRow], *, label: str, about: str) -> str:
+    """The tables as floats; kinds of motion without cases are left out.
+
+    Args:
+        rows: of the table.
+        label: of the floats, before the title of each.
+        about: in their captions, behind the title.
+    """
+    tables = text_tables([row for row in rows if row.frames])
+    return "\n".join(to_latex(table, label=f"{label}-{table.title.partition(' with')[0].partition(',')[0]}",
+                               caption=f"{table.title}: {about}.") for table in tables)  # fmt: skip
+
+
+def _about(run: StoredRun) -> str:
+    """Method, data set and protocol; settings that are not the method's defaults; annotations that nobody reviewed."""
+    method, data = run.manifest.method, run.manifest.dataset
+    settings = [f"{name} = {value}" for name, value in method.changed_settings().items()]
+    shown = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
+    split = f", split {data.split}" if data.split else ""
+    told = f"method {method.name} ({shown}), data set {data.name}{split}, {run.protocol.name}"
+    return ", ".join(part for part in (told, run.summary.unreviewed.rstrip(".")) if part)
+
+
+def write_report_files(run: StoredRun) -> tuple[list[TableRow], tuple[Path, ...]]:
+    """Write `table.md`, `.csv`, `.tex` and `range_map.png`, `.svg` into the folder of a run.
+
+    Returns:
+        rows: of the table, for the terminal.
+        files: paths, tables first.
+
+    Raises:
+        DataError: a table of the run is damaged.
+    """
+    summary = run.summary
+    rows = table_rows(summary, beside_paper=is_rendered(run.manifest.dataset.card))
+    over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
+    caveats = f"The data: {' '.join(summary.caveats.split())}" if summary.caveats.strip() else ""
+    files = report(rows, notes=[over_all, caveats], unreviewed=summary.unreviewed).write(run.folder, "table")
+    paper = run.folder / "table.tex"
+    write_text(paper, latex(rows, label=run.label, about=_about(run)))
+    return rows, (*files, paper, *write_picture(run.folder / "range_map", draw_run_maps(run)))
+
+
+FILLED = 0.5  # of the valid pixels: more in every image is no moving object
+
+
+def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
+    """Numbers of objects and images that were evaluated, and reasons that the others were not."""
+    ledger, images = summary.objects, summary.images
+    limits: dict[str, str] = {IgnoreReason.RANGE: f" (beyond {protocol.reference.range_limit_m:g} m)"}
+    reasons = [f"{count} {reason}{limits.get(reason, '')}" for reason, count in ledger.ignored.items() if count]
+    yield (
+        f"{ledger.annotated} annotated object-frames: {ledger.evaluated} evaluated, {ledger.static} static, "
+        f"ignored: {', '.join(reasons) or 'none'}"
+    )
+    if summary.threshold_free is not None:
+        yield threshold_free_line(summary.threshold_free)
+    ended = f"{images.evaluated} scored, {images.skipped} skipped, {images.failed} failed"
+    yield f"{counted(images.images, 'image')}: {ended}"
+    if unscored := not_annotated(summary):
+        yield unscored
+    if summary.unreviewed:
+        yield summary.unreviewed
+
+
+def nothing_scored(summary: RunSummary) -> str:
+    """Warn that no object was evaluated though some move; "" otherwise."""
+    ledger = summary.objects
+    moving = ledger.annotated - ledger.static
+    if ledger.evaluated or not moving:
+        return ""
+    return (
+        f"no object was scored: all {moving} moving object-frames are ignored, for the reasons below; if they surprise "
+        "you, calibration, ego-motion or boxes may be wrong: see `fisheye-bench validate` and `fisheye-bench view`"
+    )
+
+
+def odd_masks(run: StoredRun) -> str:
+    """Warn of a run whose masks are all empty, or all fill more than half of the valid pixels; "" otherwise."""
+    shares = pd.concat(
+        (rows["detected_px"] / rows["valid_px"])[
+            rows["status"].isin([EVALUATED, NOT_ANNOTATED]) & (rows["valid_px"] > 0)
+        ]
+        for rows in read_parts(run.frames, ["status", "detected_px", "valid_px"])
+    )
+    if shares.empty or (shares.max() > 0 and shares.min() <= FILLED):
+        return ""
+    if shares.max() > 0:
+        what = f"each of the {len(shares)} masks marks more than half of the valid pixels; an inverted mask does that"
+    else:
+        what = (
+            f"none of the {len(shares)} masks marks anything; scores below the threshold, or of another scale, do that"
+        )
+    return f"{what}: see `fisheye-bench view`"
+
+
+def cost_lines(made: Provenance) -> Iterator[str]:
+    """Work of a run, and the time and memory that it took."""
+    rate = f", {made.images_asked / made.seconds:.1f} images per second" if made.images_asked and made.seconds else ""
+    yield (
+        f"{made.seconds:.1f} s{rate}, peak memory of a process {made.peak_memory_mb:.0f} MB; "
+        f"seconds by stage, over all processes: {stage_times(made.stage_seconds)}"
+    )
+    stored = made.images - made.images_asked
+    found = f"; the answers of {counted(stored, 'image')} were there" if stored > 0 else ""
+    yield f"{counted(made.workers, 'process')}; the method was asked for {counted(made.images_asked, 'image')}{found}"
+
+
+def stage_times(seconds: Mapping[str, float]) -> str:
+    """Seconds by stage, as "decode 1.4, method 30.9"."""
+    return ", ".join(f"{name} {spent:.1f}" for name, spent in seconds.items())

@@ -20,6 +20,7 @@ from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun
 from bench.reference import Category, Status
+from bench.reporting.charts import figure_uri
 from bench.reporting.document import Cell, Paragraph, Table
 from bench.reporting.formats import LABELS, frame_name, image_name
 from bench.reporting.frame import (
@@ -31,7 +32,6 @@ from bench.reporting.frame import (
     scored_layers,
 )
 from bench.reporting.frame_pictures import ImageKey, draw_images, draw_panels
-from bench.reporting.page.charts import figure_uri
 
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
 Rank = Callable[[pd.DataFrame], pd.DataFrame]
