@@ -313,7 +313,8 @@ def _why_suspect(row: Mapping[Any, Any]) -> str:
         return "worse than tolerated, but the interval includes no change"
     if p_holm is None:
         return "worse than tolerated, but this row decides nothing"
-    return "" if p_holm <= SIGNIFICANCE else f"worse than tolerated, but one of several: p = {p_holm:.2f} after Holm"
+    chance = f"worse than tolerated, but among so many metrics it may be chance: p = {p_holm:.2f}, corrected after Holm"
+    return "" if p_holm <= SIGNIFICANCE else chance
 
 
 def _why_not_judged(row: Mapping[Any, Any], tolerances: Tolerances) -> str:

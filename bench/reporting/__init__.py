@@ -7,7 +7,8 @@ equal input gives equal bytes.
 
 - `document` (blocks, reports and their writers; `page.html.j2`, `page.css` and `page.js` make the one page of all),
   `formats` (how values and intervals are written everywhere), `canvas` (colours, figures, what is drawn on axes);
-- `run_tables` (a run in tables and lines), `charts` (its charts), `run_page` and `worst_cases` (its page);
+- `run_tables` (a run in tables and lines), `charts` (its charts), `run_page` (its page), of `glance` (what to know
+  first), `worst_cases` and `object_table`;
 - `compare` and `compare_page` (runs against each other), `leaderboard` and `leaderboard_page` (all runs of a folder),
   `verdict` (of the gate), `sweep` (one setting through many values);
 - `findings` (what is wrong with data or predictions), `audit_tables`, `proposal_scores` (against annotations);

@@ -41,7 +41,7 @@ from bench.reporting.canvas import (
     write_picture,
 )
 from bench.reporting.document import Drawing
-from bench.reporting.formats import LABELS
+from bench.reporting.formats import LABELS, found_level
 
 _INK = re.compile("#000000|#303030")
 
@@ -92,20 +92,15 @@ HATCH = "//////"
 RING_STEP_M = 5.0
 _WIDTH_IN, _AROUND_IN = 7.0, 1.3
 _LEAST_REACH_M = 10.0
-HALF = 0.5
 HALF_TITLE = "Detected: at least half of the object's core"
 
 
 def draw_run_maps(run: StoredRun) -> Figure:
-    """Draw the maps of a run, by the paper's rule or, under a protocol with unknown bands, by half of the core.
-
-    Methods that mark much of the image touch every object: "any pixel" says nothing of them.
-    """
+    """Draw the maps of a run, of what its protocol counts as found."""
     outline_m = np.array(run.summary.vehicle_outline_m, dtype=np.float64)
-    if run.protocol.reference.unknown_band is None:
-        return draw_range_maps(range_maps(run.objects, protocol=run.protocol), vehicle_outline_m=outline_m)
-    maps = range_maps(run.objects, protocol=run.protocol, level=HALF)
-    return draw_range_maps(maps, vehicle_outline_m=outline_m, title=HALF_TITLE)
+    level = found_level(run.protocol)
+    maps = range_maps(run.objects, protocol=run.protocol, level=level)
+    return draw_range_maps(maps, vehicle_outline_m=outline_m, title=HALF_TITLE if level else "")
 
 
 @styled

@@ -37,7 +37,7 @@ from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES
 from bench.harness import StoredRun, read_run
 from bench.harness.manifest import ANSWERS_MANIFEST, Aspect, Manifest, all_settings, differences
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_digest, refuse_unscored
-from bench.reporting.formats import LABELS, chance_of
+from bench.reporting.formats import LABELS, chance_of, found_level
 
 
 def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
@@ -326,7 +326,7 @@ def paired_objects(before: StoredRun, after: StoredRun) -> Iterator[pd.DataFrame
     Raises:
         DataError: the runs did not evaluate the same object-frames, though their summaries say so.
     """
-    for part in changes_in_parts(before.objects, after.objects):
+    for part in changes_in_parts(before.objects, after.objects, level=found_level(before.protocol)):
         alone = part[~part["change"].isin(["gained", "lost", "both", "neither"])]
         if len(alone):
             first = " ".join(str(alone.iloc[0][name]) for name in (*IMAGE, "track_id"))

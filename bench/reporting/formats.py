@@ -6,8 +6,8 @@ import math
 import re
 from collections.abc import Container, Iterable
 
-from bench.evaluation import Metric, Summary, headlines
-from bench.evaluation.definitions import IMAGE_FRAMES
+from bench.evaluation import Metric, Protocol, Summary, headlines
+from bench.evaluation.definitions import HALF, IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.records.reference import Category, ReferenceFrame
@@ -142,6 +142,14 @@ def detection_levels(names: Iterable[str]) -> list[str]:
 def level_percent(name: str) -> float:
     """The level of "detection_rate_50", in percent."""
     return float(name.removeprefix("detection_rate_"))
+
+
+def found_level(protocol: Protocol) -> float:
+    """The least coverage that counts as found: half of the core under a protocol with unknown bands, else 0, any pixel.
+
+    Methods that mark much of the image touch every object: "any pixel" says nothing of them.
+    """
+    return 0.0 if protocol.reference.unknown_band is None else HALF
 
 
 def chance_of(name: str) -> str:

@@ -8,24 +8,19 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
-import pandas as pd
-
 from bench.atomic import write_output
-from bench.evaluation import Metric, RowSource, find_metric, published
-from bench.evaluation.definitions import IMAGE_FRAMES, OBJECT_FRAMES, coverage, intersection_over_union
+from bench.evaluation import find_metric, published
+from bench.evaluation.definitions import OBJECT_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.protocol import known_protocols
-from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, group_recordings, pick, read_parts, sort_rows
-from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
-from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
+from bench.evaluation.rows import EVALUATED
+from bench.evaluation.summary import Summary
+from bench.evaluation.sums import recording_values
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.digests import short_digest
 from bench.harness.stages import Progress
@@ -46,22 +41,21 @@ from bench.reporting.document import (
     Items,
     Paragraph,
     Picture,
-    Style,
     Table,
     to_page,
 )
 from bench.reporting.findings import run_findings
 from bench.reporting.formats import (
     LABELS,
-    chance_of,
     headline_metrics,
     image_name,
-    metric_cell,
     percent,
     with_interval,
 )
 from bench.reporting.frame import draw_frames, scored_layers
 from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
+from bench.reporting.glance import bar_cell, breakdowns, kind_tables, remarks, tiles
+from bench.reporting.object_table import FILTERS, object_table, view_command
 from bench.reporting.run_tables import (
     is_rendered,
     left_out_note,
@@ -71,169 +65,6 @@ from bench.reporting.run_tables import (
     text_tables,
 )
 from bench.reporting.worst_cases import IMAGE_NOTE, OBJECT_NOTE, Card, Gallery, image_key, worst_cases, worst_objects
-
-# What a reader should know first.
-
-_HALF = "detection_rate_50"
-LEAST_OBJECT_FRAMES = 10  # of fewer nothing is said
-COUNTS = ("object-frames", "objects", "recordings")
-BREAKDOWN_METRICS = ("iou", "tpr_all", "detection_rate_50", "detection_rate", "unknown_share")
-# By name: caption, heading of the first column, and a row in words.
-BREAKDOWNS = {
-    "object_class": ("By class", "class", "class {}"),
-    "range_m": ("By range", "nearest point (m)", "range {} m"),
-    "speed_mps": ("By the object's own speed", "speed (m/s)", "speed {} m/s"),
-    CLASS_AND_SPEED: ("By class and the object's own speed", "class, speed (m/s)", "{} m/s"),
-    "ego_speed_mps": ("By speed of the ego vehicle", "speed (m/s)", "ego speed {} m/s"),
-    "camera": ("By camera", "camera", "camera {}"),
-    "points": ("By lidar points on the object", "points", "{} lidar points"),
-}
-
-
-def against_chance(row: ObjectMetrics) -> tuple[Style, str, str]:
-    """Compare the rate of object-frames of which half is found, or any pixel by a protocol without that level.
-
-    Returns:
-        style: "bad" where the rate is not shown to be above chance; to be above it is the least and no praise.
-        statement: of a row against chance; it is one of several that exclude each other.
-        numbers: that it rests on.
-    """
-    half = _HALF if _HALF in row.metric_names() else "detection_rate"
-    rate, chance = row.metric(half), row.metric(chance_of(half)).value
-    if row.object_frames < LEAST_OBJECT_FRAMES:
-        return "", f"Fewer than {LEAST_OBJECT_FRAMES} object-frames", f"({row.object_frames})"
-    if math.isnan(chance):
-        return "", "Without a chance level", ""
-    if rate.ci95 is None:
-        return "", f"Too few recordings to tell from chance, {FEWEST_RECORDINGS} are needed", f"({row.recordings})"
-    condition = " when half of an object must be found" if half == _HALF else ""
-    numbers = f"({percent(rate.value)}, by chance {percent(chance)})"
-    if rate.ci95[0] > chance:
-        return "", f"Above chance{condition}", numbers
-    return "bad", f"Not shown to be above chance{condition}", numbers
-
-
-def _kinds(metrics: Summary) -> dict[str, ObjectMetrics]:
-    """The kinds of motion that have object-frames, by their labels, the lowest IoU first."""
-    rows = {LABELS[name]: row for name, row in metrics.categories.items() if row.object_frames}
-    return dict(sorted(rows.items(), key=lambda item: item[1].iou.value))
-
-
-def kind_tables(metrics: Summary) -> list[Table]:
-    """A row for each kind of motion in their order; no table without any."""
-    kinds = _kinds(metrics)
-    return [breakdown_table("By kind of motion, the lowest IoU first", "kind", kinds)] if kinds else []
-
-
-def breakdowns(metrics: Summary) -> list[Table]:
-    """One table for every way to sort the object-frames.
-
-    Of class x speed the slices without object-frames, which are most of them, are left out.
-    """
-    tables = dict(metrics.breakdowns)
-    if CLASS_AND_SPEED in tables:
-        tables[CLASS_AND_SPEED] = {name: row for name, row in tables[CLASS_AND_SPEED].items() if row.object_frames}
-    return [breakdown_table(*BREAKDOWNS[name][:2], rows) for name, rows in tables.items() if rows]
-
-
-def lowest_of(rows: Mapping[str, ObjectMetrics]) -> str | None:
-    """The row with the lowest IoU; None where no interval of another lies wholly above its own."""
-    known = {name: row.iou for name, row in rows.items() if row.object_frames >= LEAST_OBJECT_FRAMES and row.iou.ci95}
-    lowest = min(known, key=lambda name: known[name].value, default=None)
-    if lowest is None or not any(_clearly_below(known[lowest], other) for other in known.values()):
-        return None
-    return lowest
-
-
-def _clearly_below(metric: Metric, other: Metric) -> bool:
-    """True if both have intervals and the one lies wholly below the other."""
-    return metric.ci95 is not None and other.ci95 is not None and metric.ci95[1] < other.ci95[0]
-
-
-def tiles(metrics: Summary, *, category: Category | None) -> Table:
-    """The headline metrics as cards; of one kind of motion without the false positives, which have none."""
-    row, shown = metrics.all_moving, dict[str, Cell]()
-    few = f"{row.object_frames} object-frames, fewer than {LEAST_OBJECT_FRAMES}"
-    for name, metric in headline_metrics(metrics).items():
-        label, cell = find_metric(name).label, replace(metric_cell(metric), style="strong")
-        if find_metric(name).over == IMAGE_FRAMES:
-            about = f"of the image wrongly marked; over {metric.cases} images"
-            if category is None:
-                shown[label] = replace(cell, below=(*cell.below, about))
-        elif row.object_frames < LEAST_OBJECT_FRAMES:
-            shown[label] = Cell("n/a", (few,), "strong")
-        else:
-            about = "; ".join(filter(None, (_bound_note(name, row), f"over {row.object_frames} object-frames")))
-            shown[label] = replace(cell, below=(*cell.below, about))
-    return Table(columns=list(shown), rows=[list(shown.values())], words=0, look="tiles")
-
-
-def remarks(metrics: Summary) -> list[Paragraph]:
-    """List what a reader should know first: one statement on chance for each kind of motion; what is clearly lowest."""
-    kinds = {label.lower(): row for label, row in _kinds(metrics).items()}
-    if not kinds:
-        why = not_annotated(metrics) or "No object-frame was evaluated: there is nothing to say of moving objects."
-        return [Paragraph(why, "warn")]
-    chances: dict[tuple[Style, str], list[str]] = {}
-    for label, row in kinds.items():
-        style, statement, numbers = against_chance(row)
-        chances.setdefault((style, statement), []).append(f"{label} {numbers}".rstrip())
-    ordered = sorted(chances.items(), key=lambda item: item[0][0] != "bad")
-    said = [Paragraph(f"{text}: {', '.join(named)}.", style) for (style, text), named in ordered]
-    split = {"kind {}": kinds} | {words: metrics.breakdowns.get(name, {}) for name, (_, _, words) in BREAKDOWNS.items()}
-    lowest = [(words, rows, lowest_of(rows)) for words, rows in split.items()]
-    named = [f"{words.format(name)} with {percent(rows[name].iou.value)}" for words, rows, name in lowest if name]
-    if named:
-        said.append(Paragraph(f"IoU is clearly lower than elsewhere: {'; '.join(named)}.", "bad"))
-    images = metrics.images
-    if left := images.failed + images.skipped:
-        text = f"{left} of {images.images} images could not be scored; the last section says why."
-        said.append(Paragraph(text, "bad"))
-    return said
-
-
-# Tables.
-
-
-def _bar_cell(metric: Metric, *notes: str, lowest: bool = False) -> Cell:
-    """A metric with its bar, and its interval and notes below."""
-    cell = metric_cell(metric)
-    if math.isnan(metric.value):
-        return cell
-    below = tuple(filter(None, ("lowest" if lowest else "", *cell.below, *notes)))
-    bar = Bar(share=metric.value, interval=metric.ci95)
-    return replace(cell, below=below, style="bad" if lowest else "strong", bar=bar)
-
-
-def _bound_note(name: str, row: ObjectMetrics) -> str:
-    """Return what bounds a metric of a row: the chance level of a detection rate, the ceiling of IoU; "" for none."""
-    other = chance_of(name) if name.startswith("detection_rate") else f"ceiling_{name}"
-    if other not in row.metric_names() or name == "tpr_all" or math.isnan(row.metric(other).value):
-        return ""
-    return f"{other.partition('_')[0]} {percent(row.metric(other).value)}"
-
-
-def breakdown_table(caption: str, heading: str, rows: Mapping[str, ObjectMetrics]) -> Table:
-    """One way to sort the object-frames; the lowest row is marked where it is clearly lower.
-
-    Args:
-        caption: of the table.
-        heading: of its first column.
-        rows: by name, those without cases included; what all of them have is shown.
-    """
-    metrics = [name for name in BREAKDOWN_METRICS if all(name in row.metric_names() for row in rows.values())]
-    lowest = lowest_of(rows)
-    return Table(
-        title=caption,
-        columns=[heading, *(find_metric(name).label for name in metrics), *COUNTS],
-        rows=[
-            [key]
-            + [_bar_cell(row.metric(n), _bound_note(n, row), lowest=n == "iou" and key == lowest) for n in metrics]
-            + [row.object_frames, row.tracks, row.recordings]
-            for key, row in rows.items()
-        ],
-    )
-
 
 LISTED_RECORDINGS = 200
 
@@ -269,7 +100,7 @@ def _cause_table(metrics: Summary, *, of_recordings: str) -> Table | None:
     return Table(
         title=f"Share of the falsely marked pixels{of_recordings}",
         columns=["cause", "share"],
-        rows=[[name.replace("_", " "), _bar_cell(cause)] for name, cause in ordered],
+        rows=[[name.replace("_", " "), bar_cell(cause)] for name, cause in ordered],
         look="narrow",
     )
 
@@ -348,88 +179,6 @@ def _ledger_tables(metrics: Summary) -> list[Table]:
     return [Table(title=title, columns=["outcome", "number", "why"], rows=rows) for title, rows in titles.items()]
 
 
-# Every object-frame.
-
-LISTED = 2_000  # 1 MB of the page
-ObjectKey = tuple[str, str, int, str]
-_READ = (
-    *OBJECT,
-    *("object_class", "status", "reason", "category", "range_m", "ego_speed_mps", "points", "region_px"),
-    *("tp", "fn", "fp"),
-)
-FILTERS = {"kind": "Kind", "class": "Class", "outcome": "Outcome", "camera": "Camera", "recording": "Recording"}
-
-
-def listed_rows(
-    source: RowSource, *, pictured: Collection[ObjectKey] = (), most: int = LISTED
-) -> tuple[pd.DataFrame, int]:
-    """The rows of the table, and how many there are in all.
-
-    Args:
-        source: of the objects.
-        pictured: object-frames that are listed in any case.
-        most: rows; the evaluated with the lowest coverage come first, of equals the largest, and then the others.
-    """
-    annotated, ranks = 0, ["scored", "coverage", "region_px"]
-
-    def parts() -> Iterator[pd.DataFrame]:
-        nonlocal annotated
-        for part in read_parts(source, _READ):
-            annotated += len(part)
-            rows = sort_rows(part, OBJECT)
-            scored = rows["status"] == EVALUATED
-            own = pd.MultiIndex.from_frame(rows[OBJECT]).isin(list(pictured)) if pictured else False
-            yield rows.assign(pictured=own, scored=scored, coverage=coverage(rows).where(scored))
-
-    def first(rows: pd.DataFrame) -> pd.DataFrame:
-        order = [False, False, True, False]
-        return rows.sort_values(["pictured", *ranks], ascending=order, kind="stable").head(most)
-
-    chosen = pick(parts(), first)
-    return chosen.sort_values(ranks, ascending=[False, True, False], kind="stable", ignore_index=True), annotated
-
-
-def object_table(run: StoredRun, *, pictured: Mapping[ObjectKey, str], most: int = LISTED) -> tuple[Table, int]:
-    """Every annotated object-frame as a row; where there are too many the worst; and how many there are in all.
-
-    Args:
-        run: of the page.
-        pictured: image and track -> the element with their pictures; track "" for any object of the image.
-        most: rows; where there are more, those with pictures of their own and the least covered are listed.
-    """
-    rows, annotated = listed_rows(run.objects, pictured={key for key in pictured if key[3]}, most=most)
-    keys: list[ObjectKey] = list(rows[OBJECT].itertuples(index=False, name=None))
-    status, reason, kind = (rows[name].astype(object).fillna("") for name in ("status", "reason", "category"))
-    rows["outcome"] = status.where(reason == "", status + ": " + reason.str.replace("_", " "))
-    rows["kind"] = kind.str.replace("_", " ")
-    addresses = [pictured.get(key) or pictured.get((*key[:3], ""), "") for key in keys]
-    scored = rows["status"] == EVALUATED
-    shown = {
-        "object": [Cell(key[3], link=f"#{to}" if to else "") for key, to in zip(keys, addresses, strict=True)],
-        "recording": rows["recording"],
-        "camera": rows["camera"],
-        "class": rows["object_class"],
-        "kind": rows["kind"],
-        "outcome": rows["outcome"],
-        "time (s)": (rows["timestamp_ns"] / 1e9).map("{:.2f}".format),
-        "image": _image_indices(run, keys),
-        "IoU %": _numbers(100 * intersection_over_union(rows).where(scored), 1),
-        "TPR %": _numbers(100 * rows["coverage"], 1),
-        "false px": _numbers(rows["fp"].where(scored), 0),
-        "object px": _numbers(rows["region_px"].where(scored), 0),
-        "range (m)": _numbers(rows["range_m"], 1),
-        "ego (km/h)": _numbers(3.6 * rows["ego_speed_mps"], 1),
-        "points": _numbers(rows["points"], 0),
-    }
-    tags = rows.rename(columns={"object_class": "class"})[[*FILTERS]].astype(str)
-    title = "Annotated object-frames; TPR (coverage) and IoU in percent"
-    of_rows = [dict(zip(FILTERS, row, strict=True)) for row in tags.itertuples(index=False)]
-    table = Table(
-        title=title, columns=[*shown], rows=[*zip(*shown.values(), strict=True)], words=6, tags=of_rows, look="dense"
-    )
-    return table, annotated
-
-
 def _object_section(run: StoredRun, cards: Sequence[Card]) -> Group:
     pictured = {(*card.key, track): card.element for card in reversed(cards) if card.view
                 for track in ("", card.track or "")}  # fmt: skip
@@ -446,31 +195,6 @@ def _object_section(run: StoredRun, cards: Sequence[Card]) -> Group:
     blocks: list[Block] = [Paragraph(about), Code(view_command(run)), Filters(choices, "Search"), table]
     title = "All object-frames" if len(table.rows) == annotated else "Object-frames"
     return Group(look="section", name="frames", title=title, count=f"{len(table.rows):,} rows", blocks=blocks)
-
-
-def _numbers(values: pd.Series[Any], digits: int) -> list[str]:
-    return ["" if math.isnan(value) else f"{value:.{digits}f}" for value in values.astype(float)]
-
-
-def _image_indices(run: StoredRun, keys: Sequence[ObjectKey]) -> list[int]:
-    """Index of each image among those of its camera; the first ones, which have no history, are in no table."""
-    history = 1 if run.manifest.method.history is None else run.manifest.method.history
-    wanted = pd.DataFrame(keys, columns=OBJECT)[IMAGE]
-    counts = run.frames.recordings()
-    indices = []
-    for group in group_recordings({name: counts[name] for name in set(wanted["recording"])}):
-        frames = sort_rows(run.frames.read(group, IMAGE), IMAGE)
-        frames["index"] = frames.groupby(IMAGE[:2], sort=False).cumcount() + history
-        indices.append(frames.merge(wanted.drop_duplicates()))
-    return wanted.merge(pd.concat(indices), how="left")["index"].astype(int).tolist() if indices else []
-
-
-def view_command(run: StoredRun) -> str:
-    """The call of `view` that draws an image of the run, with its method, settings and protocol."""
-    words = ["fisheye-bench", "view", run.manifest.dataset.card, *run.manifest.method.options()]
-    known = run.protocol.name in known_protocols()
-    words += ["--protocol", run.protocol.name if known else str(run.folder / "protocol.json")]
-    return " ".join(map(shlex.quote, words)) + " --recording RECORDING --camera CAMERA --frame IMAGE"
 
 
 # Pictures of one run or of two on the same images.

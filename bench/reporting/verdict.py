@@ -43,7 +43,7 @@ from bench.gate.verdict import (
 )
 from bench.plain_text import plain
 from bench.reporting import document
-from bench.reporting.document import Block, Cell, Group, Heading, Items, Paragraph, Style, Table
+from bench.reporting.document import Block, Cell, Code, Group, Heading, Items, Paragraph, Style, Table
 
 MOST = 10
 
@@ -195,6 +195,9 @@ def _summary(verdict: Verdict) -> Iterator[Block]:
         yield row_table(shown, with_notes=True)
     if skipped := not_judged_line(verdict):
         yield Paragraph(skipped)
+    if verdict.judged and not verdict.passed:
+        yield Paragraph("If the change is wanted, make this run the baseline:")
+        yield Code("fisheye-bench gate RUN --update")
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
     if others:
         title = f"{len(others)} other rows, those of breakdowns among them"

@@ -62,7 +62,9 @@ def test_the_more_rows_decide_the_clearer_a_loss_must_be(others, expected):
     assert row.p_value == pytest.approx(0.0413, abs=2e-4)
     assert verdict.passed == (expected is Outcome.SUSPECT)
     if expected is Outcome.SUSPECT:
-        assert row.reason == "worse than tolerated, but one of several: p = 0.06 after Holm"
+        assert row.reason == (
+            "worse than tolerated, but among so many metrics it may be chance: p = 0.06, corrected after Holm"
+        )
 
 
 def test_rows_that_decide_nothing_count_for_nothing():

@@ -237,6 +237,7 @@ def test_the_summary_tells_failures_first(mixed):
 
 def test_the_summary_is_cut_at_a_row_with_the_count(many):
     whole = to_markdown(many)
+    assert "make this run the baseline:\n\n```\nfisheye-bench gate RUN --update\n```" in whole
     cut = to_markdown(many, largest_bytes=2000)
     assert len(cut.encode()) <= 2000
     kept = [line for line in cut.splitlines() if line.startswith("| ")][1:]

@@ -42,6 +42,13 @@ def test_a_run_against_itself_differs_in_nothing(half):
     assert verdict_line(found).startswith("half (2) against half, over everything: the same: IoU, all; TPR, all")
 
 
+@pytest.mark.parametrize(("protocol", "lost"), [("paper-v1", 0), ("surface-v1", RECORDINGS * IMAGES + 3 * IMAGES)])
+def test_under_a_protocol_with_bands_an_object_is_missed_below_half_of_its_core(tmp_path, protocol, lost):
+    runs = [write_run(tmp_path / f"{px}", drawn(px), protocol=protocol) for px in (50, 49)]
+    (found,) = compared(*runs)
+    assert found.detections.loc["all_moving", "lost"] == lost
+
+
 def test_a_run_that_finds_nothing_loses_everything(half, tmp_path):
     nothing = write_run(tmp_path / "nothing", drawn(0), fp_px=0)
     (found,) = compared(half, nothing)

@@ -9,7 +9,7 @@ from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
 from bench.reference import Category
 from bench.reporting.document import to_html
 from bench.reporting.formats import percent
-from bench.reporting.run_page import against_chance, breakdown_table, breakdowns, kind_tables, lowest_of, remarks, tiles
+from bench.reporting.glance import against_chance, breakdown_table, breakdowns, kind_tables, lowest_of, remarks, tiles
 from tests.reporting.printed import texts
 from tests.reporting.summaries import figure, object_figures, summary
 

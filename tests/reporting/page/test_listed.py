@@ -5,7 +5,7 @@ import pytest
 
 from bench.evaluation import rows
 from bench.evaluation.rows import OBJECT, TableRows
-from bench.reporting.run_page import listed_rows
+from bench.reporting.object_table import listed_rows
 from tests.evaluation.runs import random_run, shuffled
 
 

@@ -12,7 +12,8 @@ from bench.recordings import load_card, open_dataset
 from bench.reference import Category
 from bench.reporting.charts import write_figures
 from bench.reporting.document import environment
-from bench.reporting.run_page import object_table, write_page
+from bench.reporting.object_table import object_table
+from bench.reporting.run_page import write_page
 from tests.support.counts import change_table
 from tests.support.stored_files import change_manifest
 
