@@ -110,7 +110,7 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     assert len(recording.tracks) == len(drive.tracks) - 1
     assert not any(track.reviewed for track in recording.tracks)
     run = tmp_path / "run"
-    ended = called_here("run", card, "--out", run, "--no-pictures")
+    ended = called_here("run", card, "--out", run, "--no-pictures", "--protocol", "paper-v1")
     said = f"{NOT_REVIEWED} (1 of 1 recordings)"
     assert said in ended.stdout + ended.stderr
     assert read_run(run).summary.caveats.startswith(said)

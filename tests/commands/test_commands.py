@@ -61,7 +61,7 @@ def test_a_run_that_scores_no_object_says_so_above_its_table(monkeypatch, capsys
 
 def test_a_quick_look_scores_some_images_of_some_recordings(monkeypatch, tiny_card, tmp_path):
     out = tmp_path / "look"
-    look = ("run", tiny_card, "--method", "nothing", "--no-pictures", "--out", out)
+    look = ("run", tiny_card, "--method", "nothing", "--protocol", "paper-v1", "--no-pictures", "--out", out)
     assert call(monkeypatch, *look, "--recording", "crossing", "--recording", "standing", "--limit", 3) == 0
     found = bench.load_run(out)
     assert found.manifest.dataset.split == "crossing,standing[:3]"
@@ -104,7 +104,8 @@ def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_ca
     folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
     without_scenario(folder / tiny_card.name)
     (folder / "data" / "tiny" / "standing" / "egomotion.csv").unlink()
-    status = call(monkeypatch, "run", folder / tiny_card.name, "--out", tmp_path / "run", "--no-pictures")
+    words = ("run", folder / tiny_card.name, "--method", "nothing", "--protocol", "paper-v1", "--no-pictures")
+    status = call(monkeypatch, *words, "--out", tmp_path / "run")
     shown = capsys.readouterr().out
     assert status == 2
     assert "failed: recording 'standing'" in shown
@@ -184,7 +185,8 @@ def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tm
 
 
 def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
-    words = ("run", tiny_card, "--out", tmp_path / "run", "--method", "nothing", "--no-pictures")
+    paper = ("--protocol", "paper-v1", "--no-pictures")
+    words = ("run", tiny_card, "--out", tmp_path / "run", "--method", "nothing", *paper)
     assert call(monkeypatch, *words, "--quiet") == 0
     shown = capsys.readouterr()
     assert "Crossing" in shown.out
@@ -238,7 +240,8 @@ def test_version_finds_two_opencvs(monkeypatch, capsys):
 @pytest.mark.usefixtures("without_charts")
 def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_card, tmp_path):
     run = tmp_path / "run"
-    assert call(monkeypatch, "run", tiny_card, "--out", run, "--no-pictures", "--split", "moving") == 0
+    words = ("--split", "moving", "--protocol", "paper-v1", "--no-pictures")
+    assert call(monkeypatch, "run", tiny_card, "--out", run, *words) == 0
     assert call(monkeypatch, "report", run, "--category", "crossing") == 0
     page, whole = run / "paper-v1" / "index-crossing.html", run / "paper-v1" / "index.html"
     assert str(page) in capsys.readouterr().out

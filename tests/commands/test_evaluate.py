@@ -90,7 +90,8 @@ def test_empty_and_full_masks(evaluate, images, tmp_path):
 
 
 def test_a_methods_masks_count_as_the_method_does(evaluate, images, tiny_card, monkeypatch, tmp_path):
-    assert call(monkeypatch, "run", tiny_card, "--out", tmp_path / "method", "--no-pictures") == 0
+    words = ("run", tiny_card, "--out", tmp_path / "method", "--no-pictures", "--protocol", "paper-v1")
+    assert call(monkeypatch, *words) == 0
     cells = evaluate(write_maps(tmp_path / "cells", images, lambda image: image.method.astype(np.uint8)), out="a")
     assert counts_of(cells) == counts_of(tmp_path / "method")
     assert read_run(cells).manifest.reference == read_run(tmp_path / "method").manifest.reference
@@ -250,7 +251,8 @@ def test_inverted_masks_are_told_before_the_table(evaluate, images, masks, tmp_p
 def test_another_run_takes_the_list_of_predictions_away(evaluate, masks, monkeypatch, tiny_card):
     run = evaluate(masks)
     assert (run / "paper-v1" / "predictions.json").exists()
-    assert call(monkeypatch, "run", tiny_card, "--method", "nothing", "--out", run, "--no-pictures", "--overwrite") == 0
+    words = ("--method", "nothing", "--protocol", "paper-v1", "--no-pictures", "--overwrite")
+    assert call(monkeypatch, "run", tiny_card, "--out", run, *words) == 0
     assert not (run / "paper-v1" / "predictions.json").exists()
 
 

@@ -26,8 +26,8 @@ def places(tiny_card, tmp_path_factory):
     folder = tmp_path_factory.mktemp("read")
     with pytest.MonkeyPatch.context() as patched:
         for name in ("nothing", "everything"):
-            words = ("run", tiny_card, "--method", name, "--no-pictures", "--out", folder / "runs" / name)
-            assert call(patched, *words) == 0
+            words = ("run", tiny_card, "--method", name, "--protocol", "paper-v1", "--no-pictures")
+            assert call(patched, *words, "--out", folder / "runs" / name) == 0
         words = ("gate", folder / "runs" / "nothing", "--baseline", folder / "baseline", "--update", "--allow-dirty")
         assert call(patched, *words) == 0
     return {"CARD": tiny_card, "RUNS": folder / "runs", "OTHER": folder / "runs" / "everything"} | {

@@ -172,8 +172,8 @@ def test_update_refuses_a_plug_in_that_is_not_committed_as_it_is(monkeypatch, ca
 
     def refused(number: int) -> str:
         out = tmp_path / f"run-{number}"
-        options = ("--method", "own_for_the_gate:Own", "--out", out, "--workers", 1, "--no-pictures")
-        assert call(monkeypatch, "run", tiny_card, *options) == 0
+        options = ("--method", "own_for_the_gate:Own", "--protocol", "paper-v1", "--workers", 1, "--no-pictures")
+        assert call(monkeypatch, "run", tiny_card, "--out", out, *options) == 0
         change_manifest(out, lambda content: content["code"].update(commit="c0ffee"))
         capsys.readouterr()
         status = call(monkeypatch, "gate", out, *baseline)

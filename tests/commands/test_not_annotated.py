@@ -98,7 +98,7 @@ def test_an_empty_file_still_says_that_nothing_moves(unlabelled, tiny_card, tmp_
     (tmp_path / "data" / "crossing" / "annotations.json").write_text(
         '{"openlabel": {"metadata": {"schema_version": "1.0.0"}, "objects": {}, "frames": {}}}'
     )
-    ended = called_here("run", card, "--out", tmp_path / "run", *RUN)
+    ended = called_here("run", card, "--method", "everything", "--out", tmp_path / "run", *RUN)
     summary = read_run(tmp_path / "run").summary
     assert ended.returncode == 0
     assert summary.images.not_annotated == 0
@@ -112,11 +112,11 @@ def test_an_empty_file_still_says_that_nothing_moves(unlabelled, tiny_card, tmp_
 def test_a_part_that_is_annotated_is_scored_alone(unlabelled, tiny_card, tmp_path):
     """Times of the card; the scored images are what they are in a run of all."""
     whole = card_of(tiny_card, tmp_path / "whole", unlabelled=())
-    called_here("run", whole, "--out", tmp_path / "all", *RUN)
+    called_here("run", whole, "--method", "frame-difference", "--out", tmp_path / "all", *RUN)
     rows = [row for row in read_tables(tmp_path / "all")[1].to_pylist() if row["status"] == "evaluated"]
     first_ns = sorted(row["timestamp_ns"] for row in rows)[len(rows) // 2]
     card = card_of(tiny_card, tmp_path / "part", unlabelled=(), annotated={"timestamps_ns": [[first_ns, None]]})
-    ended = called_here("run", card, "--out", tmp_path / "some", *RUN)
+    ended = called_here("run", card, "--method", "frame-difference", "--out", tmp_path / "some", *RUN)
     assert ended.returncode == 0
     found = read_tables(tmp_path / "some")[1].to_pylist()
     kept = [row for row in found if row["status"] == "evaluated"]
@@ -131,5 +131,5 @@ def test_a_part_that_is_annotated_is_scored_alone(unlabelled, tiny_card, tmp_pat
 def test_stored_references_of_unannotated_images_stay_without_scores(tiny_card, tmp_path):
     card = card_of(tiny_card, tmp_path)
     for name in ("first", "second"):
-        called_here("run", card, "--out", tmp_path / name, "--no-pictures")
+        called_here("run", card, "--method", "nothing", "--out", tmp_path / name, *RUN)
     assert read_run(tmp_path / "second").summary.images == read_run(tmp_path / "first").summary.images

@@ -53,7 +53,7 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
     """What the commands read."""
     folder = tmp_path_factory.mktemp("read")
     with pytest.MonkeyPatch.context() as monkeypatch:
-        common = ("--no-pictures", "--workers", 1)
+        common = ("--no-pictures", "--workers", 1, "--protocol", "paper-v1")
         for name in ("nothing", "everything"):
             assert call(monkeypatch, "run", tiny_card, "--method", name, "--out", folder / "runs" / name, *common) == 0
         words = ("gate", folder / "runs" / "nothing", "--baseline", folder / "b", "--update", "--allow-dirty")

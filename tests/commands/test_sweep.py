@@ -27,8 +27,8 @@ def test_each_value_is_the_run_with_it_in_a_folder_of_its_own(monkeypatch, capsy
     assert "2 values; 24 images answered" in shown
     rows = table(tmp_path / "sweep")
     assert [row["threshold"] for row in rows] == ["0.002", "0.0006"]
-    run = ("run", tiny_card, *common, "--set", "threshold=0.002", "--out", tmp_path / "run", "--no-pictures")
-    assert call(monkeypatch, *run) == 0
+    run = ("run", tiny_card, *common, "--set", "threshold=0.002", "--protocol", "paper-v1", "--out", tmp_path / "run")
+    assert call(monkeypatch, *run, "--no-pictures") == 0
     alone, value = (
         json.loads((place / "paper-v1" / "summary.json").read_text())
         for place in (tmp_path / "run", tmp_path / "sweep" / "0.002")

@@ -68,7 +68,8 @@ def test_images_that_cannot_be_read_fail_again_and_caveats_are_those_of_the_data
     image = sorted((card.parent / "data" / "tiny" / "crossing" / "images" / "front").iterdir())[3]
     image.write_bytes(b"damaged")
     run = tmp_path / "run"
-    assert call(monkeypatch, "run", card, "--out", run, "--no-pictures", "--workers", 1) == 2
+    words = ("--method", "frame-difference", "--protocol", BY, "--no-pictures", "--workers", 1)
+    assert call(monkeypatch, "run", card, *words, "--out", run) == 2
     assert read_run(run).summary.images.failed == 2  # and the one after it
     assert call(monkeypatch, "verify", run, "--data", card) == 0
     change_summary(run, lambda summary: summary.update(caveats=""))

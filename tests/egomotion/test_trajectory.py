@@ -58,6 +58,8 @@ def test_nothing_is_invented_inside_a_gap():
     path = straight([0, STEP_NS, STEP_NS + 600_000_000])
     _, _, valid = path.at(np.array([STEP_NS // 2, STEP_NS, STEP_NS + 1, STEP_NS + 600_000_000]))
     assert valid.tolist() == [True, True, False, True]
+    for gap_ns, is_bridged in ((500_000_000, True), (500_000_001, False)):
+        assert straight([0, gap_ns]).at(np.array([STEP_NS]))[2].item() is is_bridged
     with pytest.raises(DataError, match=r"poses\.csv: timestamp_ns: expected ego-motion at 100000001"):
         path.world_from_vehicle(STEP_NS + 1)
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.evaluation import PairedChange, compare_sums, holm, summarise
-from bench.evaluation.comparison import improvements_by_recording, pair_sums
+from bench.evaluation.comparison import excludes_no_change, improvements_by_recording, pair_sums
 from bench.evaluation.definitions import object_metrics
 from bench.evaluation.sums import KEY, TERMS
 from tests.evaluation.runs import PAPER, random_run, random_sums
@@ -163,6 +163,14 @@ def test_recordings_with_cases_of_one_run_count_in_the_change_and_not_as_recordi
     assert found.difference < 0
     assert found.ci95 is not None
     assert found.ci95[0] < found.difference < found.ci95[1]
+
+
+@pytest.mark.parametrize(
+    ("ci95", "excludes"),
+    [((0.1, 0.2), True), ((-0.2, -0.1), True), ((-0.1, 0.1), False), ((0.0, 0.1), False), (None, False)],
+)
+def test_an_interval_with_zero_in_it_is_no_change(ci95: tuple[float, float] | None, excludes: bool) -> None:
+    assert excludes_no_change(ci95) is excludes
 
 
 def test_a_change_does_not_depend_on_the_order_of_the_rows() -> None:

@@ -104,7 +104,8 @@ def test_data_without_exact_masks_have_no_ceiling(own_card, tmp_path, monkeypatc
     shutil.rmtree(own_card.parent / "data" / "tiny" / "crossing" / "truth")
     lines = own_card.read_text().splitlines(keepends=True)
     own_card.write_text("".join(line for line in lines if not line.startswith("scenario:")))  # else they are rendered
-    call(monkeypatch, "run", own_card, "--method", "truth", "--out", tmp_path / "run", "--no-pictures")
+    words = ("--method", "truth", "--protocol", "paper-v1", "--out", tmp_path / "run", "--no-pictures")
+    call(monkeypatch, "run", own_card, *words)
     assert "expected exact masks" in capsys.readouterr().out
 
 

@@ -73,7 +73,7 @@ def runs(wild):
         monkeypatch.chdir(wild)
         monkeypatch.syspath_prepend(wild)
         card = wild / "datasets" / "tiny.yaml"
-        common = ("--no-pictures", "--workers", 1)
+        common = ("--no-pictures", "--workers", 1, "--protocol", "paper-v1")
         wild_words = ("run", card, "--method", "wild_method:Wild", "--out", wild / f"run{IN_A_PATH}")
         assert call(monkeypatch, *wild_words, *common) == 0
         assert call(monkeypatch, "run", card, "--method", "everything", "--out", wild / "everything", *common) == 0
