@@ -1,6 +1,5 @@
 """The public names of `bench`, each once; `bench/__init__.py` reads this list and imports a name on first use."""
 
-from bench.annotation.formats import LabelOptions as LabelOptions
 from bench.commands.annotate import ConvertedLabels as ConvertedLabels
 from bench.commands.annotate import Proposals as Proposals
 from bench.commands.annotate import ProposalScores as ProposalScores

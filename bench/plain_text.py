@@ -30,9 +30,9 @@ def escape_markdown(text: str) -> str:
 
 
 def parsed_number(text: str) -> float:
-    """A number as other programs write it; NaN for all else, such as `1_000`, which Python alone takes for one."""
+    """A number as other programs write it; NaN for all else, such as `1_000`, which Python takes for one."""
     try:
-        return math.nan if "_" in text else float(text)
+        return float(text) if "_" not in text and text.isascii() else math.nan
     except ValueError:
         return math.nan
 

@@ -28,7 +28,7 @@ from bench.execution import usable_cores
 from bench.methods.learned.inputs import GROUPS
 from bench.recordings import load_card
 from bench.reporting.document import Table, to_csv, to_markdown
-from bench.synthesis.reading import read_scenario
+from bench.synthesis.production import read_scenario
 from bench.synthesis.scenario import RecordingSpec
 from bench.training.pairs import DATASET
 from bench.training.prepared import PreparedDrive, prepare

@@ -20,7 +20,7 @@ from bench.methods import MethodInput, Segmentation
 from bench.methods.spherical.method import SphericalMethod
 from bench.reference import visible_region
 from bench.synthesis import Scenario, read_scenario
-from bench.synthesis.driving.ego import mounted_rig
+from bench.synthesis.ego import mounted_rig
 from bench.synthesis.exact_flow import ExactFlowCaster
 from bench.synthesis.scene import build_scene
 

@@ -19,7 +19,7 @@ import yaml
 
 from bench.commands.runs import run_request
 from bench.harness import Part, score_part
-from bench.harness.provenance import largest_resident_mb
+from bench.harness.stages import largest_resident_mb
 from bench.harness.tasks import TASK_IMAGES
 from bench.recordings import load_card, open_dataset
 from tests.support.log123d import OPTIONS, tiny_recording, write_log
@@ -67,7 +67,7 @@ def open_log(card: Path, _: int) -> str:
 
 def score(card: Path, parts: int) -> str:
     """Score one of so many parts of it by the paper's method."""
-    request = run_request(load_card(card), "spherical", out=card.parent / "run")
+    request = run_request(load_card(card), "spherical", protocol="paper-v1", out=card.parent / "run")
     start = time.process_time()
     scored = score_part(request, Part(number=parts // 2 + 1, count=parts))
     seconds = time.process_time() - start

@@ -21,8 +21,8 @@ from bench.atomic import write_text
 from bench.evaluation import load_protocol
 from bench.execution import usable_cores
 from bench.flow import DenseFlow, DisFlow, FarnebackFlow
+from bench.harness.digests import library_versions
 from bench.harness.frames import FramePipeline
-from bench.harness.provenance import library_versions
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 from benchmarks import large_run, masks, parallel, projections, references, simulation

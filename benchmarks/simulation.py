@@ -11,9 +11,9 @@ import numpy as np
 from bench.flow import dense_flow
 from bench.geometry import RigidTransform
 from bench.synthesis import read_scenario
-from bench.synthesis.driving.ego import mounted_camera, own_body
+from bench.synthesis.ego import mounted_camera, own_body
+from bench.synthesis.imaging.faces import texture_atlas
 from bench.synthesis.imaging.renderer import ImageRenderer, moment
-from bench.synthesis.imaging.textures import texture_atlas
 from bench.synthesis.scanner import LidarScanner
 from bench.synthesis.scene import build_scene
 from benchmarks.turns import best_seconds

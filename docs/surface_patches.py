@@ -21,7 +21,6 @@ from bench.reference.exposure import Exposure
 from bench.reference.motion import AnnotationIndex
 from bench.reference.scanned import ScannedObject
 from bench.reporting import canvas
-from bench.reporting.overlay import overlay_areas
 
 DOCS = Path(__file__).parent
 CARD, DRIVE, TRACK, TIME_NS = DOCS.parent / "datasets" / "demo.yaml", "crossing-adult-and-child", "adult", 2400000007
@@ -53,7 +52,7 @@ def draw() -> Figure:
     for mask, colour in ((region.core, canvas.GREEN), (region.possible & ~region.core, canvas.SKY_BLUE)):
         areas[colour] = np.zeros(exact.shape, dtype=bool)
         areas[colour][region.window] = mask
-    canvas.show_image(right, overlay_areas(pixels, areas))
+    canvas.show_image(right, canvas.overlay_areas(pixels, areas))
     right.contour(exact, levels=[0.5], colors=canvas.BLACK, linewidths=1.2)
     middle_u, middle_v = (float((axis.start + axis.stop) / 2) for axis in region.window[::-1])
     half_px = (region.window[0].stop - region.window[0].start) / 2 + MARGIN_PX

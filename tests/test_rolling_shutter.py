@@ -17,12 +17,12 @@ from bench.methods.registry import build_method
 from bench.recordings import MountedCamera, Recording, open_native, read_truth
 from bench.reference import visible_region
 from bench.reference.exposure import Exposure
-from bench.reporting.video import SweepViewer
+from bench.reporting.frame import SweepViewer
 from bench.synthesis import read_scenario, synthesize
-from bench.synthesis.driving.ego import mounted_rig, own_body
+from bench.synthesis.ego import mounted_rig, own_body
 from bench.synthesis.exact_flow import ExactFlowCaster
+from bench.synthesis.imaging.faces import texture_atlas
 from bench.synthesis.imaging.renderer import ImageRenderer, moment, readout_bands
-from bench.synthesis.imaging.textures import texture_atlas
 from bench.synthesis.mesh import PlacedMesh
 from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.scenario import Scenario

@@ -11,10 +11,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.audit.causes import FALSE_ALARMS_SCHEMA, MISSES_SCHEMA, false_row, miss_rows
+from bench.audit.causes import FALSE_ALARMS_SCHEMA, MISSES_SCHEMA, ExactRunner, false_row, miss_rows
 from bench.audit.polygons import POLYGONS_SCHEMA, PolygonAuditor
 from bench.audit.sources import OpenedSource, same_objects
-from bench.audit.three_runs import ExactRunner
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol, SequenceScorer
 from bench.evaluation.rows import Row

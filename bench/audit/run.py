@@ -26,14 +26,14 @@ from bench.atomic import write_text
 from bench.audit.causes import EXPLAINED, FalseCause, MissCause
 from bench.audit.polygons import FIT, Compensation
 from bench.audit.recording import RecordingAudit, audit_recording
-from bench.audit.sources import Part, StoredAudit, audit_each
+from bench.audit.sources import AuditModel, StoredAudit, audit_each
 from bench.evaluation import Protocol, Summary, summarise
 from bench.evaluation.summary import ProtocolOfRun, Ratio
 from bench.evaluation.sums import bin_names, name_bins
 from bench.execution import SerialExecutor, TaskExecutor
+from bench.harness.answers import write_table
 from bench.harness.method_of_run import MethodOfRun
 from bench.harness.stages import Progress
-from bench.harness.table_files import write_table
 from bench.methods import FlowMethod, Method
 from bench.recordings import DatasetCard
 from bench.reference import REGION_KINDS
@@ -46,7 +46,7 @@ PAPER_RANGE_M = 8.0
 AIMS = {"vehicle": 0.90, "pedestrian": 0.85, "cyclist": 0.85}
 
 
-class Quartiles(Part):
+class Quartiles(AuditModel):
     """The quarter, half and three quarters of the values lie below; NaN, null in JSON, without values."""
 
     low: Ratio
@@ -61,7 +61,7 @@ class Quartiles(Part):
         return cls(low=low, median=median, high=high)
 
 
-class PolygonFigures(Part):
+class PolygonFigures(AuditModel):
     """Fit of the polygons of one slice.
 
     Attributes:
@@ -83,7 +83,7 @@ class PolygonFigures(Part):
     fit: dict[str, Quartiles]
 
 
-class Aim(Part):
+class Aim(AuditModel):
     """Target that a kind of polygon has to meet for a class.
 
     Attributes:
@@ -107,7 +107,7 @@ class Aim(Part):
     met: bool | None
 
 
-class CauseFigures(Part):
+class CauseFigures(AuditModel):
     """Cells that show one kind of motion, on the exact masks, or the static world.
 
     Attributes:

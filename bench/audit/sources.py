@@ -17,8 +17,7 @@ from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, TaskExecutor
 from bench.harness.digests import digest_of, digest_recording
 from bench.harness.manifest import CodeOfRun
-from bench.harness.provenance import Provenance, provenance_since
-from bench.harness.stages import Progress, StageClock, add_up, no_progress
+from bench.harness.stages import Progress, Provenance, StageClock, add_up, no_progress, provenance_since
 from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
 from bench.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Status
 from bench.synthesis import Scenario, read_scenario
@@ -103,13 +102,13 @@ class _Done(Generic[Found]):
     clock: StageClock
 
 
-class Part(BaseModel):
-    """A part of what an audit stores."""
+class AuditModel(BaseModel):
+    """A record that an audit stores."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class StoredAudit(Part):
+class StoredAudit(AuditModel):
     """The part that every audit stores.
 
     Attributes:

@@ -8,14 +8,11 @@ Pixels are (u, v) with the centre of the first pixel at (0, 0); camera frame x r
 """
 
 from bench.cameras.angular import KannalaBrandtCamera, RadialPolynomialCamera
-from bench.cameras.brown import BrownConradyCamera
-from bench.cameras.model import CameraModel, RayGrid, ray_grid
+from bench.cameras.model import CAMERA_MODELS, CameraModel, RayGrid, camera_from_parameters, camera_parameters, ray_grid
 from bench.cameras.ocam import OcamCamera
-from bench.cameras.pinhole import PinholeCamera
-from bench.cameras.registry import CAMERA_MODELS, camera_from_parameters, camera_parameters
+from bench.cameras.pinhole import BrownConradyCamera, PinholeCamera
 from bench.cameras.rolling_shutter import RollingShutter
-from bench.cameras.spheres import DoubleSphereCamera, ExtendedUnifiedCamera
-from bench.cameras.unified import UnifiedCamera
+from bench.cameras.spheres import DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera
 
 __all__ = [
     "CAMERA_MODELS",

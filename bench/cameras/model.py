@@ -1,16 +1,17 @@
-"""Interface of every camera model, and the rays of its pixels or cells, computed once."""
+"""Interface of every camera model, the rays of its pixels or cells, and the models by the names of recordings."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from importlib import import_module
 from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import ShapeError
+from bench.errors import ShapeError, UnknownNameError
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 CHUNK_ROWS = 16_384  # temporaries of a chunk stay in the processor's cache
@@ -221,3 +222,59 @@ def _rows(values: NDArray[np.float64], columns: int, name: str) -> NDArray[np.fl
     if rows.ndim != 2 or rows.shape[1] != columns:
         raise ShapeError(f"{name}: expected (N, {columns}), got {rows.shape}")
     return rows
+
+
+CAMERA_MODELS = {
+    "radial_polynomial": "bench.cameras.angular:RadialPolynomialCamera",
+    "kannala_brandt": "bench.cameras.angular:KannalaBrandtCamera",
+    "unified": "bench.cameras.spheres:UnifiedCamera",
+    "brown_conrady": "bench.cameras.pinhole:BrownConradyCamera",
+    "pinhole": "bench.cameras.pinhole:PinholeCamera",
+    "double_sphere": "bench.cameras.spheres:DoubleSphereCamera",
+    "extended_unified": "bench.cameras.spheres:ExtendedUnifiedCamera",
+    "ocam": "bench.cameras.ocam:OcamCamera",
+}
+OTHER_NAMES = {  # of ROS, Kalibr, OpenCV and others
+    **dict.fromkeys(("equidistant", "equidist", "fisheye", "opencv_fisheye", "kb4", "kb8"), "kannala_brandt"),
+    **dict.fromkeys(("mei", "omni", "cmei", "ucm"), "unified"),
+    **dict.fromkeys(("plumb_bob", "radtan", "opencv", "opencv_pinhole", "brown"), "brown_conrady"),
+    **dict.fromkeys(("ds", "doublesphere"), "double_sphere"),
+    **dict.fromkeys(("eucm", "extended_unified_camera"), "extended_unified"),
+    **dict.fromkeys(("scaramuzza", "ocamcalib", "omnidirectional"), "ocam"),
+}
+
+
+def camera_from_parameters(model: str, *, width: int, height: int, **parameters: Any) -> CameraModel:
+    """Build a camera from its stored form.
+
+    Args:
+        model: a name of `CAMERA_MODELS` or `OTHER_NAMES`, in any case.
+        width: image width, px.
+        height: image height, px.
+        parameters: the model's own fields.
+
+    Raises:
+        UnknownNameError: no such model.
+        ShapeError: parameters that are missing, unknown or out of their domain.
+    """
+    cls = _model_class(OTHER_NAMES.get(model.lower(), model.lower()))
+    try:
+        return cls(width=width, height=height, **parameters)
+    except TypeError as error:
+        known = ", ".join(f.name for f in fields(cls) if f.init)
+        given = ", ".join(("width", "height", *parameters))
+        raise ShapeError(f"camera model {model!r}: expected the parameters {known}, got {given}") from error
+
+
+def camera_parameters(camera: CameraModel) -> dict[str, Any]:
+    """The stored form of a camera: `camera_from_parameters(**camera_parameters(camera)) == camera`."""
+    name = next((n for n in CAMERA_MODELS if type(camera) is _model_class(n)), type(camera).__name__)
+    return {"model": name} | {f.name: getattr(camera, f.name) for f in fields(camera) if f.init}
+
+
+def _model_class(model: str) -> type[CameraModel]:
+    if model not in CAMERA_MODELS:
+        raise UnknownNameError("camera model", model, CAMERA_MODELS)
+    module, name = CAMERA_MODELS[model].split(":")
+    found: type[CameraModel] = getattr(import_module(module), name)
+    return found

@@ -1,15 +1,18 @@
-"""Lenses that first map a ray to a plane, then stretch the plane to pixels; the simplest is the undistorted pinhole."""
+"""Lenses that map a ray to a plane, then stretch the plane to pixels: the pinhole, and Brown's as OpenCV has it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from bench.cameras.model import CameraModel, finite_pair
+from bench.cameras.angular import MonotonePolynomial
+from bench.cameras.model import CameraModel, checked_max_angle, finite_numbers, finite_pair
+from bench.errors import ShapeError
 
 Floats = NDArray[np.float64]
 
@@ -62,3 +65,191 @@ class PinholeCamera(PlanarCamera):
         z = 1.0 / np.sqrt(x * x + y * y + 1.0)
         rays[:, 0], rays[:, 1], rays[:, 2] = x * z, y * z, z
         return np.isfinite(u) & np.isfinite(v)
+
+
+NEWTON_STEPS = 20  # two or three suffice but at the very limit, where the slope is 0
+CONVERGED = 1e-13  # change of a coordinate, in focal lengths
+LARGEST = 1e9  # coefficient; products of such stay finite
+SOLVED = 1e-10  # miss of a solution, in focal lengths: a ten-thousandth of a pixel for the longest lens
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BrownDistortion:
+    """Radial and tangential distortion of points (x, y) of the plane at distance 1.
+
+    With r^2 = x^2 + y^2 the point goes to x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and
+    y (...) + p1 (r^2 + 2 y^2) + 2 p2 x y. This is the gradient of a function of x and y, so that the mapping is
+    one-to-one on a disc wherever its symmetric matrix of derivatives is positive definite in all of it. In the
+    directions along and across the radius that matrix is
+
+        [[A + 6 R c, -2 R s], [-2 R s, B + 2 R c]],  A = 1 + 3 k1 r^2 + 5 k2 r^4 + 7 k3 r^6,  B = 1 + k1 r^2 + ...,
+
+    with R = r |(p1, p2)|, and c, s cosine and sine of the angle to (p2, p1). Over all angles its determinant is least
+    at c = -1, with zeros at A = 6 R and B = 2 R, or, where A + 3 B < 16 R, at c = -(A + 3 B) / (16 R), with a zero at
+    (A - B)(A - 9 B) + 64 R^2 = 0. The first of these zeros is the limit.
+
+    Attributes:
+        radial: (k1, k2, k3).
+        tangential: (p1, p2).
+        domain: largest radius of interest; may be infinite.
+        limit: radius of the largest disc in `domain` on which the mapping is one-to-one.
+
+    Raises:
+        ShapeError: a coefficient beyond 1e9.
+
+    Source:
+        Brown 1966; OpenCV's `projectPoints` with five coefficients.
+    """
+
+    radial: tuple[float, float, float]
+    tangential: tuple[float, float]
+    domain: float
+    limit: float = field(init=False)
+    _along: MonotonePolynomial = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if max(map(abs, (*self.radial, *self.tangential))) > LARGEST:
+            raise ShapeError(f"distortion: expected coefficients up to {LARGEST:g}, got {self.radial, self.tangential}")
+        along = MonotonePolynomial((1.0, *self.radial), 2, self.domain)
+        object.__setattr__(self, "_along", along)
+        object.__setattr__(self, "limit", min(along.limit, self._first_fold()))
+
+    def __call__(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Distort; no check of the limit."""
+        (k1, k2, k3), (p1, p2) = self.radial, self.tangential
+        xx, yy, xy = x * x, y * y, x * y
+        squared = xx + yy
+        stretch = 1.0 + squared * (k1 + squared * (k2 + squared * k3))
+        return (
+            x * stretch + 2 * p1 * xy + p2 * (squared + 2 * xx),
+            y * stretch + p1 * (squared + 2 * yy) + 2 * p2 * xy,
+        )
+
+    def inverse(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Undistort: the radial part alone by its inverse, then Newton's method in the plane, within the limit.
+
+        Returns:
+            x, y: of the points that are distorted to those given.
+            valid: False where there is none within the limit.
+        """
+        radius = np.sqrt(x * x + y * y)
+        shrink = self._along.inverse(radius) / radius
+        shrink[radius == 0] = 1.0
+        m_x, m_y = x * shrink, y * shrink
+        if not any(self.tangential):
+            return m_x, m_y, radius <= self._along.top
+        for _ in range(NEWTON_STEPS):
+            m_x, m_y = self._within(m_x, m_y)
+            step_x, step_y = self._newton_step(m_x, m_y, x, y)
+            m_x, m_y = m_x - step_x, m_y - step_y
+            if not (np.abs(step_x) + np.abs(step_y) > CONVERGED * (1.0 + radius)).any():
+                break
+        miss_x, miss_y = self(m_x, m_y)
+        solved = np.hypot(miss_x - x, miss_y - y) <= SOLVED * (1.0 + radius)
+        return m_x, m_y, solved & (np.hypot(m_x, m_y) <= self.limit * (1.0 + 1e-9))
+
+    def _newton_step(
+        self, m_x: NDArray[np.float64], m_y: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        (k1, k2, k3), (p1, p2) = self.radial, self.tangential
+        xx, yy, xy = m_x * m_x, m_y * m_y, m_x * m_y
+        squared = xx + yy
+        stretch = 1.0 + squared * (k1 + squared * (k2 + squared * k3))
+        slope = 2.0 * k1 + squared * (4.0 * k2 + squared * 6.0 * k3)
+        at_x, at_y = self(m_x, m_y)
+        miss_x, miss_y = at_x - x, at_y - y
+        j_xx = stretch + slope * xx + 2 * p1 * m_y + 6 * p2 * m_x
+        j_xy = slope * xy + 2 * p1 * m_x + 2 * p2 * m_y
+        j_yy = stretch + slope * yy + 6 * p1 * m_y + 2 * p2 * m_x
+        scale = 1.0 / (j_xx * j_yy - j_xy * j_xy)
+        return scale * (j_yy * miss_x - j_xy * miss_y), scale * (j_xx * miss_y - j_xy * miss_x)
+
+    def _within(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Bring back to the limit what a step took beyond it."""
+        if not np.isfinite(self.limit):
+            return x, y
+        back = np.minimum(1.0, self.limit / np.hypot(x, y))
+        back[~np.isfinite(back)] = 1.0
+        return x * back, y * back
+
+    def _first_fold(self) -> float:
+        """The smallest radius at which the determinant is 0 in some direction; infinite without tangential terms."""
+        size = float(np.hypot(*self.tangential))
+        if not size:
+            return np.inf
+        k1, k2, k3 = self.radial
+        along = Polynomial([1.0, 0.0, 3 * k1, 0.0, 5 * k2, 0.0, 7 * k3])
+        across = Polynomial([1.0, 0.0, k1, 0.0, k2, 0.0, k3])
+        tilt = Polynomial([0.0, size])
+        ends = [*_positive_roots(along - 6 * tilt), *_positive_roots(across - 2 * tilt)]
+        between = _positive_roots((along - across) * (along - 9 * across) + 64 * tilt**2)
+        within = [radius for radius in between if float((along + 3 * across - 16 * tilt)(radius)) < 0]
+        return min([*ends, *within], default=np.inf)
+
+
+def _positive_roots(polynomial: Polynomial) -> list[float]:
+    roots = np.asarray(polynomial.trim().roots(), dtype=np.complex128)
+    real = roots[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))].real
+    return [float(root) for root in real[real > 0]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrownConradyCamera(PlanarCamera):
+    """The pinhole with Brown's distortion: OpenCV's `plumb_bob` of four or five coefficients.
+
+    The mapping holds for z > 0 within the cone in which the distortion is one-to-one.
+
+    Attributes:
+        radial: (k1, k2, k3); fewer count as followed by 0.
+        tangential: (p1, p2). OpenCV's order of all five is k1, k2, p1, p2, k3.
+        max_angle_rad: field limit of the lens; None for as far as the mapping is one-to-one.
+    """
+
+    radial: tuple[float, ...] = ()
+    tangential: tuple[float, float] = (0.0, 0.0)
+    max_angle_rad: float | None = None
+    _distortion: BrownDistortion = field(init=False, repr=False, compare=False)
+    _limit_rad: float = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "radial", finite_numbers(self.radial, "radial"))
+        object.__setattr__(self, "tangential", finite_pair(self.tangential, "tangential"))
+        if len(self.radial) > 3:
+            raise ShapeError(f"radial: expected at most three numbers k1, k2, k3, got {self.radial}")
+        k1, k2, k3 = (*self.radial, 0.0, 0.0, 0.0)[:3]
+        wanted_rad = checked_max_angle(self.max_angle_rad)
+        domain = float(np.tan(wanted_rad)) if wanted_rad < np.pi / 2 else np.inf
+        distortion = BrownDistortion((k1, k2, k3), self.tangential, domain)
+        object.__setattr__(self, "_distortion", distortion)
+        object.__setattr__(self, "_limit_rad", float(np.arctan(distortion.limit)))
+
+    @property
+    @override
+    def limit_angle_rad(self) -> float:
+        return self._limit_rad
+
+    @override
+    def _project(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        z = points[:, 2]
+        x, y = points[:, 0] / z, points[:, 1] / z
+        u, v = self._pixels(*self._distortion(x, y))
+        within = np.hypot(x, y) <= self._distortion.limit
+        return u, v, (z > 0) & within & np.isfinite(u) & np.isfinite(v)
+
+    @override
+    def _unproject(
+        self, u: NDArray[np.float64], v: NDArray[np.float64], rays: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        x, y, valid = self._distortion.inverse(*self._plane(u, v))
+        z = 1.0 / np.sqrt(x * x + y * y + 1.0)
+        rays[:, 0], rays[:, 1], rays[:, 2] = x * z, y * z, z
+        return valid & np.isfinite(z)

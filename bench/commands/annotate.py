@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bench.commands.command import PATH, command_line, print_nothing
+from bench.commands.command import PATH, TEXT, Words, command_line, print_nothing
 from bench.commands.console import print_blocks, print_failures, say
 from bench.commands.options import FAILURES, Dataset, Workers, group
 from bench.commands.progress import Report, progress_bar, resumable
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bench.annotation.drives import ProposedDrive
-    from bench.annotation.formats import LabelOptions, LabelSet
+    from bench.annotation.formats import LabelSet
     from bench.execution import TaskExecutor
     from bench.recordings import DatasetCard, Recording, RecordingHandle
 
-app = group("Make annotations of a drive that has none, or of labels of other tools; give them to other tools.")
+app = group("Propose and review moving objects in drives without labels; convert labels of other tools.")
 
 Reviews = Annotated[
     str | Path | None,
@@ -36,21 +36,53 @@ FORMATS = "boxes, openlabel, cvat, kitti-tracklets or semantickitti"
 LEFT_OUT = "none"
 TimeUnit = Literal["ns", "us", "ms", "s"]
 UNITS_NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
-ClassPairs = Annotated[
-    list[str] | None,
+
+
+def parse_classes(pairs: Sequence[str] | None) -> dict[str, str | None]:
+    """Parse `--class Tram=vehicle`; `--class Misc=none` leaves objects out.
+
+    Raises:
+        UsageError: no `=`, or a class twice.
+    """
+    parsed: dict[str, str | None] = {}
+    for name, ours in (_named(pair, "--class") for pair in pairs or ()):
+        if not name:
+            raise UsageError(f"--class: expected TOOL'S=OURS, got {f'={ours}'!r}")
+        if name in parsed:
+            raise UsageError(f"--class {name}: expected once, got twice")
+        parsed[name] = None if ours == LEFT_OUT else ours
+    return parsed
+
+
+def _named(pair: str, option: str) -> tuple[str, str]:
+    name, equals, ours = pair.rpartition("=")
+    if not equals:
+        raise UsageError(f"{option}: expected TOOL'S=OURS, got {pair!r}")
+    return name, ours
+
+
+def _frames(pairs: Sequence[str] | None) -> dict[str, str]:
+    """Parse `--frame TOOL=OURS`; without `TOOL=` the frame of boxes that name none."""
+    return dict(_named(pair if "=" in pair else f"={pair}", "--frame") for pair in pairs or ())
+
+
+Classes = Annotated[
+    Mapping[str, str | None] | None,
     typer.Option(
         "--class",
         metavar="TOOL=OURS",
-        help="What a class of the tool is for us; unclear is not scored, none leaves it out; repeatable.",
+        help="Map a class of the tool to ours; =unclear leaves it unscored, =none drops it; repeatable.",
     ),
+    Words(list[str] | None, parse_classes),
 ]
 FirstFrame = Annotated[
-    int | None, typer.Option(help="Frames are counted, and this is the first sweep's number; default: by their names.")
+    int | None,
+    typer.Option(help="Number of the first sweep, where frames are counted; default: frames are named as sweeps."),
 ]
 Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Replace labels that a person made or changed; a copy of them stays.")
+    bool, typer.Option("--overwrite", help="Replace labels that a person made or changed; a copy stays.")
 ]
-Chosen = Annotated[str | None, typer.Option("--recording", help="Recordings with commas in between; default: all.")]
+Chosen = Annotated[str | None, typer.Option("--recording", help="Recordings, separated by commas; default: all.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,6 +110,7 @@ class ConvertedLabels:
     """Labels of a recording that were read from a tool's files, or written for others.
 
     Attributes:
+        card: the data set.
         recording: that they are of.
         labels: what was read or written.
         place: file or folder that was written; None where nothing was proposed and nothing reviewed.
@@ -85,6 +118,7 @@ class ConvertedLabels:
         copies: of files that a person had made or changed, and that were replaced on request.
     """
 
+    card: DatasetCard
     recording: Recording
     labels: LabelSet
     place: Path | None
@@ -113,9 +147,9 @@ def propose(
     reviews: Reviews = None,
     progress: Report | None = None,
 ) -> Proposals:
-    """Find what moves in drives without labels, from sweeps, ego-motion and calibration.
+    """Propose moving objects in drives without labels, from sweeps, ego-motion and calibration.
 
-    Drives whose proposals are there are passed over, and decisions on them kept.
+    Drives with up-to-date proposals are skipped; decisions are kept.
 
     Args:
         dataset: card, by path or by name.
@@ -165,7 +199,7 @@ def evaluate_proposals(
     ] = None,
     progress: Report | None = None,
 ) -> ProposalScores:
-    """Compare proposals with annotations that exist: what is found and false, classes, boxes, speeds, worst tracks.
+    """Compare proposals with existing annotations: recall, false tracks, classes, boxes, speeds, worst tracks.
 
     Args:
         dataset: card, by path or by name.
@@ -209,16 +243,36 @@ def show_scores(scores: ProposalScores) -> None:
 
 
 def import_labels(
-    format_name: str,
-    source: str | Path,
-    dataset: str | Path | DatasetCard,
-    recording: str,
+    format_name: Annotated[str, typer.Argument(metavar="FORMAT", help=f"Format of the files: {FORMATS}.")],
+    source: Annotated[str | Path, typer.Argument(help="File or folder of the tool."), Words(Path)],
+    dataset: Annotated[
+        str | Path | DatasetCard,
+        typer.Option(help="Data-set card: a path, or a name of `list datasets`."),
+        TEXT,
+    ],
+    recording: Annotated[str, typer.Option(help="Name of the recording.")],
     *,
-    out: str | Path | None = None,
-    options: LabelOptions | None = None,
-    overwrite: bool = False,
+    out: Annotated[
+        str | Path | None,
+        typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>."),
+        PATH,
+    ] = None,
+    classes: Classes = None,
+    frames: Annotated[
+        Mapping[str, str] | None,
+        typer.Option(
+            "--frame",
+            metavar="TOOL=OURS",
+            help="Map a coordinate system of the tool to vehicle, lidar or world; without TOOL= for boxes that name "
+            "none; repeatable.",
+        ),
+        Words(list[str] | None, _frames),
+    ] = None,
+    first_frame: FirstFrame = None,
+    time_unit: Annotated[TimeUnit, typer.Option(help="Unit of times that do not state it.")] = "ns",
+    overwrite: Overwrite = False,
 ) -> ConvertedLabels:
-    """Write a tool's labels as the annotations of a recording.
+    """Convert a tool's labels to <recording>.json; list what was read and what was lost.
 
     Args:
         format_name: of the tool's files, such as "boxes".
@@ -226,11 +280,15 @@ def import_labels(
         dataset: card, by path or name.
         recording: name.
         out: folder of annotation files; None for the card's annotations, or `annotations/<data set>`.
-        options: what the files do not say of classes, frames and times.
+        classes: the tool's class -> ours, "unclear", or None to leave its objects out.
+        frames: the tool's frame -> "vehicle", "lidar" or "world"; "" for boxes that name none.
+        first_frame: number of the first sweep, where the tool counts frames.
+        time_unit: of times that do not say it.
         overwrite: replace annotations that a person made or changed, and keep a copy of them.
 
     Raises:
         UnknownNameError: no such format, data set or recording.
+        UsageError: a class or frame that is none of ours.
         DataError: files that the format refuses, an object of two classes, or twice at one time.
         OutputError: annotations that a person made or changed are there, or they cannot be written.
     """
@@ -243,36 +301,63 @@ def import_labels(
     label_format(format_name)  # an unknown name is told before anything is opened
     card = as_card(dataset)
     folder, opened = annotations_folder(card, out), open_unannotated(card, recording)
-    labels = read_labels(format_name, Path(source), opened, options or LabelOptions())
+    options = LabelOptions(
+        classes=classes or {}, frames=frames or {}, first_frame=first_frame, unit_ns=UNITS_NS[time_unit]
+    )
+    labels = read_labels(format_name, Path(source), opened, options)
     file = folder / f"{recording}.json"
     text = annotation_text(file, labels.tracks, timestamps_ns=labels.timestamps_ns)
     copies = store_labels(folder, {file.name: text.encode()}, overwrite=overwrite)
-    return ConvertedLabels(recording=opened, labels=labels, place=file, lost=labels.lost, copies=copies)
+    return ConvertedLabels(card=card, recording=opened, labels=labels, place=file, lost=labels.lost, copies=copies)
+
+
+def show_import(labels: ConvertedLabels) -> None:
+    """Print the labels, and the line of the card by which they are used."""
+    _print_labels(labels)
+    card, place = labels.card, labels.place
+    assert place is not None
+    if card.annotations is None or card.annotations.resolve() != place.parent.resolve():
+        folder = os.path.relpath(place.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
+        also = ", in place of `annotated: none`" if card.content.annotated == "none" else ""
+        say(f"to use it, give the card {card.file} this line: annotations: {folder}{also}")
 
 
 def export_labels(
-    dataset: str | Path | DatasetCard,
-    out: str | Path,
+    dataset: Dataset,
+    out: Annotated[
+        str | Path,
+        typer.Option(help="Folder of <recording>.json; with --format, a folder per recording."),
+        Words(Path),
+    ],
     *,
-    format_name: str | None = None,
-    annotated: bool = False,
-    split: str | None = None,
-    reviews: str | Path | None = None,
-    unreviewed: bool = False,
-    options: LabelOptions | None = None,
-    overwrite: bool = False,
+    split: Chosen = None,
+    reviews: Reviews = None,
+    unreviewed: Annotated[
+        bool, typer.Option("--unreviewed", help="Write what was proposed and not rejected; results then say so.")
+    ] = False,
+    format_name: Annotated[
+        str | None, typer.Option("--format", help="Write files of a tool instead: boxes, openlabel or cvat.")
+    ] = None,
+    annotated: Annotated[
+        bool,
+        typer.Option("--annotated", help="With --format: write the annotations of the data set instead of reviews."),
+    ] = False,
+    classes: Classes = None,
+    first_frame: FirstFrame = None,
+    overwrite: Overwrite = False,
 ) -> tuple[ConvertedLabels, ...]:
-    """Write accepted tracks, or annotations; of all drives, or of none.
+    """Write accepted tracks as annotations; refuse drives with undecided tracks or unwatched sweeps.
 
     Args:
         dataset: as of `propose`.
         out: folder of the annotation files, <recording>.json; of a tool's files, each recording gets a folder in it.
-        format_name: of a tool's files; None for annotation files.
-        annotated: write the annotations of the data set instead of reviews; asks for a format.
         split: as of `propose`.
         reviews: as of `propose`.
         unreviewed: write what was proposed and not rejected instead; whatever uses it says so.
-        options: classes as the tool calls them, and the number of its first frame.
+        format_name: of a tool's files; None for annotation files.
+        annotated: write the annotations of the data set instead of reviews; asks for a format.
+        classes: as of `import_labels`.
+        first_frame: number of the tool's first frame.
         overwrite: replace labels that a person made or changed, and keep a copy of them.
 
     Raises:
@@ -290,6 +375,7 @@ def export_labels(
         writable_format(format_name)  # an unknown name is told before anything is opened
     elif annotated:
         raise UsageError("annotated: expected a format to write annotations in, got none; name one with --format")
+    options = LabelOptions(classes=classes or {}, first_frame=first_frame)
     card, handles, folder = open_drives(dataset, split=split, reviews=reviews)
     files: dict[str, bytes] = {}
     written = []
@@ -305,14 +391,29 @@ def export_labels(
             text = annotation_text(place, labels.tracks, timestamps_ns=labels.timestamps_ns)
             files[place.name] = text.encode()
         else:
-            labels, of_tool, lost = write_labels(format_name, recording, options or LabelOptions())
+            labels, of_tool, lost = write_labels(format_name, recording, options)
             files |= {f"{handle.name}/{name}": content for name, content in of_tool.items()}
-        written.append(ConvertedLabels(recording=recording, labels=labels, place=place, lost=lost))
+        written.append(ConvertedLabels(card=card, recording=recording, labels=labels, place=place, lost=lost))
     copies = store_labels(Path(out), files, overwrite=overwrite) if files else ()
     return tuple(
         replace(drive, copies=tuple(c for c in copies if drive.place in (c.parent, c.with_suffix(""))))
         for drive in written
     )
+
+
+def show_export(written: Sequence[ConvertedLabels]) -> None:
+    """Print the labels of each drive, and the line of the card by which annotations are used."""
+    for labels in written:
+        if labels.place is None:
+            nothing = "nothing was proposed, and nobody has looked: no annotations are written"
+            say(f"{labels.recording.name}: {nothing}", style="yellow")
+        else:
+            _print_labels(labels)
+    folders = {labels.place.parent for labels in written if labels.place is not None and labels.place.suffix}
+    for folder in folders:
+        say(
+            f"To score by them, the card says where they are, `annotations: {folder}`, and no longer `annotated: none`."
+        )
 
 
 def open_unannotated(card: DatasetCard, name: str) -> Recording:
@@ -372,14 +473,14 @@ def _reviewed(card: DatasetCard, name: str, folder: Path, *, unreviewed: bool) -
 def review(
     dataset: Dataset,
     recording: Chosen = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="To listen on; 0 for any that is free.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any free one.")] = 0,
     reviews: Reviews = None,
-    reviewer: Annotated[str, typer.Option(envvar="USER", help="Who decides, for the log of decisions.")] = "reviewer",
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+    reviewer: Annotated[str, typer.Option(envvar="USER", help="Your name in the log of decisions.")] = "reviewer",
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in your browser.")] = True,
 ) -> None:
-    """Look at proposals in a page of this machine: accept, reject, correct, draw; ends with Ctrl-C.
+    """Review proposals in your browser: accept, reject, correct, draw; end with Ctrl-C.
 
-    Every decision is stored when it is made. Nothing leaves the machine.
+    Each decision is stored at once. Nothing leaves this machine.
     """
     import webbrowser
 
@@ -401,110 +502,6 @@ def review(
             server.serve_forever(poll_interval=0.1)
         except KeyboardInterrupt:
             say("ended; every decision is stored")
-
-
-def import_(
-    format_: Annotated[str, typer.Argument(metavar="FORMAT", help=f"Of the tool's files: {FORMATS}.")],
-    source: Annotated[Path, typer.Argument(help="The tool's file or folder.")],
-    dataset: Annotated[str, typer.Option(help="A data-set card: its path, or a name, see `list datasets`.")],
-    recording: Annotated[str, typer.Option(help="Name of the recording.")],
-    out: Annotated[
-        Path | None, typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>.")
-    ] = None,
-    class_: ClassPairs = None,
-    frame: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="TOOL=OURS",
-            help="Which frame of ours a frame of the tool is: vehicle, lidar or world; without TOOL= that of boxes "
-            "that name none; repeatable.",
-        ),
-    ] = None,
-    first_frame: FirstFrame = None,
-    time_unit: Annotated[TimeUnit, typer.Option(help="Of times that do not say their unit.")] = "ns",
-    overwrite: Overwrite = False,
-) -> None:
-    """Write a tool's labels as <recording>.json; say what was read and what was lost."""
-    from bench.annotation.formats import LabelOptions
-    from bench.recordings import load_card
-
-    card = load_card(dataset)
-    frames = dict(_named(pair if "=" in pair else f"={pair}", "--frame") for pair in frame or ())
-    options = LabelOptions(
-        classes=parse_classes(class_), frames=frames, first_frame=first_frame, unit_ns=UNITS_NS[time_unit]
-    )
-    labels = import_labels(format_, source, card, recording, out=out, options=options, overwrite=overwrite)
-    _print_labels(labels)
-    assert labels.place is not None
-    if card.annotations is None or card.annotations.resolve() != labels.place.parent.resolve():
-        folder = os.path.relpath(labels.place.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
-        also = ", in place of `annotated: none`" if card.content.annotated == "none" else ""
-        say(f"to use it, give the card {card.file} this line: annotations: {folder}{also}")
-
-
-def export(
-    dataset: Dataset,
-    out: Annotated[Path, typer.Option(help="Folder of <recording>.json; of a format, each recording gets a folder.")],
-    recording: Chosen = None,
-    reviews: Reviews = None,
-    unreviewed: Annotated[
-        bool, typer.Option("--unreviewed", help="Write what was proposed and not rejected; whatever uses it says so.")
-    ] = False,
-    format_: Annotated[
-        str | None, typer.Option("--format", help="Write files of a tool instead: boxes, openlabel or cvat.")
-    ] = None,
-    annotated: Annotated[
-        bool, typer.Option("--annotated", help="With --format: write the annotations of the data set, not reviews.")
-    ] = False,
-    class_: ClassPairs = None,
-    first_frame: FirstFrame = None,
-    overwrite: Overwrite = False,
-) -> None:
-    """Write accepted tracks as annotations; refuse drives of which something is undecided or not watched."""
-    from bench.annotation.formats import LabelOptions
-
-    options = LabelOptions(classes=parse_classes(class_), first_frame=first_frame)
-    for labels in export_labels(
-        dataset,
-        out,
-        format_name=format_,
-        annotated=annotated,
-        split=recording,
-        reviews=reviews,
-        unreviewed=unreviewed,
-        options=options,
-        overwrite=overwrite,
-    ):
-        if labels.place is None:
-            nothing = "nothing was proposed, and nobody has looked: no annotations are written"
-            say(f"{labels.recording.name}: {nothing}", style="yellow")
-        else:
-            _print_labels(labels)
-    if format_ is None:
-        say(f"To score by them, the card says where they are, `annotations: {out}`, and no longer `annotated: none`.")
-
-
-def parse_classes(pairs: Sequence[str] | None) -> dict[str, str | None]:
-    """Parse `--class Tram=vehicle`; `--class Misc=none` leaves objects out.
-
-    Raises:
-        UsageError: no `=`, or a class twice.
-    """
-    parsed: dict[str, str | None] = {}
-    for name, ours in (_named(pair, "--class") for pair in pairs or ()):
-        if not name:
-            raise UsageError(f"--class: expected TOOL'S=OURS, got {f'={ours}'!r}")
-        if name in parsed:
-            raise UsageError(f"--class {name}: expected once, got twice")
-        parsed[name] = None if ours == LEFT_OUT else ours
-    return parsed
-
-
-def _named(pair: str, option: str) -> tuple[str, str]:
-    name, equals, ours = pair.rpartition("=")
-    if not equals:
-        raise UsageError(f"{option}: expected TOOL'S=OURS, got {pair!r}")
-    return name, ours
 
 
 def _print_labels(written: ConvertedLabels) -> None:
@@ -533,5 +530,5 @@ def _print_labels(written: ConvertedLabels) -> None:
 app.command("propose")(command_line(propose, show_proposals))
 app.command("evaluate")(command_line(evaluate_proposals, show_scores))
 app.command("review")(command_line(review, print_nothing))
-app.command("import")(command_line(import_, print_nothing))
-app.command("export")(command_line(export, print_nothing))
+app.command("import")(command_line(import_labels, show_import))
+app.command("export")(command_line(export_labels, show_export))

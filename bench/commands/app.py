@@ -36,10 +36,13 @@ COMMANDS = {
 LEAST_ADDRESSES_BYTES = 3_000_000_000  # a run takes 1.5 GB; with 2 GB a library now and then aborts the process
 NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")
 
+DOCUMENTATION = "https://github.com/fisheye-bench/fisheye-bench/tree/main/docs"
+
 app = typer.Typer(
     name="fisheye-bench",
     cls=Commands,
     help="Score moving-object segmentation in automotive fisheye images against lidar reference polygons.",
+    epilog=f"Documentation: {DOCUMENTATION}",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -163,14 +166,14 @@ def global_options(
             "--version",
             is_eager=True,
             callback=_print_version,
-            help="Print the version and exit; with -v also libraries, cores, memory, optional parts and what is wrong.",
+            help="Print the version and exit; with -v also libraries, cores, memory, optional parts and faults.",
         ),
     ] = False,
     verbose: Annotated[
-        bool, typer.Option(*VERBOSE, help="Say which files are used, and the traceback of errors; of every command.")
+        bool, typer.Option(*VERBOSE, help="Print which files are used, and tracebacks; works with every command.")
     ] = False,
     quiet: Annotated[
-        bool, typer.Option(*QUIET, help="Print tables, verdicts and errors alone; of every command.")
+        bool, typer.Option(*QUIET, help="Print only tables, verdicts and errors; works with every command.")
     ] = False,
 ) -> None:
     """Hold the options of the program itself; its help is that of `app`."""

@@ -53,15 +53,15 @@ def audit_reference(
         str | Path | None, typer.Option(help="Folder of the audit; default: reports/audit/<data set>."), PATH
     ] = None,
     recordings: Annotated[
-        int | None, typer.Option(help="How many recordings, spread over the split; default: all.")
+        int | None, typer.Option(help="Number of recordings, spread over the split; default: all.")
     ] = None,
     workers: options.Workers = 1,
     pictures: Annotated[bool, typer.Option(help="Draw median and worst examples of every class.")] = True,
     progress: Report | None = None,
 ) -> Audit:
-    """Audit a rendered data set: lidar polygons against exact masks, and why the method misses.
+    """Compare lidar polygons with exact masks of a rendered data set, and find why a method errs.
 
-    An audit that was interrupted begins again.
+    An interrupted audit starts again.
 
     Args:
         dataset: rendered; card, by path or by name.

@@ -35,17 +35,17 @@ class Comparison:
 
 def compare(
     *runs: Annotated[
-        str | Path | Run, typer.Argument(help="Folders of stored runs; the first is compared against."), TEXT
+        str | Path | Run, typer.Argument(help="Folders of stored runs; each is compared with the first."), TEXT
     ],
     out: Annotated[
         str | Path | None,
         typer.Option(help="Folder; default: reports/runs/compare-<run>-<run>.", show_default=False),
         Words(Path, default=USUAL),
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the frames that changed most, from the data set.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the images that changed most; needs the data set.")] = True,
     progress: Report | None = None,
 ) -> Comparison:
-    """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the biggest.
+    """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the largest.
 
     Args:
         runs: two or more, stored or by their folders.

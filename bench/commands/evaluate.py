@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -40,18 +40,20 @@ def evaluate(
         str | Path, typer.Option(help="Folder of masks or scores: [recording/]camera/<name>.png ..."), PATH
     ],
     *,
-    name: Annotated[str | None, typer.Option(help="What results call them; default: predictions-<folder>.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name in results; default: predictions-<folder>.")] = None,
     missing: Annotated[
         Literal["error", "skip", "empty"],
         typer.Option(help="Images without a prediction: refuse, leave unscored, or count as empty."),
     ] = "error",
     names: Annotated[
         Literal["auto", "timestamp", "frame", "image"],
-        typer.Option(help="What files are named by; default: found out."),
+        typer.Option(help="What files are named by; default: detected."),
     ] = "auto",
-    threshold: Annotated[float | None, typer.Option(help="Score above which a pixel moves; default: 0.5.")] = None,
+    threshold: Annotated[
+        float | None, typer.Option(help="Score above which a pixel counts as moving; default: 0.5.")
+    ] = None,
     history: Annotated[
-        int, typer.Option(help="Score images with this many before them; 1 as methods that compare two.")
+        int, typer.Option(help="Score only images with this many earlier ones; 1 as for methods that compare two.")
     ] = 1,
     protocol: options.Protocols = PROTOCOLS,
     split: options.Split = None,
@@ -65,7 +67,7 @@ def evaluate(
     workers: options.Workers = 1,
     progress: Report | None = None,
 ) -> Evaluation:
-    """Score masks or scores that any other program wrote, paired with the images by name.
+    """Score masks or scores that another program wrote; files are paired with images by name.
 
     Args:
         dataset: card, by path or by name.
@@ -123,7 +125,8 @@ def evaluate(
         write_report(listed, card, method, found)
         raise refused(method, found, listed_in=listed)
     scored = score(
-        replace(request, executor=executor),
+        request,
+        executor=executor,
         pictures=pictures,
         finish=lambda run: write_report(run.folder / PREDICTIONS, card, method, found),
         progress=progress,

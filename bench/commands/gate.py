@@ -154,8 +154,8 @@ def command(
     baseline: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of the baseline, or of a run; default: reports/baselines/<data set>, with -<protocol> "
-            "behind the name unless that is paper-v1, or the one that ships with the package."
+            help="Folder of a baseline or run; default: reports/baselines/<data set>[-<protocol>], without the "
+            "protocol for paper-v1, else the shipped one."
         ),
     ] = None,
     tolerances: Annotated[
@@ -164,17 +164,13 @@ def command(
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.")] = None,
     json: Annotated[Path | None, typer.Option(help="Write the verdict as JSON to this file.")] = None,
     github: Annotated[bool, typer.Option("--github", help="Print GitHub annotations.")] = False,
-    whole: Annotated[
-        bool, typer.Option("--all", help="List all rows, those of breakdowns too, which cut the same objects again.")
-    ] = False,
+    whole: Annotated[bool, typer.Option("--all", help="List all rows, including those of breakdowns.")] = False,
     update: Annotated[
-        bool, typer.Option("--update", help="Judge nothing; store the run as the baseline, and print what changes.")
+        bool, typer.Option("--update", help="Store the run as the baseline and print what changes; no verdict.")
     ] = False,
-    allow_dirty: Annotated[
-        bool, typer.Option("--allow-dirty", help="With --update: also from changed, uncommitted code.")
-    ] = False,
+    allow_dirty: Annotated[bool, typer.Option("--allow-dirty", help="With --update: accept uncommitted code.")] = False,
 ) -> None:
-    """Judge a run by a baseline: 0 no regression, 1 a regression, 2 usage or data error, 3 no verdict."""
+    """Judge a run against a baseline; exit status 0 passed, 1 a regression, 2 usage or data error, 3 no verdict."""
     from bench.commands.runs import run_folder
     from bench.gate import MissingBaselineError, Outcome, find_baseline
     from bench.gate.changes import how_to_compare

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -102,7 +102,7 @@ def score_competitor(
             write_page(run.folder, pictures=False)
 
     with interruptible(LEFT), progress_bar(f"scoring {competitor.name} on {card.name}", "images") as report:
-        return run_benchmark(replace(request, executor=executor, progress=report), finish=finish)
+        return run_benchmark(request, executor=executor, progress=report, finish=finish)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -127,19 +127,19 @@ class LeaderboardReport:
 
 
 def leaderboard(
-    folder: Annotated[str | Path, typer.Argument(help="Folder that holds runs at any depth."), PATH] = RUNS,
+    folder: Annotated[str | Path, typer.Argument(help="Folder with runs at any depth."), PATH] = RUNS,
     *,
     score: Annotated[
         Sequence[str],
-        typer.Option(metavar="DATASET", help="First score all methods on this data set, into FOLDER; repeatable."),
+        typer.Option(metavar="DATASET", help="First score methods on this data set, into FOLDER; repeatable."),
         Words(list[str] | None, lambda given: given or (), default=None),
     ] = (),
     methods: Annotated[
         str | None,
         typer.Option(
             metavar="A,B,...",
-            help="With --score: these methods; settings behind colons, as in spherical:flow=dis. Default: all that are "
-            "registered, and on rendered data the exact masks.",
+            help="With --score: these methods, with settings after colons, as in spherical:flow=dis; default: all "
+            "registered ones, and on rendered data the exact masks.",
         ),
     ] = None,
     protocol: Annotated[
@@ -147,16 +147,16 @@ def leaderboard(
     ] = PROTOCOLS,
     out: Annotated[
         str | Path | None,
-        typer.Option(help="Also write the page, the chart, leaderboard.md, .csv, .json, .tex into this folder."),
+        typer.Option(help="Also write page, chart and tables into this folder."),
         PATH,
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="Show methods on the same images, from rendered data sets.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Show methods on the same images of rendered data sets.")] = True,
     workers: options.Workers = 1,
     progress: Report | None = None,
 ) -> LeaderboardReport:
-    """List all runs of a folder, those that compare in one table each, beside the rows that ship with the package.
+    """Rank the runs of a folder, one table for each group of comparable runs; with --score, make the runs first.
 
-    With --score, make the runs first; those that are there and up to date are not computed again.
+    Rows that ship with the package stand beside those that compare. Runs that are up to date are not computed again.
 
     Args:
         folder: holds runs; those that are scored go into one below it that is called as the data set.

@@ -19,16 +19,14 @@ What = Literal["datasets", "methods", "protocols", "formats"]
 def command(
     what: Annotated[
         What | None,
-        typer.Argument(metavar="datasets|methods|protocols|formats", help="One of the lists; default: all."),
+        typer.Argument(metavar="datasets|methods|protocols|formats", help="Which list; default: all."),
     ] = None,
     schema: Annotated[
         str | None,
-        typer.Option(
-            metavar="KIND", help="Print the JSON Schema of a kind of file instead; `list formats` names them."
-        ),
+        typer.Option(metavar="KIND", help="Print the JSON Schema of a kind of file; `list formats` names the kinds."),
     ] = None,
 ) -> None:
-    """List the data sets, methods, protocols and formats that commands know by name."""
+    """List the data sets, methods, protocols and formats that commands accept by name."""
     if schema is not None:
         if what is not None:
             raise UsageError(f"--schema: expected no list beside it, got {what}")

@@ -16,7 +16,7 @@ from bench.commands.console import say
 from bench.commands.options import group
 from bench.errors import OutputError, UsageError
 
-app = group("Begin a method, a data set or an adapter.")
+app = group("Write a method, a data set or an adapter to start from.")
 
 NewName = Annotated[str, typer.Argument(metavar="NAME", help="Letters, digits, - and _, for example my-method.")]
 
@@ -38,7 +38,7 @@ ADAPTER = {
 
 @app.command("method")
 def new_method(name: NewName) -> None:
-    """Write NAME.py with a method that scores at once, and a test of it."""
+    """Write NAME.py with a working method, and a test."""
     _write(METHOD, "method", name)
     module, kind = _module(name), _class(name)
     say("it runs as it is; then change `segment`:")
@@ -49,7 +49,7 @@ def new_method(name: NewName) -> None:
 
 @app.command("dataset")
 def new_dataset(name: NewName) -> None:
-    """Write datasets/NAME.yaml, a program that writes an example recording, and a test of it."""
+    """Write datasets/NAME.yaml, a program that writes an example recording, and a test."""
     _write(DATASET, "data", name)
     called = _called(name)
     say("it runs as it is; then put your own readers into the program, and title, licence and caveats into the card:")
@@ -60,7 +60,7 @@ def new_dataset(name: NewName) -> None:
 
 @app.command("adapter")
 def new_adapter(name: NewName) -> None:
-    """Write NAME/ with an adapter as a package, an example of its layout, a card, and a test of it."""
+    """Write NAME/: an adapter as a package, an example of its layout, a card, and a test."""
     _write(ADAPTER, "format", name)
     called, module = _called(name), _module(name)
     say("it runs as it is; then change the layout that it reads:")

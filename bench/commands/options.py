@@ -86,13 +86,15 @@ def _settings(option: str) -> Words:
 
 Dataset = Annotated[
     "str | Path | DatasetCard",
-    typer.Argument(help="A data-set card: its path, or a name, see `list datasets`."),
+    typer.Argument(help="Data-set card: a path, or a name of `list datasets`."),
     TEXT,
 ]
-MethodName = Annotated["str | Method", typer.Option("--method", help="The method; see `list methods`."), TEXT]
+MethodName = Annotated[
+    "str | Method", typer.Option("--method", help="Method: a name of `list methods`, or module:Class."), TEXT
+]
 Settings = Annotated[
     "Mapping[str, object] | None",
-    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the method, as YAML; repeatable."),
+    typer.Option("--set", metavar="NAME=VALUE", help="Set a parameter of the method, as YAML; repeatable."),
     _settings("--set"),
 ]
 InputErrors = Annotated[
@@ -100,7 +102,7 @@ InputErrors = Annotated[
     typer.Option(
         "--input-error",
         metavar="NAME=VALUE",
-        help="An error of what the method is given, as pitch_deg=0.5; the reference keeps the truth; repeatable.",
+        help="Disturb the method's input, for example pitch_deg=0.5; the reference keeps the truth; repeatable.",
     ),
     _settings("--input-error"),
 ]
@@ -113,8 +115,8 @@ Protocols = Annotated[
     "str | Path",
     typer.Option(
         "--protocol",
-        help="paper-v1, extended-v1, surface-v1, masks-v1, or a YAML file; several with commas in between; the "
-        "method is asked once.",
+        help="paper-v1, surface-v1, extended-v1, masks-v1, or a YAML file; several, separated by commas, "
+        "run the method once.",
     ),
     TEXT,
 ]
@@ -122,21 +124,19 @@ Split = Annotated[
     str | None,
     typer.Option(
         "--split",
-        help="A split of the data set, or recordings with commas in between; [:50] behind it: the first 50 images of "
-        "each camera; default: everything.",
+        help="A split of the data set, or recordings separated by commas; append [:50] for the first 50 images "
+        "of each camera; default: everything.",
     ),
 ]
-Recording = Annotated[str | None, typer.Option(help="Name of the recording; default: all.")]
+Recording = Annotated[str | None, typer.Option(help="Name of a recording; default: all.")]
 Workers = Annotated[
     "int | TaskExecutor",
     typer.Option(
         metavar="N",
-        help="Worker processes; default: one per core. Or a Dask cluster: tcp://HOST:PORT, or its scheduler's file.",
+        help="Worker processes; default: one per core. Or a Dask cluster: tcp://HOST:PORT, or its scheduler file.",
     ),
     Words(str | None, _executor, default=None),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace another run in the folder.")]
-Pictures = Annotated[bool, typer.Option(help="Also draw an example frame of every category.")]
-StoredRun = Annotated[
-    "str | Path | Run", typer.Argument(help="Folder of a run, or of its results by a protocol."), TEXT
-]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a different run in the folder.")]
+Pictures = Annotated[bool, typer.Option(help="Draw an example image of every category.")]
+StoredRun = Annotated["str | Path | Run", typer.Argument(help="Folder of a run, or of one protocol in it."), TEXT]

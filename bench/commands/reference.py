@@ -15,7 +15,7 @@ from bench.commands.progress import Report, progress_bar
 if TYPE_CHECKING:
     from bench.harness.reference_export import ReferenceExport
 
-app = options.group("Write the reference of a data set as label images and JSON, to train and score with other tools.")
+app = options.group("Export the reference as label images and JSON, to train and score with other tools.")
 
 
 def export_reference(
@@ -28,7 +28,7 @@ def export_reference(
     workers: options.Workers = 1,
     progress: Report | None = None,
 ) -> ReferenceExport:
-    """Write for each image the pixels of objects, unknown bands and ignored areas, and what the objects are.
+    """Write the reference of each image: pixels of objects, unknown bands and ignored areas, and a list of the objects.
 
     Args:
         dataset: card, by path or by name.

@@ -37,18 +37,18 @@ def report(
     category: Annotated[str | None, typer.Option(help="Only this kind of motion, for example preceding.")] = None,
     beside: Annotated[
         str | Path | Run | None,
-        typer.Option(metavar="RUN", help="Another run of the same data and protocol: both on the same images."),
+        typer.Option(metavar="RUN", help="Another run of the same data and protocol; show both on the same images."),
         TEXT,
     ] = None,
     out: Annotated[
         str | Path | None,
-        typer.Option(help="The file; default: index.html or index-CATEGORY.html beside its results."),
+        typer.Option(help="File to write; default: index.html or index-CATEGORY.html in the protocol's folder."),
         PATH,
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the worst frames, from the data set.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the worst images; needs the data set.")] = True,
     progress: Report | None = None,
 ) -> RunPage:
-    """Write one page to read, from disk and without a network: metrics, charts, the worst cases.
+    """Write an HTML page of a run that opens offline: metrics, charts, worst cases.
 
     Args:
         run: stored, or its folder.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,7 +38,9 @@ def run(
     ] = None,
     limit: Annotated[
         int | None,
-        typer.Option(min=2, max=10**9 - 1, metavar="N", help="Quick look: the first N images of each camera."),
+        typer.Option(
+            min=2, max=10**9 - 1, metavar="N", help="Only the first N images of each camera, for a quick look."
+        ),
     ] = None,
     out: Annotated[
         str | Path | None,
@@ -48,18 +49,19 @@ def run(
     ] = None,
     overwrite: options.Overwrite = False,
     require_valid: Annotated[
-        bool, typer.Option("--require-valid", help="Validate the data first; refuse errors, put the rest on the page.")
+        bool, typer.Option("--require-valid", help="Validate the data first; refuse errors, list warnings on the page.")
     ] = False,
     pictures: options.Pictures = True,
     workers: options.Workers = 1,
     shard: Annotated[
-        str | None, typer.Option(metavar="I/N", help="Score part I of N only; the command without it ends the run.")
+        str | None,
+        typer.Option(metavar="I/N", help="Score only part I of N; the same command without --shard finishes the run."),
     ] = None,
     progress: Report | None = None,
 ) -> Run:
-    """Score a method on a data set: the paper's table, the range maps, pictures.
+    """Score a method on a data set; write tables, range maps and pictures.
 
-    A run that was interrupted continues where it stopped, by the same command. The method is asked once, whatever the
+    An interrupted run continues with the same command. The method is asked once, whatever the
     number of protocols.
 
     Args:
@@ -104,16 +106,23 @@ def run(
         overwrite=overwrite,
     )
     part = None if shard is None else Part.parse(shard)
-    request = replace(request, executor=as_executor(workers))
-    rendered_card(request.card, request.split, executor=request.executor)
+    executor = as_executor(workers)
+    rendered_card(request.card, request.split, executor=executor)
     validation = _validated(request) if require_valid else None
     if part is None:
         hint = f"a run does not validate its data; check them with: fisheye-bench validate {request.card.address}"
         remarks = [hint] if request.card.scenario is None and validation is None else []
-        return score(request, pictures=pictures, validation=validation, remarks=remarks, progress=progress)
+        return score(
+            request,
+            executor=executor,
+            pictures=pictures,
+            validation=validation,
+            remarks=remarks,
+            progress=progress,
+        )
     title = f"scoring part {part} of {request.card.name}"
     with resumable(request.folder), progress_bar(title, "images", progress) as report:
-        return Run(folder=request.folder, part=score_part(replace(request, progress=report), part))
+        return Run(folder=request.folder, part=score_part(request, part, executor=executor, progress=report))
 
 
 def _part_of_data(split: str | None, recordings: Sequence[str] | None, limit: int | None) -> str | None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from bench.evaluation import ObjectMetrics
+    from bench.execution import TaskExecutor
     from bench.harness import Provenance, RunRequest, RunSummary, ScoredPart, StoredRun
     from bench.harness.manifest import Manifest
     from bench.harness.run import Finish
@@ -249,6 +250,7 @@ def _non_default_settings(method: Scorable, named: str) -> list[tuple[str, objec
 def score(
     request: RunRequest,
     *,
+    executor: TaskExecutor,
     pictures: bool,
     validation: ValidationReport | None = None,
     finish: Finish | None = None,
@@ -259,6 +261,7 @@ def score(
 
     Args:
         request: the run.
+        executor: computes.
         pictures: also draw an example frame of every category.
         validation: of the data; None where they were not validated.
         finish: as of `run_benchmark`, before the report.
@@ -296,7 +299,7 @@ def score(
 
     title = f"scoring {request.method.name} on {request.card.name}"
     with resumable(request.folder), progress_bar(title, "images", progress) as report:
-        run_benchmark(replace(request, progress=report), finish=write)
+        run_benchmark(request, executor=executor, progress=report, finish=write)
     return replace(runs[0], others=tuple(runs[1:]))
 
 

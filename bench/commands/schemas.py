@@ -18,6 +18,7 @@ from pydantic_core import core_schema
 
 from bench.adapters.aimotive.calibration import AimotiveOptions
 from bench.adapters.kitti360.calibration import Kitti360Options
+from bench.adapters.kitti_raw.adapter import KittiRawOptions
 from bench.adapters.log123d.rig import LogOptions
 from bench.adapters.rosbag.rig import Rig, RosbagOptions
 from bench.adapters.woodscape.camera import WoodscapeOptions
@@ -44,6 +45,7 @@ Schema = dict[str, Any]
 OPTIONS: dict[str, type[BaseModel]] = {  # of cards, by adapter
     "native": NativeOptions,
     "aimotive": AimotiveOptions,
+    "kitti-raw": KittiRawOptions,
     "kitti360": Kitti360Options,
     "woodscape": WoodscapeOptions,
     "rosbag": RosbagOptions,

@@ -70,7 +70,7 @@ def sweep(
         typer.Option(
             "--set",
             metavar="NAME=VALUE,...",
-            help="A parameter of the method, as YAML; one of them with several values, commas in between; repeatable.",
+            help="A parameter of the method, as YAML; one with several values, separated by commas; repeatable.",
         ),
         _values("--set"),
     ] = None,
@@ -79,7 +79,7 @@ def sweep(
         typer.Option(
             "--input-error",
             metavar="NAME=VALUE,...",
-            help="As of `run`; one may have several values in place of a parameter.",
+            help="As in `run`; one may have several values instead of a parameter.",
         ),
         _values("--input-error"),
     ] = None,
@@ -94,10 +94,9 @@ def sweep(
     workers: options.Workers = 1,
     progress: Report | None = None,
 ) -> Sweep:
-    """Score a method once for each of several values of one setting: a table and a chart.
+    """Score a method for several values of one setting; write a table and a chart.
 
-    Each value is a run in a folder of the sweep. A sweep that was interrupted continues where it stopped, by the same
-    command.
+    Each value is a run in the sweep's folder. An interrupted sweep continues with the same command.
 
     Args:
         dataset: card, by path or by a name that `fisheye-bench list` shows.
@@ -153,11 +152,10 @@ def sweep(
                 asked = replace(
                     request,
                     folder=folder / (file_name(value).lstrip(".") or "_"),
-                    executor=executor,
                     flow_cache=cache_folder() / "flow",
-                    progress=part_of(report, number=number, total=len(requests)),
                 )
-                (stored,) = run_benchmark(asked, finish=write_report_files)
+                part = part_of(report, number=number, total=len(requests))
+                (stored,) = run_benchmark(asked, executor=executor, progress=part, finish=write_report_files)
                 runs[value] = Run(folder=stored.folder)
     shown = {
         "title": f"{setting} of {name} on {card.name} by {rules.name}",

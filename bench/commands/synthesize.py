@@ -14,9 +14,11 @@ from bench.plain_text import counted
 def synthesize(
     scenario: Annotated[Path, typer.Argument(help="A scenario file.")],
     out: Annotated[Path, typer.Option(help="Folder of the recordings.")],
-    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Number of worker processes; default: one per core.")
+    ] = None,
 ) -> None:
-    """Render a scenario into recordings; what is there and up to date stays."""
+    """Render a scenario into recordings; up-to-date recordings stay."""
     from bench.commands.data import rendering
     from bench.synthesis import synthesize as render
 

@@ -61,22 +61,20 @@ def validate(
 
 
 def command(
-    dataset: Annotated[str, typer.Argument(help="A data-set card; with --adapter a folder of data.")],
+    dataset: Annotated[str, typer.Argument(help="Data-set card; with --adapter a folder of data.")],
     split: Split = None,
-    recording: Annotated[str | None, typer.Option(help="Name of the recording; default: all.")] = None,
-    deep: Annotated[bool, typer.Option("--deep", help="Read every image and sweep, not a sample.")] = False,
-    errors_only: Annotated[
-        bool, typer.Option("--errors-only", help="Exit with 0 where there are warnings alone.")
-    ] = False,
+    recording: Annotated[str | None, typer.Option(help="Name of a recording; default: all.")] = None,
+    deep: Annotated[bool, typer.Option("--deep", help="Read every image and sweep instead of a sample.")] = False,
+    errors_only: Annotated[bool, typer.Option("--errors-only", help="Exit with 0 if there are only warnings.")] = False,
     json: Annotated[Path | None, typer.Option(help="Write all findings as JSON to this file.")] = None,
     adapter: Annotated[
-        str | None, typer.Option(help="MODULE:FUNCTION; tries whether your adapter keeps the contract.")
+        str | None, typer.Option(help="Check your adapter, MODULE:FUNCTION, against the contract.")
     ] = None,
     set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="With --adapter: an option of it.")
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="With --adapter: an option of the adapter.")
     ] = None,
 ) -> int:
-    """List what looks wrong in a data set: 0 nothing, 1 something, 2 usage or data error."""
+    """List what looks wrong in a data set; exit status 0 nothing, 1 something, 2 usage or data error."""
     if adapter is not None:
         passed = _keeps_contract(adapter, Path(dataset), settings=set_)
     else:

@@ -23,18 +23,16 @@ def verify(
     run: options.StoredRun,
     dataset: Annotated[
         str | Path | DatasetCard | None,
-        typer.Option(
-            "--data", metavar="CARD", help="Your copy of the data; default: the card of this name that ships."
-        ),
+        typer.Option("--data", metavar="CARD", help="Your copy of the data; default: the shipped card of this name."),
         TEXT,
     ] = None,
     *,
     workers: options.Workers = 1,
     progress: Report | None = None,
 ) -> Verification:
-    """Count a run again from its stored answers and the data, without its method, and say what differs.
+    """Recount a run from its stored answers and the data, without its method, and list differences.
 
-    Exits with 0 where nothing does, and your leaderboards call the run verified; with 1 where something differs.
+    Exit status 0 if nothing differs (your leaderboards then mark the run as verified), 1 if something does.
 
     Args:
         run: stored, or its folder.

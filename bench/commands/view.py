@@ -52,10 +52,10 @@ def view(
     frames: Annotated[
         str | None, typer.Option(metavar="FIRST:LAST[:STEP]", help="Several images, the last one included.")
     ] = None,
-    time_ns: Annotated[int | None, typer.Option(help="The image nearest to this time.")] = None,
+    time_ns: Annotated[int | None, typer.Option(help="The image nearest to this time, in ns.")] = None,
     method: Annotated[
         str | Scorable | None,
-        typer.Option(help="Draw what this method finds, too: a name, or module:Class; default: none."),
+        typer.Option(help="Also draw what this method finds: a name, or module:Class; default: none."),
         TEXT,
     ] = None,
     settings: options.Settings = None,
@@ -63,29 +63,29 @@ def view(
     out: Annotated[
         str | Path | None,
         typer.Option(
-            help="Folder of pictures; default: reports/runs/view/<camera>/<image>, none beside a video or log."
+            help="Folder of pictures; default: reports/runs/view/<camera>/<image>; none with --video or --rrd."
         ),
         PATH,
     ] = None,
     video: Annotated[
-        str | Path | None, typer.Option(help="Video (.mp4, .webm, .avi) of true and false areas."), PATH
+        str | Path | None, typer.Option(help="Write a video (.mp4, .webm, .avi) of right and wrong areas."), PATH
     ] = None,
     rrd: Annotated[
         str | Path | None,
-        typer.Option(help="File for the viewer rerun (the optional extra `viewer`), with lidar and boxes."),
+        typer.Option(help="Write a log for the rerun viewer (extra `viewer`), with lidar and boxes."),
         PATH,
     ] = None,
-    lidar: Annotated[bool, typer.Option(help="Draw lidar points into the video.")] = True,
+    lidar: Annotated[bool, typer.Option(help="Draw lidar points in the video.")] = True,
     calibration: Annotated[
         bool,
         typer.Option(
             "--calibration",
-            help="Draw lidar, road, lens and flow by ego-motion onto the images of each camera instead; no method.",
+            help="Draw lidar, road grid, lens and predicted flow onto the images of each camera; without a method.",
         ),
     ] = False,
     progress: Report | None = None,
 ) -> View:
-    """Draw frames: reference and lidar clusters, with --method what it finds; a video, or a log for the viewer.
+    """Draw images with reference and lidar points, with --method also what it finds; or a video or viewer log.
 
     Args:
         dataset: card, by path or by name.
@@ -112,7 +112,7 @@ def view(
     """
     from bench.evaluation import load_protocol
     from bench.harness import build_scorable
-    from bench.reporting.calibration_view import write_calibration
+    from bench.reporting.calibration import write_calibration
     from bench.reporting.film import refuse_other_files
 
     # mistakes are told before anything is rendered

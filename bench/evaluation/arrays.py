@@ -234,6 +234,7 @@ def _reference_frame(
         labels=labels,
         ignored=left_out & (labels == 0),
         unknown=np.zeros(shape, dtype=bool),
+        left_out=np.zeros(shape, dtype=bool),
         valid=counted,
     )
 

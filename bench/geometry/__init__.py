@@ -11,9 +11,8 @@ Conventions of the whole project, written here once:
 - Quaternions are wxyz. Angles are radians, times int64 nanoseconds, geometry is float64.
 """
 
-from bench.geometry.interpolation import advance_twist, twist_between
 from bench.geometry.plane import RoadPlane
-from bench.geometry.rigid import RigidTransform, quaternions_wxyz
+from bench.geometry.rigid import RigidTransform, advance_twist, quaternions_wxyz, twist_between
 from bench.geometry.sphere import angle_between, cross, dot, normalise
 
 __all__ = [

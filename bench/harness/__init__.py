@@ -11,9 +11,10 @@ calibration and ego-motion, never annotations (`frames`).
 from bench.harness.counts import open_tables, read_image_maps
 from bench.harness.exact import build_scorable, scorable_methods
 from bench.harness.frames import FramePipeline, ProcessedFrame
-from bench.harness.provenance import Provenance
-from bench.harness.run import Part, RunRequest, ScoredPart, run_benchmark, score_part
+from bench.harness.run import Part, ScoredPart, run_benchmark, score_part
+from bench.harness.stages import Provenance
 from bench.harness.stored import RunSummary, StoredRun, read_run, read_tables, run_name
+from bench.harness.tasks import RunRequest
 
 __all__ = [
     "FramePipeline",

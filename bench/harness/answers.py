@@ -4,6 +4,8 @@
 the method's cells, one bit each, or the reason why there is none. A likelihood is stored as its bin of
 `bench.evaluation.likelihood`, one byte: histograms, and with them every curve, come out exactly; pictures show the
 middle of the bin.
+
+Parquet files are opened here, as pyarrow by name waits for pipes and asks for UTF-8.
 """
 
 from __future__ import annotations
@@ -16,11 +18,12 @@ from urllib.parse import quote, unquote
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from bench.atomic import open_regular, replacing
 from bench.errors import DataError
 from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
-from bench.harness.table_files import read_table, write_table
 from bench.records.segmentation import Segmentation, segmentation_fault
 
 ANSWERS = "answers"
@@ -61,6 +64,32 @@ def name_of(safe: str) -> str:
 
 
 Row = Mapping[str, Any]
+
+
+def write_table(file: Path, table: pa.Table, *, rows_at_once: int | None = None) -> None:
+    """Write a whole table.
+
+    Args:
+        file: to write.
+        table: the rows.
+        rows_at_once: that a reader of some of them unpacks together; None for all.
+
+    Raises:
+        OutputError: the disk is full, or may not be written.
+    """
+    with replacing(file) as temporary, temporary.open("wb") as out:
+        pq.write_table(table, out, compression="zstd", row_group_size=rows_at_once)
+
+
+def read_table(file: Path, **chosen: Any) -> pa.Table:
+    """Read a table, or the columns, rows or schema of it that `pyarrow.parquet.read_table` is asked for.
+
+    Raises:
+        OSError: it cannot be opened, or is no regular file.
+        ArrowException: it is no such table.
+    """
+    with open_regular(file) as content:
+        return pq.read_table(content, use_threads=False, **chosen)
 
 
 class Key(NamedTuple):

@@ -29,11 +29,10 @@ from bench.atomic import open_regular, write_bytes
 from bench.errors import BenchError, DataError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, Protocol, SequenceScorer, add_image_maps
 from bench.evaluation.rows import EVALUATED, IMAGE, NOT_ANNOTATED, OBJECT, to_frame
-from bench.harness.answers import FAILED, SKIPPED, Answer, name_of, safe_name
+from bench.harness.answers import FAILED, SKIPPED, Answer, name_of, read_table, safe_name, write_table
 from bench.harness.exact import exact_mask
 from bench.harness.references import StoredReference
 from bench.harness.stages import StageClock
-from bench.harness.table_files import read_table, write_table
 from bench.recordings import ImageRef, Recording, read_truth
 from bench.records.reference import Category, Direction, IgnoreReason, Status
 

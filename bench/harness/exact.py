@@ -25,20 +25,14 @@ from bench.reference import ReferenceFrame, Status
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceItself(Scorable):
-    """The reference in place of a method: a check of the evaluation, which every metric must pass with 1 or 0.
-
-    Attributes:
-        sees_the_reference: the mark by which a table tells it from methods.
-    """
+    """The reference in place of a method: a check of the evaluation, which every metric must pass with 1 or 0."""
 
     name = "reference"
     reads_images = False
 
-    sees_the_reference: bool = True
-
-    def __post_init__(self) -> None:
-        if self.sees_the_reference is not True:
-            raise UsageError(f"reference: it sees the reference and nothing else, got {self.sees_the_reference!r}")
+    def settings(self) -> dict[str, object]:
+        """The mark by which a table tells it from methods."""
+        return {"sees_the_reference": True}
 
     def answer(self, recording: Recording, image: ImageRef, reference: ReferenceFrame) -> Segmentation:  # noqa: ARG002
         """The evaluated objects of the reference, all pixels of their regions."""
@@ -51,20 +45,20 @@ class ExactMasks(Scorable):
 
     Attributes:
         cell_size_px: side of the cells of the answer, each of which is what its centre shows; 1 for every pixel.
-        sees_the_truth: the mark by which a table tells it from methods.
     """
 
     name = "truth"
     reads_images = False
 
     cell_size_px: int = 1
-    sees_the_truth: bool = True
 
     def __post_init__(self) -> None:
-        if self.sees_the_truth is not True:
-            raise UsageError(f"truth: it sees the exact masks and nothing else, got {self.sees_the_truth!r}")
         if type(self.cell_size_px) is not int or not 1 <= self.cell_size_px <= 1000:
             raise UsageError(f"truth: cell_size_px: expected a whole number from 1 to 1000, got {self.cell_size_px!r}")
+
+    def settings(self) -> dict[str, object]:
+        """Those of the constructor, and the mark by which a table tells it from methods."""
+        return {**super().settings(), "sees_the_truth": True}
 
     def answer(self, recording: Recording, image: ImageRef, reference: ReferenceFrame) -> Segmentation:
         """The pixels of every annotated object that moves, evaluated or not."""

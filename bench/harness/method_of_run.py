@@ -15,7 +15,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from bench.errors import UsageError
 from bench.harness.digests import digest_file, digest_of
-from bench.methods import METHODS, Scorable, build_method, known_methods
+from bench.harness.exact import ORACLES, build_scorable
+from bench.methods import METHODS, Scorable, known_methods
 from bench.methods.contract import refuse_unfit
 from bench.methods.settings import flat_settings
 
@@ -98,7 +99,8 @@ class MethodOfRun(BaseModel):
     def changed_settings(self) -> dict[str, object]:
         """The settings that are not the method's defaults, by dotted name; all of them where these are unknown."""
         try:
-            defaults = flat_settings(build_method(self.called).settings()) if self.called in METHODS else {}
+            own = self.called in METHODS or self.called in ORACLES
+            defaults = flat_settings(build_scorable(self.called).settings()) if own else {}
         except UsageError:  # its extra is not installed
             defaults = {}
         flat = flat_settings(self.settings)

@@ -10,18 +10,18 @@ DIR/<recording>/labels/<camera>/<timestamp_ns>.png     8 bits: a `Label`
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from bench.atomic import new_folder, path_inside, write_bytes, write_text
 from bench.errors import BenchError, DataError, OutputError, UnknownNameError
@@ -32,14 +32,13 @@ from bench.harness.counts import told
 from bench.harness.stages import Progress
 from bench.harness.tasks import first_scored
 from bench.recordings import DatasetCard, ImageRef, Recording, RecordingHandle, open_dataset
-from bench.recordings.validation import FileModel, SidePx, TimeNs
-from bench.records.reference import Category, Direction, IgnoreReason, ReferenceFrame, ReferenceObject, Status
+from bench.records.reference import ReferenceFrame, ReferenceObject
 from bench.reference import ReferenceBuilder
 
 HEAD = "reference.json"
 
-Count = Annotated[int, Field(ge=0)]
-Number = Annotated[int, Field(ge=1)]
+AS_COUNTED = ("track_id", "object_class", "status", "reason", "category", "direction", "points", "polygon_px",
+              "region_px", "unknown_px")  # fmt: skip
 
 
 class Label(IntEnum):
@@ -52,106 +51,18 @@ class Label(IntEnum):
     OUTSIDE = 4  # outside of the lens's field, or the ego vehicle's own body: counts for nothing
 
 
-class ObjectEntry(FileModel):
-    """An annotated object in an image; see `ReferenceObject`. What is unknown is null.
-
-    Attributes:
-        instance_id: its place in the image's list, from 1; in `instances` the number of its pixels.
-        category: its kind of motion.
-    """
-
-    instance_id: Number
-    track_id: str
-    object_class: str
-    status: Status
-    reason: IgnoreReason | None
-    category: Category | None
-    direction: Direction | None
-    speed_mps: float | None
-    range_m: float | None
-    centroid_m: tuple[float, float] | None
-    points: Count
-    polygon_px: Count
-    region_px: Count
-    unknown_px: Count
-
-    @classmethod
-    def of(cls, number: int, item: ReferenceObject) -> ObjectEntry:
-        """The entry of an image's object of a number."""
-        same = ("track_id", "object_class", "status", "reason", "category", "direction", "points", "polygon_px")
-        x, y = map(float, item.centroid_m)
-        return cls(
-            instance_id=number,
-            centroid_m=None if math.isnan(x + y) else (x, y),
-            speed_mps=None if math.isnan(item.speed_mps) else float(item.speed_mps),
-            range_m=None if math.isnan(item.range_m) else float(item.range_m),
-            **{name: getattr(item, name) for name in (*same, "region_px", "unknown_px")},
-        )
-
-
-class ImageEntry(FileModel):
-    """An image.
-
-    Attributes:
-        file_name: of the image, relative to the recording's folder where it lies there.
-        camera: name.
-        timestamp_ns: exposure.
-        width: px.
-        height: px.
-        ego_speed_mps: over the ground; null where it has no reference.
-        annotated: False where nobody knows what moves: it is not scored.
-        objects: all annotated ones, nearest first.
-        problem: why it has no reference; "" where it has one.
-    """
-
-    file_name: str
-    camera: str
-    timestamp_ns: TimeNs
-    width: SidePx
-    height: SidePx
-    ego_speed_mps: float | None = None
-    annotated: bool = True
-    objects: tuple[ObjectEntry, ...] = ()
-    problem: str = ""
-
-
-class RecordingFile(FileModel):
-    """`<recording>.json`."""
-
-    recording: str
-    images: tuple[ImageEntry, ...]
-
-
-class ReferenceHead(FileModel):
-    """`reference.json`.
-
-    Attributes:
-        schema_version: of the folder.
-        dataset: name.
-        split: of it; None for all.
-        protocol: that the reference is by.
-        recordings: name -> images.
-    """
-
-    schema_version: Literal[1] = 1
-    dataset: str
-    split: str | None
-    protocol: ProtocolOfRun
-    recordings: dict[str, Count]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReferenceExport:
     """A reference that was exported.
 
     Attributes:
         folder: where it lies.
-        head: what it is of.
+        images: of each recording, by name.
         problems: one line for each image without a reference.
     """
 
     folder: Path
-    head: ReferenceHead
+    images: Mapping[str, int]
     problems: tuple[str, ...]
 
 
@@ -195,15 +106,12 @@ def export_references(
                 images[handle.name], problems[handle.name] = outcome
                 if progress is not None:
                     progress(len(images), len(handles))
-        head = ReferenceHead(
-            dataset=card.name,
-            split=split,
-            protocol=ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest),
-            recordings={handle.name: images[handle.name] for handle in handles},
-        )
-        write_text(folder / HEAD, head.model_dump_json(indent=1) + "\n")
+        counts = {handle.name: images[handle.name] for handle in handles}
+        rules = ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest).model_dump()
+        head = {"schema_version": 1, "dataset": card.name, "split": split, "protocol": rules, "recordings": counts}
+        write_text(folder / HEAD, _json(head))
     lines = tuple(line for handle in handles for line in problems[handle.name])
-    return ReferenceExport(folder=out, head=head, problems=lines)
+    return ReferenceExport(folder=out, images=counts, problems=lines)
 
 
 def label_image(frame: ReferenceFrame) -> NDArray[np.uint8]:
@@ -218,7 +126,7 @@ def label_image(frame: ReferenceFrame) -> NDArray[np.uint8]:
 
 def _export_recording(handle: RecordingHandle, *, folder: Path, protocol: Protocol) -> tuple[int, tuple[str, ...]]:
     """Write the reference of a recording; the number of its images, and a line for each without a reference."""
-    recording, entries = handle.open(), list[ImageEntry]()
+    recording, entries = handle.open(), list[dict[str, object]]()
     for name in sorted(recording.cameras):
         builder = ReferenceBuilder(recording, name, protocol.reference_settings())
         images = recording.images[name]
@@ -231,10 +139,9 @@ def _export_recording(handle: RecordingHandle, *, folder: Path, protocol: Protoc
                 raise
             except BenchError as error:
                 entries.append(_entry(image, recording, problem=told(error, recording)))
-    content = RecordingFile(recording=recording.name, images=tuple(entries))
     file = path_inside(folder, f"{recording.name}.json", file=folder / HEAD, field="recordings")
-    write_text(file, content.model_dump_json(indent=1) + "\n")
-    return len(entries), tuple(entry.problem for entry in entries if entry.problem)
+    write_text(file, _json({"recording": recording.name, "images": entries}))
+    return len(entries), tuple(str(entry["problem"]) for entry in entries if entry["problem"])
 
 
 def _write_pixels(folder: Path, frame: ReferenceFrame) -> None:
@@ -245,16 +152,33 @@ def _write_pixels(folder: Path, frame: ReferenceFrame) -> None:
 
 def _entry(
     image: ImageRef, recording: Recording, frame: ReferenceFrame | None = None, *, problem: str = ""
-) -> ImageEntry:
+) -> dict[str, object]:
+    """An image as `<recording>.json` has it; its objects stand nearest first, and what is unknown is null."""
     inside, model = image.path.is_relative_to(recording.root), recording.cameras[image.camera].model
-    return ImageEntry(
-        file_name=image.path.relative_to(recording.root).as_posix() if inside else image.path.name,
-        camera=image.camera,
-        timestamp_ns=image.timestamp_ns,
-        width=model.width,
-        height=model.height,
-        ego_speed_mps=None if frame is None else frame.ego_speed_mps,
-        annotated=frame is None or frame.annotated,
-        objects=() if frame is None else tuple(ObjectEntry.of(k, one) for k, one in enumerate(frame.objects, start=1)),
-        problem=problem,
-    )
+    return {
+        "file_name": image.path.relative_to(recording.root).as_posix() if inside else image.path.name,
+        "camera": image.camera,
+        "timestamp_ns": image.timestamp_ns,
+        "width": model.width,
+        "height": model.height,
+        "ego_speed_mps": None if frame is None else frame.ego_speed_mps,
+        "annotated": frame is None or frame.annotated,
+        "objects": [] if frame is None else [_object(k, item) for k, item in enumerate(frame.objects, start=1)],
+        "problem": problem,
+    }
+
+
+def _object(number: int, item: ReferenceObject) -> dict[str, object]:
+    """An annotated object; `instance_id` is the number of its pixels in `instances`."""
+    centre_m = [float(value) for value in item.centroid_m]
+    return {
+        "instance_id": number,
+        **{name: getattr(item, name) for name in AS_COUNTED},
+        "speed_mps": None if math.isnan(item.speed_mps) else float(item.speed_mps),
+        "range_m": None if math.isnan(item.range_m) else float(item.range_m),
+        "centroid_m": None if math.isnan(sum(centre_m)) else centre_m,
+    }
+
+
+def _json(content: object) -> str:
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

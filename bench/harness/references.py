@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
 from bench.errors import BenchError, OutputError
+from bench.harness.answers import read_table, write_table
 from bench.harness.digests import REFERENCE_CODE, code_digest, digest_of, library_versions
 from bench.harness.stages import StageClock
-from bench.harness.table_files import read_table, write_table
 from bench.recordings import ImageRef, Recording
 from bench.records.reference import Category, Direction, IgnoreReason, ReferenceFrame, ReferenceObject, Status
 from bench.reference import ReferenceBuilder, ReferenceSettings
@@ -53,10 +53,11 @@ REFERENCES_SCHEMA = pa.schema(
         ("width", pa.int32()),
         ("starts", pa.binary()),  # int32
         ("labels", pa.binary()),  # int32
-        ("kinds", pa.binary()),  # uint8, bits: ignored 1, unknown 2, valid 4
+        ("kinds", pa.binary()),  # uint8, bits in the order of `_KINDS`
         ("objects", pa.list_(_OBJECT)),
     ]
 )
+_KINDS = ("ignored", "unknown", "left_out", "valid")
 Row = Mapping[str, Any]
 
 
@@ -172,7 +173,9 @@ def _build(builder: ReferenceBuilder, image: ImageRef) -> StoredReference:
 
 
 def _row(frame: ReferenceFrame) -> Row:
-    kinds = (frame.ignored | (frame.unknown.view(np.uint8) << 1) | (frame.valid.view(np.uint8) << 2)).ravel()
+    kinds = np.zeros(frame.valid.size, dtype=np.uint8)
+    for bit, name in enumerate(_KINDS):
+        kinds |= getattr(frame, name).ravel().view(np.uint8) << bit
     labels = frame.labels.ravel()
     starts = np.flatnonzero(np.r_[True, (kinds[1:] != kinds[:-1]) | (labels[1:] != labels[:-1])])
     return {
@@ -184,7 +187,7 @@ def _row(frame: ReferenceFrame) -> Row:
         "width": frame.valid.shape[1],
         "starts": starts.astype(np.int32).tobytes(),
         "labels": labels[starts].astype(np.int32).tobytes(),
-        "kinds": kinds[starts].astype(np.uint8).tobytes(),
+        "kinds": kinds[starts].tobytes(),
         "objects": [_object_row(item) for item in frame.objects],
     }
 
@@ -216,9 +219,7 @@ def _frame(row: Row, recording: str) -> ReferenceFrame:
         ego_speed_mps=row["ego_speed_mps"],
         objects=tuple(_object(item) for item in row["objects"]),
         labels=spread(row["labels"], np.int32),
-        ignored=(kinds & 1) > 0,
-        unknown=(kinds & 2) > 0,
-        valid=(kinds & 4) > 0,
+        **{name: (kinds >> bit & 1) > 0 for bit, name in enumerate(_KINDS)},
         annotated=row["annotated"],
     )
 

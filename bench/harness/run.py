@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -34,24 +34,23 @@ from bench.harness.manifest import (
     write_manifest,
 )
 from bench.harness.method_of_run import MethodOfRun
-from bench.harness.provenance import Provenance, largest_resident_mb, provenance_since
 from bench.harness.references import evict_cache
-from bench.harness.stages import Progress, add_up
+from bench.harness.stages import Progress, Provenance, add_up, largest_resident_mb, provenance_since
 from bench.harness.stored import RESULT_FILES, SUMMARY, SUMS, StoredRun, failed_images, write_run
 from bench.harness.tasks import (
+    Code,
     Outcome,
     PlannedRecording,
-    RunSpec,
+    RunRequest,
     Task,
     ask_again,
     code_here,
     plan_recording,
     process_task,
 )
-from bench.methods import Scorable
 from bench.methods.contract import own_copy
 from bench.plain_text import listed
-from bench.recordings import NO_INPUT_ERRORS, DatasetCard, InputErrors, RecordingHandle, open_dataset
+from bench.recordings import RecordingHandle
 from bench.recordings.openlabel import NOT_REVIEWED
 from bench.recordings.validation import read_json
 
@@ -98,47 +97,13 @@ class Part:
         return cls(number=int(number), count=int(count))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RunRequest:
-    """A run of a method that is asked for: what is scored, where the results go, how they are computed.
-
-    Attributes:
-        card: the data set.
-        method: to be scored.
-        folder: of the run; the results by a protocol lie in a folder of its name below.
-        protocols: the rules; at least one.
-        settings: of the method, as they were asked for.
-        split: of the data set; None for all of it.
-        input_errors: injected into the method's input; the reference keeps the true calibration and ego-motion.
-        overwrite: replace another run in the folder.
-        executor: computes the tasks; the result does not depend on it.
-        flow_cache: where dense flow is stored for other runs; None for nowhere.
-        progress: called with the images done and their number, which is 0 while none is known.
-    """
-
-    card: DatasetCard
-    method: Scorable
-    folder: Path
-    protocols: Sequence[Protocol]
-    settings: Mapping[str, object] = field(default_factory=dict)
-    split: str | None = None
-    input_errors: InputErrors = NO_INPUT_ERRORS
-    overwrite: bool = False
-    executor: TaskExecutor = SERIAL
-    flow_cache: Path | None = None
-    progress: Progress | None = None
-
-    @property
-    def results(self) -> dict[Path, Protocol]:
-        """The protocols by the folder of their results."""
-        return {self.folder / safe_name(protocol.name): protocol for protocol in self.protocols}
-
-    def recordings(self) -> list[RecordingHandle]:
-        """The recordings to be scored, with the input errors."""
-        return [replace(handle, input_errors=self.input_errors) for handle in open_dataset(self.card, self.split)]
-
-
-def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> list[StoredRun]:
+def run_benchmark(
+    request: RunRequest,
+    *,
+    executor: TaskExecutor = SERIAL,
+    progress: Progress | None = None,
+    finish: Finish | None = None,
+) -> list[StoredRun]:
     """Score a method on a data set by one or several protocols, and store what it answered, counted and summed.
 
     What is there already of the same run is not computed again: the method is asked once for any number of protocols,
@@ -146,6 +111,8 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> list[
 
     Args:
         request: the run.
+        executor: computes the tasks; the result does not depend on it.
+        progress: called with the images done and their number, which is 0 while none is known.
         finish: called for the results by each protocol when they are there; writes what else belongs to them, for
             example tables and pictures.
 
@@ -158,7 +125,7 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> list[
             that is no run or is in use by another one, or there is no space for the results.
         UsageError: the method cannot be copied for each task, or other processes cannot import it.
     """
-    with _scored(request, Part()) as scored:
+    with _scored(request, Part(), executor, progress) as scored:
         stored = []
         for results, protocol in request.results.items():
             stored.append(_write_results(results, protocol, request, scored))
@@ -167,7 +134,9 @@ def run_benchmark(request: RunRequest, *, finish: Finish | None = None) -> list[
         return stored
 
 
-def score_part(request: RunRequest, part: Part) -> ScoredPart:
+def score_part(
+    request: RunRequest, part: Part, *, executor: TaskExecutor = SERIAL, progress: Progress | None = None
+) -> ScoredPart:
     """Take a part of the tasks of a run through all stages; `run_benchmark` finds them done.
 
     Parts may work at the same time, in one folder; from others, the folders are copied together.
@@ -175,11 +144,13 @@ def score_part(request: RunRequest, part: Part) -> ScoredPart:
     Args:
         request: the run.
         part: which tasks.
+        executor: computes them.
+        progress: as of `run_benchmark`.
 
     Raises:
         DataError, UsageError: as `run_benchmark`, but for a part of which nothing could be used.
     """
-    with _scored(request, part) as scored:
+    with _scored(request, part, executor, progress) as scored:
         return scored
 
 
@@ -227,33 +198,27 @@ class ScoredPart:
 
 
 @contextmanager
-def _scored(request: RunRequest, part: Part) -> Iterator[ScoredPart]:
+def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: Progress | None) -> Iterator[ScoredPart]:
     """Hold the folder of a run and take a part of its tasks through all stages."""
     start_s, handles = perf_counter(), request.recordings()  # before anything is written
     own_copy(request.method)
     method = MethodOfRun.of(request.method, asked=request.settings)
-    if not (method.is_identified or isinstance(request.executor, SerialExecutor)):
+    if not (method.is_identified or isinstance(executor, SerialExecutor)):
         raise UsageError(
             f"method {method.name!r}: expected code that other processes can import, got {method.place}, which no file "
             f"holds; put it into a file, or score with one worker"
         )
     make_folder(request.folder)
-    with folder_lock(request.folder, shared=part.count > 1, wait=False), request.executor:
+    with folder_lock(request.folder, shared=part.count > 1, wait=False), executor:
         refuse_foreign(request.folder)
         if part.count == 1:  # nobody else writes here
             _remove_half_written(request.folder)
-        spec = RunSpec(
-            method=request.method,
-            folder=request.folder.absolute(),
-            protocols={results.absolute(): protocol for results, protocol in request.results.items()},
-            flow_cache=None if request.flow_cache is None else request.flow_cache.absolute(),
-            code=code_here(request.method),
-        )
-        recordings = _plan(spec, request, handles)
+        code = code_here(request.method)
+        recordings = _plan(request, code, handles, executor, progress)
         manifest = _manifest(request, method, recordings)
         _begin(request, manifest)
         tasks = [task for recording in recordings for task in recording.tasks]
-        outcomes = _process(spec, request, tasks[part.number - 1 :: part.count])
+        outcomes = _process(request, code, tasks[part.number - 1 :: part.count], executor, progress)
         evict_cache()
         if request.flow_cache is not None:
             evict_flow(request.flow_cache)
@@ -262,17 +227,23 @@ def _scored(request: RunRequest, part: Part) -> Iterator[ScoredPart]:
             recordings=recordings,
             tasks=outcomes,
             tasks_of_run=len(tasks),
-            workers=request.executor.workers,
+            workers=executor.workers,
             start_s=start_s,
         )
 
 
-def _plan(spec: RunSpec, request: RunRequest, handles: Sequence[RecordingHandle]) -> list[PlannedRecording]:
+def _plan(
+    request: RunRequest,
+    code: Code,
+    handles: Sequence[RecordingHandle],
+    executor: TaskExecutor,
+    progress: Progress | None,
+) -> list[PlannedRecording]:
     """The recordings in the order of the data set."""
-    if request.progress is not None:
-        request.progress(0, 0)
+    if progress is not None:
+        progress(0, 0)
     planned: dict[str, PlannedRecording] = {}
-    with closing(request.executor.compute(partial(plan_recording, spec), handles)) as results:
+    with closing(executor.compute(partial(plan_recording, request, code), handles)) as results:
         for handle, recording in results:
             if isinstance(recording, FailedTask):
                 failure = f"recording {handle.name!r}: it could not be opened: {recording.reason}"
@@ -281,28 +252,30 @@ def _plan(spec: RunSpec, request: RunRequest, handles: Sequence[RecordingHandle]
     return [planned[handle.name] for handle in handles]
 
 
-def _process(spec: RunSpec, request: RunRequest, tasks: Sequence[Task]) -> dict[str, Outcome]:
+def _process(
+    request: RunRequest, code: Code, tasks: Sequence[Task], executor: TaskExecutor, progress: Progress | None
+) -> dict[str, Outcome]:
     """Each task with what became of it, in the order of the run."""
     outcomes: dict[str, Outcome] = {}
     total, done = sum(task.images for task in tasks), 0
     longest_first = sorted(tasks, key=lambda task: -task.images)  # to end together
-    for task, outcome in _computed(request, partial(process_task, spec), longest_first):
+    for task, outcome in _computed(executor, partial(process_task, request, code), longest_first):
         outcomes[str(task)] = outcome
         done += task.images
-        if request.progress is not None:
-            request.progress(done, total)
+        if progress is not None:
+            progress(done, total)
     asked = [task for task in tasks if outcomes[str(task)].asked and not outcomes[str(task)].failure]
-    if asked and not is_oracle(spec.method):
-        for task, outcome in _computed(request, partial(ask_again, spec), asked[:1]):
+    if asked and not is_oracle(request.method):
+        for task, outcome in _computed(executor, partial(ask_again, request, code), asked[:1]):
             if outcome.failure:
                 outcomes[str(task)] = outcome
     return {str(task): outcomes[str(task)] for task in tasks}
 
 
 def _computed(
-    request: RunRequest, function: Callable[[Task], Outcome], tasks: Sequence[Task]
+    executor: TaskExecutor, function: Callable[[Task], Outcome], tasks: Sequence[Task]
 ) -> Iterator[tuple[Task, Outcome]]:
-    with closing(request.executor.compute(function, tasks)) as results:
+    with closing(executor.compute(function, tasks)) as results:
         for task, outcome in results:
             if isinstance(outcome, FailedTask):
                 outcome = Outcome(failure=f"{task}: {outcome.reason}")

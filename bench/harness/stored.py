@@ -48,7 +48,7 @@ from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_na
 from bench.harness.counts import COUNTS, StoredRows, open_tables
 from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, PREDICTIONS_DIGEST, Manifest, read_manifest, write_manifest
-from bench.harness.provenance import Provenance
+from bench.harness.stages import Provenance
 from bench.recordings.openlabel import NOT_REVIEWED
 from bench.recordings.validation import read_json
 from bench.records.reference import Category

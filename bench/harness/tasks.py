@@ -26,11 +26,18 @@ from bench.harness.digests import (
 from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.method_of_run import method_digest
-from bench.harness.provenance import largest_resident_mb
 from bench.harness.references import StoredReference, find_references
-from bench.harness.stages import StageClock
+from bench.harness.stages import StageClock, largest_resident_mb
 from bench.methods import Scorable
-from bench.recordings import ImageRef, Recording, RecordingHandle
+from bench.recordings import (
+    NO_INPUT_ERRORS,
+    DatasetCard,
+    ImageRef,
+    InputErrors,
+    Recording,
+    RecordingHandle,
+    open_dataset,
+)
 
 TASK_IMAGES = 100  # bounds what is held before it is written; many times the lag of the chance level
 
@@ -75,30 +82,50 @@ class Task:
         return folder / ANSWERS / safe_name(self.handle.name) / f"{self.name}.parquet"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunSpec:
-    """What all tasks of a run have in common.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RunRequest:
+    """A run of a method that is asked for: what is scored, and where the results go. Workers are handed it.
 
     Attributes:
+        card: the data set.
         method: to be scored.
-        folder: of the run.
-        protocols: the rules, by the folder of their results.
+        folder: of the run; the results by a protocol lie in a folder of its name below.
+        protocols: the rules; at least one.
+        settings: of the method, as they were asked for.
+        split: of the data set; None for all of it.
+        input_errors: injected into the method's input; the reference keeps the true calibration and ego-motion.
+        overwrite: replace another run in the folder.
         flow_cache: where dense flow is stored for other runs; None for nowhere.
-        code: what a worker's code must be; see `code_here`.
     """
 
+    card: DatasetCard
     method: Scorable
     folder: Path
-    protocols: Mapping[Path, Protocol]
-    flow_cache: Path | None
-    code: Mapping[str, str]
+    protocols: Sequence[Protocol]
+    settings: Mapping[str, object] = field(default_factory=dict)
+    split: str | None = None
+    input_errors: InputErrors = NO_INPUT_ERRORS
+    overwrite: bool = False
+    flow_cache: Path | None = None
+
+    @property
+    def results(self) -> dict[Path, Protocol]:
+        """The protocols by the folder of their results."""
+        return {self.folder / safe_name(protocol.name): protocol for protocol in self.protocols}
+
+    def recordings(self) -> list[RecordingHandle]:
+        """The recordings to be scored, with the input errors."""
+        return [replace(handle, input_errors=self.input_errors) for handle in open_dataset(self.card, self.split)]
 
     def answers_folder(self, results: Path) -> Path:
         """Folder that holds the answers that are scored by a protocol; those of an oracle depend on it."""
         return results if is_oracle(self.method) else self.folder
 
 
-def code_here(method: Scorable) -> dict[str, str]:
+Code = Mapping[str, str]
+
+
+def code_here(method: Scorable) -> Code:
     """The code that decides results in this process, by name: versions, and digests of this package and the method."""
     return {
         **library_versions(),
@@ -147,13 +174,13 @@ class Outcome:
     peak_memory_mb: float = 0.0
 
 
-def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
+def plan_recording(request: RunRequest, code: Code, handle: RecordingHandle) -> PlannedRecording:
     """Open a recording, take its digest and list its tasks; what is wrong with it is returned, not raised.
 
     Raises:
         DataError: this process has other code than the run began with.
     """
-    _refuse_other_code(spec)
+    _refuse_other_code(request.method, code)
     began = perf_counter()
     try:
         recording = handle.open()
@@ -164,7 +191,7 @@ def plan_recording(spec: RunSpec, handle: RecordingHandle) -> PlannedRecording:
         return PlannedRecording(name=handle.name, failure=failure, seconds=perf_counter() - began)
     return PlannedRecording(
         name=handle.name,
-        tasks=tuple(cut_tasks(handle, recording, digests, spec.method)),
+        tasks=tuple(cut_tasks(handle, recording, digests, request.method)),
         digest=digests.whole,
         vehicle_outline_m=tuple((float(x), float(y)) for x, y in recording.vehicle_outline_m),
         seconds=perf_counter() - began,
@@ -188,19 +215,19 @@ def first_scored(images: Sequence[ImageRef]) -> int:
     return next((index for index, image in enumerate(images) if image.scored), len(images))
 
 
-def process_task(spec: RunSpec, task: Task) -> Outcome:
+def process_task(request: RunRequest, code: Code, task: Task) -> Outcome:
     """Take the images of a task through the stages of which there is no file; a fault is returned, not raised.
 
     Raises:
         OutputError: a result cannot be stored.
         DataError: this process has other code than the run began with.
     """
-    _refuse_other_code(spec)
+    _refuse_other_code(request.method, code)
     clock = StageClock()
     failure, asked = "", 0
     try:
-        with memoise_flow(spec.flow_cache):
-            asked = _process(spec, task, clock)
+        with memoise_flow(request.flow_cache):
+            asked = _process(request, task, clock)
     except OutputError:
         raise
     except BenchError as error:
@@ -210,19 +237,22 @@ def process_task(spec: RunSpec, task: Task) -> Outcome:
     return Outcome(failure=failure, asked=asked, seconds=dict(clock.seconds), peak_memory_mb=largest_resident_mb())
 
 
-def _process(spec: RunSpec, task: Task, clock: StageClock) -> int:
+def _process(request: RunRequest, task: Task, clock: StageClock) -> int:
     """Ask, find the reference and count, each where its file is missing; return how many images were asked of."""
     due = [
         results
-        for results in spec.protocols
+        for results in request.results
         if not is_counted(counts_folder(results, task.handle.name), task.name)
-        or not task.answers(spec.answers_folder(results)).is_file()
+        or not task.answers(request.answers_folder(results)).is_file()
     ]
     if not due:
         return 0
     with clock.stage("open"):
         recording = _open(task.handle, task.digests)
-    images, protocols = recording.images[task.camera][task.start : task.stop], [spec.protocols[one] for one in due]
+    images, protocols = (
+        recording.images[task.camera][task.start : task.stop],
+        [request.results[results] for results in due],
+    )
     references = find_references(
         recording,
         images,
@@ -233,20 +263,20 @@ def _process(spec: RunSpec, task: Task, clock: StageClock) -> int:
     answers: dict[Path, list[Answer]] = {}
     asked = 0
     for results, reference in zip(due, references, strict=True):
-        folder = spec.answers_folder(results)
+        folder = request.answers_folder(results)
         file = task.answers(folder)
         if folder not in answers:
             if file.is_file():
                 answers[folder] = read_answers(file)
             else:
                 asked += task.images
-                answers[folder] = ask(recording, task, spec.method, reference, clock)
+                answers[folder] = ask(recording, task, request.method, reference, clock)
                 with clock.stage("store"):
                     write_answers(file, answers[folder])
     counted = count_answers(
         recording,
         images,
-        answers=[answers[spec.answers_folder(results)] for results in due],
+        answers=[answers[request.answers_folder(results)] for results in due],
         references=references,
         protocols=protocols,
         clock=clock,
@@ -292,7 +322,7 @@ def ask(
     return answers
 
 
-def ask_again(spec: RunSpec, task: Task) -> Outcome:
+def ask_again(request: RunRequest, code: Code, task: Task) -> Outcome:
     """Ask once more for the first image of a task that is done; where the answer is another one, the image fails.
 
     It is another one where a method notes something in a module: then all answers depend on what a process did before.
@@ -300,35 +330,36 @@ def ask_again(spec: RunSpec, task: Task) -> Outcome:
     Raises:
         OutputError: a result cannot be stored.
     """
-    file = task.answers(spec.folder)
+    file = task.answers(request.folder)
     try:
         recording, (first, *others) = _open(task.handle, task.digests), read_answers(file)
     except BenchError as error:
         return Outcome(failure=f"{task}: {error}")
-    with memoise_flow(spec.flow_cache):
-        (again,) = ask(recording, replace(task, stop=task.start + 1), spec.method, [None], StageClock())
+    with memoise_flow(request.flow_cache):
+        (again,) = ask(recording, replace(task, stop=task.start + 1), request.method, [None], StageClock())
     if again.same_as(first):
         return Outcome()
     key = Key(recording.name, task.camera, recording.images[task.camera][task.start].timestamp_ns)
+    where = f"method {request.method.name!r}, recording {key.recording!r}, camera {key.camera!r}"
     problem = (
-        f"method {spec.method.name!r}, recording {key.recording!r}, camera {key.camera!r}, image at {key.timestamp_ns} "
-        f"ns: expected the same answer when asked again at the end, got another; what is noted in a module or class, "
-        f"and random numbers without a seed of their own, make scores depend on --workers"
+        f"{where}, image at {key.timestamp_ns} ns: expected the same answer when asked again at the end, got another; "
+        f"what is noted in a module or class, and random numbers without a seed of their own, make scores depend on "
+        f"--workers"
     )
-    for results in spec.protocols:
+    for results in request.results:
         remove_counts(counts_folder(results, task.handle.name), task.name)
     write_answers(file, [Answer.none(key, FAILED, problem), *others])
-    return process_task(spec, task)
+    return process_task(request, code, task)
 
 
-def _refuse_other_code(spec: RunSpec) -> None:
+def _refuse_other_code(method: Scorable, code: Code) -> None:
     """Refuse to compute with other code than the run began with.
 
     Raises:
         DataError: names the difference.
     """
-    here = code_here(spec.method)
-    other = [f"{name} {here.get(name)}, not {was}" for name, was in spec.code.items() if here.get(name) != was]
+    here = code_here(method)
+    other = [f"{name} {here.get(name)}, not {was}" for name, was in code.items() if here.get(name) != was]
     if other:
         hint = "install the same everywhere, and start the run and its workers again"
         raise DataError("this worker", expected="the code that the run began with", got="; ".join(other), hint=hint)

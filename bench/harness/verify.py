@@ -26,9 +26,10 @@ from bench.harness.digests import digest_file
 from bench.harness.manifest import MANIFEST, Aspect, differences
 from bench.harness.references import cache_folder
 from bench.harness.replay import StoredAnswers
-from bench.harness.run import RunRequest, run_benchmark
+from bench.harness.run import run_benchmark
 from bench.harness.stages import Progress
 from bench.harness.stored import SUMMARY, SUMS, StoredRun, read_run
+from bench.harness.tasks import RunRequest
 from bench.recordings import DatasetCard
 
 CHECKED = {Aspect.DATASET, Aspect.SPLIT, Aspect.PROTOCOL, Aspect.DATA, Aspect.REFERENCE}
@@ -71,10 +72,8 @@ def verify_run(
             folder=Path(folder) / "recount",
             protocols=[stored.protocol],
             split=stored.manifest.dataset.split,
-            executor=executor,
-            progress=progress,
         )
-        (again,) = run_benchmark(request)
+        (again,) = run_benchmark(request, executor=executor, progress=progress)
         found = (
             *_of_manifest(stored, again),
             *_of_tables("objects", stored.table_files[0], again.table_files[0], OBJECT, OBJECTS_SCHEMA.names),

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 ADAPTERS = {
     "native": "bench.recordings.native:native_recordings",
     "aimotive": "bench.adapters.aimotive:aimotive_recordings",
+    "kitti-raw": "bench.adapters.kitti_raw:kitti_raw_recordings",
     "kitti360": "bench.adapters.kitti360:kitti360_recordings",
     "woodscape": "bench.adapters.woodscape:woodscape_recordings",
     "rosbag": "bench.adapters.rosbag:rosbag_recordings",
@@ -126,19 +127,14 @@ def chosen_recordings(card: DatasetCard, split: str | None, known: Sequence[str]
 
 
 def _listed(card: DatasetCard) -> tuple[RecordingHandle, ...]:
-    adapter = _adapter(card.content.adapter)
+    known = known_adapters()
+    if (name := card.content.adapter) not in known:
+        raise UnknownNameError("adapter", name, known, hint=f"correct it in {card.file}")
+    adapter: Adapter = imported(known[name], expected=f"adapter {name!r}: expected a function")
     if not card.root.is_dir():
         hint, got = card.content.how_to_get or "see the card", f"{card.root}, which is missing"
         raise DataError(card.file, field="root", expected="a folder with the data", got=got, hint=hint)
     return adapter(card.root, options=card.content.options, card=card.file, annotations=card.annotations)
-
-
-def _adapter(name: str) -> Adapter:
-    known = known_adapters()
-    if name not in known:
-        raise UnknownNameError("adapter", name, known)
-    adapter: Adapter = imported(known[name], expected=f"adapter {name!r}: expected a function")
-    return adapter
 
 
 def _refuse_unknown(names: Iterable[str], known: Collection[str], card: DatasetCard, field: str) -> None:

@@ -15,10 +15,12 @@ from bench.cameras import CameraModel, camera_from_parameters
 from bench.errors import DataError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings.schema import RollingShutterHead
-from bench.recordings.validation import located
+from bench.recordings.validation import SidePx, located
 from bench.records.recording import MountedCamera
 
 Polygon = tuple[tuple[float, float], ...]
+SizePx = tuple[SidePx, SidePx]  # width, height
+EvaluatedSize = SizePx | dict[str, SizePx] | None  # of all cameras, or by camera
 
 
 def mounted_camera(
@@ -28,7 +30,7 @@ def mounted_camera(
     *,
     ground_height_m: float = 0.0,
     ego_body: NDArray[np.bool_] | None,
-    evaluated_size_px: tuple[int, int] | None,
+    evaluated_size_px: EvaluatedSize,
     rolling_shutter: RollingShutterHead | None = None,
     file: Path,
     field: str,
@@ -41,13 +43,13 @@ def mounted_camera(
         vehicle_from_camera: the mounting.
         ground_height_m: height of the road in the vehicle frame.
         ego_body: as of the camera, at the size of the stored images.
-        evaluated_size_px: (width, height); None for as stored.
+        evaluated_size_px: of all cameras, or by camera; as stored without.
         rolling_shutter: as a file states it; None where all rows are exposed at once.
         file: that says where the camera is, for messages.
         field: the same.
 
     Raises:
-        DataError: a camera that is not above the road.
+        DataError: a camera that is not above the road, or images that would be squeezed.
     """
     height_m = float(vehicle_from_camera.translation_m[2]) - ground_height_m
     if not height_m > 0.0:
@@ -70,22 +72,28 @@ def mounted_camera(
         ego_body=ego_body,
         rolling_shutter=None if rolling_shutter is None else rolling_shutter.shutter,
     )
-    return scaled_camera(camera, evaluated_size_px)
+    size_px = evaluated_size_px.get(name) if isinstance(evaluated_size_px, dict) else evaluated_size_px
+    return camera if size_px is None else _scaled(camera, size_px, file)
 
 
-def scaled_camera(camera: MountedCamera, size_px: tuple[int, int] | None) -> MountedCamera:
-    """The same camera evaluated at another size; the images on disk stay as they are.
-
-    Args:
-        camera: at any size.
-        size_px: (width, height); None to change nothing.
-    """
-    if size_px is None or tuple(size_px) == (camera.model.width, camera.model.height):
+def _scaled(camera: MountedCamera, size_px: SizePx, file: Path) -> MountedCamera:
+    """The same camera evaluated at another size; the images on disk stay as they are."""
+    (width, height), (stored_width, stored_height) = size_px, camera.stored_size_px
+    if (width, height) == (stored_width, stored_height):
         return camera
+    kept = width, round(width * stored_height / stored_width)
+    if abs(height - kept[1]) > 1:
+        raise DataError(
+            file,
+            field=f"camera {camera.name!r}",
+            expected=f"options.evaluated_size_px in the shape of its images, {stored_width} x {stored_height} px",
+            got=f"{width} x {height} px, which squeeze them",
+            hint=f"give a size by camera: evaluated_size_px: {{{camera.name}: [{kept[0]}, {kept[1]}]}}",
+        )
     body = camera.ego_body
     if body is not None:
-        body = cv2.resize(body.astype(np.uint8), tuple(size_px), interpolation=cv2.INTER_NEAREST).astype(bool)
-    return replace(camera, model=camera.model.scaled(*size_px), ego_body=body)
+        body = cv2.resize(body.astype(np.uint8), size_px, interpolation=cv2.INTER_NEAREST).astype(bool)
+    return replace(camera, model=camera.model.scaled(width, height), ego_body=body)
 
 
 def body_mask(size_px: tuple[int, int], polygons: Sequence[Polygon]) -> NDArray[np.bool_] | None:

@@ -23,9 +23,9 @@ from bench.recordings.annotations import Statement, annotated_as, annotation_fil
 from bench.recordings.files import file_contents, numbered_files
 from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import WhiteLevelImage, read_mask
-from bench.recordings.mounting import camera_model, mounted_camera
+from bench.recordings.mounting import EvaluatedSize, camera_model, mounted_camera
 from bench.recordings.schema import RecordingHead, TrueCalibration
-from bench.recordings.validation import LATEST_NS, FileModel, SidePx, read_json, validated
+from bench.recordings.validation import LATEST_NS, FileModel, read_json, validated
 from bench.records.recording import (
     NOT_ANNOTATED,
     Annotated,
@@ -60,7 +60,8 @@ class NativeOptions(FileModel):
     """The card's `options`.
 
     Attributes:
-        evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
+        evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
+            stored.
         ego_motion: "recorded", what the car reports, or "exact", the true poses of a synthetic recording.
         calibration: "recorded", what `recording.json` says, or "exact", where the sensors of a synthetic recording are.
         bin_columns: names of the columns of sweeps in .bin; null for x, y, z, the intensity, and what the numbers show.
@@ -68,7 +69,7 @@ class NativeOptions(FileModel):
             cache of DVC or of Hugging Face; null for none.
     """
 
-    evaluated_size_px: tuple[SidePx, SidePx] | None = Field(default=None)
+    evaluated_size_px: EvaluatedSize = None
     ego_motion: Source = "recorded"
     calibration: Source = "recorded"
     bin_columns: BinColumns | None = None

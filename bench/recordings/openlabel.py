@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from bench.recordings.validation import FileModel, TimeNs
+from bench.recordings.validation import FARTHEST_M, FileModel, TimeNs
 from bench.records.recording import MotionKind
 from bench.records.reference import ObjectClass
 
@@ -25,6 +25,11 @@ NOT_REVIEWED = "annotations: proposed, not reviewed"  # the comment of a file wh
 COORDINATE_SYSTEM: Literal["vehicle"] = "vehicle"
 
 MOST_CORNERS = 1000  # of an outline; one that crosses itself has as many crossings as their square
+
+
+def _refuse_far(val: tuple[float, ...]) -> None:
+    if max(map(abs, val)) > FARTHEST_M:
+        raise ValueError(f"places and sizes within {FARTHEST_M:g} m")
 
 
 class CuboidData(FileModel):
@@ -41,6 +46,7 @@ class CuboidData(FileModel):
             raise ValueError("numbers 4 to 7 to be a quaternion x, y, z, w of length 1")
         if min(val[7:]) <= 0:
             raise ValueError("numbers 8 to 10 to be sizes above 0")
+        _refuse_far(val)
         return val
 
 
@@ -58,6 +64,7 @@ class PolygonData(FileModel):
     def _has_pairs(cls, val: tuple[float, ...]) -> tuple[float, ...]:
         if len(val) % 2:
             raise ValueError("an even number of values, x and y in turn")
+        _refuse_far(val)
         return val
 
 

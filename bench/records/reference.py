@@ -142,6 +142,7 @@ class ReferenceFrame:
         labels: (H, W) int32; k + 1 where the pixel belongs to G of `objects[k]`, 0 elsewhere.
         ignored: (H, W) bool; the region I, unknown bands and areas that are not annotated among it.
         unknown: (H, W) bool; of I the unknown bands of evaluated objects.
+        left_out: (H, W) bool; of I what is neither an object's nor a band, but lies in an area that is not annotated.
         valid: (H, W) bool; the region V.
         annotated: False where nobody knows what moves in the image: it is not scored, and I is all of V.
     """
@@ -154,6 +155,7 @@ class ReferenceFrame:
     labels: NDArray[np.int32]
     ignored: NDArray[np.bool_]
     unknown: NDArray[np.bool_]
+    left_out: NDArray[np.bool_]
     valid: NDArray[np.bool_]
     annotated: bool = True
 

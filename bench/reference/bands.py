@@ -9,12 +9,14 @@ else is not certain belongs to the band:
 - what of the annotated shape lies below the lowest beam or above the highest: a lidar on the roof looks over what is
   beside the vehicle.
 - what of the annotated shape lies behind its own returns: the lidar sees the back of who passes, the camera the front.
+- what of a vehicle's shape lies in directions that returned nothing: black paint, glass, wet or tilted metal.
 
 In the band a detection is neither right nor wrong.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -27,6 +29,7 @@ from bench.geometry import cross, dot
 from bench.geometry.raster import Raster
 from bench.reference.regions import Region
 from bench.reference.scanned import ScannedObject, Surface
+from bench.reference.silence import silent
 
 
 def with_band(region: Region, scanned: ScannedObject) -> Region:
@@ -45,7 +48,7 @@ def with_band(region: Region, scanned: ScannedObject) -> Region:
         returns_px=returns_px,
         half_width_px=half_width_px,
         unseen=scanned.unseen(),
-        shadow=scanned.shadow(),
+        hidden=[raster for raster in (scanned.shadow(), silent(scanned)) if raster is not None],
     )
 
 
@@ -57,7 +60,7 @@ def uncertain_region(
     returns_px: NDArray[np.intp],
     half_width_px: NDArray[np.float64],
     unseen: Raster | None,
-    shadow: Raster | None,
+    hidden: Sequence[Raster],
 ) -> Region:
     """The core of a region, and what may be the object's beside it.
 
@@ -69,7 +72,7 @@ def uncertain_region(
         half_width_px: (N,) float64, what else is uncertain at each of them; the nearest tells by how much the
             least shrinks and the most grows.
         unseen: what of the annotated shape no beam reaches: possible, not certain; None for nothing.
-        shadow: what of it the object's own surface hides from the lidar: possible; None for nothing.
+        hidden: what of it the object's own surface hides from the lidar, and where nothing came back: possible.
 
     Returns:
         The core is the whole region where nothing of it is certain.
@@ -77,7 +80,10 @@ def uncertain_region(
     whole, certain = Raster(region.window, region.core), surface.certain
     least, most = surface.least or whole, surface.most or whole
     margin, shape = int(half_width_px.max(initial=0.0)) + 2, np.array(valid.shape)
-    windows = [whole.window, *(one.window for one in (least, most, certain, unseen, shadow) if one is not None)]
+    windows = [
+        whole.window,
+        *(one.window for one in (least, most, certain, unseen, *hidden) if one is not None),
+    ]
     first = np.min([[axis.start for axis in window] for window in windows], axis=0) - margin
     last = np.max([[axis.stop for axis in window] for window in windows], axis=0) + margin
     top, left = np.clip(first, 0, shape).tolist()
@@ -93,8 +99,8 @@ def uncertain_region(
     if unseen is not None:
         core &= ~(beyond := _in_window(unseen, window))
         possible |= inside & beyond
-    if shadow is not None:
-        possible |= inside & _in_window(shadow, window)
+    for raster in hidden:
+        possible |= inside & _in_window(raster, window)
     return replace(region, window=window, core=core if core.any() else covered, possible=possible)
 
 

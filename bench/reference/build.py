@@ -70,7 +70,8 @@ class ReferenceBuilder:
         frame = self._annotated_frame(image, exposure)
         if self._left_out_ground.is_empty:
             return frame
-        return replace(frame, ignored=frame.ignored | (self._left_out & (frame.labels == 0)))
+        left_out = self._left_out & (frame.labels == 0) & ~frame.ignored
+        return replace(frame, ignored=frame.ignored | left_out, left_out=left_out)
 
     def _annotated_frame(self, image: ImageRef, exposure: Exposure) -> ReferenceFrame:
         """The reference of an image as if everything that moves were annotated."""

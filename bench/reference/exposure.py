@@ -171,6 +171,7 @@ class Exposure:
             labels=labels,
             ignored=ignored,
             unknown=np.zeros_like(ignored) if unknown is None else unknown,
+            left_out=np.zeros_like(ignored) if annotated else ignored,
             valid=self.valid,
             annotated=annotated,
         )

@@ -32,7 +32,7 @@ from bench.reference.patches import (
     union,
     without_slits,
 )
-from bench.reference.silhouette import silhouette
+from bench.reference.silhouette import Prism, silhouette
 from bench.reference.sweeps import PosedSweep
 
 OUTLINE_STEP_M = 0.25  # the height of a cone that falls by 24 degrees, 1.5 m from its axis, is right to 3 mm
@@ -254,11 +254,13 @@ class ScannedObject:
         Its pixels are those that the middle lines of the outline's patches, across and upright, sweep on their way
         along the beam to the end of the shape. None where no such patch or no shape is known.
         """
-        if self.grid is None or not len(self.parts_world):
+        shape = Prism.around(self.parts_world)
+        if self.grid is None or shape is None:
             return None
         outermost = (self.grid.neighbours < 0).any(axis=0)
         beams = normalise(self.world_from_sensor.rotate(self.points_from_beams[outermost]))
-        ways = beams * way_out_m(self.cluster.points_world[outermost], beams, self.parts_world)[:, None]
+        _, leave_m = shape.ways_m(self.cluster.points_world[outermost], beams)
+        ways = beams * leave_m.clip(0.0)[:, None]
         corners = self.patches.corners.compress(outermost, axis=2)
         if not corners.size:
             return None
@@ -302,29 +304,3 @@ def beyond_beam(corners: NDArray[np.float64], beam: Beam, *, end_m: float) -> ND
     end = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(outline_m[missed])))
     cut = np.column_stack([outline_m[missed], heights_m[missed]])
     return np.concatenate([cut, np.column_stack([end, np.full(len(end), end_m)])])
-
-
-def way_out_m(
-    points: NDArray[np.float64], directions: NDArray[np.float64], parts: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(N,) float64, m: how far the end of an upright shape is from points within; 0 beyond it.
-
-    Args:
-        points: (N, 3) float64, m.
-        directions: (N, 3) float64, unit.
-        parts: (P, K, 3) float64, m, corners of the bodies that the shape is made of.
-    """
-    corners = parts.reshape(-1, 3)
-    ring = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(corners[:, :2])))
-    if len(ring) < 4:  # no area
-        return np.zeros(len(points))
-    sides, upwards = np.diff(ring, axis=0), np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
-    normals = np.concatenate([np.column_stack([sides[:, 1], -sides[:, 0], np.zeros(len(sides))]), upwards])
-    ends = np.concatenate([np.column_stack([ring[:-1], np.zeros(len(sides))]), corners[[np.argmin(corners[:, 2])]],
-                           corners[[np.argmax(corners[:, 2])]]])  # fmt: skip
-    inwards = (normals * (corners.mean(axis=0) - ends)).sum(axis=1) > 0
-    normals[inwards] *= -1
-    heights, speeds = (normals * ends).sum(axis=1) - points @ normals.T, directions @ normals.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ways = np.where(speeds > 0, heights / speeds, np.inf)
-    return np.asarray(np.maximum(ways.min(axis=1), 0.0))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -43,6 +44,60 @@ def convex_parts(shape: ObjectShape) -> NDArray[np.float64]:
             parts[:, :3, 2], parts[:, 3:, 2] = shape.bottom_m, shape.top_m
             return parts
     return np.empty((0, 8, 3))
+
+
+class Prism(NamedTuple):
+    """The upright prism over the convex ground of a shape; a point x lies within where n x <= h for all sides.
+
+    Attributes:
+        normals: (F, 3) float64, n, outwards, of any length.
+        heights: (F,) float64, h.
+    """
+
+    normals: NDArray[np.float64]
+    heights: NDArray[np.float64]
+
+    @classmethod
+    def around(cls, parts: NDArray[np.float64], *, clearance_m: float = 0.0) -> Prism | None:
+        """The prism around bodies.
+
+        Args:
+            parts: (P, K, 3) float64, m, corners of the bodies, z upwards.
+            clearance_m: above the lowest corner, where the prism begins.
+
+        Returns:
+            None without bodies, or where their ground has no area.
+        """
+        corners = parts.reshape(-1, 3)
+        ring = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(corners[:, :2])))  # clockwise
+        if len(ring) < 4:
+            return None
+        (along_x, along_y), (low_m, high_m) = np.diff(ring, axis=0).T, (corners[:, 2].min(), corners[:, 2].max())
+        sides = np.column_stack([-along_y, along_x, np.zeros(len(along_x))])
+        return cls(
+            normals=np.concatenate([sides, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]]),
+            heights=np.concatenate([(sides[:, :2] * ring[:-1]).sum(axis=1), [-low_m - clearance_m, high_m]]),
+        )
+
+    def ways_m(
+        self, starts: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where rays enter and leave.
+
+        Args:
+            starts: (N, 3) float64, m.
+            directions: (N, 3) float64, unit.
+
+        Returns:
+            enter: (N,) float64, m from the start, negative where that lies within or beyond.
+            leave: (N,) float64, m, less than `enter` where the ray's line misses.
+        """
+        room, speeds = self.heights - starts @ self.normals.T, directions @ self.normals.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ways = room / speeds
+        alongside = np.where(room < 0.0, np.inf, -np.inf)
+        enter = np.where(speeds < 0.0, ways, np.where(speeds > 0.0, -np.inf, alongside)).max(axis=1)
+        return enter, np.where(speeds > 0.0, ways, np.inf).min(axis=1)
 
 
 def silhouette(parts_camera: Iterable[NDArray[np.float64]], camera: CameraModel) -> Raster:

@@ -58,6 +58,14 @@ class PosedSweep:
             return np.flatnonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
 
     @cached_property
+    def azimuths_rad(self) -> NDArray[np.floating]:
+        """(N,), of all points, sensor frame at each one's own time, in their own type."""
+        rotation = self.lidar_from_sensor.rotation.T.astype(self._components.dtype)
+        x, y, _ = rotation @ self._components
+        offset_x, offset_y, _ = self.lidar_from_sensor.inverse().translation_m.astype(x.dtype)
+        return np.asarray(np.arctan2(y + offset_y, x + offset_x))
+
+    @cached_property
     def _components(self) -> NDArray[np.floating]:
         """x, y and z, (3, N), each in one piece: every object searches them."""
         return np.ascontiguousarray(self.sweep.points_lidar.T)

@@ -33,7 +33,6 @@ from bench.recordings import Recording, RecordingHandle, read_image, read_truth
 from bench.reference import ReferenceBuilder
 from bench.reporting import canvas
 from bench.reporting.audit_tables import FALSE_ALARMS, MISSES, report
-from bench.reporting.overlay import draw_outline, overlay_areas
 
 COLOURS = (canvas.ORANGE, canvas.BLUE, canvas.GREEN, canvas.PURPLE)
 BIN_M = 1.0
@@ -153,14 +152,14 @@ def _draw_example(
     track = next(track for track in recording.tracks if track.track_id == track_id)
     mask = read_truth(image, recording.cameras[camera]) == track.instance_id
     pixels = read_image(image, recording.cameras[camera])
-    canvas.show_image(axes, overlay_areas(pixels, {canvas.SKY_BLUE: mask}, strength=0.45))
+    canvas.show_image(axes, canvas.overlay_areas(pixels, {canvas.SKY_BLUE: mask}, strength=0.45))
     u, v, width, height = cv2.boundingRect(mask.astype(np.uint8))
     bounds: list[tuple[float, float, float, float]] = [(u, v, u + width, v + height)]
     for kind, colour in colours.items():
         builder = ReferenceBuilder(recording, camera, lenient(protocol.reference_settings(), kind))
         found = next((item.polygon for item in builder.build(image).objects if item.track_id == track_id), None)
         if found is not None:
-            draw_outline(axes, found, colour=colour)
+            canvas.draw_outline(axes, found, colour=colour)
             bounds.append(found.bounds)
     low, high = np.min(bounds, axis=0)[:2], np.max(bounds, axis=0)[2:]
     (u, v), half = (low + high) / 2, max(float((high - low).max()) * (0.5 + MARGIN), SMALLEST_PX / 2)
@@ -235,7 +234,7 @@ def draw_causes(found: ExplainedImage, *, title: str) -> Figure:
     panels = figure.subplots(1, 2)
     for axes, heading, layers in zip(panels, ("moving objects", "static world"), (left, right), strict=True):
         areas = {colour: _pixels(cells, found) for colour, cells in layers.values()}
-        canvas.show_image(axes, overlay_areas(canvas.faded(found.pixels, 0.8), areas, strength=_TINT))
+        canvas.show_image(axes, canvas.overlay_areas(canvas.faded(found.pixels, 0.8), areas, strength=_TINT))
         axes.set_title(f"{title}, {heading}", pad=3, fontsize=7)
         shares = {name: int(np.count_nonzero(cells)) for name, (_, cells) in layers.items()}
         handles = [

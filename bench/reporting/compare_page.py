@@ -50,8 +50,9 @@ from bench.reporting.document import (
     Table,
     Tags,
 )
-from bench.reporting.formats import CEILING, LABELS, found_level, hundredths, points, points_interval
-from bench.reporting.side_by_side import ImageKey, Side, draw_images, draw_side_by_side
+from bench.reporting.formats import CEILING, LABELS, found_level, hundredths, image_name, points, points_interval
+from bench.reporting.frame import Layers, draw_frames, scored_layers
+from bench.reporting.frame_pictures import ImageKey, draw_images
 
 NOTE = (
     "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs: the "
@@ -349,7 +350,7 @@ def _draw_changed_frames(
 
     def draw(key: ImageKey, both: Sequence[ProcessedFrame], _: FramePipeline) -> dict[str, Mapping[Any, Any]]:
         for name, frame in chosen[key].items():
-            figure = draw_side_by_side(_sides(frame, both, comparison), title=_headline(frame))
+            figure = draw_frames(_sides(frame, both, comparison), name=image_name(*key), title=_headline(frame))
             write_bytes(folder / name, jpeg_bytes(figure_pixels(figure), quality=QUALITY))
         return chosen[key]
 
@@ -372,7 +373,7 @@ def _headline(frame: Mapping[Any, Any]) -> str:
     return f"{frame['kind']}: {frame['what']}" if frame["what"] else str(frame["kind"])
 
 
-def _sides(frame: Mapping[Any, Any], both: Sequence[ProcessedFrame], comparison: RunComparison) -> list[Side]:
+def _sides(frame: Mapping[Any, Any], both: Sequence[ProcessedFrame], comparison: RunComparison) -> list[Layers]:
     """Each run with its name, and with the coverage of the object where it is one that changed."""
     runs = comparison.before, comparison.after
     numbers = (frame["before"], frame["iou_before"]), (frame["after"], frame["iou_after"])
@@ -380,7 +381,7 @@ def _sides(frame: Mapping[Any, Any], both: Sequence[ProcessedFrame], comparison:
     for processed, run, method, (value, iou) in zip(both, runs, comparison.methods, numbers, strict=True):
         label = run.label if method == run.label else f"{run.label}: {method}"
         note = f"coverage {100 * value:.1f} %, IoU {100 * iou:.1f} %" if frame["what"] else ""
-        sides.append(Side(label=label, processed=processed, note=note))
+        sides.append(scored_layers(processed, label=label, note=note))
     return sides
 
 

@@ -1,20 +1,23 @@
-"""The pictures of one frame: panels, areas, overlay, and each object's lidar cluster from above and in the image."""
+"""The pictures of single frames: what a method saw, each object's lidar cluster, and the frames that show a run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
-import cv2
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as PolygonPatch
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from bench.atomic import write_bytes
 from bench.errors import BenchError
 from bench.evaluation import Rows
 from bench.evaluation.rows import EVALUATED, IMAGE, pick, read_parts
@@ -24,16 +27,151 @@ from bench.harness.replay import StoredFrames
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun
 from bench.recordings import DatasetCard, ImageRef, read_image
-from bench.records.reference import ObjectGeometry, Outline, ReferenceFrame
-from bench.reference import Category
+from bench.records.reference import Category, ObjectGeometry, Outline, ReferenceFrame, Status
+from bench.records.segmentation import Segmentation
 from bench.reporting import canvas, formats
 from bench.reporting.formats import file_name, frame_name
-from bench.reporting.overlay import draw_outline, outlined
-from bench.reporting.panels import draw_panels
-from bench.reporting.side_by_side import ImageKey, Side, draw_side_by_side
-from bench.reporting.video import draw_frame, draw_reference
+from bench.reporting.frame import (
+    LEGEND_IN,
+    add_legend,
+    draw_frames,
+    draw_layers,
+    reference_layers,
+    scored_layers,
+)
 
-_WIDTH_IN, _LEFT_IN, _BOTTOM_IN, _TOP_IN, _GAP_IN, _RIGHT_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
+LIKELIHOOD_SATURATION = 0.02  # the paper's figure 6
+SCORE_SATURATION = 1.0
+DEVIATION_SATURATION = 0.05  # a deviation of weight 1 that makes a likelihood of 0.02 by itself is 0.048
+FLOW_SATURATION_PX = 16.0
+ARROWS_ACROSS = 24
+COLOUR_MAP = "inferno"
+FLOW_COLOUR_MAP = "viridis"
+DEVIATIONS = {
+    "epipolar": "epipolar",
+    "positive_depth": "positive depth",
+    "positive_height": "positive height",
+    "anti_parallel": "anti-parallel",
+    "three_view": "three views",
+}
+_NUMERALS = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
+_PANEL_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _GAP_IN = 2.6, 0.26, 0.62, 0.22, 0.06
+_LINE_IN = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Panel:
+    label: str
+    draw: Callable[[Axes], None]
+    saturation: float | None = None
+    colour_map: str = COLOUR_MAP
+    unit: str = ""
+
+
+@canvas.styled
+def draw_panels(processed: ProcessedFrame, *, made_by: str = "") -> Figure:
+    """Draw a frame as a column of panels, one for everything that the method shows of its work, its areas last.
+
+    Args:
+        processed: the frame; panels appear for the `parts` that the method's answer has.
+        made_by: method and protocol, below the name of the image; empty where they are said beside the picture.
+
+    Source:
+        Mariotti and Eising 2020, figure 6.
+    """
+    panels = list(_panels(processed))
+    height, width = processed.reference.valid.shape
+    height_in, top_in = _PANEL_IN * height / width, _TOP_IN + bool(made_by) * _LINE_IN
+    full_in = top_in + len(panels) * (height_in + _GAP_IN) + LEGEND_IN
+    figure = canvas.new_figure(_LEFT_IN + _PANEL_IN + _RIGHT_IN, full_in)
+    for number, (panel, numeral) in enumerate(zip(panels, _NUMERALS, strict=False)):
+        bottom_in = full_in - top_in - height_in - number * (height_in + _GAP_IN)
+        axes = canvas.axes_at(figure, _LEFT_IN, bottom_in, _PANEL_IN, height_in)
+        panel.draw(axes)
+        axes.set_ylabel(f"({numeral}) {panel.label}", fontsize=7, labelpad=3)
+        if panel.saturation is not None:
+            _draw_colour_bar(axes, panel, panel.saturation)
+    heading = f"{frame_name(processed.reference)}\n{made_by}".rstrip()
+    canvas.fit_text(figure.axes[0].set_title(heading, pad=3, fontsize=6), _PANEL_IN + 2 * _LEFT_IN)
+    add_legend(figure, results=True, sweep=False)
+    return figure
+
+
+def _draw_colour_bar(axes: Axes, panel: _Panel, saturation: float) -> None:
+    scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=saturation), cmap=panel.colour_map)
+    beside = axes.inset_axes((1.023, 0.05, 0.035, 0.9))
+    bar = axes.figure.colorbar(scale, cax=beside, extend="max", ticks=[0.0, saturation / 2, saturation])
+    bar.ax.tick_params(labelsize=6, length=2, pad=1.5)
+    bar.ax.yaxis.set_major_formatter("{x:g}")
+    bar.set_label(panel.unit, fontsize=6)
+    bar.ax.yaxis.set_label_coords(4.6, 0.5)  # one line for all bars, whatever their numbers' width
+
+
+def _panels(processed: ProcessedFrame) -> Iterator[_Panel]:
+    segmentation, reference = processed.segmentation, processed.reference
+    parts = segmentation.parts or {}
+    cells = partial(_draw_cells, segmentation=segmentation, valid=reference.valid)
+    if "flow_u" in parts and "flow_v" in parts:
+        flow = partial(_draw_flow, image=processed.pixels, segmentation=segmentation, valid=reference.valid)
+        yield _Panel(label="flow", draw=flow, saturation=FLOW_SATURATION_PX, colour_map=FLOW_COLOUR_MAP,
+                     unit="px per frame")  # fmt: skip
+    for name, label in DEVIATIONS.items():
+        if name in parts:
+            draw = partial(cells, values=parts[name], saturation=DEVIATION_SATURATION)
+            yield _Panel(label=label, draw=draw, saturation=DEVIATION_SATURATION, unit="deviation")
+    if segmentation.likelihood is not None:
+        is_score = segmentation.likelihood_is_score
+        label, saturation = ("score", SCORE_SATURATION) if is_score else ("likelihood", LIKELIHOOD_SATURATION)
+        draw = partial(cells, values=segmentation.likelihood, saturation=saturation)
+        yield _Panel(label=label, draw=draw, saturation=saturation, unit=label)
+    yield _Panel(label="segmentation", draw=partial(draw_layers, layers=scored_layers(processed)))
+
+
+def _draw_flow(axes: Axes, *, image: NDArray[np.uint8], segmentation: Segmentation, valid: NDArray[np.bool_]) -> None:
+    """Draw arrows from where the pixel was in the previous image to where it is now, on an even grid."""
+    parts, cell = segmentation.parts, segmentation.cell_size_px
+    assert parts is not None
+    flow_u, flow_v = parts["flow_u"], parts["flow_v"]
+    canvas.show_image(axes, canvas.faded(image, 0.45))
+    step = max(1, flow_u.shape[1] // ARROWS_ACROSS)
+    picked = np.s_[step // 2 :: step, step // 2 :: step]
+    v, u = (np.mgrid[: flow_u.shape[0], : flow_u.shape[1]] * cell + (cell - 1) / 2)[:, *picked]
+    inside = (u < image.shape[1]) & (v < image.shape[0])
+    seen = inside & valid[np.where(inside, v, 0).astype(int), np.where(inside, u, 0).astype(int)]
+    back_u, back_v = flow_u[picked][seen], flow_v[picked][seen]
+    axes.quiver(
+        u[seen], v[seen], -back_u, -back_v, np.hypot(back_u, back_v),
+        angles="xy", scale_units="xy", scale=1.0, pivot="tip", width=0.0045, headwidth=4.0, headlength=4.5,
+        minlength=0.6, cmap=FLOW_COLOUR_MAP, norm=Normalize(vmin=0.0, vmax=FLOW_SATURATION_PX, clip=True),
+    )  # fmt: skip
+
+
+def _draw_cells(
+    axes: Axes,
+    *,
+    segmentation: Segmentation,
+    valid: NDArray[np.bool_],
+    values: NDArray[np.float32],
+    saturation: float,
+) -> None:
+    """Colour the cells; light grey where the lens or the method sees nothing."""
+    (height, width), (rows, columns) = valid.shape, values.shape
+    cell = segmentation.cell_size_px
+    middle = cell // 2
+    seen = valid[middle::cell, middle::cell]
+    hidden = ~np.pad(seen, ((0, rows - seen.shape[0]), (0, columns - seen.shape[1])), mode="edge")
+    if segmentation.undefined is not None:
+        hidden |= segmentation.undefined
+    shown = np.ma.masked_array(values, mask=hidden | ~np.isfinite(values))
+    axes.set_facecolor(canvas.LIGHT_GREY)
+    axes.imshow(
+        shown, cmap=COLOUR_MAP, norm=Normalize(vmin=0.0, vmax=saturation, clip=True), interpolation="nearest",
+        extent=(-0.5, columns * cell - 0.5, rows * cell - 0.5, -0.5),
+    )  # fmt: skip
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
+
+
+_CLUSTER_IN, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, _TITLE_IN, _BETWEEN_IN, _EDGE_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
 _SURROUNDINGS_M = 3.0
 _CLOUD = "#777777"
 _DOT_SHARE, _DOT_SIZES = 0.3, (0.05, 3.0)
@@ -66,11 +204,13 @@ def draw_cluster(
     """
     height, width = image.shape[:2]
     # The square plan and the image share one height and fill the width.
-    side_in = (_WIDTH_IN - _LEFT_IN - _GAP_IN - _RIGHT_IN) / (1 + width / height)
-    full_in = side_in + _BOTTOM_IN + _TOP_IN
-    figure = canvas.new_figure(_WIDTH_IN, full_in)
-    plan = canvas.axes_at(figure, _LEFT_IN, _BOTTOM_IN, side_in, side_in)
-    picture = canvas.axes_at(figure, _LEFT_IN + side_in + _GAP_IN, _BOTTOM_IN, side_in * width / height, side_in)
+    side_in = (_CLUSTER_IN - _PLAN_LEFT_IN - _BETWEEN_IN - _EDGE_IN) / (1 + width / height)
+    full_in = side_in + _PLAN_BOTTOM_IN + _TITLE_IN
+    figure = canvas.new_figure(_CLUSTER_IN, full_in)
+    plan = canvas.axes_at(figure, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, side_in, side_in)
+    picture = canvas.axes_at(
+        figure, _PLAN_LEFT_IN + side_in + _BETWEEN_IN, _PLAN_BOTTOM_IN, side_in * width / height, side_in
+    )
     _draw_plan(plan, geometry, vehicle_outline_m)
     canvas.show_image(picture, image)
     _draw_cluster_pixels(picture, geometry, polygon)
@@ -79,7 +219,7 @@ def draw_cluster(
         _draw_cluster_pixels(_inset(picture, polygon, image), geometry, polygon)
     plan.set_title("(a) point cloud from above", pad=3)
     picture.set_title(f"(b) {title}", pad=3)
-    figure.text(1 - _RIGHT_IN / _WIDTH_IN, 0.03, image_name, ha="right", va="bottom")
+    figure.text(1 - _EDGE_IN / _CLUSTER_IN, 0.03, image_name, ha="right", va="bottom")
     return figure
 
 
@@ -101,7 +241,7 @@ def _draw_cluster_pixels(axes: Axes, found: ObjectGeometry, polygon: Outline) ->
     seen = found.pixels[np.isfinite(found.pixels).all(axis=1)]
     size = _dot_size(axes, polygon, len(seen))
     axes.scatter(seen[:, 0], seen[:, 1], s=size, c=canvas.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
-    draw_outline(axes, polygon, colour=canvas.VERMILION, width=1.1).set_zorder(3.5)
+    canvas.draw_outline(axes, polygon, colour=canvas.VERMILION, width=1.1).set_zorder(3.5)
 
 
 def _dot_size(axes: Axes, polygon: Outline, dots: int) -> float:
@@ -133,7 +273,7 @@ def _inset(axes: Axes, polygon: Outline, image: NDArray[np.uint8]) -> Axes:
 def write_frame_pictures(
     processed: ProcessedFrame, pipeline: FramePipeline, folder: Path, *, made_by: str
 ) -> tuple[Path, ...]:
-    """Write `panels.png`, `areas.png`, `overlay.png` and `cluster-<track>.png` of the evaluated objects.
+    """Write `panels.png`, `areas.png` and `cluster-<track>.png` of the evaluated objects.
 
     Args:
         processed: the frame.
@@ -144,16 +284,10 @@ def write_frame_pictures(
     Returns:
         The files.
     """
-    reference = processed.reference
-    panels = draw_panels(processed.pixels, segmentation=processed.segmentation, reference=reference, made_by=made_by)
-    areas = draw_side_by_side([Side(processed=processed, label=made_by)])
-    overlay = draw_frame(processed, f"{frame_name(reference)}; {made_by}")
-    pictures = {
-        "panels": canvas.figure_bytes(panels, "png"),
-        "areas": canvas.figure_bytes(areas, "png"),
-        "overlay": cv2.imencode(".png", overlay)[1].tobytes(),
-    }
-    return _written(pictures | _cluster_pictures(reference, processed.image, processed.pixels, pipeline), folder)
+    areas = draw_frames([scored_layers(processed, label=made_by)], name=frame_name(processed.reference))
+    figures = {"panels": draw_panels(processed, made_by=made_by), "areas": areas}
+    figures |= _clusters(processed.reference, processed.image, processed.pixels, pipeline)
+    return _write(figures, folder)
 
 
 def write_reference_pictures(pipeline: FramePipeline, index: int, folder: Path, *, made_by: str) -> tuple[Path, ...]:
@@ -173,34 +307,39 @@ def write_reference_pictures(pipeline: FramePipeline, index: int, folder: Path, 
     """
     image, reference = pipeline.images[index], pipeline.reference(index)
     pixels = read_image(image, pipeline.camera, colour=True)
-    drawn = draw_reference(pixels, reference, f"{frame_name(reference)}; {made_by}")
-    pictures = {"reference": cv2.imencode(".png", drawn)[1].tobytes()}
-    return _written(pictures | _cluster_pictures(reference, image, pixels, pipeline), folder)
+    drawn = draw_frames([reference_layers(pixels, reference, label=made_by)], name=frame_name(reference))
+    return _write({"reference": drawn} | _clusters(reference, image, pixels, pipeline), folder)
 
 
-def _cluster_pictures(
+def _clusters(
     reference: ReferenceFrame, image: ImageRef, pixels: NDArray[np.uint8], pipeline: FramePipeline
-) -> dict[str, bytes]:
-    pictures = {}
-    for found, polygon in outlined(reference.objects):
-        if image.moving_path is None:
-            cluster = draw_cluster(
-                pipeline.references.geometry(found.track_id, image),
-                image=pixels,
-                polygon=polygon,
-                vehicle_outline_m=pipeline.recording.vehicle_outline_m,
-                title=f"{found.object_class} {found.track_id}, {found.category}, {found.range_m:.1f} m, "
-                f"{found.points} points",
-                image_name=frame_name(reference),
-            )
-            pictures[f"cluster-{file_name(found.track_id)}"] = canvas.figure_bytes(cluster, "png")
-    return pictures
+) -> dict[str, Figure]:
+    """The evaluated objects of which lidar points are known, by name of file."""
+    shown = [target for target in reference.objects if target.status is Status.EVALUATED]
+    return {
+        f"cluster-{file_name(target.track_id)}": draw_cluster(
+            pipeline.references.geometry(target.track_id, image),
+            image=pixels,
+            polygon=target.polygon,
+            vehicle_outline_m=pipeline.recording.vehicle_outline_m,
+            title=f"{target.object_class} {target.track_id}, {target.category}, {target.range_m:.1f} m, "
+            f"{target.points} points",
+            image_name=frame_name(reference),
+        )
+        for target in shown
+        if target.polygon is not None and image.moving_path is None
+    }
 
 
-def _written(pictures: Mapping[str, bytes], folder: Path) -> tuple[Path, ...]:
-    for name, content in pictures.items():
-        write_bytes(folder / f"{name}.png", content)
-    return tuple(folder / f"{name}.png" for name in pictures)
+def _write(figures: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
+    return tuple(
+        file
+        for name, figure in figures.items()
+        for file in canvas.write_picture(folder / name, figure, formats=["png"])
+    )
+
+
+ImageKey = tuple[str, str, int]  # recording, camera, timestamp_ns
 
 
 def example_frames(objects: Rows) -> dict[Category, ImageKey]:
@@ -219,6 +358,47 @@ def example_frames(objects: Rows) -> dict[Category, ImageKey]:
     return {kind: keys[kind] for kind in Category if kind in keys}
 
 
+Drawn = TypeVar("Drawn")
+
+
+def draw_images(
+    runs: Sequence[StoredRun],
+    images: Iterable[ImageKey],
+    draw: Callable[[ImageKey, Sequence[ProcessedFrame], FramePipeline], Drawn],
+    *,
+    card: DatasetCard | None = None,
+    progress: Progress | None = None,
+) -> tuple[dict[ImageKey, Drawn], list[str]]:
+    """Draw images as runs were scored on them, from the data set that they name.
+
+    Args:
+        runs: of the same data set.
+        images: in any order, also several times.
+        draw: called with an image, the frame of every run, and the pipeline of the first.
+        card: of the data set; None for that which each run names.
+        progress: called with the images done and their number.
+
+    Returns:
+        drawn: of the images that could be processed.
+        problems: why others could not, one line each: a run holds no masks or did not score them, the data set is not
+            there, or code or data have changed since.
+    """
+    keys, drawn, problems = sorted(set(images)), dict[ImageKey, Drawn](), dict[str, None]()  # a recording at a time
+    try:
+        stored = [StoredFrames(run, card=card) for run in runs if keys]
+    except BenchError as error:
+        return {}, [str(error)]
+    for number, key in enumerate(keys, start=1):
+        try:
+            frames = [frames_of_run.process(*key) for frames_of_run in stored]
+            drawn[key] = draw(key, frames, stored[0].pipeline(*key[:2]))
+        except (BenchError, UnscorableFrame) as error:
+            problems[str(error)] = None
+        if progress is not None:
+            progress(number, len(keys))
+    return drawn, list(problems)
+
+
 def write_example_pictures(
     run: StoredRun, *, card: DatasetCard | None, progress: Progress
 ) -> tuple[list[Path], list[str]]:
@@ -227,19 +407,14 @@ def write_example_pictures(
     Returns:
         The files, and a line for every reason why a picture could not be made.
     """
-    files, remarks = list[Path](), list[str]()
-    try:
-        stored = StoredFrames(run, card=card)
-    except BenchError as error:
-        return [], [str(error)]
-    frames = example_frames(run.objects)
     made = formats.made_by(run.manifest.method.name, run.protocol.name)
-    for number, (category, key) in enumerate(frames.items(), start=1):
-        try:
-            folder = run.folder / "pictures" / category.value
-            pipeline = stored.pipeline(*key[:2])
-            files += write_frame_pictures(stored.process(*key), pipeline, folder, made_by=made)
-        except (BenchError, UnscorableFrame) as error:
-            remarks.append(str(error))
-        progress(number, len(frames))
-    return files, remarks
+    categories: dict[ImageKey, list[str]] = {}
+    for category, key in example_frames(run.objects).items():
+        categories.setdefault(key, []).append(category.value)
+
+    def write(key: ImageKey, frames: Sequence[ProcessedFrame], pipeline: FramePipeline) -> list[Path]:
+        folders = [run.folder / "pictures" / name for name in categories[key]]
+        return [f for folder in folders for f in write_frame_pictures(frames[0], pipeline, folder, made_by=made)]
+
+    written, problems = draw_images([run], categories, write, card=card, progress=progress)
+    return [file for files in written.values() for file in files], problems

@@ -48,7 +48,8 @@ from bench.reporting.document import (
     to_page,
 )
 from bench.reporting.formats import annotations_field, metric_cell, metric_record
-from bench.reporting.frame_pictures import example_frames
+from bench.reporting.frame import AREA_COLOURS, detected_pixels, false_positive_text, pixel_classes
+from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
 from bench.reporting.leaderboard import (
     FALSE_POSITIVES,
     OF_ENTRY,
@@ -66,9 +67,7 @@ from bench.reporting.leaderboard import (
     shown_metrics,
 )
 from bench.reporting.leaderboard import Group as Runs
-from bench.reporting.overlay import AREA_COLOURS, detected_pixels, false_positive_text, pixel_classes
 from bench.reporting.run_tables import is_rendered
-from bench.reporting.side_by_side import ImageKey, draw_images
 
 NOTE = (
     "Of the images that all runs of a table scored, in percent. Runs stand in one table if they have at least "

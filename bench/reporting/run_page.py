@@ -52,7 +52,8 @@ from bench.reporting.formats import (
     percent,
     with_interval,
 )
-from bench.reporting.frame_pictures import example_frames
+from bench.reporting.frame import draw_frames, scored_layers
+from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
 from bench.reporting.glance import bar_cell, breakdowns, kind_tables, remarks, tiles
 from bench.reporting.object_table import FILTERS, object_table, view_command
 from bench.reporting.run_tables import (
@@ -63,7 +64,6 @@ from bench.reporting.run_tables import (
     table_rows,
     text_tables,
 )
-from bench.reporting.side_by_side import ImageKey, Side, draw_images, draw_side_by_side
 from bench.reporting.worst_cases import IMAGE_NOTE, OBJECT_NOTE, Card, Gallery, image_key, worst_cases, worst_objects
 
 LISTED_RECORDINGS = 200
@@ -205,10 +205,10 @@ def _pictures(
 ) -> tuple[Group, list[str]]:
     """Draw images as runs were scored on them, and say why others could not be drawn."""
 
-    def draw(_: ImageKey, frames: Sequence[ProcessedFrame], __: FramePipeline) -> str:
+    def draw(key: ImageKey, frames: Sequence[ProcessedFrame], _: FramePipeline) -> str:
         labels = [run.label if len(runs) > 1 else "" for run in runs]
-        sides = [Side(label=label, processed=frame) for label, frame in zip(labels, frames, strict=True)]
-        return figure_uri(draw_side_by_side(sides))
+        sides = [scored_layers(frame, label=label) for label, frame in zip(labels, frames, strict=True)]
+        return figure_uri(draw_frames(sides, name=image_name(*key)))
 
     uris, problems = draw_images(runs, titles, draw, progress=progress)
     shown = [Picture(uris[key], title, title) for key, title in titles.items() if key in uris]

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
-from shapely import box, get_coordinates, get_parts
+from shapely import get_coordinates, get_parts
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows
 from bench.evaluation.definitions import coverage, false_share
@@ -19,21 +19,19 @@ from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, pick, read_parts, so
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun
-from bench.reference import Category, ReferenceObject, Status
-from bench.reporting.canvas import jpeg_uri
+from bench.reference import Category, Status
 from bench.reporting.charts import figure_uri
 from bench.reporting.document import Cell, Paragraph, Table
 from bench.reporting.formats import LABELS, frame_name, image_name
-from bench.reporting.overlay import (
+from bench.reporting.frame import (
     PixelClass,
-    captioned,
     detected_pixels,
-    overlay_counts,
-    overlay_polygons,
+    draw_close_up,
+    draw_frames,
     pixel_classes,
+    scored_layers,
 )
-from bench.reporting.panels import draw_panels
-from bench.reporting.side_by_side import ImageKey, Side, draw_images, draw_side_by_side
+from bench.reporting.frame_pictures import ImageKey, draw_images, draw_panels
 
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
 Rank = Callable[[pd.DataFrame], pd.DataFrame]
@@ -153,7 +151,6 @@ def _percent(share: float) -> str:
 
 
 _PANELS_SCALE = 0.8
-_CLOSE_UP_PX = 480, 360
 _LEAST_STEP_M = 1e-4  # shorter ones have no direction
 
 
@@ -175,38 +172,21 @@ class FrameView:
 
 
 def _view(processed: ProcessedFrame, pipeline: FramePipeline) -> FrameView:
-    reference, detected = processed.reference, detected_pixels(processed)
-    areas = draw_side_by_side([Side(processed=processed)])
-    panels = draw_panels(processed.pixels, segmentation=processed.segmentation, reference=reference)
-    tinted = overlay_counts(processed)
-    evaluated = {k: one for k, one in enumerate(reference.objects, start=1) if one.status is Status.EVALUATED}
+    reference, name = processed.reference, frame_name(processed.reference)
+    layers = scored_layers(processed)
+    evaluated = {k: target for k, target in enumerate(reference.objects, 1) if target.status is Status.EVALUATED}
     facts: dict[str | None, dict[str, str]] = {None: _facts_of_false(pipeline, processed)}
-    for k, one in evaluated.items():
-        missed = (reference.labels == k) & ~detected
-        facts[one.track_id] = facts_of_missed(pipeline, processed, missed=missed)
+    for k, target in evaluated.items():
+        missed = (reference.labels == k) & ~detected_pixels(processed)
+        facts[target.track_id] = facts_of_missed(pipeline, processed, missed=missed)
     return FrameView(
-        areas=figure_uri(areas),
-        panels=figure_uri(panels, scale=_PANELS_SCALE),
-        close_ups={one.track_id: _close_up(tinted, one, frame_name(reference)) for one in evaluated.values()},
+        areas=figure_uri(draw_frames([layers], name=name)),
+        panels=figure_uri(draw_panels(processed), scale=_PANELS_SCALE),
+        close_ups={
+            target.track_id: figure_uri(draw_close_up(layers, target, name=name)) for target in evaluated.values()
+        },
         facts=facts,
     )
-
-
-def _close_up(tinted: NDArray[np.uint8], target: ReferenceObject, name: str) -> str:
-    """The object with as much around it as it is large, enlarged to a fixed size, above the name of the image."""
-    assert target.polygon is not None, "an evaluated object has a polygon"
-    outlines = [] if target.unknown_px else [target.polygon]  # an outline would hide the unknown band
-    drawn = overlay_polygons(tinted, polygons=outlines, colours=["#ffffff"] * len(outlines))
-    height, width = drawn.shape[:2]
-    u_min, v_min, u_max, v_max = target.polygon.intersection(box(0, 0, width - 1, height - 1)).bounds
-    aspect = _CLOSE_UP_PX[0] / _CLOSE_UP_PX[1]
-    half_v = min(max(v_max - v_min, (u_max - u_min) / aspect, 24.0), height / 2, width / 2 / aspect)
-    half_u = half_v * aspect
-    u = float(np.clip((u_min + u_max) / 2, half_u, width - half_u))
-    v = float(np.clip((v_min + v_max) / 2, half_v, height - half_v))
-    crop = drawn[round(v - half_v) : round(v + half_v), round(u - half_u) : round(u + half_u)]
-    larger = cv2.resize(crop, _CLOSE_UP_PX, interpolation=cv2.INTER_CUBIC)
-    return jpeg_uri(captioned(np.asarray(larger, dtype=np.uint8), [name]))
 
 
 def facts_of_missed(pipeline: FramePipeline, processed: ProcessedFrame, *, missed: NDArray[np.bool_]) -> dict[str, str]:

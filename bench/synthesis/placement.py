@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from bench.synthesis.bodies import make_body
 from bench.synthesis.draws import named_rng
-from bench.synthesis.driving.ego import OUTLINE_M, own_body
-from bench.synthesis.driving.path import SECOND_NS, Path, Poses, driven_path
+from bench.synthesis.ego import OUTLINE_M, own_body
+from bench.synthesis.motion import SECOND_NS, Path, Poses, driven_path
 from bench.synthesis.scenario import ActorSpec, CameraSpec, EgoSpec, RecordingSpec, ScenarioHead, interval_ns
 
 FIRST_IMAGE_NS = SECOND_NS  # the recording's clock at the scene's time 0

@@ -6,7 +6,7 @@ bits of a product or an exponential depend on the processor; those of double pre
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform, dot
 from bench.lidar import LidarSweep
-from bench.recordings import RecordingWriter
 from bench.synthesis.draws import named_rng
-from bench.synthesis.driving.ego import own_body
-from bench.synthesis.driving.motion import EgoMotion
+from bench.synthesis.ego import own_body
 from bench.synthesis.mesh import COLUMN_OF, Mesh
+from bench.synthesis.motion import EgoMotion
 from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.rays import RayScene, depths_m
 from bench.synthesis.scenario import LidarSpec, RecordingSpec, Scenario
@@ -174,7 +173,8 @@ def detected(
     faded = echoes.reflectances() * np.exp(FADING * speckle)
     dusty = rng.random(len(faded), dtype=np.float32) < spec.pane_returns * echoes.cosines
     found = np.isfinite(echoes.ranges_m)
-    found[found] = faded[found] >= spec.weakest_return_per_m2 * echoes.ranges_m[found] ** 2
+    weakest = spec.weakest_return_per_m2 * echoes.ranges_m[found] ** 2
+    found[found] = faded[found] >= np.maximum(weakest, spec.weakest_reflectance)
     found &= dusty | ~echoes.panes
     return found, (np.rint(np.minimum(faded, 1.0) * (STEPS - 1)) / (STEPS - 1)).astype(np.float32)
 
@@ -305,15 +305,10 @@ def _blocks(times_ns: NDArray[np.int64]) -> list[NDArray[np.intp]]:
     return list(np.split(np.arange(len(times_ns)), cuts))
 
 
-def write_sweeps(
-    scenario: Scenario,
-    spec: RecordingSpec,
-    scene: Scene,
-    *,
-    vehicle_from_lidar: RigidTransform,
-    writer: RecordingWriter,
-) -> None:
-    """Scan and write every revolution."""
+def scans(
+    scenario: Scenario, spec: RecordingSpec, scene: Scene, *, vehicle_from_lidar: RigidTransform
+) -> Iterator[LidarSweep]:
+    """Every revolution of a recording, by the recording's clock."""
     scanner = LidarScanner(
         scenario.lidar,
         vehicle_from_lidar=vehicle_from_lidar,
@@ -324,4 +319,4 @@ def write_sweeps(
     )
     for number, time_ns in enumerate(scene.sweep_times_ns.tolist()):
         rng = named_rng(scenario.seed, spec.name, "lidar", number)
-        writer.sweep(scanner.scan(time_ns, timestamp_ns=time_ns + FIRST_IMAGE_NS, rng=rng))
+        yield scanner.scan(time_ns, timestamp_ns=time_ns + FIRST_IMAGE_NS, rng=rng)

@@ -205,6 +205,10 @@ class LidarSpec(FileModel):
         range_noise_m: standard deviation.
         weakest_return_per_m2: reflectance times the cosine of incidence over the square of the range at which half of
             the pulses come back; 0 for all.
+        weakest_reflectance: reflectance times the cosine of incidence at which half of the pulses come back from near,
+            where the range does not matter; 0 for all. Black gloss paint reflects 0.01 to 0.05 squarely; a mirroring
+            coat, be it clear lacquer or water, lets the less through the more it is tilted. Cloth that looks as dark
+            reflects more in the near infrared, which this does not know.
         pane_returns: share of pulses on panes of glass that come back, from dust, when they hit squarely; the others
             pass or are mirrored away.
         sector_deg: points are stored in this sector about straight ahead.
@@ -216,6 +220,7 @@ class LidarSpec(FileModel):
     max_range_m: float = Field(default=60.0, ge=1, le=1000)
     range_noise_m: NotNegative = 0.02
     weakest_return_per_m2: NotNegative = 5e-6
+    weakest_reflectance: float = Field(default=0.0, ge=0, le=1)
     pane_returns: float = Field(default=0.2, ge=0, le=1)
     sector_deg: float = Field(default=360.0, gt=0, le=360)
 

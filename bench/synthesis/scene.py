@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from bench.synthesis.bodies import make_body
 from bench.synthesis.bodies.body import Body
 from bench.synthesis.draws import named_rng
-from bench.synthesis.driving.motion import EgoMotion, ego_motion
-from bench.synthesis.driving.path import Path
 from bench.synthesis.mesh import Mesh, PlacedMesh
+from bench.synthesis.motion import EgoMotion, Path, ego_motion
 from bench.synthesis.placement import plan_trajectories, swept_ground
 from bench.synthesis.scenario import LightSpec, RecordingSpec, ScenarioHead
 from bench.synthesis.world import build_world

@@ -23,6 +23,7 @@ ROLLED_DEG = 60.0
 FAR_FROM_CENTRE = 0.15  # of the image's size
 LEAST_SEEN = 0.2  # of the pixels of a corner-less lens, the circle of a 180 degree lens in 2:1 fills a third
 MOST_BODY = 0.8
+LEAST_VIEW_DEG = 5.0
 GRID = 24
 
 
@@ -109,16 +110,18 @@ def _lens(camera: MountedCamera, field: str) -> Iterator[Finding]:
     rays, seen = model.unproject(pixels)
     again, back = model.project(rays)
     error_px = np.abs(again[seen & back] - pixels[seen & back]).max(initial=0.0)
-    if seen.mean() < LEAST_SEEN or (seen & ~back).any() or error_px > 0.1:
+    view_deg = 2.0 * float(np.degrees(np.arccos(rays[seen, 2] / np.linalg.norm(rays[seen], axis=1))).max(initial=0.0))
+    if seen.mean() < LEAST_SEEN or (seen & ~back).any() or error_px > 0.1 or view_deg < LEAST_VIEW_DEG:
         nearby, _ = model.project(np.array([[0.0, 0.0, 1.0], [np.sin(DEGREE), 0.0, np.cos(DEGREE)]]))
         degree_px = float(np.linalg.norm(nearby[1] - nearby[0]))
-        got = f"{100 * seen.mean():.0f} % of them have one; a degree beside the axis lies {degree_px:.2g} px from it"
+        got = f"{100 * seen.mean():.0f} % of them have one, all within {view_deg:.2g} degrees; "
+        got += f"a degree beside the axis lies {degree_px:.2g} px from it"
         if error_px > 0.1 or (seen & ~back).any():
             got += f", up to {error_px:.2f} px off on the way back"
         yield Finding(
             check="lens",
             field=f"{field}.model",
-            expected="a ray for most pixels, and the pixel for each ray",
+            expected=f"a ray for most pixels, over {LEAST_VIEW_DEG:.0f} degrees or more, and the pixel for each ray",
             got=got,
             hint="check the model's name, the order of its parameters, and their unit: px, of angles in radians",
         )

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.stats import kendalltau
 
 from bench.atomic import write_text
-from bench.audit.sources import Part, StoredAudit, audit_each
+from bench.audit.sources import AuditModel, StoredAudit, audit_each
 from bench.errors import UsageError
 from bench.evaluation import Definition, load_protocol
 from bench.evaluation.definitions import UNKNOWN
@@ -66,14 +66,14 @@ LARGEST_DIFFERENCE, LARGEST_REAL_DIFFERENCE = 0.03, 0.01  # of IoU, mean over ca
 KINDS = (OUTLINES, OBJECTS)
 
 
-class Estimate(Part):
+class Estimate(AuditModel):
     """A value; its 95 % interval is None where fewer than six recordings hold cases."""
 
     value: Ratio
     ci95: tuple[float, float] | None
 
 
-class KindAgreement(Part):
+class KindAgreement(AuditModel):
     """Agreement over the masks with one kind of error.
 
     Attributes:
@@ -87,7 +87,7 @@ class KindAgreement(Part):
     signed_difference: Ratio
 
 
-class Agreement(Part):
+class Agreement(AuditModel):
     """Agreement of a lidar reference with the exact masks in one row.
 
     Attributes:
@@ -106,7 +106,7 @@ class Agreement(Part):
     tau_between: Ratio
 
 
-class Check(Part):
+class Check(AuditModel):
     """Check that a mask that is wrong by construction has at most the IoU of the exact one.
 
     Attributes:
@@ -127,7 +127,7 @@ class Check(Part):
         return not self.iou > self.exact_iou
 
 
-class SurfaceFit(Part):
+class SurfaceFit(AuditModel):
     """Correctness of the regions of `surface-v1`, over the object-frames of a slice.
 
     Attributes:
@@ -149,7 +149,7 @@ class SurfaceFit(Part):
     unknown_share: Ratio
 
 
-class RankedRow(Part):
+class RankedRow(AuditModel):
     """One row of the paper's table.
 
     Attributes:

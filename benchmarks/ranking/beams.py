@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bench.atomic import write_text
 from bench.audit import ALL
-from bench.audit.sources import OpenedSource, Part, StoredAudit, audit_each, same_objects
+from bench.audit.sources import AuditModel, OpenedSource, StoredAudit, audit_each, same_objects
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
 from bench.evaluation.summary import Ratio
@@ -39,7 +39,7 @@ REFERENCES = (SURFACE, EXACT)
 TRUTH = Prediction(name="truth", method=WrongMasks())  # its score is the ceiling
 
 
-class BeamsRow(Part):
+class BeamsRow(AuditModel):
     """The reference by so many beams, over the object-frames of a class that it evaluates.
 
     Attributes:

@@ -105,7 +105,7 @@ def command(monkeypatch):
 def test_run_gives_the_scores_of_the_drive_itself(command, cards, tmp_path, capsys):
     summaries = []
     for number, card in enumerate(cards):
-        words = ("--out", tmp_path / str(number), "--no-pictures")
+        words = ("--method", "frame-difference", "--out", tmp_path / str(number), "--no-pictures")
         assert command("run", card, *words) == 0
         summaries.append(json.loads((tmp_path / str(number) / "paper-v1" / "summary.json").read_text()))
     drive, bag = summaries

@@ -14,7 +14,7 @@ import yaml
 from backports import zstd
 
 from bench.adapters.rosbag.adapter import rosbag_recordings
-from bench.adapters.rosbag.messages import Topic, decode
+from bench.adapters.rosbag.messages import Topic
 from bench.adapters.rosbag.storage import read_message, stored_messages
 from bench.errors import BenchError, DataError
 from bench.recordings import read_image
@@ -268,29 +268,12 @@ HOSTILE_RECORDS = [
     (chunk(b"", packed=BOMB, size=1 << 20), "zstd data of more than 1048576 bytes"),
     (chunk(b"", packed=BOMB, size=1 << 30), "a chunk of 1073741824 bytes, where 268435456 are the most"),
     (chunk(b"abc", size=10), "a chunk of 3 bytes with the checksum 352441c2, where it states 10 with"),
-    (
-        chunk(b"abc", packed=b"abc", size=10, compression=""),
-        "a chunk of 3 bytes with the checksum 352441c2, where it states 10",
-    ),
     (chunk(b"abc", compression="rar"), "the unknown compression 'rar'"),
-    (chunk(b"abc", packed=b"abc", compression="lz4"), "lz4 data of more than 3 bytes or cut short"),
     (chunk(b"", packed=LZ4_BOMB, size=1 << 20, compression="lz4"), "lz4 data of more than 1048576 bytes"),
-    (chunk(b"abc", packed=b"abcdefgh" * 9, compression="lz4"), "ERROR_frameType_unknown"),
-    (chunk(chunk(b"abc")), "a chunk inside a chunk"),
-    (chunk(record(5, struct.pack("<HIQQ", 7, 0, 1, 1))), "22 bytes on channel 7 at 1 ns"),
     (record(5, b""), "unpack requires a buffer of 8 bytes"),
-    (record(5, bytes(21)) + record(7, bytes(30)), "21 bytes on channel 0 at 0 ns"),
-    (b"\x05" + struct.pack("<Q", 2**63), "a record of kind 5 with 9223372036854775808 bytes"),
     (b"\x03" + struct.pack("<Q", 1 << 40), "a record of kind 3 with 1099511627776 bytes"),
     (record(3, struct.pack("<HI", 1, 2**32 - 1)), "the end in the middle of it"),
-    (record(6, struct.pack("<QQQI", 0, 1, 5, 0) + struct.pack("<I", 2**32 - 1)), "the end in the middle of it"),
-    (
-        b"".join(record(4, struct.pack("<HH", 1, 0) + text(name) + text("cdr") + text("")) for name in ("/a", "/b")),
-        "two topics on channel 1",
-    ),
     (bytes(100), "a record of kind 0"),
-    (record(6, struct.pack("<QQQIIQ", 0, 1, 5, 0, 0, 2**64 - 1)), "cannot fit 'int' into an index-sized integer"),
-    (chunk(bytes(range(1, 100))), "a record of kind 1 with"),
 ]
 
 
@@ -332,22 +315,6 @@ def test_hostile_records_are_told_and_take_little_memory(tmp_path, content, told
     assert told in str(caught.value)
 
 
-def test_definitions_that_fill_the_memory(tmp_path):
-    """A few kB, which become chunks with a thousand message types of 1 MB."""
-    blank = b" " * (1 << 20)
-    content = b"\x89MCAP0\r\n" + HEADER_RECORD
-    for first in range(0, 1000, 4):
-        schemas = (struct.pack("<H", first + i) + text("a/msg/B") + text("ros2msg") + text(blank) for i in range(4))
-        content += chunk(b"".join(record(3, schema) for schema in schemas))
-    file = tmp_path / "hostile.mcap"
-    file.write_bytes(content)
-    with (
-        memory_below(60_000_000),
-        pytest.raises(DataError, match=r"topics and definitions of more than 33554432 bytes"),
-    ):
-        list(stored_messages(file, {}))
-
-
 def database(file, *statements):
     """A database with the tables of a bag, a topic and a message, changed by statements."""
     with closing(sqlite3.connect(file)) as connection:
@@ -363,15 +330,7 @@ def database(file, *statements):
 MANY = "WITH RECURSIVE n(i) AS (SELECT 2 UNION ALL SELECT i + 1 FROM n WHERE i < 100000) INSERT INTO topics"
 HOSTILE_DATABASES = [
     (["INSERT INTO messages VALUES (6, 2, 8, x'61')"], r"the row \(6, 2, 8, 1\) of the table messages"),
-    (["INSERT INTO messages VALUES (6, 1, 'soon', x'61')"], r"the row \(6, 1, 'soon', 1\) of the table messages"),
-    (["INSERT INTO messages VALUES (6, 1, 8, NULL)"], r"the row \(6, 1, 8, None\) of the table messages"),
-    (
-        [
-            "DROP TABLE topics",
-            "CREATE VIEW topics AS SELECT 1 AS id, 'a' AS name, 'b' AS type, 'cdr' AS serialization_format",
-        ],
-        "expected the tables topics and messages, as in a bag of ROS 2, got messages",
-    ),
+    (["DROP TABLE topics"], "expected the tables topics and messages, as in a bag of ROS 2, got messages"),
     (
         [
             "DROP TABLE topics",
@@ -403,12 +362,6 @@ def test_hostile_databases_are_told_and_take_little_memory(tmp_path, statements,
     with memory_below(60_000_000), pytest.raises(DataError, match=told) as caught:
         list(stored_messages(file, {}))
     assert str(file) in str(caught.value)
-
-
-def test_a_definition_that_takes_forever_to_parse(tmp_path):
-    topic = Topic("/wheels", "my_car/msg/Wheels", definition="\n" * 100_001 + "float64 x")
-    with pytest.raises(DataError, match=r"in at most 100000 characters of \.msg text, got 100010 characters"):
-        decode(topic, b"", file=tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"SQLite format 3\0" + bytes(84), b"PK\x03\x04" + bytes(96)])
@@ -458,10 +411,8 @@ def test_links_that_lead_outside(tmp_path):
         "rosbag2_bagfile_information: !!python/object/apply:os.system [true]\n",
         "rosbag2_bagfile_information: [1, 2]\n",
         "- 1\n",
-        "{" * 2000,
-        "a: &a [x, x]\nb: &b [*a, *a]\nrosbag2_bagfile_information: {relative_file_paths: *b}\n",
     ],
-    ids=["tag", "list", "no keys", "nested", "aliases"],
+    ids=["tag", "list", "no keys"],
 )
 def test_metadata_that_is_none(tmp_path, content):
     root = bags.data_set(tmp_path, bags.drive())

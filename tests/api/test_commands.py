@@ -160,7 +160,7 @@ def test_frames_are_drawn(tiny_card, tmp_path):
     drawn = bench.view(tiny_card, recording="crossing", frames="3:4", out=str(tmp_path / "p"))
     assert {file.parent.parent for file in drawn.files} == {tmp_path / "p"}
     found = bench.view(tiny_card, method="nothing", frame=3, out=tmp_path / "one")
-    assert tmp_path / "one" / "overlay.png" in found.files
+    assert tmp_path / "one" / "areas.png" in found.files
     (picture,) = bench.view(tiny_card, calibration=True, recording="crossing", frame=3, out=tmp_path / "lens").files
     assert picture.name == "calibration.png"
     with pytest.raises(UsageError, match="the name of the method"):

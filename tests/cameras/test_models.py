@@ -18,7 +18,7 @@ from bench.cameras import (
     camera_from_parameters,
     camera_parameters,
 )
-from bench.cameras.brown import BrownDistortion
+from bench.cameras.pinhole import BrownDistortion
 from bench.errors import ShapeError
 from tests.support.lenses import LENSES, real_kannala_brandt, real_unified, real_woodscape
 from tests.support.real import needs_real

@@ -422,7 +422,7 @@ def test_pictures_and_the_page_come_from_the_same_files(monkeypatch, tiny_card, 
     run = tmp_path / "run"
     words = ("evaluate", tiny_card, "--predictions", masks, "--out", run, "--name", "a network/v2")
     assert call(monkeypatch, *words) == 0
-    assert (run / "paper-v1" / "pictures" / "crossing" / "overlay.png").exists()
+    assert (run / "paper-v1" / "pictures" / "crossing" / "areas.png").exists()
     assert read_run(run).manifest.method.name == "a network/v2"
     capsys.readouterr()
     assert call(monkeypatch, "report", run) == 0

@@ -68,7 +68,7 @@ def test_errors_are_refused_before_anything_is_written(card, tmp_path):
 def test_one_recording_is_validated_by_its_name(card, tmp_path):
     shutil.copytree(tmp_path / "data" / "drive", tmp_path / "data" / "other")
     ended = called_here("validate", card, "--recording", "other")
-    assert "in 1 recordings" in ended.stdout
+    assert "in 1 recording;" in ended.stdout
     assert "same-drive" not in ended.stdout
     refused = called_here("validate", card, "--recording", "othr")
     assert (refused.returncode, "did you mean 'other'?" in refused.stderr) == (2, True)

@@ -14,7 +14,7 @@ CARD = "name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\n
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory):
     folder = tmp_path_factory.mktemp("street")
-    drive.write_drive(folder / "data" / "drive")
+    drive.write_drive(folder / "data" / "drive", drive.MARGIN_M)
     (folder / "street.yaml").write_text(CARD.replace("annotations: {label_set}\n", ""))
     return folder
 

@@ -66,6 +66,7 @@ def reference_frame(
         labels=labels,
         ignored=np.zeros(labels.shape, dtype=bool) if ignored is None else ignored,
         unknown=np.zeros(labels.shape, dtype=bool),
+        left_out=np.zeros(labels.shape, dtype=bool),
         valid=np.ones(labels.shape, dtype=bool) if valid is None else valid,
     )
 

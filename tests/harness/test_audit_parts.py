@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from bench.audit.causes import BLIND, FalseCause, MissCause, false_causes, miss_causes
+from bench.audit.causes import BLIND, Evidence, FalseCause, MissCause, false_causes, miss_causes
 from bench.audit.polygons import Compensation, lenient, region_fit, with_compensation
 from bench.audit.sources import same_objects
-from bench.audit.three_runs import Evidence
 from bench.evaluation import count_frame, load_protocol
 from bench.recordings import load_card, open_dataset
 from bench.reference import IgnoreReason, ReferenceBuilder, Status

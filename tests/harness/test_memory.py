@@ -16,7 +16,7 @@ import json, os, sys
 from pathlib import Path
 
 from bench.evaluation import load_protocol
-from bench.harness.tasks import RunSpec, code_here, plan_recording, process_task
+from bench.harness.tasks import RunRequest, code_here, plan_recording, process_task
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 
@@ -29,11 +29,11 @@ if __name__ == "__main__":
     sizes, code = [], code_here(method)
     for turn in range(int(sys.argv[2])):
         run = Path(f"run-{turn}").absolute()
-        protocols = {run / "paper-v1": load_protocol("paper-v1")}
-        spec = RunSpec(method=method, folder=run, protocols=protocols, flow_cache=None, code=code)
-        for handle in open_dataset(load_card(sys.argv[1])):
-            for task in plan_recording(spec, handle).tasks:
-                assert process_task(spec, task).failure == ""
+        card, protocols = load_card(sys.argv[1]), [load_protocol("paper-v1")]
+        request = RunRequest(card=card, method=method, folder=run, protocols=protocols)
+        for handle in request.recordings():
+            for task in plan_recording(request, code, handle).tasks:
+                assert process_task(request, code, task).failure == ""
         sizes.append(resident_mb())
     print(json.dumps(sizes))
 """

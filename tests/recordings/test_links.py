@@ -4,11 +4,13 @@ import pytest
 
 from bench.errors import DataError
 from bench.recordings import load_card, open_dataset
-from tests.support import tiny_aimotive, tiny_kitti360
+from tests.support import tiny_aimotive, tiny_kitti360, tiny_kitti_raw
 from tests.support.data_sets import DATA_SETS, card_of
 
 KITTI, AIMOTIVE = tiny_kitti360.SEQUENCE, tiny_aimotive.SEQUENCE
+RAW = tiny_kitti_raw.DATE, f"{tiny_kitti_raw.DATE}/{tiny_kitti_raw.DRIVE}/velodyne_points/data"
 PLACES = {  # folders at the top, which may lie on other disks, and one further in
+    "kitti-raw": ((RAW[0],), RAW[1]),
     "kitti360": (
         ("data_2d_raw", "data_3d_raw", "data_poses", "data_3d_bboxes", "calibration"),
         f"data_3d_raw/{KITTI}/velodyne_points/data",

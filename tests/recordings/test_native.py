@@ -96,6 +96,14 @@ def test_evaluated_at_half_the_size(root):
     assert set(np.unique(read_truth(image, camera))) == {0, 40_000}
 
 
+def test_each_camera_keeps_its_own_shape(root):
+    assert open_native(root, evaluated_size_px={"rear": (10, 10)}).cameras["front"].model.width == 64
+    assert open_native(root, evaluated_size_px={"front": (32, 24)}).cameras["front"].model.height == 24
+    assert open_native(root, evaluated_size_px=(21, 16)).cameras["front"].model.height == 16  # 15.75
+    with pytest.raises(DataError, match=r"'front'.*64 x 48 px, got 32 x 18 px.*\{front: \[32, 24\]\}"):
+        open_native(root, evaluated_size_px=(32, 18))
+
+
 @pytest.mark.parametrize("size_px", [None, (32, 24)])
 def test_a_rolling_shutter_comes_back(root, size_px):
     assert open_native(root).cameras["front"].rolling_shutter is None

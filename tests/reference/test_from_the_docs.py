@@ -28,13 +28,14 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
-    """Of each return: neighbours or -1, links, certain links, (4, N); step vectors, (4, N, 3); row step."""
+    """Of each return: neighbours or -1, links, certain links, (4, N); step vectors, (4, N, 3); row and column steps."""
 
     neighbours: Array
     linked: Array
     certain: Array
     steps: Array
     row_step: Array
+    column_rad: float
 
 
 def envelope(sweep: Array) -> tuple[Array, Array]:
@@ -116,6 +117,7 @@ def neighbours(points: Array, apart: float) -> Grid:
         certain=(found >= 0) & close & (depth <= np.sqrt(2.5**2 - 1)),
         steps=np.stack([left, -left, above, -above]),
         row_step=row_step,
+        column_rad=column,
     )
 
 
@@ -228,6 +230,8 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
     shadow = closed(painted(np.array(swept).reshape(-1, 4, 3), scanned), solid=False)
     core &= ~unseen
     possible = valid & ((distance(~most) - 0.5 <= width_px) | unseen | shadow)
+    if solid:
+        possible |= valid & silence(scanned, sensor, rotation, beams, sweep, grid)
     return (core if core.any() else region & valid), possible
 
 
@@ -283,6 +287,73 @@ def below_and_above(scanned: ScannedObject, sensor: Array, rotation: Array, beam
         seen = silhouette([corners_camera], scanned.exposure.camera.model)
         found[seen.window] |= seen.covered
     return found
+
+
+def silence(
+    scanned: ScannedObject, sensor: Array, rotation: Array, beams: tuple[Array, Array], sweep: Array, grid: Grid
+) -> Array:
+    points, shape = scanned.cluster.points_world, scanned.parts_world
+    own = sweep[scanned.cluster.rows]
+    moved, middle = points - (own @ rotation.T + sensor), np.arctan2(own[:, 1].mean(), own[:, 0].mean())
+    (low, low_slope), (high, high_slope) = beams
+
+    def directions(seen: Array) -> tuple[Array, Array]:
+        azimuth = (np.arctan2(seen[:, 1], seen[:, 0]) - middle + np.pi) % (2 * np.pi) - np.pi
+        return azimuth, np.arctan2(seen[:, 2], np.hypot(seen[:, 0], seen[:, 1]))
+
+    own_azimuth, own_elevation = directions(from_beams(own, *beams))
+
+    def ray(azimuth: float, elevation: float) -> tuple[Array, Array]:
+        turned = azimuth + middle
+        along = np.array([np.cos(elevation) * np.cos(turned), np.cos(elevation) * np.sin(turned), np.sin(elevation)])
+        start = np.array([0, 0, (along - from_beams(1000 * along[None], *beams)[0] / 1000)[2] * 1000])
+        return rotation @ start + sensor + moved[np.argmin(np.abs(own_azimuth - azimuth))], rotation @ along
+
+    def ways(azimuth: float, elevation: float) -> tuple[float, float]:
+        start, along = ray(azimuth, elevation)
+        ground = shapely.MultiPoint(shape.reshape(-1, 3)[:, :2]).convex_hull
+        ring = shapely.get_coordinates(shapely.orient_polygons(ground))
+        planes = [((y1 - y0, x0 - x1, 0.0), (x0, y0, 0.0)) for (x0, y0), (x1, y1) in pairwise(ring)]
+        bottom, top = shape[..., 2].min() + RULES.ground_clearance_m, shape[..., 2].max()
+        enter, leave = -np.inf, np.inf
+        for normal, place in (*planes, ((0, 0, -1.0), (0, 0, bottom)), ((0, 0, 1.0), (0, 0, top))):
+            speed, room = along @ normal, (place - start) @ normal
+            if speed < 0:
+                enter = max(enter, room / speed)
+            elif speed > 0:
+                leave = min(leave, room / speed)
+            elif room < 0:
+                return np.inf, -np.inf
+        return enter, leave
+
+    corners = (shape.reshape(-1, 3) - moved.mean(axis=0) - sensor) @ rotation - [0, 0, (low + high) / 2]
+    (least_azimuth, most_azimuth), (least, most) = ((angle.min(), angle.max()) for angle in directions(corners))
+    least, most = max(least, np.arctan(low_slope)), min(most, np.arctan(high_slope))
+    column, row = grid.column_rad, np.median(grid.row_step)
+    seen = from_beams(sweep, *beams)
+    azimuth, elevation = directions(seen)
+    own_rows = set(scanned.cluster.rows.tolist())
+    near = (azimuth > least_azimuth - 2 * column) & (azimuth < most_azimuth + 2 * column)
+    away = np.linalg.norm(seen, axis=1)
+    for k in np.flatnonzero(near):
+        enter, leave = ways(azimuth[k], elevation[k])
+        near[k] = k in own_rows or not (enter < leave and away[k] < enter)
+    azimuth, elevation, away, order = azimuth[near], elevation[near], away[near], np.argsort(own_elevation)
+    reach = 1.25 * np.interp(elevation, own_elevation[order], grid.row_step[order]) + abs(high - low) / away / 2
+    faces: list[list[Array]] = []
+    for left in np.arange(np.ceil((most_azimuth - least_azimuth) / column)) * column + least_azimuth:
+        for lower in np.arange(np.ceil((most - least) / row)) * row + least:
+            middle_of = left + column / 2, lower + row / 2
+            if ((np.abs(azimuth - middle_of[0]) <= 1.25 * column) & (np.abs(elevation - middle_of[1]) <= reach)).any():
+                continue
+            enter, leave = ways(*middle_of)
+            if not (enter < leave and leave > 0):
+                continue
+            ring = [ray(left + a * column, lower + b * row) for a, b in ((0, 0), (0, 1), (1, 1), (1, 0))]
+            front, back = ([start + along * way for start, along in ring] for way in (max(enter, 0), leave))
+            sides = [[front[k], front[k - 1], back[k - 1], back[k]] for k in range(4)]
+            faces += [front, back, *sides]
+    return closed(painted(np.array(faces).reshape(-1, 4, 3), scanned), solid=False)
 
 
 def way_out(point: Array, beam: Array, shape: Array) -> float:

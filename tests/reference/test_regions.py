@@ -24,11 +24,11 @@ def surface(**given):
     return Surface(likely=np.zeros((0, 0), dtype=bool), corner=np.zeros(2, dtype=np.int64), **given)
 
 
-def uncertain(raster=SQUARE, valid=VALID, *, half_width_px, unseen=None, shadow=None, **given):
+def uncertain(raster=SQUARE, valid=VALID, *, half_width_px, unseen=None, hidden=(), **given):
     """With returns in the middle of the raster alone."""
     middle = [[(axis.start + axis.stop) // 2 for axis in raster.window[::-1]]]
     widths = {"returns_px": np.array(middle), "half_width_px": np.array([half_width_px])}
-    return uncertain_region(a_region(*raster), valid, surface(**given), **widths, unseen=unseen, shadow=shadow)
+    return uncertain_region(a_region(*raster), valid, surface(**given), **widths, unseen=unseen, hidden=hidden)
 
 
 def whole(region: Region) -> tuple[np.ndarray, np.ndarray]:
@@ -75,7 +75,7 @@ def test_what_the_lidar_cannot_reach_or_tell_is_unknown():
     below = Raster((slice(18, 30), slice(20, 30)), np.ones((12, 10), dtype=bool))
     behind = Raster((slice(8, 14), slice(16, 24)), np.ones((6, 8), dtype=bool))
     certain = Raster((slice(10, 20), slice(20, 28)), np.ones((10, 8), dtype=bool))
-    core, possible = whole(uncertain(half_width_px=0.0, certain=certain, unseen=below, shadow=behind))
+    core, possible = whole(uncertain(half_width_px=0.0, certain=certain, unseen=below, hidden=(behind,)))
     np.testing.assert_array_equal(core, a_box(10, 18, 20, 28))  # a shadow lies behind what is certain
     np.testing.assert_array_equal(possible, a_box(10, 30, 20, 30) | a_box(8, 14, 16, 24))
 
@@ -93,7 +93,7 @@ def test_the_band_lies_between_what_the_beams_leave_at_least_and_at_most():
 
 def test_the_band_is_as_wide_as_the_nearest_return_says():
     widths = {"returns_px": np.array([[25, 11], [25, 18]]), "half_width_px": np.array([0.0, 2.0])}
-    core, possible = whole(uncertain_region(a_region(*SQUARE), VALID, surface(), **widths, unseen=None, shadow=None))
+    core, possible = whole(uncertain_region(a_region(*SQUARE), VALID, surface(), **widths, unseen=None, hidden=()))
     assert core[10, 20:30].all()
     assert not core[18:20].any()
     assert possible[21, 22:28].all()

@@ -11,7 +11,8 @@ from bench.records.reference import Limb
 from bench.reference import OutlineErrors, ReferenceBuilder, Status
 from bench.reference.envelope import Beam
 from bench.reference.grid import find_grid
-from bench.reference.scanned import beyond_beam, way_out_m
+from bench.reference.scanned import beyond_beam
+from bench.reference.silhouette import Prism
 from tests.reference.drives import camera, pixels_of, reference_of, wall_recording, with_settings
 
 LEGS = (Limb(joint=0.53, end=0.0, speed=2.0),)
@@ -169,9 +170,46 @@ def test_points_near_the_ground_on_which_an_object_stands_are_no_part_of_any_kin
 
 def test_how_far_a_beam_runs_through_a_box():
     box = np.array([[[x, y, z] for x in (0.0, 4.0) for y in (-1.0, 1.0) for z in (0.0, 2.0)]])
-    points = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [5.0, 0.0, 1.0]])
-    beams = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.6, 0.0, -0.8], [1.0, 0.0, 0.0]])
-    assert way_out_m(points, beams, box) == pytest.approx([4.0, 1.25, 1.25, 0.0])
+    points = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [5.0, 0.0, 1.0], [-3.0, 0.0, 1.0]])
+    beams = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.6, 0.0, -0.8], [1.0, 0.0, 0.0], [0.6, 0.0, -0.8]])
+    shape = Prism.around(box)
+    assert shape is not None
+    enter_m, leave_m = shape.ways_m(points, beams)
+    assert leave_m == pytest.approx([4.0, 1.25, 1.25, -1.0, 1.25])
+    assert enter_m[[0, 4]] == pytest.approx([0.0, 5.0])  # the last meets the ground before it meets the box
+    above = Prism.around(box, clearance_m=0.5)
+    assert above is not None
+    assert above.ways_m(points, beams)[1][2] == pytest.approx(0.625)
+    assert Prism.around(np.empty((0, 8, 3))) is None
+
+
+@pytest.mark.parametrize(("behind_m", "unknown"), [(None, True), (12.0, False), (2.0, True)])
+def test_where_nothing_came_back_from_a_vehicle_is_unknown_unless_it_was_seen_through(behind_m, unknown):
+    """The middle of a wall's upper half sends nothing back: returns from behind say that beams went past, those from
+    before it nothing."""
+    recording, _ = wall_recording(width_m=2.0, height_m=1.7, away_m=6.0)
+    sweep = recording.sweeps[0].read()
+    _, y_m, height_m = recording.vehicle_from_lidar.apply(sweep.points_lidar).T
+    points, dark = sweep.points_lidar, (height_m > 0.9) & (np.abs(y_m - 0.4) < 0.8)
+    if behind_m is None:
+        points = points[~dark]
+    else:
+        points = np.where(dark[:, None], points * behind_m / np.linalg.norm(points, axis=1)[:, None], points)
+    scanned_again = replace(recording.sweeps[0], reader=lambda *_: replace(sweep, points_lidar=points))
+    (state,) = recording.tracks[0].states
+    thick = replace(state.shape, size_m=state.shape.size_m + np.array([0.3, 0.0, 0.0]))
+    track = replace(recording.tracks[0], states=(replace(state, shape=thick),))
+    recording = replace(recording, sweeps=(scanned_again,), tracks=(track,))
+    frame, mounted = built(recording), camera()
+    ring = shapely.segmentize(shapely.box(-0.2, 1.05, 1.0, 1.6), 0.02).exterior.coords
+    upper_vehicle = np.column_stack([np.full(len(ring), 6.0), np.asarray(ring)])
+    pixels, _ = mounted.model.project(mounted.vehicle_from_camera.inverse().apply(upper_vehicle))
+    upper = pixels_of(shapely.Polygon(pixels))
+    assert upper.sum() > 500
+    assert not (frame.labels[upper] > 0).any()
+    assert frame.unknown[upper].mean() > 0.99 if unknown else frame.unknown[upper].mean() < 0.05
+    walker = replace(recording, tracks=(replace(track, object_class="pedestrian"),))
+    assert built(walker).unknown[upper].mean() < 0.05
 
 
 def test_neighbours_are_found_once_for_the_same_points_of_a_sweep(monkeypatch):

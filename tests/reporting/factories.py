@@ -69,7 +69,7 @@ def reference_frame(objects: list[ReferenceObject], *, width: int = 640, height:
     return ReferenceFrame(
         recording="demo", camera="front", timestamp_ns=1_200_000_000, ego_speed_mps=4.0, objects=tuple(objects),
         labels=labels, ignored=(ignored > 0) & (labels == 0) & valid, unknown=np.zeros_like(valid),
-        valid=valid,
+        left_out=np.zeros_like(valid), valid=valid,
     )  # fmt: skip
 
 

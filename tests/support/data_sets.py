@@ -1,6 +1,6 @@
 """A small data set for every adapter."""
 
-from tests.support import log123d, tiny, tiny_aimotive, tiny_kitti360, tiny_rosbag, tiny_woodscape
+from tests.support import log123d, tiny, tiny_aimotive, tiny_kitti360, tiny_kitti_raw, tiny_rosbag, tiny_woodscape
 from tests.support.cards import write_card
 
 
@@ -17,6 +17,11 @@ def aimotive(root):
 def kitti360(root):
     tiny_kitti360.write_data_set(root)
     return tiny_kitti360.OPTIONS
+
+
+def kitti_raw(root):
+    tiny_kitti_raw.write_data_set(root)
+    return tiny_kitti_raw.OPTIONS
 
 
 def woodscape(root):
@@ -37,6 +42,7 @@ def log_of_123d(root):
 DATA_SETS = {
     "native": native,
     "aimotive": aimotive,
+    "kitti-raw": kitti_raw,
     "kitti360": kitti360,
     "woodscape": woodscape,
     "rosbag": rosbag,

@@ -13,9 +13,10 @@ PAPER = load_protocol("paper-v1")
 IMAGES = 12  # of the small data set that are scored
 
 
-def run_one(*, protocol: Protocol, out: Path, finish=None, **options) -> RunSummary:
+def run_one(*, protocol: Protocol, out: Path, **options) -> RunSummary:
     """The summary of the run by one protocol."""
-    (run,) = run_benchmark(RunRequest(folder=out, protocols=[protocol], **options), finish=finish)
+    how = {name: options.pop(name) for name in ("executor", "progress", "finish") if name in options}
+    (run,) = run_benchmark(RunRequest(folder=out, protocols=[protocol], **options), **how)
     return run.summary
 
 

@@ -14,7 +14,7 @@ from bench.recordings import MountedCamera
 from bench.records.reference import ReferenceSettings
 from bench.reference.motion import categorise
 from bench.synthesis.bodies import BODIES
-from bench.synthesis.driving.ego import mounted_camera
+from bench.synthesis.ego import mounted_camera
 from bench.synthesis.placement import Trajectories, box_outline, box_size, footprints, plan_trajectories
 from bench.synthesis.scenario import RecordingSpec, Scenario
 

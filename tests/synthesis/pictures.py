@@ -7,8 +7,8 @@ import numpy as np
 from bench.cameras import CameraModel
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import MountedCamera
+from bench.synthesis.imaging.faces import texture_atlas
 from bench.synthesis.imaging.renderer import ImageRenderer
-from bench.synthesis.imaging.textures import texture_atlas
 from bench.synthesis.mesh import Mesh, Surface, box, quads
 from bench.synthesis.scenario import SensorSpec
 from bench.synthesis.scene import KINDS, Lighting

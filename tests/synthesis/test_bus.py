@@ -12,10 +12,9 @@ from bench.egomotion import planar_trajectory
 from bench.harness.digests import digest_recording
 from bench.recordings import open_native
 from bench.synthesis import read_scenario
-from bench.synthesis.driving.bus import BusReport, bus_report
-from bench.synthesis.driving.ego import mounted_rig
-from bench.synthesis.driving.path import SECOND_NS, Path, driven_path
-from bench.synthesis.recorder import DECIMALS
+from bench.synthesis.ego import BusReport, bus_report, mounted_rig
+from bench.synthesis.motion import SECOND_NS, Path, driven_path
+from bench.synthesis.production import DECIMALS
 from bench.synthesis.scenario import BusSpec
 from tests.synthesis.conftest import REAL
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.synthesis.driving.ego import mounted_camera, own_body
+from bench.synthesis.ego import mounted_camera, own_body
 from bench.synthesis.scenario import CameraSpec
 
 LENS = {"coefficients": [170.0, -15.0, 24.0, -4.0], "principal_point": [319.5, 239.5], "max_angle_rad": 1.7}

@@ -7,7 +7,7 @@ import pytest
 
 from bench.cameras import PinholeCamera
 from bench.geometry import RigidTransform
-from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA
+from bench.synthesis.ego import AHEAD_FROM_CAMERA
 from bench.synthesis.imaging.renderer import Moment, RenderedImage
 from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, joined, quads
 from bench.synthesis.scene import KINDS

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bench.egomotion import read_bus_signals, read_tum
-from bench.synthesis.driving.path import SECOND_NS, driven_path
+from bench.synthesis.motion import SECOND_NS, driven_path
 from tests.synthesis.conftest import IDEAL
 
 

@@ -11,7 +11,7 @@ import pytest
 from bench.cameras import PinholeCamera, RadialPolynomialCamera
 from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter
-from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA
+from bench.synthesis.ego import AHEAD_FROM_CAMERA
 from bench.synthesis.imaging.exposure import Sensor
 from bench.synthesis.imaging.lens import lens_of
 from bench.synthesis.imaging.renderer import Moment

@@ -9,7 +9,7 @@ import shapely
 
 from bench.errors import DataError
 from bench.synthesis import read_scenario
-from bench.synthesis.driving.ego import OUTLINE_M
+from bench.synthesis.ego import OUTLINE_M
 from bench.synthesis.placement import (
     box_outline,
     box_size,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from bench.cameras import PinholeCamera, camera_parameters, ray_grid
 from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera
-from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA, mounted_camera, own_body
+from bench.synthesis.ego import AHEAD_FROM_CAMERA, mounted_camera, own_body
 from bench.synthesis.imaging.renderer import Moment, RenderedImage
 from bench.synthesis.mesh import PlacedMesh, box
 from bench.synthesis.scenario import CameraSpec, SensorSpec

@@ -9,11 +9,10 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, deskew, interpolation_timestamps
 from bench.lidar.files import read_sweep, write_sweep
 from bench.synthesis.bodies import make_body
-from bench.synthesis.driving.ego import own_body
-from bench.synthesis.driving.motion import EgoMotion, ego_motion
-from bench.synthesis.driving.path import SECOND_NS, driven_path
+from bench.synthesis.ego import own_body
 from bench.synthesis.mesh import Mesh, Surface, joined, quads
-from bench.synthesis.scanner import BEAMS_DEG, COLUMN_OF, LidarScanner, _are_panes, revolution
+from bench.synthesis.motion import SECOND_NS, EgoMotion, driven_path, ego_motion
+from bench.synthesis.scanner import BEAMS_DEG, COLUMN_OF, Echoes, LidarScanner, _are_panes, detected, revolution
 from bench.synthesis.scenario import LidarSpec, StreetSpec, SuspensionSpec
 from bench.synthesis.scene import Actor
 from bench.synthesis.world import build_world
@@ -142,6 +141,21 @@ def test_dark_and_far_surfaces_return_fewer_pulses() -> None:
     assert share_returned(Surface(albedo=0.02, contrast=0.0), 20.0, **real) > 0.99
     assert 0.3 < share_returned(Surface(albedo=0.02, contrast=0.0), 65.0, **real) < 0.7
     assert share_returned(Surface(albedo=0.004, contrast=0.0), 65.0, **real) < 0.05
+
+
+def test_dark_surfaces_return_fewer_pulses_from_near_too_the_more_they_are_tilted() -> None:
+    paint, tyre, grey = (Surface(albedo=albedo, contrast=0.05, mirror=0.04) for albedo in (0.05, 0.06, 0.4))
+    near = {"weakest_reflectance": 0.03}
+    assert share_returned(grey, 3.0, **near) > 0.999
+    assert 0.5 < share_returned(paint, 3.0, **near) < share_returned(tyre, 3.0, **near) < 0.95
+    assert share_returned(paint, 3.0, **near) == pytest.approx(share_returned(paint, 6.0, **near), abs=0.05)
+    square, tilted = Echoes(2000, 10.0), Echoes(2000, 10.0)
+    for echoes, cosine in ((square, 1.0), (tilted, 0.3)):
+        echoes.ranges_m[:], echoes.cosines[:], echoes.albedos[:], echoes.mirrors[:] = 3.0, cosine, 0.05, 0.04
+    spec = LidarSpec(position_m=(0, 0, 2), **near)
+    shares = [detected(echoes, spec, np.random.default_rng(0))[0].mean() for echoes in (square, tilted)]
+    assert shares[0] > 0.7
+    assert shares[1] < 0.05
 
 
 def test_grazing_pulses_are_lost_on_the_road_far_away() -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.synthesis.driving.motion import EgoMotion, ego_motion, road_profile
-from bench.synthesis.driving.path import SECOND_NS, Path, driven_path
+from bench.synthesis.motion import SECOND_NS, EgoMotion, Path, driven_path, ego_motion, road_profile
 from bench.synthesis.scenario import BumpSpec, SuspensionSpec
 
 SMOOTH = SuspensionSpec(road_class=None)

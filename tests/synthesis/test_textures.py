@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 
-from bench.synthesis.imaging.textures import LEVELS, SIZE, TextureAtlas, atlas_at, texture_atlas
+from bench.synthesis.imaging.faces import LEVELS, SIZE, TextureAtlas, atlas_at, texture_atlas
 
 
 @numba.njit(error_model="numpy")

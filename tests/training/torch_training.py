@@ -17,7 +17,7 @@ from bench.errors import UsageError
 from bench.methods import build_method
 from bench.methods.learned.inputs import COARSE, FINE, GROUPS, Channels
 from bench.recordings import load_card
-from bench.synthesis.reading import read_scenario
+from bench.synthesis.production import read_scenario
 from bench.training.network import MotionNetwork
 from bench.training.prepared import prepare
 from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, main, small_weight, train

@@ -83,7 +83,7 @@ def sweep(index, path):
     return as_at_once(time_ns, points.astype(np.float32))
 
 
-def tracks(path):
+def tracks(path, margin_m):
     made = []
     for name, (kind, _, heading, speed, size_m) in OBJECTS.items():
         states = []
@@ -92,7 +92,8 @@ def tracks(path):
             vehicle_from_world = path.world_from_vehicle(time_ns).inverse()
             velocity = speed * np.array([np.cos(heading), np.sin(heading), 0.0])
             shape = Cuboid(
-                vehicle_from_object=vehicle_from_world @ pose_at(name, i * SWEEP_NS / 1e9), size_m=np.array(size_m)
+                vehicle_from_object=vehicle_from_world @ pose_at(name, i * SWEEP_NS / 1e9),
+                size_m=np.array(size_m) + 2 * margin_m,
             )
             states.append(
                 ObjectState(timestamp_ns=time_ns, shape=shape, velocity_mps=vehicle_from_world.rotate(velocity))
@@ -101,7 +102,11 @@ def tracks(path):
     return tuple(made)
 
 
-def write_drive(root: Path) -> Path:
+MARGIN_M = 0.03  # around objects whose returns scatter by 1 cm
+
+
+def write_drive(root: Path, margin_m: float = 0.0) -> Path:
+    """Boxes end where the objects do, but for a margin on every side."""
     path = trajectory()
     writer = RecordingWriter(root)
     writer.header(
@@ -124,7 +129,7 @@ def write_drive(root: Path) -> Path:
         yaw_rate_radps=np.full(count, TURN_RADPS),
         gear=["D"] * count,
     )
-    writer.annotations(tracks(path))
+    writer.annotations(tracks(path, margin_m))
     return root
 
 

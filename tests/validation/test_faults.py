@@ -48,15 +48,12 @@ def cuboids(change, only=None):
     return lambda root: change_boxes(root, lambda _name, i, data: change(data["cuboid"][0]["val"], i), only=only)
 
 
-MARGIN_M = 0.03  # returns scatter by 1 cm
-
-
 @pytest.fixture
 def root(root):
     """The clean recording with boxes that hold their returns; those of the drive end where the objects do."""
 
     def grow(numbers, _i):
-        numbers[7:10] = [size + 2 * MARGIN_M for size in numbers[7:10]]
+        numbers[7:10] = [size + 2 * drive.MARGIN_M for size in numbers[7:10]]
 
     cuboids(grow)(root)
     return root
@@ -523,7 +520,7 @@ def test_a_box_whose_points_lie_on_and_outside_of_its_faces(root):
     assert told.got == f"0 points in {told.times} of 16 sweeps that see it, and more within 10 cm outside"
 
 
-@pytest.mark.parametrize(("tighter_m", "margin_cm"), [(2 * MARGIN_M, 2), (0.0, None)])
+@pytest.mark.parametrize(("tighter_m", "margin_cm"), [(2 * drive.MARGIN_M, 2), (0.0, None)])
 def test_boxes_that_are_all_tight_by_centimetres(root, tighter_m: float, margin_cm: int | None):
     def shrink(numbers, _i):
         numbers[7:10] = [size - tighter_m for size in numbers[7:10]]

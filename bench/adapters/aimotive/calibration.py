@@ -14,7 +14,7 @@ from bench.cameras import camera_from_parameters
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.files import read_object
-from bench.recordings.mounting import Polygon, body_mask, mounted_camera
+from bench.recordings.mounting import EvaluatedSize, Polygon, body_mask, mounted_camera
 from bench.recordings.schema import RollingShutterHead
 from bench.recordings.validation import FileModel, SidePx, located, validated
 from bench.records.recording import MountedCamera
@@ -43,7 +43,8 @@ class AimotiveOptions(FileModel):
     Attributes:
         cameras: those to evaluate; null for every camera that has images.
         ego_motion: where ego-motion comes from; null for the data set's own `egomotion.json`.
-        evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
+        evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
+            stored.
         field_of_view_deg: per camera, full angle of the lens, beyond which the image is dark; absent for as far as the
             calibration holds.
         body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
@@ -56,7 +57,7 @@ class AimotiveOptions(FileModel):
 
     cameras: tuple[str, ...] | None = None
     ego_motion: EgoMotionOptions | None = None
-    evaluated_size_px: tuple[SidePx, SidePx] | None = None
+    evaluated_size_px: EvaluatedSize = None
     field_of_view_deg: dict[str, float] = Field(default_factory=dict)
     body_polygons: dict[str, tuple[Polygon, ...]] = Field(default_factory=dict)
     rolling_shutter: dict[str, RollingShutterHead] = Field(default_factory=dict)

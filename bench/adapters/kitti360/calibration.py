@@ -25,7 +25,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import numbers, read_text
-from bench.recordings.mounting import Polygon, body_mask, mounted_camera
+from bench.recordings.mounting import EvaluatedSize, Polygon, body_mask, mounted_camera
 from bench.recordings.validation import FileModel, SidePx, located, validated
 from bench.records.recording import MountedCamera
 
@@ -59,7 +59,8 @@ class Kitti360Options(FileModel):
     Attributes:
         cameras: fisheye cameras to evaluate, of those that are there.
         boxes: folder of `data_3d_bboxes` that the boxes come from.
-        evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
+        evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
+            stored.
         field_of_view_deg: per camera, full angle of the lens; absent for as far as the calibration is one-to-one.
         body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
         lidar_position_m: the laser scanner in the vehicle frame; the calibration gives only places of sensors to each
@@ -77,7 +78,7 @@ class Kitti360Options(FileModel):
 
     cameras: tuple[CameraName, ...] = Field(default=("image_02", "image_03"), min_length=1)
     boxes: Literal["train", "train_full"] = "train"
-    evaluated_size_px: tuple[SidePx, SidePx] | None = None
+    evaluated_size_px: EvaluatedSize = None
     field_of_view_deg: dict[CameraName, float] = Field(default_factory=dict)
     body_polygons: dict[CameraName, tuple[Polygon, ...]] = Field(default_factory=dict)
     lidar_position_m: tuple[float, float, float] = (0.76, 0.0, 1.73)

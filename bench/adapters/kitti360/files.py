@@ -214,17 +214,19 @@ def _stationary_filled(sparse: Trajectory, clock: FrameClock, stationary_m: floa
 LARGEST_BYTES = 64_000_000  # four million points; a turn of this scanner has about 120,000
 
 
-def read_turn(path: Path, timestamp_ns: int, *, period_ns: int) -> LidarSweep:
+def read_turn(path: Path, timestamp_ns: int, *, period_ns: int, to_the_left: bool = False) -> LidarSweep:
     """Read one turn and give each point its time by its azimuth.
 
-    The scanner turns clockwise seen from above and passes straight ahead when the cameras are triggered, at the time of
-    the frame. A point at azimuth a, positive to the left, was measured a/(2 pi) of a turn earlier. Points just left and
-    just right of straight back are thus the first and the last of the turn.
+    The scanner passes straight ahead when the cameras are triggered, at the time of the frame. KITTI-360's turns
+    clockwise seen from above: a point at azimuth a, positive to the left, was measured a/(2 pi) of a turn earlier. That
+    of the raw drives turns to the left: later. Points just left and just right of straight back are the first and the
+    last of the turn.
 
     Args:
         path: `.bin` file of float32 x, y, z, intensity, velodyne frame, as measured (not motion-compensated).
         timestamp_ns: of the frame.
         period_ns: duration of a turn.
+        to_the_left: the scanner turns counter-clockwise seen from above.
 
     Raises:
         DataError: missing, too large, cut short, empty, or points that are not finite.
@@ -238,4 +240,4 @@ def read_turn(path: Path, timestamp_ns: int, *, period_ns: int) -> LidarSweep:
     sweep = read_sweep(path, timestamp_ns, bin_columns=("x", "y", "z", "intensity"))
     points = sweep.points_lidar
     turn = np.arctan2(points[:, 1].astype(np.float64), points[:, 0].astype(np.float64)) / (2 * np.pi)
-    return replace(sweep, time_offset_ns=np.rint(-turn * period_ns).astype(np.int64))
+    return replace(sweep, time_offset_ns=np.rint((turn if to_the_left else -turn) * period_ns).astype(np.int64))

@@ -14,7 +14,7 @@ from bench.atomic import MOST_LINK_LEVELS
 from bench.cameras import CameraModel, camera_from_parameters
 from bench.errors import ShapeError
 from bench.geometry import RigidTransform
-from bench.recordings.mounting import Polygon, body_mask, mounted_camera
+from bench.recordings.mounting import EvaluatedSize, Polygon, body_mask, mounted_camera
 from bench.recordings.schema import RollingShutterHead
 from bench.recordings.validation import FileModel, SidePx, located, validated
 from bench.records.recording import MountedCamera
@@ -36,7 +36,8 @@ class LogOptions(FileModel):
         motion_compensated: to which time of the sweep the data set moved its points; null for points as measured, each
             at its own time, or in the middle of the sweep where the log does not say.
         time_offset_ms: per camera, added to the times of its images to get the middle of the exposure.
-        evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
+        evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
+            stored.
         field_of_view_deg: per camera, full angle of the lens, beyond which the image is dark; absent for as far as the
             calibration holds.
         body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
@@ -53,7 +54,7 @@ class LogOptions(FileModel):
     lidar: str | None = None
     motion_compensated: Literal["start", "end"] | None = None
     time_offset_ms: dict[str, float] = Field(default_factory=dict)
-    evaluated_size_px: tuple[SidePx, SidePx] | None = None
+    evaluated_size_px: EvaluatedSize = None
     field_of_view_deg: dict[str, float] = Field(default_factory=dict)
     body_polygons: dict[str, tuple[Polygon, ...]] = Field(default_factory=dict)
     rolling_shutter: dict[str, RollingShutterHead] = Field(default_factory=dict)

@@ -19,7 +19,7 @@ from bench.lidar.fields import TimeOrigin, TimeUnit
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
 from bench.recordings.images import MOST_WHITE
-from bench.recordings.mounting import Polygon
+from bench.recordings.mounting import EvaluatedSize, Polygon
 from bench.recordings.schema import Mounting, Name, RollingShutterHead, WhiteLevel
 from bench.recordings.validation import FileModel, SidePx, validated
 
@@ -38,7 +38,8 @@ class RosbagOptions(FileModel):
         rig: the rig file, relative to the data set's root; `{recording}` stands for the recording's name.
         clock: "header", the time that a message carries, or "bag", the time at which it was recorded.
         accept_losses: open a bag that lacks files or messages, or whose times do not increase, and use the rest.
-        evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
+        evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
+            stored.
         follow_links: how many levels below `root` links to folders are followed; 1 for bags in `root` itself.
         licence: of the data.
     """
@@ -46,7 +47,7 @@ class RosbagOptions(FileModel):
     rig: str = "rig.yaml"
     clock: Literal["header", "bag"] = "header"
     accept_losses: bool = False
-    evaluated_size_px: tuple[SidePx, SidePx] | None = None
+    evaluated_size_px: EvaluatedSize = None
     follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
     licence: str = ""
 

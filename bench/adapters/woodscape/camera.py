@@ -16,8 +16,8 @@ from bench.cameras import RadialPolynomialCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.images import read_mask
-from bench.recordings.mounting import Polygon, body_mask, mounted_camera
-from bench.recordings.validation import LARGEST_SIDE_PX, FileModel, SidePx, located, read_json
+from bench.recordings.mounting import EvaluatedSize, Polygon, body_mask, mounted_camera
+from bench.recordings.validation import LARGEST_SIDE_PX, FileModel, located, read_json
 from bench.records.recording import MountedCamera
 
 LICENCE = "Valeo WoodScape licence: research, teaching and benchmarking, not commercial"
@@ -60,7 +60,8 @@ class WoodscapeOptions(FileModel):
 
     Attributes:
         cameras: front, rear, left mirror and right mirror.
-        evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
+        evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
+            stored.
         field_of_view_deg: per camera, full angle of the lens; absent for as far as the calibration is one-to-one.
         body_polygons: per camera, outlines of the ego vehicle's body in the images of every car, (u, v) in stored
             pixels.
@@ -72,7 +73,7 @@ class WoodscapeOptions(FileModel):
     """
 
     cameras: tuple[CameraName, ...] = Field(default=("FV", "RV", "MVL", "MVR"), min_length=1)
-    evaluated_size_px: tuple[SidePx, SidePx] | None = None
+    evaluated_size_px: EvaluatedSize = None
     field_of_view_deg: dict[CameraName, float] = Field(default_factory=dict)
     body_polygons: dict[CameraName, tuple[Polygon, ...]] = Field(default_factory=dict)
     cars: tuple[CarOptions, ...] = ()

@@ -20,7 +20,6 @@ import cv2
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
-from pycocotools import mask as coco
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from bench.atomic import read_regular
@@ -381,12 +380,6 @@ def decode_union(entries: Sequence[MaskEntry], sizes: ImageSizes, *, file: Path)
         moving = one if moving is None else moving | one
     assert moving is not None
     return moving
-
-
-def encode_run_lengths(mask: NDArray[np.bool_]) -> RunLengths:
-    """Pack a mask, (H, W) bool."""
-    packed = coco.encode(np.asfortranarray(mask.view(np.uint8)))
-    return RunLengths(size=mask.shape, counts=packed["counts"].decode())
 
 
 def decode_run_lengths(mask: RunLengths, *, file: Path, field: str) -> NDArray[np.bool_]:

@@ -381,19 +381,20 @@ def index_predictions(
         progress: called with the recordings done, fractions included, and their number.
 
     Raises:
-        DataError: no such folder, no image is annotated, nothing in it names an image, masks and scores together, or
-            scores on a scale of 8 bits in files of 16.
+        DataError: no such folder, no recording can be opened, no image is annotated, nothing in it names an image,
+            masks and scores together, or scores on a scale of 8 bits in files of 16.
         UsageError: names that may be times or frame numbers.
     """
     files = list_predictions(root)
     handles = open_dataset(card, split)
     everywhere = {handle.name for handle in open_dataset(card)} | {e.recording for e in card.content.exclusions}
     pairing = Pairing(files, naming=naming, alone=len(everywhere) == 1)
-    opened, example, annotated = set[str](), "", False
+    opened, example, annotated, unopened = set[str](), "", False, None
     for number, handle in enumerate(handles):
         try:
             cameras = list(camera_images(handle, history=history))
-        except BenchError:
+        except BenchError as error:
+            unopened = unopened or error
             continue  # the run lists it; its files count as of elsewhere
         opened.add(handle.name)
         example = example or _example(cameras)
@@ -403,6 +404,8 @@ def index_predictions(
             if progress is not None:
                 progress(number + (share + 1) / len(cameras), len(handles))
         pairing.end_recording(handle.name, cameras)
+    if not opened and unopened is not None:
+        raise unopened  # else its predictions would be told to name nothing
     if opened and not annotated:
         hint = "annotate some first (annotations/README.md)"
         raise DataError(card.file, field="annotations", expected="an annotated image", got="none", hint=hint)

@@ -12,8 +12,7 @@ from bench.synthesis.bodies.cyclists import RACING, UPRIGHT, cyclist
 from bench.synthesis.bodies.dog import dog
 from bench.synthesis.bodies.fleet import BUS, CITY_CAR, ESTATE, HATCHBACK, LORRY, MINIBUS, PICKUP, SALOON, SUV, VAN
 from bench.synthesis.bodies.motorcycles import ROADSTER, SCOOTER, motorcyclist
-from bench.synthesis.bodies.people import Stature, pedestrian
-from bench.synthesis.bodies.pram import with_pram
+from bench.synthesis.bodies.people import Stature, pedestrian, with_pram
 from bench.synthesis.bodies.vehicles import vehicle
 
 Builder = Callable[[np.random.Generator], Built]

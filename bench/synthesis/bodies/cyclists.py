@@ -13,22 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform, cross
-from bench.synthesis.bodies.body import STEPS, Built, Joint, Part, wheel
-from bench.synthesis.bodies.gait import ANKLE, BALL, SHANK, THIGH, rotate_xz, two_links
-from bench.synthesis.bodies.looks import (
+from bench.synthesis.bodies.body import (
     ALLOY,
     HEADLAMP,
     LEATHER,
     PLASTIC,
     REFLECTOR,
     RUBBER,
+    STEPS,
     TAIL_LAMP,
+    Built,
+    Joint,
+    JointedMesh,
     drawn_clothes,
     drawn_paint,
     for_riding,
+    wheel,
 )
-from bench.synthesis.bodies.people import HIP, SIDES, Stature, person_parts
-from bench.synthesis.bodies.riders import Leg, helmet, moved_to, rider_joints
+from bench.synthesis.bodies.gait import ANKLE, BALL, SHANK, THIGH, rotate_xz, two_links
+from bench.synthesis.bodies.people import HIP, SIDES, Leg, Stature, helmet, moved_to, person_parts, rider_joints
 from bench.synthesis.mesh import Mesh, Surface, box, prism, ring, tube
 
 SPOKES = 10  # three times as thick as real ones, a third of their number: the same share of what lies behind is hidden
@@ -94,7 +97,7 @@ def bicycle_joints(bicycle: Bicycle) -> list[Joint]:
     return joints
 
 
-def bicycle_parts(bicycle: Bicycle, paint: Surface, *, saddle_xz_m: tuple[float, float]) -> list[Part]:
+def bicycle_parts(bicycle: Bicycle, paint: Surface, *, saddle_xz_m: tuple[float, float]) -> list[JointedMesh]:
     """All solids; the left crank points up, as at distance 0.
 
     Args:
@@ -102,7 +105,7 @@ def bicycle_parts(bicycle: Bicycle, paint: Surface, *, saddle_xz_m: tuple[float,
         paint: of the frame.
         saddle_xz_m: top of the saddle.
     """
-    parts: list[Part] = [(mesh, None) for mesh in _frame(bicycle, paint, saddle_xz_m)]
+    parts: list[JointedMesh] = [(mesh, None) for mesh in _frame(bicycle, paint, saddle_xz_m)]
     for name, x in (("rear_wheel", bicycle.rear_x_m), ("front_wheel", bicycle.front_x_m)):
         parts += [(mesh, name) for mesh in _wheel(x, bicycle)]
     z = bicycle.bracket_z_m

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.synthesis.bodies.body import Built, Joint, Part, still
+from bench.synthesis.bodies.body import HAIRS, Built, Joint, JointedMesh, still
 from bench.synthesis.bodies.gait import phases, rotate_xz, two_links
-from bench.synthesis.bodies.looks import HAIRS
 from bench.synthesis.mesh import Mesh, Surface, box, convex, ellipses, limb, loft, rounded
 
 STRIDE_M, STANCE = 0.88, 0.42  # of a cycle that a paw is on the ground
@@ -85,7 +84,7 @@ def dog(rng: np.random.Generator) -> Built:
     return parts, joints, STRIDE_M
 
 
-def _trunk(coat: Surface, collar: Surface) -> list[Part]:
+def _trunk(coat: Surface, collar: Surface) -> list[JointedMesh]:
     body = [(-0.41, 0.50, 0.045, 0.05), (-0.37, 0.49, 0.085, 0.085), (-0.25, 0.47, 0.115, 0.10),
             (-0.08, 0.455, 0.115, 0.105), (0.12, 0.44, 0.145, 0.115), (0.25, 0.45, 0.13, 0.10),
             (0.33, 0.47, 0.085, 0.07)]  # fmt: skip
@@ -111,10 +110,10 @@ def _along(levels: Sequence[tuple[float, float, float, float]], surface: Surface
     return loft(np.stack([rings[..., 2], rings[..., 1], -rings[..., 0]], axis=-1), surface)
 
 
-def _leg_parts(name: str, leg: DogLeg, y: float, coat: Surface) -> list[Part]:
+def _leg_parts(name: str, leg: DogLeg, y: float, coat: Surface) -> list[JointedMesh]:
     """Links that hang straight down from the upper joint, which is where it is when standing."""
     heights = leg.z_m - np.concatenate([[0.0], np.cumsum(leg.links_m)])
-    parts: list[Part] = []
+    parts: list[JointedMesh] = []
     for k, joint in enumerate(("upper", "lower", "foot")):
         ends = (leg.x_m, y, heights[k]), (leg.x_m, y, heights[k + 1])
         parts.append((limb(*ends, [leg.radii_m[k], leg.radii_m[k + 1]], coat, sides=6), f"{name}_{joint}"))

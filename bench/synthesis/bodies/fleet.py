@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.synthesis.bodies.looks import PLASTIC, STEEL, TAIL_LAMP, UNDERSIDE
+from bench.synthesis.bodies.body import PLASTIC, STEEL, TAIL_LAMP, UNDERSIDE
 from bench.synthesis.bodies.vehicles import Cabin, Hull, Outline, Vehicle
 from bench.synthesis.mesh import Mesh, Surface, box, convex
 

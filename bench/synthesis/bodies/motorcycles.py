@@ -11,9 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.synthesis.bodies.body import Built, Part, still, wheel
-from bench.synthesis.bodies.gait import ANKLE, SHANK, THIGH, two_links
-from bench.synthesis.bodies.looks import (
+from bench.synthesis.bodies.body import (
     ALLOY,
     CLOTHS,
     GLASS,
@@ -25,12 +23,16 @@ from bench.synthesis.bodies.looks import (
     STEEL,
     TAIL_LAMP,
     UNDERSIDE,
+    Built,
+    JointedMesh,
     drawn_clothes,
     drawn_paint,
     for_riding,
+    still,
+    wheel,
 )
-from bench.synthesis.bodies.people import CHIN, SIDES, Stature, person_parts
-from bench.synthesis.bodies.riders import Leg, helmet, moved_to, rider_joints
+from bench.synthesis.bodies.gait import ANKLE, SHANK, THIGH, two_links
+from bench.synthesis.bodies.people import CHIN, SIDES, Leg, Stature, helmet, moved_to, person_parts, rider_joints
 from bench.synthesis.mesh import Mesh, Surface, box, ring, rounded, slab, tube
 
 FULL_FACE = (0.086, 0.068, 0.078)  # of the body height, with the chin
@@ -78,7 +80,9 @@ class Machine:
 def motorcyclist(stature: Stature, machine: Machine, rng: np.random.Generator) -> Built:
     """A rider with a full-face helmet on a motorcycle."""
     height_m, paint = stature.height_m, drawn_paint(rng)
-    parts: list[Part] = [(mesh, None) for mesh in [*machine.solids(paint, rng), *_fork(machine), *_handlebar(machine)]]
+    parts: list[JointedMesh] = [
+        (mesh, None) for mesh in [*machine.solids(paint, rng), *_fork(machine), *_handlebar(machine)]
+    ]
     for name, x in (("rear_wheel", machine.rear_x_m), ("front_wheel", machine.front_x_m)):
         parts += [(mesh, name) for mesh in _wheel(x, machine)]
     hip = (machine.saddle_xz_m[0], machine.saddle_xz_m[1] + HIP_ABOVE_SADDLE * height_m)

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform
-from bench.synthesis.bodies.body import Built, Joint, Part, wheel
-from bench.synthesis.bodies.looks import (
+from bench.synthesis.bodies.body import (
     ALLOY,
     CHROME,
     GLASS,
@@ -24,7 +23,11 @@ from bench.synthesis.bodies.looks import (
     RUBBER,
     TAIL_LAMP,
     UNDERSIDE,
+    Built,
+    Joint,
+    JointedMesh,
     drawn_paint,
+    wheel,
 )
 from bench.synthesis.mesh import Mesh, Paint, Surface, box, joined, loft, prism, rounded, tube
 
@@ -197,7 +200,7 @@ PROFILE = ((0.0, 0.90), (0.12, 1.0), (0.88, 1.0), (1.0, 0.90))  # share of the w
 
 def vehicle_wheels(
     axles_x_m: Sequence[float], outer_y_m: float, radius_m: float, *, width_m: float, spokes: int
-) -> tuple[list[Part], list[Joint]]:
+) -> tuple[list[JointedMesh], list[Joint]]:
     """All wheels of a vehicle; those of an axle rotate together.
 
     Args:
@@ -207,7 +210,7 @@ def vehicle_wheels(
         width_m: of the tyres.
         spokes: of a wheel.
     """
-    parts: list[Part] = []
+    parts: list[JointedMesh] = []
     joints = [wheel(f"axle_{number}", x, radius_m) for number, x in enumerate(axles_x_m)]
     for joint, x in zip(joints, axles_x_m, strict=True):
         for sign in (-1.0, 1.0):

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.machine_code import compiled, inlined
-from bench.synthesis.imaging.faces import PLAIN
-from bench.synthesis.imaging.kernels import corner_weights
+from bench.synthesis.imaging.faces import PLAIN, corner_weights
 from bench.synthesis.imaging.lens import Lens
 from bench.synthesis.imaging.visibility import NOTHING
 from bench.synthesis.scenario import SensorSpec

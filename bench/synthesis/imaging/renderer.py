@@ -14,15 +14,13 @@ from bench.cameras import CameraModel, RollingShutter
 from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera, RecordingWriter
 from bench.synthesis.draws import named_rng
-from bench.synthesis.driving.ego import own_body
+from bench.synthesis.ego import own_body
 from bench.synthesis.imaging.exposure import Sensor, Shutter, blur, find_motion_vectors, smooth_edges
-from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, faces_of
-from bench.synthesis.imaging.lamps import NO_LAMPS, Headlights, lamp_faces, street_lamps_m
+from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, TextureAtlas, faces_of, texture_atlas
 from bench.synthesis.imaging.lens import lens_of, untiled
+from bench.synthesis.imaging.lights import NO_LAMPS, Headlights, Sky, lamp_faces, street_lamps_m
 from bench.synthesis.imaging.shading import LANES, PIXELS, ShadingScene, shade
 from bench.synthesis.imaging.shadow_maps import Shadows
-from bench.synthesis.imaging.sky import Sky
-from bench.synthesis.imaging.textures import TextureAtlas, texture_atlas
 from bench.synthesis.imaging.visibility import View, find_visible
 from bench.synthesis.mesh import Mesh, PlacedMesh
 from bench.synthesis.placement import FIRST_IMAGE_NS

@@ -27,13 +27,24 @@ from bench.synthesis.imaging.faces import (
     STEP_U,
     STEP_V,
     TEXEL_LOG2,
+    atlas_at,
+    corner_weights,
+    quick_log2,
+    share_below,
 )
-from bench.synthesis.imaging.kernels import corner_weights, share_below
-from bench.synthesis.imaging.lamps import BEAM_FOCAL, GLOW_BY_NIGHT, MIDDLE_COLUMN, MIDDLE_ROW, WHITE_LUX, Lamps
 from bench.synthesis.imaging.lens import TILE_PX
+from bench.synthesis.imaging.lights import (
+    BEAM_FOCAL,
+    GLOW_BY_NIGHT,
+    MIDDLE_COLUMN,
+    MIDDLE_ROW,
+    WHITE_LUX,
+    Lamps,
+    Sky,
+    mirrored_grey,
+    sky_grey,
+)
 from bench.synthesis.imaging.shadow_maps import HeightMap, height_at, lit_share
-from bench.synthesis.imaging.sky import Sky, mirrored_grey, sky_grey
-from bench.synthesis.imaging.textures import atlas_at, quick_log2
 from bench.synthesis.imaging.visibility import NOTHING
 
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)

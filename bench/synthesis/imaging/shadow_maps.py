@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.machine_code import compiled, inlined
-from bench.synthesis.imaging.kernels import bilinear, share_below
+from bench.synthesis.imaging.faces import bilinear, share_below
 from bench.synthesis.scene import Lighting
 
 ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)

@@ -12,7 +12,7 @@ from PIL import Image
 from pycocotools import mask as coco
 
 from bench.errors import DataError
-from bench.harness.provenance import largest_resident_mb
+from bench.harness.stages import largest_resident_mb
 from bench.methods.predictions.files import (
     ImageSizes,
     MaskEntry,

@@ -7,7 +7,7 @@ import pytest
 
 from bench.cameras import RadialPolynomialCamera
 from bench.geometry import RigidTransform
-from bench.synthesis.driving.ego import AHEAD_FROM_CAMERA, own_body
+from bench.synthesis.ego import AHEAD_FROM_CAMERA, own_body
 from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
 from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, joined, quads
 from bench.synthesis.scenario import SensorSpec

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.synthesis.imaging.lamps import BEAM_HEIGHT, BEAM_WIDTH, NO_LAMPS, Lamps
+from bench.synthesis.imaging.lights import BEAM_HEIGHT, BEAM_WIDTH, NO_LAMPS, Lamps
 from bench.synthesis.imaging.shading import (
     ABOVE,
     CUT_OFF,

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -18,12 +17,11 @@ from bench.harness.stages import Progress
 from bench.recordings import read_image
 from bench.records.recording import MountedCamera, Recording
 from bench.reporting import canvas
+from bench.reporting.film import rerun_log
 from bench.reporting.formats import file_name, image_name
-from bench.reporting.rerun_log import rerun_log
-from bench.reporting.video import SeenSweep, SweepViewer
+from bench.reporting.frame import FARTHEST_M, NEAREST_M, SeenSweep, SweepViewer, draw_points
 from bench.validation.static_flow import SeenFlow, reduced, seen_flow
 
-NEAREST_M, FARTHEST_M = 1.0, 50.0
 GRID_M, GRID_STEP_M, LINE_STEP_M = 10.0, 1.0, 0.05  # reach of the grid, between its lines, between points of a line
 HORIZON_POINTS = 1441
 ARROWS_ACROSS, ARROW_PX = 32, 16.0  # arrows are drawn as many times as long as makes half of them longer than this
@@ -119,11 +117,7 @@ def _draw_points(axes: Axes, title: str, seen: SeenSweep | None) -> None:
     some = seen is not None and len(seen.pixels) > 0
     axes.set_title(title if some else f"{title}: no points within 100 ms", pad=3)
     if seen is not None:
-        far_first = np.argsort(-seen.range_m)
-        (u, v), norm = seen.pixels[far_first].T, LogNorm(NEAREST_M, FARTHEST_M)
-        axes.scatter(
-            u, v, c=seen.range_m[far_first], norm=norm, cmap="viridis_r", s=0.35, linewidths=0, rasterized=True
-        )
+        draw_points(axes, seen, size=0.35)
 
 
 def _draw_flow(axes: Axes, recording: Recording, camera: MountedCamera, index: int) -> None:

@@ -1,0 +1,207 @@
+"""The one drawing of a frame: what every pixel counts as, how it is drawn, names and legend."""
+
+from dataclasses import replace
+from itertools import combinations
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from shapely import box
+
+from bench.errors import ShapeError
+from bench.records.reference import Status
+from bench.records.segmentation import Segmentation
+from bench.reporting.canvas import figure_bytes, figure_pixels, overlay_areas, rgb
+from bench.reporting.frame import (
+    AREA_COLOURS,
+    Layers,
+    PixelClass,
+    draw_close_up,
+    draw_frames,
+    pixel_classes,
+    reference_layers,
+    scored_layers,
+)
+from tests.reporting.factories import (
+    banded_frame,
+    busy_frame,
+    fisheye_image,
+    reference_frame,
+    reference_object,
+    segmentation,
+)
+
+
+def processed(reference, detected):
+    answer = Segmentation(cell_size_px=1, mask=detected)
+    return SimpleNamespace(pixels=fisheye_image(), segmentation=answer, reference=reference)
+
+
+def drawn(reference, detected, *, name="demo, camera front, 1.20 s"):
+    return draw_frames([scored_layers(processed(reference, detected))], name=name)
+
+
+def legend_of(figure):
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def test_a_mask_tints_its_pixels_and_no_others():
+    image = np.full((4, 4), 100, dtype=np.uint8)
+    mask = np.eye(4, dtype=bool)
+    tinted = overlay_areas(image, {"#ff0000": mask}, strength=1.0)
+    assert (tinted[mask] == (0, 0, 255)).all()  # BGR
+    assert (tinted[~mask] == 100).all()
+    assert (image == 100).all()
+    with pytest.raises(ShapeError, match="mask"):
+        overlay_areas(image, {"#ff0000": np.zeros((3, 4), dtype=bool)})
+
+
+def test_pixel_classes_are_the_areas_of_the_metrics():
+    objects = [
+        reference_object("a", box(300, 200, 309, 209)),
+        reference_object("b", box(400, 200, 409, 209), status=Status.IGNORED),
+    ]
+    reference = reference_frame(objects)
+    detected = np.zeros((480, 640), dtype=bool)
+    detected[200:205, 300:420] = True  # half of a, half of b, and what lies around them
+    detected[0, 0] = True  # outside the field of view
+    classes = pixel_classes(reference, detected=detected)
+    assert classes[202, 302] == PixelClass.TRUE_POSITIVE
+    assert classes[208, 302] == PixelClass.FALSE_NEGATIVE
+    assert classes[202, 350] == PixelClass.FALSE_POSITIVE
+    assert classes[202, 402] == PixelClass.IGNORED
+    assert classes[208, 402] == PixelClass.IGNORED
+    assert classes[300, 302] == PixelClass.BACKGROUND
+    assert classes[0, 0] == PixelClass.OUTSIDE
+    assert np.count_nonzero(classes == PixelClass.TRUE_POSITIVE) == 50
+    assert np.count_nonzero(classes == PixelClass.FALSE_NEGATIVE) == 50
+    assert np.count_nonzero(classes == PixelClass.FALSE_POSITIVE) == 5 * 120 - 2 * 50
+
+
+def test_a_mask_of_another_size_is_refused():
+    with pytest.raises(ShapeError, match="detected"):
+        pixel_classes(busy_frame(), detected=np.zeros((10, 10), dtype=bool))
+
+
+def test_bands_and_left_out_areas_are_told_from_ignored_objects():
+    frame = banded_frame()
+    left_out = (frame.labels == 0) & ~frame.ignored & frame.valid & (np.arange(640) < 320)
+    frame = replace(frame, ignored=frame.ignored | left_out, left_out=left_out)
+    for detected in (np.zeros(frame.labels.shape, dtype=bool), np.ones(frame.labels.shape, dtype=bool)):
+        classes = pixel_classes(frame, detected=detected)
+        assert np.count_nonzero(classes == PixelClass.UNKNOWN) == frame.objects[0].unknown_px
+        assert (classes[200:210, 330:340] == PixelClass.IGNORED).all()
+        assert ((classes == PixelClass.LEFT_OUT) == left_out).all()
+
+
+def test_every_area_is_drawn_in_its_colour():
+    frame = banded_frame()
+    left_out = (frame.labels == 0) & ~frame.ignored & frame.valid & (np.arange(640) < 280)
+    frame = replace(frame, ignored=frame.ignored | left_out, left_out=left_out)
+    dark = replace(
+        scored_layers(processed(frame, np.zeros((480, 640), dtype=bool))), pixels=np.zeros((480, 640), np.uint8)
+    )
+    figure = draw_frames([dark], name="demo")
+    left, top, width, height = (round(v) for v in figure.axes[0].get_window_extent().bounds)
+    assert (width, height) == (640, 480), "a pixel is a pixel"
+    picture = figure_pixels(figure)
+    picture = picture[picture.shape[0] - top - height :][:480, left : left + 640].astype(int)
+    blue, _, red = np.moveaxis(picture, 2, 0)
+    assert (red > blue + 50)[frame.unknown].all(), "yellow"
+    assert (blue > red + 50)[frame.labels == 1].all(), "missed"
+    grey = np.abs(red - blue) < 3
+    assert grey[frame.left_out].all()
+    assert picture[frame.left_out].std() > 10, "hatched"
+    assert picture[300:400, 300:400].std() < 1
+    assert picture[200, 560].mean() > 2 * picture[0, 0].mean(), "what is outside is darker"
+
+
+def test_a_picture_names_image_objects_and_their_values():
+    objects = [
+        reference_object("a", box(300, 200, 309, 209)),
+        reference_object("b", box(400, 200, 409, 209), status=Status.IGNORED),
+        reference_object("c", box(450, 200, 459, 209), status=Status.STATIC),
+    ]
+    detected = np.zeros((480, 640), dtype=bool)
+    detected[200:205, 300:320] = True  # TP 50, FN 50, FP 50
+    figure = drawn(reference_frame(objects), detected)
+    assert [text.get_text() for text in figure.axes[0].texts] == ["a: TPR 50 %, IoU 33 %", "b: beyond range"]
+    assert figure.texts[0].get_text() == "demo, camera front, 1.20 s"
+    assert figure.axes[0].get_title() == "false positives 0.0 % of the image"
+    alone = draw_frames([reference_layers(fisheye_image(), reference_frame(objects), label="paper-v1")], name="demo")
+    assert [text.get_text() for text in alone.axes[0].texts] == ["a: crossing", "b: beyond range"]
+    assert alone.axes[0].get_title() == "paper-v1\n1 of 3 annotated objects evaluated"
+
+
+def test_one_legend_for_all_of_the_reference_and_of_results():
+    figure = drawn(busy_frame(), busy_frame().labels > 0)
+    unscored = ["unknown band", "ignored object", "not annotated", "not evaluated"]
+    assert legend_of(figure) == ["found", "missed", "wrongly marked", *unscored]
+    alone = draw_frames([reference_layers(fisheye_image(), busy_frame(), label="paper-v1")], name="demo")
+    assert legend_of(alone) == ["reference", *unscored]
+
+
+def test_an_outline_is_drawn_where_it_hides_no_band():
+    assert len(drawn(busy_frame(), busy_frame().labels > 0).axes[0].patches) == 4
+    assert not drawn(banded_frame(), banded_frame().labels > 0).axes[0].patches
+
+
+def test_several_methods_beside_each_other():
+    frame = scored_layers(processed(busy_frame(), segmentation(busy_frame()).mask_at(640, 480)), label="ours")
+    others = [replace(frame, label="theirs", note="IoU 41.0 %"), replace(frame, label="third")]
+    figure = draw_frames([frame, *others], name="demo", title="worst")
+    assert [text.get_text() for text in figure.texts] == ["worst", "demo"]
+    heads = [axes.get_title() for axes in figure.axes]
+    assert heads == [
+        "ours\nfalse positives 8.7 % of the image",
+        "theirs\nIoU 41.0 %",
+        heads[0].replace("ours", "third"),
+    ]
+    rows = [round(axes.get_position().y0, 3) for axes in figure.axes]
+    assert rows[0] == rows[1] > rows[2]
+    assert len(figure.legends) == 1
+
+
+def test_long_names_are_made_as_small_as_the_picture():
+    figure = drawn(busy_frame(), busy_frame().labels > 0, name="a long name of a recording " * 4)
+    assert figure.texts[0].get_window_extent().width < figure.bbox.width
+
+
+def test_a_film_keeps_its_size_whatever_is_seen():
+    plain = Layers(pixels=fisheye_image(), reference=None, label="own", note="no score: no image before it")
+    scored = replace(scored_layers(processed(busy_frame(), busy_frame().labels > 0)), label="own")
+    sizes = {tuple(draw_frames([layers], name="demo").get_size_inches()) for layers in (plain, scored)}
+    assert len(sizes) == 1
+
+
+def test_a_close_up_shows_the_object_and_as_much_around_it():
+    frame = busy_frame()
+    figure = draw_close_up(scored_layers(processed(frame, frame.labels > 0)), frame.objects[2], name="demo")
+    (left, right), (bottom, top) = figure.axes[0].get_xlim(), figure.axes[0].get_ylim()
+    assert left < 420 < 590 < right
+    assert top < 200 < 320 < bottom
+    assert right - left == pytest.approx((bottom - top) * 4 / 3)
+    assert 0.4 < 170 / (right - left) < 0.6
+
+
+def seen_by_deuteranopes(colour):
+    """Lab of "#rrggbb" without the green receptors (Vienot, Brettel and Mollon 1999, on linear light)."""
+    linear = (np.array(rgb(colour)) / 255.0) ** 2.2
+    seen = np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]]) @ linear
+    red_green_blue = np.clip(seen, 0, 1)[None, None] ** (1 / 2.2)
+    return cv2.cvtColor(red_green_blue.astype(np.float32), cv2.COLOR_RGB2LAB)[0, 0]
+
+
+def test_areas_stay_apart_for_the_colour_blind():
+    for one, other in combinations(AREA_COLOURS.values(), 2):
+        assert np.linalg.norm(seen_by_deuteranopes(one) - seen_by_deuteranopes(other)) > 20, (one, other)
+    alike = [seen_by_deuteranopes(colour) for colour in ("#ff0000", "#8e8e00")]  # red and olive: the simulation bites
+    assert np.linalg.norm(alike[0] - alike[1]) < 10
+
+
+def test_the_same_bytes_twice():
+    reference = busy_frame()
+    detected = segmentation(reference).mask_at(640, 480)
+    first, second = (figure_bytes(drawn(reference, detected), "png") for _ in range(2))
+    assert first == second
