@@ -94,7 +94,7 @@ class SerialExecutor:
     def compute(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]
     ) -> Generator[tuple[Task, Result | FailedTask]]:
-        """See `TaskExecutor.compute`."""
+        """Give each task back once with its result, as `TaskExecutor.compute` says."""
         with single_threaded():
             for task in tasks:
                 yield task, function(task)
@@ -127,7 +127,7 @@ class ProcessExecutor:
     def compute(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]
     ) -> Generator[tuple[Task, Result | FailedTask]]:
-        """See `TaskExecutor.compute`."""
+        """Give each task back once with its result, as `TaskExecutor.compute` says."""
         waiting, suspects = deque(tasks), list[Task]()
         with self:
             while waiting:
@@ -212,7 +212,7 @@ class DaskExecutor:
     def compute(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]
     ) -> Generator[tuple[Task, Result | FailedTask]]:
-        """See `TaskExecutor.compute`; Dask gives a task whose worker ends to others, some times."""
+        """Give each task back once with its result; Dask gives a task whose worker ends to others, some times."""
         with _dask_client(self.scheduler) as client:
             from distributed import KilledWorker
 

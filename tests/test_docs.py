@@ -99,7 +99,7 @@ def test_commands_that_are_named_exist(page, hooks):
 
 def test_every_command_is_in_the_reference(hooks):
     page = (ROOT / "docs/reference.md").read_text("utf-8")
-    assert page.count(hooks.MARKER) == page.count(hooks.FUNCTIONS_MARKER) == 1
+    assert page.count(hooks.MARKER) == page.count(hooks.FUNCTIONS_MARKER) == page.count(hooks.OPTIONS_MARKER) == 1
     reference = hooks.command_reference()
     for name, command in hooks.commands():
         section = reference.partition(f"## {name}\n")[2].partition("\n## ")[0]

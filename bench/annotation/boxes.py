@@ -10,10 +10,11 @@ from scipy.spatial import KDTree
 
 from bench.annotation.clusters import ends_without_stray
 from bench.annotation.registration import Motion, cut_ends, track_motion
-from bench.annotation.settings import SECOND_NS, ProposalSettings
+from bench.annotation.settings import ProposalSettings
 from bench.annotation.tracking import Fragment
 from bench.records.reference import ObjectClass
 from bench.reference.motion import moving_states
+from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]
 HEADING_MOVE_M = 3.0  # a shorter path gives one heading for all sweeps

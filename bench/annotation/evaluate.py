@@ -28,6 +28,7 @@ from bench.reference.areas import left_out_ground
 from bench.reference.clusters import object_cluster
 from bench.reference.motion import TrackMotion, categorise, track_motion
 from bench.reference.sweeps import PosedSweep, pose_sweep
+from bench.times import SECOND_NS
 
 LEAST_IOU = 0.5
 LEAST_POINTS = 10  # returns of an object that is asked for, as the protocols ask
@@ -35,7 +36,6 @@ NEAR_NS = 60_000_000  # of an annotation to a sweep
 CLEARANCE_M = 0.1  # returns lower above the box's bottom are the ground's
 BANDS_M = (8.0, 20.0)
 SPEEDS_MPS = (2.0, 6.0)
-SECOND_NS = 1_000_000_000
 HALF = 0.5
 OUTCOMES = FOUND, MISSED, FALSE, NEUTRAL = "found", "missed", "false", "neutral"
 COLUMNS = [

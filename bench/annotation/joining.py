@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from bench.annotation.boxes import Box
 from bench.annotation.prepared import Cloud
-from bench.annotation.settings import SECOND_NS, ProposalSettings
+from bench.annotation.settings import ProposalSettings
 from bench.annotation.tracking import Fragment, Observation
+from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]
 SMALL = 0.25  # a fragment has at most this share of the larger one's points

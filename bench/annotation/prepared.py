@@ -15,10 +15,11 @@ from scipy.spatial import KDTree
 
 from bench.annotation.free_space import Polar, RangeView, count_witness, range_view
 from bench.annotation.ground import HeightGrid, Road, fit_road, ground_heights, lowest_heights
-from bench.annotation.settings import SECOND_NS, ProposalSettings
+from bench.annotation.settings import ProposalSettings
 from bench.geometry import RigidTransform
 from bench.records.recording import Recording, SweepRef
 from bench.reference.sweeps import pose_sweep
+from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]
 COLUMNS = 1440  # of azimuth, in which returns are looked for

@@ -17,11 +17,12 @@ from bench.annotation.clusters import find_clusters
 from bench.annotation.joining import at_range_of_larger, extend, join, without_duplicates
 from bench.annotation.people import split_people
 from bench.annotation.prepared import Cloud, clouds
-from bench.annotation.settings import SECOND_NS, ProposalSettings
+from bench.annotation.settings import ProposalSettings
 from bench.annotation.tracking import Fragment, Tracker
 from bench.errors import DataError
 from bench.records.recording import Recording
 from bench.records.reference import ObjectClass
+from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]
 TOP_NOT_SEEN, ONE_END = "top not seen", "seen from one end"

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from bench.annotation.settings import SECOND_NS, ProposalSettings
+from bench.annotation.settings import ProposalSettings
 from bench.annotation.tracking import Fragment
+from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]
 ROUNDS = 2  # of registration, the second with points moved to one time
@@ -22,6 +23,7 @@ PARABOLA_FROM = 6  # positions; through fewer goes a line
 SMOOTH, CENTRED = 3.0, 0.05  # weights of constant speed and of the clusters' means beside registrations
 LEAST_STEP_S = 0.03
 CUT_M = 0.3  # from the end of an object, where a point at the edge of the sector says that it may go on
+HIDDEN_M = 2.0  # that ends of an object differ in their shifts, where one of them is not seen twice
 LONG_M = 2.0  # objects whose flat sides say little of their motion
 END_POINTS = 5
 LEAST_SHIFT_M = 0.05  # that tells a direction
@@ -106,7 +108,7 @@ def _visible_shift(
     shifts = np.array([ends[1][end] - ends[0][end] for end in (0, 1) if not (cut[0][1 - end] or cut[1][1 - end])])
     if not len(shifts):
         return guess_m
-    if np.ptp(shifts) > CUT_M:  # one end was hidden in one of the sweeps
+    if np.ptp(shifts) > HIDDEN_M:  # one end was hidden in one of the sweeps
         shifts = shifts[[np.argmin(np.abs(shifts - length_m))]]
     return np.asarray(guess_m / length_m * shifts.mean())
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from bench.annotation.decisions import ReviewedTrack, State, after, history, opening, replayed
+from bench.annotation.doubts import EXPLAINED
 from bench.annotation.drawing import Lasso, draw_track
 from bench.annotation.export import to_track
 from bench.annotation.store import (
@@ -95,6 +96,7 @@ class Session:
             "outline": np.asarray(self.recording.vehicle_outline_m).tolist(),
             "classes": list(OBJECT_CLASSES),
             "kinds": list(MOTION_KINDS),
+            "doubts": EXPLAINED,
             "cameras": [
                 {
                     "name": name,
@@ -247,9 +249,14 @@ class Session:
             state = replayed(self._proposed, review.decisions) if undoing else after(self._state, decision)
             if undoing:  # an equal track is the same object, so that only what changed is sent
                 state = {name: self._known(track) for name, track in state.items()}
+            told = None
+            if undoing:
+                made, taken_back = history(self.review.decisions)
+                undo = isinstance(decision, Undo)
+                told = f"{'Taken back' if undo else 'Done again'}: {_in_words((made if undo else taken_back)[-1])}"
             self._store(review)
             before, self._state = self._state, state
-            return self.changes(before)
+            return self.changes(before) | {"told": told}
 
     def _known(self, track: ReviewedTrack) -> ReviewedTrack:
         known = self._state.get(track.id, track)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from math import radians
 
 from bench.records.reference import MotionSettings
+from bench.times import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 MOTION = MotionSettings(  # those of paper-v1
     static_below_mps=0.3,
     hysteresis_low_mps=0.2,
@@ -122,7 +122,7 @@ class ProposalSettings:
     seen_share: float = 0.55
     least_move_m: float = 0.45
     straight: float = 0.6
-    object_through: float = 0.4
+    object_through: float = 0.45
     least_top_m: float = 0.60
     found_share: float = 0.5
     gain_share: float = 0.15

@@ -14,7 +14,8 @@ from scipy.optimize import linear_sum_assignment
 
 from bench.annotation.clusters import extent
 from bench.annotation.prepared import Cloud
-from bench.annotation.settings import SECOND_NS, ProposalSettings
+from bench.annotation.settings import ProposalSettings
+from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]
 YOUNG = 3  # observations before which the velocity is hardly known

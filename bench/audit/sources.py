@@ -253,8 +253,9 @@ def same_objects(
         elif item.status is Status.IGNORED:
             ignored |= mask
         objects.append(item)
-    unknown = np.zeros_like(ignored)
-    return (*same, replace(first, objects=tuple(objects), labels=labels, ignored=ignored, unknown=unknown))
+    none = np.zeros_like(ignored)
+    exact = replace(first, objects=tuple(objects), labels=labels, ignored=ignored, unknown=none, left_out=none)
+    return (*same, exact)
 
 
 def _evaluating(reference: ReferenceFrame, evaluated: Set[str]) -> ReferenceFrame:

@@ -106,7 +106,7 @@ class CameraModel(ABC):
         return rays, valid
 
     def scaled(self, width: int, height: int) -> Self:
-        """The same lens seen in an image of another size.
+        """Return the lens as seen in an image of another size, px.
 
         The outer borders of the images coincide, so u' = (u + 0.5) width'/width - 0.5.
         """

@@ -276,7 +276,6 @@ def score(
     """
     from bench.atomic import write_text
     from bench.harness import run_benchmark
-    from bench.reporting.findings import VALIDATION
     from bench.reporting.frame_pictures import write_example_pictures
     from bench.reporting.run_tables import write_report_files
 
@@ -291,6 +290,8 @@ def score(
                 drawn, missing = write_example_pictures(stored, card=request.card, progress=drawing)
             files += drawn
         if validation is not None:
+            from bench.reporting.findings import VALIDATION  # it loads all checks
+
             write_text(stored.folder / VALIDATION, validation.as_json())
             files.append(stored.folder / VALIDATION)
         files.sort(key=lambda file: file.name not in READ_FIRST)

@@ -193,7 +193,9 @@ def _view(
                 continue
             files += drawn
             of_frame = "" if len(indices) == 1 else f"{place.name}: "
-            remarks += [f"{of_frame}{_not_scored(one)}" for one in objects if one.status is not Status.EVALUATED]
+            remarks += [
+                f"{of_frame}{_not_scored(target)}" for target in objects if target.status is not Status.EVALUATED
+            ]
     return View(files=tuple(files), remarks=tuple(remarks))
 
 
@@ -247,15 +249,15 @@ def _draw(
     return [*write_frame_pictures(processed, pipeline, place, made_by=made_by)], processed.reference.objects
 
 
-def _not_scored(found: ReferenceObject) -> str:
+def _not_scored(target: ReferenceObject) -> str:
     """For example "van 'v1': ignored, too few points (0)"."""
     from bench.records.reference import IgnoreReason
 
-    what = f"{found.object_class} {found.track_id!r}"
-    if found.reason is None:
+    what = f"{target.object_class} {target.track_id!r}"
+    if target.reason is None:
         return f"{what}: does not move"
-    number = f" ({found.points})" if found.reason is IgnoreReason.FEW_POINTS else ""
-    return f"{what}: ignored, {found.reason.value.replace('_', ' ')}{number}"
+    number = f" ({target.points})" if target.reason is IgnoreReason.FEW_POINTS else ""
+    return f"{what}: ignored, {target.reason.value.replace('_', ' ')}{number}"
 
 
 def chosen_frames(

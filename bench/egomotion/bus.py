@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion.time_units import unit_hint
-from bench.egomotion.trajectory import SECOND_NS, Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError, refuse
 from bench.geometry import advance_twist
 from bench.plain_text import parsed_number
+from bench.times import SECOND_NS, unit_hint
 
 if TYPE_CHECKING:
     import pandas as pd

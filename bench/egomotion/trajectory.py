@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform, advance_twist, twist_between
-
-SECOND_NS = 1_000_000_000
+from bench.times import SECOND_NS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion.trajectory import SECOND_NS, Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError
 from bench.plain_text import parsed_number
+from bench.times import SECOND_NS
 
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 QUATERNION_TOLERANCE = 1e-2

@@ -19,8 +19,8 @@ from bench.evaluation.intervals import (
     CONFIDENCE,
     FEWEST_RECORDINGS,
     RATIO_CHANGE,
-    Bounds,
     Jackknife,
+    ValueBounds,
     jackknife,
     ratio_without_each,
 )
@@ -151,7 +151,7 @@ def improvements_by_recording(pairs: pd.DataFrame) -> pd.DataFrame:
     return found.sort_values(["improvement", "recording"], ignore_index=True)
 
 
-def paired_change(pairs: pd.DataFrame, *, within: Bounds = RATIO_CHANGE) -> PairedChange:
+def paired_change(pairs: pd.DataFrame, *, within: ValueBounds = RATIO_CHANGE) -> PairedChange:
     """Compare a metric of one slice of two runs over the same data.
 
     The difference is taken again without each recording with cases in either run, so that what makes a recording hard
@@ -204,7 +204,7 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     return corrected
 
 
-def _interval_of_equal_changes(change: Jackknife, within: Bounds) -> tuple[float, float] | None:
+def _interval_of_equal_changes(change: Jackknife, within: ValueBounds) -> tuple[float, float] | None:
     """The interval of a change that is the same in all recordings, as if one more had none; None for no change."""
     if change.value == 0:
         return None
@@ -256,7 +256,7 @@ def _measured(objects: pd.DataFrame, level: float) -> pd.DataFrame:
 def changes_in_parts(
     before: Rows, after: Rows, *, level: float = 0.0, rows_at_once: int | None = None
 ) -> Iterator[pd.DataFrame]:
-    """The same of runs of any size, some recordings at a time, in the same order; one part where there is no row.
+    """Yield the changes of `object_changes` for runs of any size, some recordings at a time; one part without a row.
 
     Args:
         before: of `OBJECTS_SCHEMA`, in memory or stored.

@@ -20,7 +20,7 @@ from typing import Any
 import pandas as pd
 
 from bench.errors import UnknownNameError
-from bench.evaluation.intervals import MEAN, MEAN_CHANGE, RATIO, RATIO_CHANGE, Bounds
+from bench.evaluation.intervals import MEAN, MEAN_CHANGE, RATIO, RATIO_CHANGE, ValueBounds
 
 OBJECT_FRAMES, IMAGE_FRAMES = "object-frames", "image-frames"
 HALF_A_POINT = (0.005, 0.02)  # tolerated of metrics that are small as a rule
@@ -57,7 +57,7 @@ class Definition:
     meaning: str
     _: KW_ONLY
     higher_is_better: bool | None = True
-    bounds: Bounds = RATIO
+    bounds: ValueBounds = RATIO
     headline: bool = False
     cases_by_method: bool = False
     tolerated: tuple[float, float] | None = (0.01, 0.02)
@@ -74,7 +74,7 @@ class Definition:
         return self.bounds is RATIO
 
     @property
-    def change_bounds(self) -> Bounds:
+    def change_bounds(self) -> ValueBounds:
         """Possible differences of two values."""
         return RATIO_CHANGE if self.is_ratio else MEAN_CHANGE
 
@@ -91,7 +91,7 @@ def coverage(rows: pd.DataFrame) -> pd.Series[float]:
 
 
 def chance_coverage(rows: pd.DataFrame) -> pd.Series[float]:
-    """The same in the method's mask of another time; NaN where there is none."""
+    """Share of each object that the method's mask of another time covers; NaN where there is none."""
     return rows["chance_tp"] / (rows["tp"] + rows["fn"])
 
 

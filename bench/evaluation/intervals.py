@@ -68,7 +68,7 @@ Column = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
+class ValueBounds:
     """Range of the values that a metric can have: between two ends, above a least one, or any."""
 
     least: float
@@ -96,10 +96,10 @@ class Bounds:
         return 1.0 if math.isinf(self.least) else 1 / (value - self.least) + below
 
 
-RATIO = Bounds(least=0.0, most=1.0)
-MEAN = Bounds(least=0.0, most=math.inf)
-RATIO_CHANGE = Bounds(least=-1.0, most=1.0)
-MEAN_CHANGE = Bounds(least=-math.inf, most=math.inf)
+RATIO = ValueBounds(least=0.0, most=1.0)
+MEAN = ValueBounds(least=0.0, most=math.inf)
+RATIO_CHANGE = ValueBounds(least=-1.0, most=1.0)
+MEAN_CHANGE = ValueBounds(least=-math.inf, most=math.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +118,7 @@ class Jackknife:
     degrees: float
     recordings: int
 
-    def interval(self, within: Bounds) -> tuple[float, float] | None:
+    def interval(self, within: ValueBounds) -> tuple[float, float] | None:
         """Lower and upper end of the 95 % interval; None where it has no finite end."""
         if self.standard_error == 0 or not within.least < self.value < within.most:
             return self._interval_without_spread(within)
@@ -126,7 +126,7 @@ class Jackknife:
         reach = float(stdtrit(self.degrees, (1 + CONFIDENCE) / 2)) * self.standard_error * within.slope(self.value)
         return within.bounded(centre - reach), within.bounded(centre + reach)
 
-    def p_value(self, within: Bounds, *, of: float = 0.0) -> float:
+    def p_value(self, within: ValueBounds, *, of: float = 0.0) -> float:
         """Two-sided, of the value `of`: below 0.05 where the interval excludes it.
 
         For a value that is the same in all recordings that of the sign test, which asks only for the direction.
@@ -136,7 +136,7 @@ class Jackknife:
         distance = abs(within.unbounded(self.value) - within.unbounded(of))
         return float(2 * stdtr(self.degrees, -distance / (self.standard_error * within.slope(self.value))))
 
-    def _interval_without_spread(self, within: Bounds) -> tuple[float, float] | None:
+    def _interval_without_spread(self, within: ValueBounds) -> tuple[float, float] | None:
         """Interval of a value that is the same without each recording, or at a bound; None where it is unbounded."""
         if math.isinf(within.most):
             return None
@@ -193,7 +193,9 @@ def degrees_of_freedom(shares: Column) -> float:
     return expected**2 / (alone + with_largest + pairs)
 
 
-def ratio_interval(numerators: Column, denominators: Column, *, within: Bounds = RATIO) -> tuple[float, float] | None:
+def ratio_interval(
+    numerators: Column, denominators: Column, *, within: ValueBounds = RATIO
+) -> tuple[float, float] | None:
     """95 % interval of sum(numerators) / sum(denominators).
 
     Args:

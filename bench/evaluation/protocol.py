@@ -50,11 +50,11 @@ Level = Annotated[float, Field(gt=0, le=1)]
 Edges = Annotated[tuple[NotNegative, ...], AfterValidator(_edges)]
 
 
-class _Part(BaseModel):
+class _ProtocolModel(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class MotionRules(_Part):
+class MotionRules(_ProtocolModel):
     """Rules by which an annotated object moves, and in which way; see `MotionSettings`.
 
     Attributes:
@@ -84,7 +84,7 @@ class MotionRules(_Part):
         return self
 
 
-class LimbRules(_Part):
+class LimbRules(_ProtocolModel):
     """Motion of a limb; see `Limb`."""
 
     joint: Annotated[float, Field(gt=0, le=1)]
@@ -98,7 +98,7 @@ class LimbRules(_Part):
         return self
 
 
-class UnknownBandRules(_Part):
+class UnknownBandRules(_ProtocolModel):
     """Causes of uncertain outlines; see `OutlineErrors`.
 
     Attributes:
@@ -111,7 +111,7 @@ class UnknownBandRules(_Part):
     limbs: dict[ObjectClass, tuple[LimbRules, ...]]
 
 
-class ReferenceRules(_Part):
+class ReferenceRules(_ProtocolModel):
     """Rules of which objects are evaluated and how their polygons are built; see `ReferenceSettings`.
 
     Attributes:
@@ -139,7 +139,7 @@ class ReferenceRules(_Part):
     unknown_band: UnknownBandRules | None = None
 
 
-class ScoringRules(_Part):
+class ScoringRules(_ProtocolModel):
     """Rules of what counts as detected and as a false alarm.
 
     Attributes:
@@ -153,7 +153,7 @@ class ScoringRules(_Part):
     false_positive_component_px: Annotated[int, Field(ge=0, le=LARGEST)]
 
 
-class Bins(_Part):
+class Bins(_ProtocolModel):
     """Edges of the half-open bins `[a, b)` of the breakdowns; the last bin is open to the right.
 
     Attributes:
@@ -170,7 +170,7 @@ class Bins(_Part):
     speed_mps: Edges = (0.0, 1.5, 5.0, 10.0, 20.0)
 
 
-class RangeMapRules(_Part):
+class RangeMapRules(_ProtocolModel):
     """Cells of the range maps.
 
     Attributes:
@@ -182,7 +182,7 @@ class RangeMapRules(_Part):
     min_object_frames: Whole
 
 
-class Protocol(_Part):
+class Protocol(_ProtocolModel):
     """Everything that decides a score, apart from data and method."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]

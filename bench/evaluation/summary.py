@@ -39,11 +39,11 @@ Ratio = Annotated[
 ]
 
 
-class _Part(BaseModel):
+class _SummaryModel(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class ProtocolOfRun(_Part):
+class ProtocolOfRun(_SummaryModel):
     """Protocol that made the metrics; those of different digests are never put in one table."""
 
     name: str
@@ -51,7 +51,7 @@ class ProtocolOfRun(_Part):
     digest: str
 
 
-class Metric(_Part):
+class Metric(_SummaryModel):
     """One metric of a table.
 
     Attributes:
@@ -155,7 +155,7 @@ class SegmentationMetrics(_Metrics):
     f1: Metric
 
 
-class ObjectLedger(_Part):
+class ObjectLedger(_SummaryModel):
     """Numbers of annotated objects in all images, by outcome.
 
     Attributes:
@@ -171,7 +171,7 @@ class ObjectLedger(_Part):
     ignored: dict[str, int]
 
 
-class FrameLedger(_Part):
+class FrameLedger(_SummaryModel):
     """Numbers of images, by outcome; `problems` counts the failed and skipped ones by their message.
 
     Attributes:
@@ -186,7 +186,7 @@ class FrameLedger(_Part):
     problems: dict[str, int]
 
 
-class Summary(_Part):
+class Summary(_SummaryModel):
     """All metrics of a run.
 
     Attributes:

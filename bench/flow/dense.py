@@ -58,7 +58,7 @@ class FarnebackFlow:
     neighbourhood_sigma: float = 1.2
 
     def __call__(self, start: NDArray[np.uint8], end: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """See `DenseFlow`."""
+        """Displacement of every pixel of `start` into `end`, (H, W, 2) float32, px, as `DenseFlow` says."""
         _check(start, end)
         flow = cv2.calcOpticalFlowFarneback(
             start,
@@ -95,7 +95,7 @@ class DisFlow:
             raise UsageError(f"dis: finest_scale: expected 0 to 10 or none, got {self.finest_scale}")
 
     def __call__(self, start: NDArray[np.uint8], end: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """See `DenseFlow`."""
+        """Displacement of every pixel of `start` into `end`, (H, W, 2) float32, px, as `DenseFlow` says."""
         _check(start, end)
         if min(start.shape) < SMALLEST_DIS_PX:
             height, width = start.shape

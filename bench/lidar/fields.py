@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.lidar.sweep import LidarSweep
+from bench.times import SECOND_NS
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 TimeOrigin = Literal["stamp", "start"]
 UNITS_NS: Mapping[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
-SECOND_NS = 1_000_000_000
 LATEST_NS = 2**62
 SHORTEST_SWEEP_NS, FARTHEST_TIME_NS = 10_000_000, 1_000_000_000  # a point further from its sweep is of another clock
 

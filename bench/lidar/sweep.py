@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import ShapeError
+from bench.errors import DataError, ShapeError
 
 Arrays = dict[str, NDArray[Any]]  # of a point cloud, by name
 LARGEST_BYTES = 1 << 28  # of an unpacked sweep: ten million points
@@ -60,8 +60,19 @@ class LidarSweep:
         return len(self.points_lidar) if self.stored_count is None else self.stored_count
 
     def rows_of(self, stored: NDArray[np.integer]) -> NDArray[np.intp]:
-        """Rows of the points that rows of the stored cloud are; those of lost returns are left out."""
+        """Rows of the points that rows of the stored cloud are; those of lost returns are left out.
+
+        Raises:
+            DataError: numbers that are no rows of the cloud.
+        """
         rows = np.asarray(stored, dtype=np.intp)
+        if rows.size and not 0 <= rows.min() <= rows.max() < self.rows_stored:
+            raise DataError(
+                f"annotations at the sweep of {self.timestamp_ns} ns",
+                field="point_indices",
+                expected=f"rows of its cloud, 0 to {self.rows_stored - 1}",
+                got=f"{rows.min()} to {rows.max()}",
+            )
         if self.stored_rows is None:
             return rows
         places = np.full(self.rows_stored, -1, dtype=np.intp)

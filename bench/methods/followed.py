@@ -71,7 +71,7 @@ class FollowedMethod(Method):
 
     @property
     def colour(self) -> bool:  # type: ignore[override]
-        """As the method."""
+        """Whether the followed method takes colour."""
         return self._inner.colour
 
     @property

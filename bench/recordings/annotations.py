@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from bench.egomotion.time_units import unit_hint
 from bench.errors import DataError, refuse
 from bench.geometry import RigidTransform, quaternions_wxyz
 from bench.recordings import openlabel
@@ -28,6 +27,7 @@ from bench.records.recording import (
     PointIndices,
     Track,
 )
+from bench.times import unit_hint
 
 REVIEW_SUFFIX = ".review.json"  # of files beside the annotations, from which they are made
 
@@ -219,8 +219,8 @@ def _quaternions_xyzw(track: Track) -> list[list[float]]:
     boxes = [state.shape.vehicle_from_object for state in track.states if isinstance(state.shape, Cuboid)]
     if not boxes:
         return [[] for _ in track.states]
-    found = iter(np.roll(quaternions_wxyz(np.stack([box.rotation for box in boxes])), -1, axis=1).tolist())
-    return [next(found) if isinstance(state.shape, Cuboid) else [] for state in track.states]
+    quaternions = iter(np.roll(quaternions_wxyz(np.stack([box.rotation for box in boxes])), -1, axis=1).tolist())
+    return [next(quaternions) if isinstance(state.shape, Cuboid) else [] for state in track.states]
 
 
 def _state_data(state: ObjectState, quaternion_xyzw: list[float]) -> dict[str, Any]:

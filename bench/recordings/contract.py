@@ -118,9 +118,9 @@ def _refusals(listing: Callable[..., Any], root: Path, options: Mapping[str, Any
     yield from _not_refused(fault, lambda: listing(root, {**options, NO_SUCH_OPTION: 1}))
     with tempfile.TemporaryDirectory() as empty:
         try:
-            found = listing(Path(empty), options)
-            if len(found):
-                yield f"empty folder: expected no recordings, got {len(found)}"
+            handles = listing(Path(empty), options)
+            if len(handles):
+                yield f"empty folder: expected no recordings, got {len(handles)}"
         except DataError:
             pass
         except Exception as error:  # noqa: BLE001

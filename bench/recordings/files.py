@@ -44,7 +44,7 @@ def numbered_files(
     if not folder.is_dir():
         return {}
     refuse_escape(root, folder, file=folder, links_into=links_into)
-    found: dict[int, Path] = {}
+    files: dict[int, Path] = {}
     errors: list[DataError] = []
     for entry in sorted(scandir(folder), key=lambda entry: entry.name):
         path = folder / entry.name
@@ -54,13 +54,13 @@ def numbered_files(
                 continue
             if entry.is_symlink():
                 refuse_escape(root, path, file=path, links_into=links_into)
-            if number in found:
-                raise DataError(path, expected=f"one file for each {each}", got=f"also {found[number].name}")
-            found[number] = path
+            if number in files:
+                raise DataError(path, expected=f"one file for each {each}", got=f"also {files[number].name}")
+            files[number] = path
         except DataError as error:
             errors.append(error)
     refuse(errors)
-    return dict(sorted(found.items()))
+    return dict(sorted(files.items()))
 
 
 PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".lz4")

@@ -77,7 +77,7 @@ def mounted_camera(
 
 
 def _scaled(camera: MountedCamera, size_px: SizePx, file: Path) -> MountedCamera:
-    """The same camera evaluated at another size; the images on disk stay as they are."""
+    """Return the camera evaluated at another size; the images on disk stay as they are."""
     (width, height), (stored_width, stored_height) = size_px, camera.stored_size_px
     if (width, height) == (stored_width, stored_height):
         return camera

@@ -158,7 +158,7 @@ class FrameProperties(FileModel):
     timestamp: TimeNs
 
 
-class Frame(FileModel):
+class OpenLabelFrame(FileModel):
     """The objects at one time."""
 
     frame_properties: FrameProperties
@@ -202,7 +202,7 @@ class OpenLabel(FileModel):
     metadata: Metadata
     coordinate_systems: dict[Literal["vehicle"], CoordinateSystem] = Field(default_factory=dict)
     objects: dict[str, AnnotatedObject] = Field(default_factory=dict)
-    frames: dict[Annotated[str, Field(pattern=r"^[0-9]+$")], Frame] = Field(default_factory=dict)
+    frames: dict[Annotated[str, Field(pattern=r"^[0-9]+$")], OpenLabelFrame] = Field(default_factory=dict)
 
 
 class AnnotationFile(FileModel):

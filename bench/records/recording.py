@@ -16,6 +16,7 @@ from bench.egomotion import Trajectory
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.lidar import LidarSweep
+from bench.times import SECOND_NS
 
 MotionKind = Literal["crossing", "overtaking", "preceding", "approaching", "static_ego"]
 MOTION_KINDS: tuple[str, ...] = get_args(MotionKind)
@@ -397,7 +398,6 @@ def frame_gaps(recording: Recording, camera: str) -> tuple[FrameGap, ...]:
 
 
 TURN_SPAN_NS = 500_000_000  # headings are compared over about this time, since single ones jitter
-SECOND_NS = 1_000_000_000
 
 
 def yaw_rates(
@@ -418,7 +418,7 @@ def yaw_rates(
 
 
 def world_yaw_rates(timestamps_ns: NDArray[np.int64], world_from_object: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same from rotations in a world with z up, (N, 3, 3) float64."""
+    """Turn of an object over the ground, (N,) rad/s, from its rotations in a world with z up, (N, 3, 3) float64."""
     forward_world = world_from_object[:, :, 0]
     heading_rad = np.unwrap(np.arctan2(forward_world[:, 1], forward_world[:, 0]))
     first = np.searchsorted(timestamps_ns, timestamps_ns - TURN_SPAN_NS // 2)

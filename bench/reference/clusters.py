@@ -12,8 +12,7 @@ from bench.geometry import RigidTransform
 from bench.records.recording import Cuboid, GroundPolygon, ObjectShape, ObjectState, PointIndices
 from bench.reference.silhouette import convex_parts
 from bench.reference.sweeps import PosedSweep
-
-SECOND_NS = 1_000_000_000
+from bench.times import SECOND_NS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

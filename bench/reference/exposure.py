@@ -14,6 +14,7 @@ from bench.geometry import RigidTransform, advance_twist, twist_between
 from bench.geometry.raster import Raster
 from bench.records.recording import MountedCamera, Recording
 from bench.records.reference import ReferenceFrame, ReferenceObject
+from bench.times import SECOND_NS
 
 
 def visible_region(camera: MountedCamera) -> NDArray[np.bool_]:
@@ -22,7 +23,6 @@ def visible_region(camera: MountedCamera) -> NDArray[np.bool_]:
     return valid.copy() if camera.ego_body is None else valid & ~camera.ego_body
 
 
-SECOND_NS = 1_000_000_000
 ROW_STEPS = (
     3  # to the row that sees a point; each leaves as much of the error as the point moves, in rows, from row to row
 )

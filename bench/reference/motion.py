@@ -14,8 +14,6 @@ from bench.geometry import RigidTransform
 from bench.records.recording import Cuboid, GroundPolygon, ObjectState, Recording, Track, world_velocities
 from bench.records.reference import Category, Direction, MotionSettings, ReferenceSettings
 
-SECOND_NS = 1_000_000_000
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackMotion:

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from bench.geometry import cross, dot
 from bench.records.reference import Limb, OutlineErrors
+from bench.times import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 SINE_RMS = 2.0**-0.5  # of a peak speed, over a stride
 
 

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from bench.geometry import RigidTransform, cross, dot, normalise
 from bench.geometry.raster import Raster
 from bench.records.reference import ReferenceSettings
-from bench.reference.clusters import SECOND_NS, Cluster, parts_at_exposure
+from bench.reference.clusters import Cluster, parts_at_exposure
 from bench.reference.envelope import Beam
 from bench.reference.exposure import Exposure
 from bench.reference.grid import Grid
@@ -34,6 +34,7 @@ from bench.reference.patches import (
 )
 from bench.reference.silhouette import Prism, silhouette
 from bench.reference.sweeps import PosedSweep
+from bench.times import SECOND_NS
 
 OUTLINE_STEP_M = 0.25  # the height of a cone that falls by 24 degrees, 1.5 m from its axis, is right to 3 mm
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them

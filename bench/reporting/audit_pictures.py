@@ -157,10 +157,10 @@ def _draw_example(
     bounds: list[tuple[float, float, float, float]] = [(u, v, u + width, v + height)]
     for kind, colour in colours.items():
         builder = ReferenceBuilder(recording, camera, lenient(protocol.reference_settings(), kind))
-        found = next((item.polygon for item in builder.build(image).objects if item.track_id == track_id), None)
-        if found is not None:
-            canvas.draw_outline(axes, found, colour=colour)
-            bounds.append(found.bounds)
+        polygon = next((item.polygon for item in builder.build(image).objects if item.track_id == track_id), None)
+        if polygon is not None:
+            canvas.draw_outline(axes, polygon, colour=colour)
+            bounds.append(polygon.bounds)
     low, high = np.min(bounds, axis=0)[:2], np.max(bounds, axis=0)[2:]
     (u, v), half = (low + high) / 2, max(float((high - low).max()) * (0.5 + MARGIN), SMALLEST_PX / 2)
     axes.set(xlim=(u - half, u + half), ylim=(v + half, v - half))
@@ -205,11 +205,11 @@ def write_cause_pictures(
     """
     files: list[Path] = []
     for category, (recording, camera, timestamp_ns) in worst_images(misses).items():
-        found = explain_image(
+        explained = explain_image(
             sources[recording], camera=camera, timestamp_ns=timestamp_ns, method=method, protocol=protocol
         )
         title = f"{category.replace('_', ' ')}: {recording}, {timestamp_ns / 1e9:.3f} s"
-        files += canvas.write_picture(folder / f"causes-{category}", draw_causes(found, title=title))
+        files += canvas.write_picture(folder / f"causes-{category}", draw_causes(explained, title=title))
     return tuple(files)
 
 
@@ -225,16 +225,18 @@ def worst_images(misses: pa.Table) -> dict[str, tuple[str, str, int]]:
 
 
 @canvas.styled
-def draw_causes(found: ExplainedImage, *, title: str) -> Figure:
+def draw_causes(explained: ExplainedImage, *, title: str) -> Figure:
     """Draw the moving objects' cells on the left, the false alarms on the right, each in the colour of its cause."""
-    height, width = found.pixels.shape[:2]
+    height, width = explained.pixels.shape[:2]
     figure = canvas.new_figure(2 * _CAUSE_IN, _CAUSE_IN * height / width + _CAUSE_BELOW_IN, layout="constrained")
-    left = {"found": (canvas.GREEN, found.hit)} | {MISSES[c]: (MISS_COLOURS[c], found.missed[c]) for c in MissCause}
-    right = {FALSE_ALARMS[c]: (FALSE_COLOURS[c], found.flagged[c]) for c in FalseCause}
+    left = {"found": (canvas.GREEN, explained.hit)} | {
+        MISSES[c]: (MISS_COLOURS[c], explained.missed[c]) for c in MissCause
+    }
+    right = {FALSE_ALARMS[c]: (FALSE_COLOURS[c], explained.flagged[c]) for c in FalseCause}
     panels = figure.subplots(1, 2)
     for axes, heading, layers in zip(panels, ("moving objects", "static world"), (left, right), strict=True):
-        areas = {colour: _pixels(cells, found) for colour, cells in layers.values()}
-        canvas.show_image(axes, canvas.overlay_areas(canvas.faded(found.pixels, 0.8), areas, strength=_TINT))
+        areas = {colour: _pixels(cells, explained) for colour, cells in layers.values()}
+        canvas.show_image(axes, canvas.overlay_areas(canvas.faded(explained.pixels, 0.8), areas, strength=_TINT))
         axes.set_title(f"{title}, {heading}", pad=3, fontsize=7)
         shares = {name: int(np.count_nonzero(cells)) for name, (_, cells) in layers.items()}
         handles = [
@@ -247,8 +249,8 @@ def draw_causes(found: ExplainedImage, *, title: str) -> Figure:
     return figure
 
 
-def _pixels(cells: NDArray[np.bool_], found: ExplainedImage) -> NDArray[np.bool_]:
+def _pixels(cells: NDArray[np.bool_], explained: ExplainedImage) -> NDArray[np.bool_]:
     """(H, W) bool, the pixels of cells."""
-    height, width = found.pixels.shape[:2]
-    every: NDArray[np.bool_] = np.kron(cells, np.ones((found.cell_size_px, found.cell_size_px), dtype=bool))
+    height, width = explained.pixels.shape[:2]
+    every: NDArray[np.bool_] = np.kron(cells, np.ones((explained.cell_size_px, explained.cell_size_px), dtype=bool))
     return every[:height, :width]

@@ -163,7 +163,10 @@ def _arrows(
     cells = (current[rows] // step).astype(int) @ np.array([1, ARROWS_ACROSS + 1])
     _, first = np.unique(cells, return_index=True)
     scale = camera.model.width / small.model.width
-    full = [(found + 0.5) * scale - 0.5 for found in (current[rows][first], previous[rows][first], seen[first])]
+    full = [
+        (pixels_small + 0.5) * scale - 0.5
+        for pixels_small in (current[rows][first], previous[rows][first], seen[first])
+    ]
     return full[0], full[1], full[2]
 
 

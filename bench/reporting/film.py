@@ -68,14 +68,14 @@ class VideoFile:
             OutputError: it does not hold the pictures.
         """
         video = cv2.VideoCapture(str(self._path))
-        stated, found = video.get(cv2.CAP_PROP_FRAME_COUNT), 0  # by the file's own end, and what comes before it
+        stated, held = video.get(cv2.CAP_PROP_FRAME_COUNT), 0  # by the file's own end, and what comes before it
         while video.grab():
-            found += 1
+            held += 1
         video.release()
         with self._path.open("rb") as file:
             head = file.read(8)
         length = int.from_bytes(head[4:], "little") + 8 if head.startswith(b"RIFF") else 0  # .avi, its last picture too
-        if not self.pictures == stated == found or length > self._path.stat().st_size:
+        if not self.pictures == stated == held or length > self._path.stat().st_size:
             got = "a file that ends before its last picture"
             raise OutputError(self._named, got=got, hint="free some disk space, then run the same command again")
 

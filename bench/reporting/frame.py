@@ -280,7 +280,7 @@ def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figu
     height, width = layers[0].pixels.shape[:2]
     scale = -(-int(LEAST_WIDTH_IN * canvas.DPI) // width)
     width_in, height_in = scale * width / canvas.DPI, scale * height / canvas.DPI
-    head_in = any(one.label for one in layers) * _LINE_IN + any(one.note for one in layers) * _LINE_IN + _MARGIN_IN
+    head_in = any(side.label for side in layers) * _LINE_IN + any(side.note for side in layers) * _LINE_IN + _MARGIN_IN
     full_in = _NAME_IN * (1 + bool(title)) + rows * (head_in + height_in) + LEGEND_IN
     across_in = columns * (width_in + _MARGIN_IN) + _MARGIN_IN
     figure = canvas.new_figure(across_in, full_in)
@@ -288,18 +288,18 @@ def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figu
         at_in = full_in - 0.03 - number * _NAME_IN
         text = figure.text(0.5, at_in / full_in, line, ha="center", va="top", fontsize=8)
         canvas.fit_text(text, across_in - 2 * _MARGIN_IN)
-    for number, one in enumerate(layers):
+    for number, side in enumerate(layers):
         row, column = divmod(number, columns)
         bottom_in = LEGEND_IN + (rows - 1 - row) * (head_in + height_in)
         left_in = _MARGIN_IN + column * (width_in + _MARGIN_IN)
         axes = canvas.axes_at(figure, left_in, bottom_in, width_in, height_in)
-        draw_layers(axes, one)
-        axes.set_title("\n".join(filter(None, (one.label, one.note))), pad=2, fontsize=7)
+        draw_layers(axes, side)
+        axes.set_title("\n".join(filter(None, (side.label, side.note))), pad=2, fontsize=7)
         canvas.fit_text(axes.title, width_in)
     add_legend(
         figure,
-        results=any(one.detected is not None for one in layers),
-        sweep=any(one.sweep is not None for one in layers),
+        results=any(side.detected is not None for side in layers),
+        sweep=any(side.sweep is not None for side in layers),
     )
     return figure
 

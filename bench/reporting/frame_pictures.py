@@ -223,8 +223,8 @@ def draw_cluster(
     return figure
 
 
-def _draw_plan(axes: Axes, found: ObjectGeometry, vehicle_outline_m: NDArray[np.float64]) -> None:
-    around, cluster, outline_m = found.surroundings_vehicle, found.cluster_vehicle, found.outline_m
+def _draw_plan(axes: Axes, geometry: ObjectGeometry, vehicle_outline_m: NDArray[np.float64]) -> None:
+    around, cluster, outline_m = geometry.surroundings_vehicle, geometry.cluster_vehicle, geometry.outline_m
     axes.scatter(around[:, 1], around[:, 0], s=0.4, c=_CLOUD, linewidths=0, rasterized=True)
     axes.scatter(cluster[:, 1], cluster[:, 0], s=2.5, c=canvas.SKY_BLUE, linewidths=0, zorder=4.5, rasterized=True)
     if len(outline_m):
@@ -237,8 +237,8 @@ def _draw_plan(axes: Axes, found: ObjectGeometry, vehicle_outline_m: NDArray[np.
     canvas.plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
 
 
-def _draw_cluster_pixels(axes: Axes, found: ObjectGeometry, polygon: Outline) -> None:
-    seen = found.pixels[np.isfinite(found.pixels).all(axis=1)]
+def _draw_cluster_pixels(axes: Axes, geometry: ObjectGeometry, polygon: Outline) -> None:
+    seen = geometry.pixels[np.isfinite(geometry.pixels).all(axis=1)]
     size = _dot_size(axes, polygon, len(seen))
     axes.scatter(seen[:, 0], seen[:, 1], s=size, c=canvas.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
     canvas.draw_outline(axes, polygon, colour=canvas.VERMILION, width=1.1).set_zorder(3.5)
@@ -353,8 +353,8 @@ def example_frames(objects: Rows) -> dict[Category, ImageKey]:
         evaluated = rows[rows["status"] == EVALUATED].sort_values(IMAGE)
         return evaluated.sort_values("region_px", ascending=False, kind="stable").drop_duplicates("category")
 
-    found = pick(read_parts(objects, [*IMAGE, "status", "category", "region_px"]), largest).set_index("category")[IMAGE]
-    keys = {str(kind): (str(r.recording), str(r.camera), int(r.timestamp_ns)) for kind, r in found.iterrows()}
+    rows = pick(read_parts(objects, [*IMAGE, "status", "category", "region_px"]), largest).set_index("category")[IMAGE]
+    keys = {str(kind): (str(r.recording), str(r.camera), int(r.timestamp_ns)) for kind, r in rows.iterrows()}
     return {kind: keys[kind] for kind in Category if kind in keys}
 
 

@@ -507,7 +507,8 @@ def _page(board: Leaderboard, out: Path, charted: Sequence[Runs], strips: dict[s
     if any(strips.values()):
         about = (
             "Of each kind of motion the image in which an object of it fills most pixels, whoever finds it. Green is "
-            "found, blue missed, orange wrongly marked, yellow an unknown band. The filters above choose two methods."
+            "found, blue missed, orange wrongly marked, yellow an unknown band, grey not scored. The filters above "
+            "choose two methods."
         )
         shown = [Group(blocks=of_data, tags={"dataset": name}) for name, of_data in strips.items()]
         yield Group(look="section", name="pictures", title="Methods on the same images",

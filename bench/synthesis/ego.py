@@ -14,9 +14,10 @@ from bench.geometry import RigidTransform, RoadPlane
 from bench.records.recording import MountedCamera
 from bench.synthesis.draws import named_rng
 from bench.synthesis.mesh import Mesh, Surface, box, convex, joined, slab, tube
-from bench.synthesis.motion import SECOND_NS, Path
+from bench.synthesis.motion import Path
 from bench.synthesis.rays import RayScene
 from bench.synthesis.scenario import BusSpec, CalibrationSpec, CameraSpec, RecordingSpec, Scenario
+from bench.times import SECOND_NS
 
 # Seen from above, x forward: a compact car of 4.7 m by 1.8 m with its origin below the rear axle.
 OUTLINE_M = np.array([

@@ -62,7 +62,7 @@ class Mesh:
     surfaces: NDArray[np.float64]
 
     def moved(self, a_from_b: RigidTransform) -> Mesh:
-        """The same mesh in frame a; the texture stays on its faces."""
+        """Return the mesh in frame a; the texture stays on its faces."""
         moved_m = a_from_b.apply(self.corners_m.reshape(-1, 3)).reshape(-1, 3, 3)
         return Mesh(corners_m=moved_m, texture_m=self.texture_m, surfaces=self.surfaces)
 
@@ -71,7 +71,7 @@ class Mesh:
         return Mesh(corners_m=self.corners_m[mask], texture_m=self.texture_m[mask], surfaces=self.surfaces[mask])
 
     def with_texture_shift(self, shift_m: ArrayLike) -> Mesh:
-        """The same mesh with its texture taken from elsewhere, so that two bodies look different."""
+        """Return the mesh with its texture taken from elsewhere, so that two bodies look different."""
         shifted_m = self.texture_m + np.asarray(shift_m, dtype=np.float64)
         return Mesh(corners_m=self.corners_m, texture_m=shifted_m, surfaces=self.surfaces)
 

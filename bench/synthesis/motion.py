@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from bench.geometry import RigidTransform
 from bench.synthesis.scenario import BumpSpec, SuspensionSpec
+from bench.times import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 STEP_NS = 1_000_000  # between the nodes of a path: linear in between is off by less than a micrometre
 
 

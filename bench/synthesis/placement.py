@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from bench.synthesis.bodies import make_body
 from bench.synthesis.draws import named_rng
 from bench.synthesis.ego import OUTLINE_M, own_body
-from bench.synthesis.motion import SECOND_NS, Path, Poses, driven_path
+from bench.synthesis.motion import Path, Poses, driven_path
 from bench.synthesis.scenario import ActorSpec, CameraSpec, EgoSpec, RecordingSpec, ScenarioHead, interval_ns
+from bench.times import SECOND_NS
 
 FIRST_IMAGE_NS = SECOND_NS  # the recording's clock at the scene's time 0
 MARGIN_NS = 200_000_000  # that paths are known before the first and after the last sensor reading

@@ -22,8 +22,8 @@ from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.rays import RayScene, depths_m
 from bench.synthesis.scenario import LidarSpec, RecordingSpec, Scenario
 from bench.synthesis.scene import Actor, Scene
+from bench.times import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 FIRINGS_PER_S = 20_833  # of all 64 lasers: 2083 columns, 0.1728 degrees apart, at 10 Hz
 # HDL-64E S2, user's manual: an upper block from 2 to -8.33 degrees, a third of a degree apart, and a lower block from
 # -8.83 to -24.33 degrees, half a degree apart.

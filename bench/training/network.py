@@ -102,5 +102,5 @@ class ScoredNetwork(nn.Module):
         self.network = network
 
     def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
-        """As of `MotionNetwork`."""
+        """Scores, (N, 2h, 2w) float32, from the inputs of `MotionNetwork`."""
         return torch.sigmoid(self.network(coarse, fine))

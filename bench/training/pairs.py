@@ -12,13 +12,13 @@ from bench.harness.datasets import Dataset, Frame, open_dataset
 
 DATASET = "training"
 VALIDATION = "validation"
-Part = Literal["training", "validation", "all"]
+SplitPart = Literal["training", "validation", "all"]
 
 
 def training_pairs(
     dataset: str | Path = DATASET,
     *,
-    part: Part = "training",
+    part: SplitPart = "training",
     every: int = 1,
     longest_history: int = 1,
     colour: bool = False,
@@ -47,7 +47,7 @@ def training_pairs(
     yield from pairs_of(data, names, every=every, longest_history=longest_history, colour=colour)
 
 
-def drives_of(dataset: str | Path, part: Part, *, workers: int = 1) -> tuple[str, ...]:
+def drives_of(dataset: str | Path, part: SplitPart, *, workers: int = 1) -> tuple[str, ...]:
     """Names of the drives of a part; see `training_pairs`."""
     names = open_dataset(dataset, workers=workers).names
     if part == "all":

@@ -22,7 +22,7 @@ from bench.methods.learned import inputs
 from bench.methods.rigid_scene.views import Views
 from bench.recordings import load_card
 from bench.training import appearance
-from bench.training.pairs import Part, drives_of, pairs_of
+from bench.training.pairs import SplitPart, drives_of, pairs_of
 
 DISTURBED = 0.75  # share of the images for which disturbances are drawn before anything is computed from them
 
@@ -57,7 +57,7 @@ class PreparedDrive:
 
 def prepare(
     dataset: str | Path,
-    part: Part,
+    part: SplitPart,
     folder: Path,
     *,
     disturbed: bool,

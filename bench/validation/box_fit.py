@@ -99,7 +99,7 @@ class BoxFit:
             beams = Beams(sweep, self._recording)
         except LookupError:
             return
-        found = []
+        near = []
         for track in self._recording.tracks:
             path, tally = self._paths[track.track_id], self._tallies[track.track_id]
             if not len(path.times_ns):
@@ -111,10 +111,10 @@ class BoxFit:
             if isinstance(shape, PointIndices):
                 _look_at_indices(tally, shape, sweep)
             elif box is not None and float(np.hypot(*box.vehicle_from_object.translation_m[:2])) < FAR_M:
-                found.append((track, i, box))
-        self._left_out += max(len(found) - MOST_BOXES, 0)
-        found.sort(key=lambda entry: self._tallies[entry[0].track_id].tried)
-        for number, (track, i, box) in enumerate(found[:MOST_BOXES]):
+                near.append((track, i, box))
+        self._left_out += max(len(near) - MOST_BOXES, 0)
+        near.sort(key=lambda entry: self._tallies[entry[0].track_id].tried)
+        for number, (track, i, box) in enumerate(near[:MOST_BOXES]):
             self._look_at(track, i, box, beams, in_every_reading=number < MOST_TRIED)
 
     def _look_at(self, track: Track, i: int, box: Cuboid, beams: Beams, *, in_every_reading: bool) -> None:
@@ -174,9 +174,9 @@ class BoxFit:
         if tight is not None:
             yield replace(tight, file=file)
         for track in self._recording.tracks:
-            found = self._of_one(track)
-            if found is not None:
-                yield replace(found, file=file)
+            finding = self._of_one(track)
+            if finding is not None:
+                yield replace(finding, file=file)
 
     # ------------------------------------------------------------ all boxes
 
@@ -190,15 +190,15 @@ class BoxFit:
         share, stated = ((values * told).sum(axis=0) / np.maximum(objects, 1) for values in (shares, shares[:, :1]))
         gains, better = share - stated, (shares - shares[:, :1] > SLIGHTLY) & told
         fits = (share > FITS) & (gains > SLIGHTLY) & (better.sum(axis=0) > objects / 2)
-        found = [
+        mistakes = [
             *self._reading_of_all(share, fits & (gains > CLEARLY)),
             *_late(share[self._late], fits[self._late]),
             *_grown(share[self._grown], fits[self._grown]),
         ]
-        if not found:
+        if not mistakes:
             return None
-        best, first = max(found, key=lambda one: one[0])
-        others = [other for as_good, other in found if other is not first and as_good > best - AS_WELL]
+        best, first = max(mistakes, key=lambda mistake: mistake[0])
+        others = [other for as_good, other in mistakes if other is not first and as_good > best - AS_WELL]
         row = int(np.argmax(np.where(fits, share, 0.0)))
         return replace(
             first,

@@ -1,4 +1,4 @@
-"""Boxes and outlines for themselves: sizes, tilt, height over the road, two at one place."""
+"""The statement of what is annotated, and boxes for themselves: sizes, tilt, height over the road, two at one place."""
 
 from __future__ import annotations
 
@@ -11,11 +11,48 @@ import shapely
 from numpy.typing import NDArray
 
 from bench.plain_text import listed
-from bench.recordings import Cuboid, Recording, Track
+from bench.recordings import COMPLETELY, NOT_ANNOTATED, Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice
 from bench.records.reference import Category
 from bench.validation.drive import annotation_file, boxes_of, object_field
 from bench.validation.findings import BODIES, Finding, Severity, Span, occurrences, unusable
+
+
+def check_annotated(recording: Recording) -> Iterator[Finding]:
+    """Complete annotations without any object, ones that nothing uses, stated times at which no image was taken."""
+    images = [image for images in recording.images.values() for image in images]
+    annotated, objects = recording.annotated, [track for track in recording.tracks if track.states]
+    if annotated == NOT_ANNOTATED and objects:
+        yield Finding(
+            check="annotated",
+            severity=Severity.WARNING,
+            field="annotated",
+            expected="no annotations, as the recording is said to be not annotated",
+            got=f"{len(objects)} objects, which nothing uses",
+            hint="take `annotated: none` out of the card or recording.json to score by them",
+        )
+    if annotated == NOT_ANNOTATED or any(image.moving_path is not None for image in images):
+        return
+    if not objects:
+        part = "all of the recording" if annotated == COMPLETELY else "part of the recording"
+        yield Finding(
+            check="annotated",
+            severity=Severity.WARNING,
+            field="annotated",
+            expected=f"objects, as {part} is said to be annotated",
+            got="none",
+            hint="right if nothing moves there; else whatever is detected counts as wrong: state annotated: none",
+        )
+    if images and not any(annotated.covers(image.timestamp_ns) for image in images):
+        times_ns = sorted(image.timestamp_ns for image in images)
+        yield Finding(
+            check="annotated",
+            field="annotated.timestamps_ns",
+            expected=f"times of the images, {times_ns[0]} to {times_ns[-1]}",
+            got="times at which there is none",
+            hint="check the unit and the epoch of the clock",
+        )
+
 
 TILTED_RAD, ODD_TILT_RAD = float(np.radians(45)), float(np.radians(20))
 CHANGES = 1.6  # a rigid body does not grow by so much; people swing arms and legs
@@ -172,16 +209,16 @@ def _same_place(recording: Recording) -> Iterator[Finding]:
     for track in recording.tracks:
         for state, box in boxes_of(track):
             at[state.timestamp_ns].append((track, _footprint(box)))
-    found: dict[tuple[str, str], list[int]] = defaultdict(list)
+    overlapping: dict[tuple[str, str], list[int]] = defaultdict(list)
     left, given_up_ns = MOST_PAIRS, []
     for time_ns, present in sorted(at.items()):
         pairs, overlap, whole = _overlapping(present, most=left)
         left -= len(pairs)
         for i, j in pairs[overlap]:
-            found[present[i][0].track_id, present[j][0].track_id].append(time_ns)
+            overlapping[present[i][0].track_id, present[j][0].track_id].append(time_ns)
         if not whole:
             given_up_ns.append(time_ns)
-    often = sorted(found.items(), key=lambda pair: -len(pair[1]))
+    often = sorted(overlapping.items(), key=lambda pair: -len(pair[1]))
     rows = [
         (f"objects {one!r} and {other!r}", f"at {len(times_ns)} times", len(times_ns), times_ns[0])
         for (one, other), times_ns in often[:MOST_PAIRS_LISTED]

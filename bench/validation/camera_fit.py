@@ -19,10 +19,10 @@ from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory
 from bench.recordings import MountedCamera
-from bench.validation.edges import FARTHEST_PX, SECTORS
-from bench.validation.findings import DEGREE, SECOND_NS
-from bench.validation.measured_motion import MeasuredMotion
-from bench.validation.static_flow import SeenFlow
+from bench.times import SECOND_NS
+from bench.validation.findings import DEGREE
+from bench.validation.scan_matching import MeasuredMotion
+from bench.validation.static_flow import FARTHEST_PX, SECTORS, SeenFlow
 
 Floats = NDArray[np.float64]
 
@@ -212,8 +212,8 @@ class CameraFit:
             u, v = nearest[rows].astype(int).T
             offset = flow.edges.offsets[sector[rows].astype(int) % SECTORS, v, u]
             away = ((nearest[rows] + offset - pixels[rows]) * across[rows]).sum(axis=1)
-            found = np.linalg.norm(offset.astype(float), axis=1) < FARTHEST_PX
-            residual[rows] = np.where(found, away, np.nan)
+            near = np.linalg.norm(offset.astype(float), axis=1) < FARTHEST_PX
+            residual[rows] = np.where(near, away, np.nan)
         return residual, across
 
     def edge_pixels(self, values: Floats) -> Floats:
@@ -254,10 +254,10 @@ class CameraFit:
                 self._at(best.values + part * change, best.pair_errors + part * pair_change, sigmas, best)
                 for part in (1.0, 0.5, 0.25)
             )
-            found = next((one for one in shorter if one.cost < best.cost - LEAST_FALL), None)
-            if found is None:
+            step = next((one for one in shorter if one.cost < best.cost - LEAST_FALL), None)
+            if step is None:
                 break
-            best = replace(found, sigmas=deviations)
+            best = replace(step, sigmas=deviations)
         return best
 
     def _sigma(self, name: str, causes: Collection[str]) -> float:

@@ -91,3 +91,16 @@ def boxes_near(recording: Recording, time_ns: int, *, within_ns: int) -> Iterato
         box = None if state is None else box_of(state.shape)
         if box is not None:
             yield box
+
+
+BOX_SLACK_M = 1.0
+NEAR_STATE_NS = 300_000_000  # of a state to a sweep
+
+
+def on_objects(points_vehicle: NDArray[np.float64], time_ns: int, recording: Recording) -> NDArray[np.bool_]:
+    """Points on annotated objects: those that drive along would suggest a stationary vehicle."""
+    inside = np.zeros(len(points_vehicle), dtype=bool)
+    for box in boxes_near(recording, time_ns, within_ns=NEAR_STATE_NS):
+        local = box.vehicle_from_object.inverse().apply(points_vehicle)
+        inside |= (np.abs(local) < box.size_m / 2 + BOX_SLACK_M).all(axis=1)
+    return inside

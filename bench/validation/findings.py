@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError
 
-SECOND_NS = 1_000_000_000
 DEGREE = float(np.pi / 180)
 
 
@@ -88,9 +87,9 @@ class Occurrences(TypedDict):
     timestamp_ns: int
 
 
-def occurrences(found: NDArray[np.bool_], times_ns: NDArray[np.int64]) -> Occurrences:
+def occurrences(at: NDArray[np.bool_], times_ns: NDArray[np.int64]) -> Occurrences:
     """Number of elements that are True, at least one, and the time of the first."""
-    return {"times": int(found.sum()), "timestamp_ns": int(times_ns[np.argmax(found)])}
+    return {"times": int(at.sum()), "timestamp_ns": int(times_ns[np.argmax(at)])}
 
 
 Span = tuple[float, float]

@@ -145,7 +145,7 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
 
 
 def _finding(
-    found: list[ImageRef],
+    images: list[ImageRef],
     check: str,
     field: str,
     expected: str,
@@ -153,17 +153,17 @@ def _finding(
     severity: Severity = Severity.ERROR,
     hint: str = "",
 ) -> Iterator[Finding]:
-    if found:
+    if images:
         yield Finding(
             check=check,
             severity=severity,
-            file=str(found[0].path),
+            file=str(images[0].path),
             field=field,
             expected=expected,
-            got=f"{got}, {len(found)} of those read",
+            got=f"{got}, {len(images)} of those read",
             hint=hint,
-            times=len(found),
-            timestamp_ns=found[0].timestamp_ns,
+            times=len(images),
+            timestamp_ns=images[0].timestamp_ns,
         )
 
 

@@ -16,7 +16,8 @@ from scipy.optimize import least_squares
 
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform, twist_between
-from bench.validation.findings import DEGREE, SECOND_NS
+from bench.times import SECOND_NS
+from bench.validation.findings import DEGREE
 from bench.validation.scan_matching import Step
 
 Array = NDArray[np.float64]
@@ -274,11 +275,11 @@ class Comparison:
             less = np.sqrt(np.log1p(size**2)) / np.maximum(size, 1e-9)  # Cauchy
             return np.concatenate([(errors * less[:, None] / FITTING.step_m).ravel(), prior * scaled])
 
-        found = [
+        fits = [
             least_squares(residuals, (start - STATED) / USUAL, bounds=(-limit, limit), x_scale="jac")
             for start in starts
         ]
-        best = min(found, key=lambda one: one.cost)
+        best = min(fits, key=lambda one: one.cost)
         values = STATED + best.x * USUAL
         errors = self.errors(mounting, values)
         excess = max(1.0, 2.0 * best.cost / max(errors.size - len(USUAL), 1))

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from bench.egomotion import Trajectory
 from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
+from bench.times import SECOND_NS
 from bench.validation.drive import annotated_times, boxes_of, object_field
-from bench.validation.findings import BODIES, SECOND_NS, BodyLimits, Finding, Severity, occurrences
+from bench.validation.findings import BODIES, BodyLimits, Finding, Severity, occurrences
 
 LONGEST_STEP_S = 1.0
 JUMP_M = 1.0
@@ -131,15 +132,15 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
             velocities[fault[0]].append((track.track_id, fault[1]))
     rolling = frozenset(object_field(track) for track in recording.tracks if track.object_class in ROLLING)
     yield from _headings(headings, rolling)
-    for cause, found in velocities.items():
+    for cause, objects in velocities.items():
         yield Finding(
             check="velocity",
             field="velocity_mps",
             expected="velocities over the ground along the vehicle's axes, as the positions change",
-            got=f"{len(found)} objects off by up to {max(off for _, off in found):.1f} m/s: "
-            + listed([name for name, _ in found]),
+            got=f"{len(objects)} objects off by up to {max(off for _, off in objects):.1f} m/s: "
+            + listed([name for name, _ in objects]),
             hint=cause,
-            times=len(found),
+            times=len(objects),
         )
 
 

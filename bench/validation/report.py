@@ -20,21 +20,19 @@ from bench.errors import BenchError, DataError
 from bench.recordings import Recording, RecordingHandle
 from bench.recordings.validation import FileModel, read_json
 from bench.records.recording import Content
-from bench.validation.annotated import check_annotated
 from bench.validation.box_fit import BoxFit
-from bench.validation.boxes import check_boxes
+from bench.validation.boxes import check_annotated, check_boxes
 from bench.validation.calibration import check_calibration
 from bench.validation.cameras import check_cameras
 from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
 from bench.validation.drive import annotation_file, calibration_file
-from bench.validation.ego_motion import check_ego_limits
 from bench.validation.findings import Finding, Severity, Undecided, unusable
 from bench.validation.images import check_images
 from bench.validation.motion import check_motion
 from bench.validation.static_world import check_static_world
 from bench.validation.sweeps import SweepChecks
 from bench.validation.unboxed import check_unboxed
-from bench.validation.units import check_length_units, check_time_units
+from bench.validation.units import check_ego_limits, check_length_units, check_time_units
 
 SAMPLED_IMAGES, NEIGHBOURING_IMAGES = 120, 6  # of each camera, in runs of so many
 SAMPLED_SWEEPS, NEIGHBOURING_SWEEPS = 24, 2
@@ -134,11 +132,11 @@ def validate_recording(
         findings += _file_by_file(handle, error)
     else:
         for check, file in CHECKS:
-            for found in check(recording):
-                if isinstance(found, Undecided):
-                    undecided.append(found)
+            for told in check(recording):
+                if isinstance(told, Undecided):
+                    undecided.append(told)
                 else:
-                    findings.append(replace(found, file=found.file or str(file(recording))))
+                    findings.append(replace(told, file=told.file or str(file(recording))))
         rows = {
             camera: _sampled(len(recording.images[camera]), depth, SAMPLED_IMAGES, NEIGHBOURING_IMAGES)
             for camera in recording.cameras
@@ -301,7 +299,7 @@ def validate_dataset(
 
 def _same_drives(handles: Sequence[RecordingHandle]) -> dict[str, tuple[Finding, ...]]:
     """Findings of recordings whose middle images and sweep are, byte by byte, those of one before."""
-    found: dict[str, tuple[Finding, ...]] = {}
+    findings: dict[str, tuple[Finding, ...]] = {}
     first: dict[bytes, str] = {}
     for handle in handles if len(handles) > 1 else ():
         digest = _middle_digest(handle)
@@ -314,10 +312,10 @@ def _same_drives(handles: Sequence[RecordingHandle]) -> dict[str, tuple[Finding,
                 got=f"the images and the sweep of {first[digest]!r} in the middle of it",
                 hint="leave one of them out: intervals take recordings as independent",
             )
-            found[handle.name] = (finding,)
+            findings[handle.name] = (finding,)
         elif digest is not None:
             first[digest] = handle.name
-    return found
+    return findings
 
 
 def _middle_digest(handle: RecordingHandle) -> bytes | None:

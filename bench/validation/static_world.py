@@ -28,9 +28,15 @@ from bench.validation.lidar_motion import (
     Quantity,
     level_steps,
 )
-from bench.validation.mounting import mounting_name, returns_in_boxes, road_plane, some_sweeps
-from bench.validation.pose_readings import PoseReading, pose_readings
 from bench.validation.scan_matching import MATCHING, neighbouring, scan_steps
+from bench.validation.static_readings import (
+    PoseReading,
+    mounting_name,
+    pose_readings,
+    returns_in_boxes,
+    road_plane,
+    some_sweeps,
+)
 
 Array = NDArray[np.float64]
 

@@ -254,10 +254,10 @@ class SweepChecks:
             "point-times-missing": ("a time for each point", self._without_times()),
             "point-times": ("points of one revolution around the sweep's time", "check the unit: expected nanoseconds"),
         }
-        for check, found in {"empty-sweep": empty, "thin-sweep": few, **self._faults}.items():
-            if not found:
+        for check, faults in {"empty-sweep": empty, "thin-sweep": few, **self._faults}.items():
+            if not faults:
                 continue
-            time_ns, file, got = found[0]
+            time_ns, file, got = faults[0]
             yield Finding(
                 check=check,
                 severity=Severity.WARNING if check in WARNINGS else Severity.ERROR,
@@ -265,7 +265,7 @@ class SweepChecks:
                 expected=expected[check][0],
                 got=got,
                 hint=expected[check][1],
-                times=len(found),
+                times=len(faults),
                 timestamp_ns=time_ns,
             )
         yield from self._road()

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.recordings import NOT_ANNOTATED, Recording
+from bench.times import SECOND_NS
 from bench.validation.drive import annotation_file, box_of
-from bench.validation.findings import SECOND_NS, Finding, Severity
+from bench.validation.findings import Finding, Severity
 
 if TYPE_CHECKING:
     from bench.annotation.proposals import Proposal
@@ -57,17 +58,17 @@ def check_unboxed(recording: Recording) -> Iterator[Finding]:
     proposals: tuple[Proposal, ...] = ()
     with suppress(DataError):  # reported by the check of the sweeps
         proposals = propose(replace(recording, sweeps=recording.sweeps[first : first + UNBOXED.sweeps]))
-    found = []
+    unboxed = []
     for proposal in proposals:
         rows = _moving_near(proposal, recording)
         without = rows[[not _has_box(proposal, int(row), recording) for row in rows]]
         sure = all(reason in HARMLESS for reason, _ in proposal.doubts)
         if sure and len(without) > max(UNBOXED.least_sweeps - 1, len(rows) / 2):
-            found.append((proposal, without))
-    if found:
-        found.sort(key=lambda one: -len(one[1]))
-        proposal, without = found[0]
-        more = f"; {len(found) - 1} more objects like that" if len(found) > 1 else ""
+            unboxed.append((proposal, without))
+    if unboxed:
+        unboxed.sort(key=lambda entry: -len(entry[1]))
+        proposal, without = unboxed[0]
+        more = f"; {len(unboxed) - 1} more objects like that" if len(unboxed) > 1 else ""
         yield Finding(
             check="object-without-box",
             severity=Severity.WARNING,
@@ -77,7 +78,7 @@ def check_unboxed(recording: Recording) -> Iterator[Finding]:
             got=_described(proposal, without, recording) + more,
             hint="annotate the object (`fisheye-bench annotate propose` finds such), or state when and where the "
             "recording is annotated",
-            times=len(found),
+            times=len(unboxed),
             timestamp_ns=int(proposal.timestamps_ns[without[0]]),
         )
 

@@ -1,8 +1,4 @@
-"""Units: times that are not nanoseconds and lengths that are not metres, in every file, with the factor.
-
-Speeds and yaw rates of the ego vehicle are tried against the lidar, in `ego_motion`. What follows from a wrong unit is
-told after it, as warnings.
-"""
+"""Units of times and lengths, and the limits of ego-motion that no road vehicle exceeds."""
 
 from __future__ import annotations
 
@@ -13,12 +9,93 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from bench.egomotion.time_units import FACTORS, other_unit
 from bench.errors import DataError
-from bench.geometry import RigidTransform
+from bench.geometry import RigidTransform, twist_between
 from bench.recordings import Recording
-from bench.validation.drive import annotated_times, annotation_file, boxes_of, calibration_file, sweep_times, times_of
-from bench.validation.findings import BODIES, CAMERA_HEIGHT_M, LIDAR_HEIGHT_M, SENSOR_OUTSIDE_M, Finding, Span
+from bench.times import FACTORS, SECOND_NS, other_unit
+from bench.validation.drive import (
+    annotated_times,
+    annotation_file,
+    boxes_of,
+    calibration_file,
+    sweep_times,
+    times_of,
+)
+from bench.validation.findings import (
+    BODIES,
+    CAMERA_HEIGHT_M,
+    EGO_SIDEWAYS_MPS2,
+    EGO_TOP_SPEED_MPS,
+    EGO_TOP_TURN_RADPS,
+    LIDAR_HEIGHT_M,
+    SENSOR_OUTSIDE_M,
+    Finding,
+    Span,
+    occurrences,
+)
+
+SPEED_WINDOW_NS = 200_000_000  # single steps of measured poses jitter
+JUMP_MPS2 = 40.0  # a crash; also what a pose that jumps by half a metre between two 10 Hz poses gives
+
+
+def check_ego_limits(recording: Recording) -> Iterator[Finding]:
+    """Speed, turn, cornering and jumps of the path, from poses a fifth of a second apart."""
+    path = recording.trajectory
+    times_ns = path.timestamps_ns
+    after = np.minimum(np.searchsorted(times_ns, times_ns + SPEED_WINDOW_NS), len(times_ns) - 1)
+    before = np.flatnonzero(times_ns[after] > times_ns)
+    after = after[before]
+    turns, paths_m = twist_between(
+        path.rotations[before], path.positions_m[before], path.rotations[after], path.positions_m[after]
+    )
+    seconds = (times_ns[after] - times_ns[before]) / SECOND_NS
+    near = seconds <= 1.0
+    if not near.any():
+        return
+    before, seconds = before[near], seconds[near]
+    speed = np.linalg.norm(paths_m[near], axis=1) / seconds
+    turn = np.linalg.norm(turns[near], axis=1) / seconds
+    tests = (
+        ("ego-speed", "speed", speed, EGO_TOP_SPEED_MPS, "m/s", "km/h instead of m/s?"),
+        ("ego-turn", "yaw rate", turn, EGO_TOP_TURN_RADPS, "rad/s", "degrees per second instead of rad/s?"),
+        ("ego-cornering", "speed times yaw rate", speed * turn, EGO_SIDEWAYS_MPS2, "m/s2",
+         "km/h instead of m/s, or degrees instead of radians?"),
+    )  # fmt: skip
+    for check, what, values, limit, unit, hint in tests:
+        beyond = values > limit
+        if beyond.any():
+            yield Finding(
+                check=check,
+                field=what,
+                expected=f"at most {limit:.3g} {unit}",
+                got=f"up to {values.max():.3g} {unit}",
+                hint=hint,
+                **occurrences(beyond, times_ns[before]),
+            )
+            return  # consequences of a wrong unit are not reported again
+    yield from _jumps(recording)
+
+
+def _jumps(recording: Recording) -> Iterator[Finding]:
+    """Poses that leave the line of their neighbours."""
+    path = recording.trajectory
+    if len(path.timestamps_ns) < 4:
+        return
+    seconds = np.diff(path.timestamps_ns) / SECOND_NS
+    velocity = np.diff(path.positions_m, axis=0) / seconds[:, None]
+    change_mps = np.linalg.norm(np.diff(velocity, axis=0), axis=1)
+    span_s = (seconds[1:] + seconds[:-1]) / 2
+    away_m = change_mps * np.minimum(seconds[1:], seconds[:-1])
+    jumps = (change_mps / span_s > JUMP_MPS2) & (away_m > 0.3)
+    if jumps.any():
+        yield Finding(
+            check="ego-jump",
+            field="position",
+            expected="a path without jumps",
+            got=f"{int(jumps.sum())} places where it leaves its line, by up to {away_m[jumps].max():.2f} m",
+            **occurrences(jumps, path.timestamps_ns[1:-1]),
+        )
+
 
 UNITS = {0.01: "centimetres", 0.001: "millimetres"}
 FARTHEST_M = 100.0  # half of a sweep's points, or of the boxes, are nearer
@@ -39,8 +116,8 @@ def check_time_units(recording: Recording) -> Iterator[Finding]:
     series.append((recording.trajectory.source, "times", recording.trajectory.timestamps_ns))
     series.append((annotation_file(recording), "timestamp", annotated_times(recording)))
     for file, field, times_ns in series:
-        if (found := other_unit(times_ns)) is not None:
-            unit, factor = found
+        if (meant := other_unit(times_ns)) is not None:
+            unit, factor = meant
             yield Finding(
                 check="time-unit",
                 file=str(file),

@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.adapters.rosbag.clouds import cloud_sweep
-from bench.adapters.rosbag.images import BagImage
 from bench.adapters.rosbag.messages import NO_TIME, Topic, header_stamp_ns
 from bench.adapters.rosbag.rig import LidarRig
+from bench.adapters.rosbag.sensors import BagImage, cloud_sweep
 from bench.adapters.rosbag.storage import Position
 from bench.errors import DataError
 from tests.hostile.files import png

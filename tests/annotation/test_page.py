@@ -140,6 +140,59 @@ def test_keys_decide_and_undo(browser, server, reviews):
     no_complaints(browser)
 
 
+def told(browser):
+    return browser.execute_script("return $('told').textContent")
+
+
+def test_undo_takes_back_what_was_just_nudged_and_nothing_else(browser, server, reviews):
+    """The nudge waits half a second for more; undo stores it first, so that it is what is taken back."""
+    page(browser, server)
+    first = browser.execute_script("return chosen")
+    press(browser, "a")
+    wait_for_decisions(reviews, 1)
+    browser.execute_script(f"choose('{first}')")
+    press(browser, "jz")
+    accepted, nudged, undone = wait_for_decisions(reviews, 3)
+    assert (accepted.action, nudged.action, undone.action) == ("accept", "set_box", "undo")
+    until(browser, "return $('told').textContent")
+    assert told(browser) == f"Taken back: set box {first}"
+    assert browser.execute_script(f"return tracks.get('{first}').status") == "accepted"
+    press(browser, "y")
+    until(browser, "return $('told').textContent.startsWith('Done again')")
+    no_complaints(browser)
+
+
+def test_the_camera_follows_the_selected_track(browser, server):
+    """The drive's camera, and the same one looking back, which comes first."""
+    page(browser, server)
+    browser.execute_script(
+        "const front = D.cameras[0], [x, y, z, w] = front.mounting, back = row => row.map((v, k) => k < 3 ? -v : v);"
+        "D.cameras = [{ ...front, name: 'rear', mounting: [back(x), back(y), z, w] }, { ...front, name: 'front' }];"
+        "lenses.set(1, lenses.get(0)); cameraTabs(); choose(chosen)"
+    )
+    until(browser, "return !frame && camera === 1 && !sight")
+    press(browser, "c")
+    until(browser, "return camera === 0 && $('band').textContent.endsWith('Seen by: front.')")
+    browser.execute_script("choose(null); choose(ranked()[0].id)")
+    until(browser, "return camera === 1")
+
+
+def test_a_doubt_is_explained(browser, server):
+    page(browser, server)
+    browser.execute_script("tracks.get(chosen).doubts = [{ reason: 'short', value: .4 }]; report()")
+    browser.find_element("css selector", "#why button").click()
+    assert told(browser).startswith("short (0.4): Seconds that it moves.")
+
+
+def test_ten_tracks_are_in_the_timeline_at_once(browser, server):
+    page(browser, server, width=1280)
+    browser.execute_script(
+        "for (let n = 0; n < 10; n++) { const t = tracks.get(chosen); tracks.set(`x${n}`, { ...t, id: `x${n}` }); }"
+        "order = [...tracks.keys()].slice(-10); report(); paint()"
+    )
+    until(browser, "return bars.length === 10 && $('lanes').scrollHeight <= $('lanes').clientHeight")
+
+
 def test_a_size_that_does_not_fit_the_class_is_told(browser, server, reviews):
     page(browser, server)
     name = browser.execute_script(
@@ -159,6 +212,11 @@ def test_playing_to_the_end_counts_as_watched(browser, server, reviews, drive):
     press(browser, " ")
     until(browser, "return !playing && i === D.times.length - 1")
     until(browser, "return D.times.every(watched)")
+    count = browser.execute_script("return tracks.size")
+    assert (
+        told(browser)
+        == f"Played to the end. {'One track is' if count == 1 else f'{count} tracks are'} still undecided."
+    )
     assert stored(reviews).covers([sweep.timestamp_ns for sweep in drive.sweeps])
 
 

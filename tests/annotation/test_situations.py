@@ -6,6 +6,7 @@ import pytest
 from bench.annotation import evaluate_proposals, propose
 from bench.lidar import LidarSweep
 from tests.annotation.street import COARSE, annotated, street
+from tests.support.tiny import VEHICLE_FROM_LIDAR
 from tests.validation import drive
 
 
@@ -119,3 +120,25 @@ def test_a_trailer_half_a_metre_behind_a_car_is_one_of_its_own(proposed):
     assert len(proposals) == 2
     assert set(frames.loc[frames["outcome"] == "found", "object"]) == {"car", "trailer"}
     assert "false" not in set(frames["outcome"])
+
+
+def test_a_lorry_beside_us_in_parts_that_change_and_with_stray_returns(proposed):
+    """A part without returns cuts it in two in most sweeps, and returns between it and us, as of mirrors, widen it."""
+    whole = drive.sweep
+
+    def ragged(index, path):
+        swept = whole(index, path)
+        lorry = drive.pose_at("lorry", index * drive.SWEEP_NS / 1e9)
+        world_from_lidar = path.world_from_vehicle(swept.timestamp_ns) @ VEHICLE_FROM_LIDAR
+        points = lorry.inverse().apply(world_from_lidar.apply(swept.points_lidar.astype(np.float64)))
+        kept = (np.abs(points[:, 0] - 2.0) > 0.8) | (np.abs(points[:, 1]) > 1.4) | (index % 3 == 0)
+        stray = np.column_stack([np.zeros(10), np.linspace(1.25, 4.65, 10), np.full(10, -0.4)])
+        back = world_from_lidar.inverse().apply(lorry.apply(np.concatenate([points[kept], stray])))
+        return drive.as_at_once(swept.timestamp_ns, back.astype(np.float32))
+
+    long = {"lorry": ("vehicle", (2.0, -6.2, 1.85), 0.0, 4.0, (10.0, 2.5, 3.5))}
+    (found,), frames = proposed(long, sweep=ragged)
+    assert frames["outcome"].value_counts().to_dict() == {"found": drive.SWEEPS}
+    np.testing.assert_allclose(found.size_m[0], 10.0, atol=0.6)
+    assert found.size_m[1] < 0.8  # its flank is all that the lidar sees
+    assert frames["speed_error_mps"].median() < 0.2

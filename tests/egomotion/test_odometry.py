@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from bench.egomotion import planar_trajectory, read_bus_signals
 from bench.errors import DataError
+from bench.times import SECOND_NS
 
-SECOND_NS = 1_000_000_000
 START_NS = 1_700_000_000_123_456_789  # more digits than float64 holds
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.evaluation.intervals import MEAN, RATIO, Bounds
+from bench.evaluation.intervals import MEAN, RATIO, ValueBounds
 
 Column = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, int], tuple[Column, Column]]
@@ -26,7 +26,7 @@ class Scenario:
 
     draw: Draw
     truth: float
-    within: Bounds = RATIO
+    within: ValueBounds = RATIO
 
 
 def sizes(draw: np.random.Generator, n: int, sigma: float = 0.8) -> Column:
@@ -61,7 +61,7 @@ def coverage(mean: float, spread: float, *, sigma: float = 0.8) -> Scenario:
     return Scenario(draw=drawn, truth=mean)
 
 
-def skewed(mean: float, sigma: float, within: Bounds, *, spread: float = 0.8) -> Scenario:
+def skewed(mean: float, sigma: float, within: ValueBounds, *, spread: float = 0.8) -> Scenario:
     """False-positive coverage, or components per image: log-normal over recordings."""
 
     def drawn(draw: np.random.Generator, n: int) -> tuple[Column, Column]:

@@ -14,8 +14,8 @@ from bench.evaluation.intervals import (
     MEAN,
     RATIO,
     RATIO_CHANGE,
-    Bounds,
     Jackknife,
+    ValueBounds,
     degrees_of_freedom,
     jackknife,
     ratio_interval,
@@ -24,7 +24,9 @@ from bench.evaluation.intervals import (
 PAIRS = st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20)), min_size=6, max_size=12)
 
 
-def interval(numerators: list[float], denominators: list[float], within: Bounds = RATIO) -> tuple[float, float] | None:
+def interval(
+    numerators: list[float], denominators: list[float], within: ValueBounds = RATIO
+) -> tuple[float, float] | None:
     return ratio_interval(np.array(numerators, dtype=float), np.array(denominators, dtype=float), within=within)
 
 

@@ -7,10 +7,9 @@ import numpy as np
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, SequenceScorer
 from bench.records.reference import IgnoreReason
 from bench.records.segmentation import Segmentation
+from bench.times import SECOND_NS
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import PAPER, scored
-
-SECOND_NS = 1_000_000_000
 
 
 def test_every_annotated_object_has_a_row() -> None:

@@ -15,12 +15,13 @@ from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
 from bench.execution import ProcessExecutor
 from bench.harness import Part, RunRequest, build_scorable, read_run, run_benchmark, score_part
 from bench.harness.answers import Answer, Key, name_of, read_answers, read_seconds, safe_name, write_answers
-from bench.harness.references import find_references
+from bench.harness.references import StoredReference, _row, find_references
 from bench.harness.stages import StageClock
 from bench.methods import Segmentation, build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card, open_dataset
 from bench.reference import ReferenceBuilder
+from tests.evaluation.frames import reference_frame
 from tests.support.changed_data import (
     change_annotation,
     change_calibration,
@@ -108,13 +109,20 @@ def test_a_stored_reference_is_equal_in_every_value(tiny_card, tmp_path, monkeyp
     monkeypatch.setattr(ReferenceBuilder, "build", lambda *_: pytest.fail("it is stored"))
     for before, stored in zip(built, found(), strict=True):
         after = stored.frame("x")
-        for name in ("labels", "ignored", "unknown", "valid"):
+        for name in ("labels", "ignored", "unknown", "left_out", "valid"):
             assert np.array_equal(getattr(before, name), getattr(after, name)), name
         assert (before.ego_speed_mps, before.annotated) == (after.ego_speed_mps, after.annotated)
         for one, other in zip(before.objects, after.objects, strict=True):
             for name in one.__slots__:
                 assert np.array_equal(getattr(one, name), getattr(other, name)), name
     assert any(one.objects for one in built)
+
+
+def test_every_kind_of_pixel_of_a_reference_is_stored():
+    flags = np.random.default_rng(1).random((4, 6, 8)) < 0.5
+    kinds = dict(zip(("ignored", "unknown", "left_out", "valid"), flags, strict=True))
+    stored = StoredReference(_row(replace(reference_frame(np.zeros((6, 8), dtype=np.int32)), **kinds)))
+    assert all(np.array_equal(getattr(stored.frame("drive"), name), kind) for name, kind in kinds.items())
 
 
 def test_a_damaged_file_of_the_cache_is_built_again(tiny_card, tmp_path, monkeypatch):

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bench.lidar import LidarSweep, deskew, interpolation_timestamps
-
-SECOND_NS = 1_000_000_000
+from bench.times import SECOND_NS
 
 
 def test_timestamps_span_the_points_at_most_five_milliseconds_apart():

@@ -37,6 +37,10 @@ def test_objects_and_pixels_of_an_area_are_ignored():
     assert found.ignored[whole.labels == number["object-1"]].all(), "what may be seen there counts neither way"
     assert not (found.ignored & (found.labels > 0)).any()
     assert not (found.ignored & ~found.valid).any()
+    assert found.left_out.any()
+    assert not (found.left_out & ~found.ignored).any()
+    assert not found.left_out[whole.labels == number["object-1"]].any(), "an ignored object is told from its area"
+    assert not whole.left_out.any()
 
 
 @pytest.mark.parametrize(
@@ -68,6 +72,7 @@ def test_other_times_and_recordings_without_annotations_have_no_scores():
         assert frame.annotated == scored
         assert bool(frame.objects) == scored
         assert (frame.ignored == frame.valid).all() == (not scored)
+        assert (frame.left_out == frame.valid).all() == (not scored)
         assert scored or not frame.labels.any()
 
 

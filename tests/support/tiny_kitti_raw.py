@@ -22,7 +22,7 @@ LIDAR_M, IMU_IN_LIDAR_M = np.array([0.76, 0.0, 1.73]), np.array([-0.81, 0.32, -0
 CAMERA_0_FROM_LIDAR = np.array([[0, -1, 0, 0.0], [0, 0, -1, -0.08], [1, 0, 0, -0.27]])
 FOCAL_PX, CENTRE_PX, RIGHT_M = 72.0, (60.5, 17.25), 0.06  # of image_02, which sits so far right of image_00
 CAMERA_M = LIDAR_M + np.array([0.27, -RIGHT_M, -0.08])
-OPTIONS: dict[str, object] = {}
+OPTIONS = {"body_polygons": {"image_02": [[[50, 34], [70, 34], [70, 36], [50, 36]]]}}
 
 
 def time_ns(frame: float, later_ns: int = 0) -> int:

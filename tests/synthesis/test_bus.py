@@ -13,9 +13,10 @@ from bench.harness.digests import digest_recording
 from bench.recordings import open_native
 from bench.synthesis import read_scenario
 from bench.synthesis.ego import BusReport, bus_report, mounted_rig
-from bench.synthesis.motion import SECOND_NS, Path, driven_path
+from bench.synthesis.motion import Path, driven_path
 from bench.synthesis.production import DECIMALS
 from bench.synthesis.scenario import BusSpec
+from bench.times import SECOND_NS
 from tests.synthesis.conftest import REAL
 
 ERRORS = ("speed_scale_sigma", "yaw_rate_noise_degps", "yaw_rate_bias_degps", "yaw_rate_step_degps", "speed_step_kmh")

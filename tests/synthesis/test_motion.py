@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from bench.egomotion import read_bus_signals, read_tum
-from bench.synthesis.motion import SECOND_NS, driven_path
+from bench.synthesis.motion import driven_path
+from bench.times import SECOND_NS
 from tests.synthesis.conftest import IDEAL
 
 

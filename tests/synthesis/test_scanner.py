@@ -11,11 +11,12 @@ from bench.lidar.files import read_sweep, write_sweep
 from bench.synthesis.bodies import make_body
 from bench.synthesis.ego import own_body
 from bench.synthesis.mesh import Mesh, Surface, joined, quads
-from bench.synthesis.motion import SECOND_NS, EgoMotion, driven_path, ego_motion
+from bench.synthesis.motion import EgoMotion, driven_path, ego_motion
 from bench.synthesis.scanner import BEAMS_DEG, COLUMN_OF, Echoes, LidarScanner, _are_panes, detected, revolution
 from bench.synthesis.scenario import LidarSpec, StreetSpec, SuspensionSpec
 from bench.synthesis.scene import Actor
 from bench.synthesis.world import build_world
+from bench.times import SECOND_NS
 
 GREY = Surface(albedo=0.4, contrast=0.0)
 ROOF = RigidTransform(np.eye(3), np.array([1.2, 0.0, 1.8]))

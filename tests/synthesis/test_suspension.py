@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.synthesis.motion import SECOND_NS, EgoMotion, Path, driven_path, ego_motion, road_profile
+from bench.synthesis.motion import EgoMotion, Path, driven_path, ego_motion, road_profile
 from bench.synthesis.scenario import BumpSpec, SuspensionSpec
+from bench.times import SECOND_NS
 
 SMOOTH = SuspensionSpec(road_class=None)
 

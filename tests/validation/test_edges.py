@@ -13,10 +13,8 @@ from bench.recordings.native import open_native
 from bench.reference.sweeps import pose_sweep
 from bench.validation import cameras
 from bench.validation.camera_fit import CameraFit, Fit
-from bench.validation.edges import FARTHEST_PX, MARGIN_PX, SECTORS, image_edges, lidar_edges
-from bench.validation.measured_motion import measured_motion
-from bench.validation.scan_matching import scan_steps
-from bench.validation.static_flow import reduced, seen_flows
+from bench.validation.scan_matching import measured_motion, scan_steps
+from bench.validation.static_flow import FARTHEST_PX, MARGIN_PX, SECTORS, image_edges, lidar_edges, reduced, seen_flows
 from tests.support.tiny import HEIGHT, WIDTH, front_camera
 from tests.validation.drive import cast
 

@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.recordings.native import open_native
-from bench.validation.measured_motion import measured_motion
-from bench.validation.scan_matching import scan_steps
+from bench.validation.scan_matching import measured_motion, scan_steps
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bench.egomotion.time_units import other_unit
 from bench.lidar import LidarSweep
+from bench.times import other_unit
 from bench.validation import Severity
 from bench.validation.report import BY_EGO_MOTION
 from tests.support.planting import change_boxes, change_bus, change_head, change_json, change_sweeps

@@ -103,9 +103,9 @@ def read_boxes(file: Path) -> Iterator[WorldBox | tuple[int, int]]:
         DataError: missing, cut short, not XML, with a document type or entities, or an object that is not whole.
     """
     for element in xml_parts(file, level=1, parts="objects", largest_bytes=LARGEST_OBJECT_BYTES, deepest=DEEPEST):
-        found = _object(element, file)
-        if found is not None:
-            yield found
+        box = _object(element, file)
+        if box is not None:
+            yield box
 
 
 def _object(element: Element, file: Path) -> WorldBox | tuple[int, int] | None:

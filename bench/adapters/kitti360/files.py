@@ -17,9 +17,9 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep
 from bench.recordings.files import numbers, read_text
 from bench.recordings.validation import located
+from bench.times import SECOND_NS
 
 STAMP = re.compile(r"(19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d\.\d{1,9}", re.ASCII)  # other years do not fit int64
-SECOND_NS = 1_000_000_000
 LARGEST_FRAME = 10_000_000
 
 

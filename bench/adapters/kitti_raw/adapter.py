@@ -48,8 +48,8 @@ from bench.geometry import RigidTransform
 from bench.recordings.annotations import annotation_file_in, read_annotations
 from bench.recordings.files import file_contents, framed_files, numbers, read_text
 from bench.recordings.handles import RecordingHandle
-from bench.recordings.mounting import Polygon, body_mask, mounted_camera
-from bench.recordings.validation import FileModel, SidePx, located, validated
+from bench.recordings.mounting import EvaluatedSize, Polygon, body_mask, mounted_camera
+from bench.recordings.validation import FileModel, located, validated
 from bench.records.recording import (
     COMPLETELY,
     NOT_ANNOTATED,
@@ -82,7 +82,8 @@ class KittiRawOptions(FileModel):
 
     Attributes:
         cameras: those to evaluate, of those that are there.
-        evaluated_size_px: (width, height) at which images are evaluated; null for as stored.
+        evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
+            stored.
         body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
         lidar_position_m: the laser scanner in the vehicle frame.
         vehicle_outline_m: the ego vehicle seen from above, vehicle frame.
@@ -91,7 +92,7 @@ class KittiRawOptions(FileModel):
     """
 
     cameras: tuple[CameraName, ...] = Field(default=("image_02",), min_length=1)
-    evaluated_size_px: tuple[SidePx, SidePx] | None = None
+    evaluated_size_px: EvaluatedSize = None
     body_polygons: dict[CameraName, tuple[Polygon, ...]] = Field(default_factory=dict)
     lidar_position_m: tuple[float, float, float] = (0.76, 0.0, 1.73)
     vehicle_outline_m: Polygon = Field(default=((-1.0, -0.91), (3.8, -0.91), (3.8, 0.91), (-1.0, 0.91)), min_length=3)

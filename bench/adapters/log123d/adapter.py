@@ -58,8 +58,8 @@ def log123d_recordings(
     """
     chosen = validated(LogOptions, options, file=card, field="options")
     splits = ("*",) if chosen.log_splits is None else chosen.log_splits
-    found = sorted(sync for split in splits for sync in (root / chosen.logs).glob(f"{split}/*/{SYNC}"))
-    if not found:
+    sync_files = sorted(sync for split in splits for sync in (root / chosen.logs).glob(f"{split}/*/{SYNC}"))
+    if not sync_files:
         expected = f"logs of 123D, {' or '.join(splits)}/<log>/{SYNC}"
         hint = (
             "convert the data set by py123d, or set the card's options logs and log_splits to where its logs are; "
@@ -77,7 +77,7 @@ def log123d_recordings(
                 annotations=annotation_file_in(annotations, sync.parent.name),
             ),
         )
-        for sync in found
+        for sync in sync_files
     )
 
 
@@ -156,9 +156,9 @@ def _is_read(name: str, cameras: Mapping[str, LogTable]) -> bool:
 
 
 def _camera_tables(folder: Path, options: LogOptions) -> Iterator[tuple[str, LogTable]]:
-    found = {path.stem.removeprefix("camera."): LogTable(path) for path in sorted(folder.glob("camera.*.arrow"))}
-    for name in found if options.cameras is None else options.cameras:
-        yield name, found.get(name, LogTable(folder / f"camera.{name}.arrow"))
+    tables = {path.stem.removeprefix("camera."): LogTable(path) for path in sorted(folder.glob("camera.*.arrow"))}
+    for name in tables if options.cameras is None else options.cameras:
+        yield name, tables.get(name, LogTable(folder / f"camera.{name}.arrow"))
 
 
 def _images(root: Path, name: str, table: LogTable, options: LogOptions) -> Iterator[ImageRef]:

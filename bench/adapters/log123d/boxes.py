@@ -112,8 +112,8 @@ def read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
 
 def _flat(table: LogTable, name: str, width: int, count: int) -> NDArray[np.float64]:
     """(count, width) float64 of a column of lists of lists; NaN where one is missing."""
-    found = [values for row in table.column(name).to_pylist() for values in row or ()]
-    flat = np.array([values or (np.nan,) * width for values in found], dtype=np.float64).reshape(-1, width)
+    rows = [values for row in table.column(name).to_pylist() for values in row or ()]
+    flat = np.array([values or (np.nan,) * width for values in rows], dtype=np.float64).reshape(-1, width)
     if len(flat) != count:
         raise DataError(table.path, field=name, expected=f"one for each of {count} boxes", got=str(len(flat)))
     return flat
@@ -124,10 +124,10 @@ def _has_neighbour(tokens: list[str], at_row: NDArray[np.int64]) -> NDArray[np.b
     tracks = np.unique(tokens, return_inverse=True)[1]
     order = np.lexsort((at_row, tracks))
     joined = (np.diff(tracks[order]) == 0) & (np.diff(at_row[order]) == 1)
-    found = np.zeros(len(tokens), dtype=bool)
-    found[order[1:]] |= joined
-    found[order[:-1]] |= joined
-    return found
+    beside = np.zeros(len(tokens), dtype=bool)
+    beside[order[1:]] |= joined
+    beside[order[:-1]] |= joined
+    return beside
 
 
 def _track(

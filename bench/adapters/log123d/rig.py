@@ -210,8 +210,8 @@ def lidar_heads(table: LogTable) -> Mapping[int, LidarHead]:
     """
     content = table.head_content()
     heads = content.values() if table.key.endswith("lidar_merged") else (content,)
-    found = [validated(LidarHead, head, file=table.path, field="metadata") for head in heads]
-    return {head.lidar_id: head for head in found}
+    lidars = [validated(LidarHead, head, file=table.path, field="metadata") for head in heads]
+    return {head.lidar_id: head for head in lidars}
 
 
 def _numbers(values: tuple[float, ...] | None, name: str, count: int) -> tuple[float, ...]:

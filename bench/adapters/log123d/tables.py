@@ -197,8 +197,8 @@ def _reading(path: Path) -> Iterator[None]:
 
 def _state(path: Path) -> tuple[Path, int, int]:
     """A file and what changes with its content; an open reader is of one state."""
-    found = path.stat()
-    return path, found.st_mtime_ns, found.st_size
+    status = path.stat()
+    return path, status.st_mtime_ns, status.st_size
 
 
 @lru_cache(maxsize=READERS_HELD)

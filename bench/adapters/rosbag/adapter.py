@@ -32,11 +32,10 @@ from typing import Any
 import numpy as np
 
 from bench.adapters.rosbag.bag import TimedRows, bag_messages, bags_below, open_bag
-from bench.adapters.rosbag.clouds import BagSweep
-from bench.adapters.rosbag.images import BagImage
 from bench.adapters.rosbag.messages import COMPRESSED_IMAGE, IMAGE, POINT_CLOUD, Topic
 from bench.adapters.rosbag.motion import EgoMotionMessages
 from bench.adapters.rosbag.rig import STATIC_FRAMES, CameraRig, LidarRig, RosbagOptions, StaticFrames, read_rig
+from bench.adapters.rosbag.sensors import BagImage, BagSweep
 from bench.adapters.rosbag.storage import Position
 from bench.atomic import linked_folder, path_inside
 from bench.egomotion import Trajectory

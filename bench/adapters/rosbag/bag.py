@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.adapters.rosbag.messages import HEADER_BYTES, SECOND_NS, Topic, full_name, has_header, header_stamp_ns
+from bench.adapters.rosbag.messages import HEADER_BYTES, Topic, full_name, has_header, header_stamp_ns
 from bench.adapters.rosbag.storage import (
     SUFFIXES,
     ZSTD_BLOCK_BYTES,
@@ -32,6 +32,7 @@ from bench.errors import DataError
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
 from bench.recordings.validation import LATEST_NS, validated
+from bench.times import SECOND_NS
 
 METADATA = "metadata.yaml"
 ROS1_SUFFIX = ".bag"
@@ -224,8 +225,8 @@ def open_bag(root: Path, path: Path) -> Bag:
     else:
         got = "no such file; its counts cannot be compared"
         missing = DataError(file, expected="the metadata that a recorder writes last", got=got)
-        found = sorted((entry for entry in path.iterdir() if entry.suffix in SUFFIXES), key=_recording_order)
-        bag = Bag(path=path, files=tuple(found), losses=(missing,))
+        files = sorted((entry for entry in path.iterdir() if entry.suffix in SUFFIXES), key=_recording_order)
+        bag = Bag(path=path, files=tuple(files), losses=(missing,))
     if not bag.files:
         hint = "unpack them: unzstd *.zstd, then ros2 bag reindex" if any(path.glob("*.zstd")) else ""
         raise DataError(path, expected=f"files of messages, {' or '.join(SUFFIXES)}", got="none", hint=hint)

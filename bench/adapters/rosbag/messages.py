@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import DataError
+from bench.times import SECOND_NS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -22,7 +23,6 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"
 HEADER = "std_msgs/msg/Header"
 HEADER_BYTES = 64  # of a message: enough for the time in its header
 NO_TIME = -1
-SECOND_NS = 1_000_000_000
 LONGEST_DEFINITION = 100_000  # blank lines of this length take two seconds to parse
 TYPE_NAME = re.compile(r"[A-Za-z]\w{0,99}(/[A-Za-z]\w{0,99}){1,2}", re.ASCII)
 

@@ -170,7 +170,7 @@ def _repairable(file: Path, expected: str) -> Iterator[None]:
 
 def _mcap_messages(file: Path, start_bytes: Mapping[str, int]) -> Iterator[tuple[Topic, int, Position, bytes]]:
     known = _Definitions()
-    found, stated, opcode = 0, None, 0
+    messages, stated, opcode = 0, None, 0
     with file.open("rb") as stream:
         read_magic(ReadDataStream(stream))
         for source, chunk, opcode, size in _records(stream):
@@ -180,7 +180,7 @@ def _mcap_messages(file: Path, start_bytes: Mapping[str, int]) -> Iterator[tuple
                 position = Position(chunk, source.tell(), size - MESSAGE_HEAD_BYTES)
                 if topic is None or message.log_time >= LATEST_LOG_NS or position.size < 0:
                     raise McapError(f"{size} bytes on channel {message.channel_id} at {message.log_time} ns")
-                found += 1
+                messages += 1
                 yield topic, message.log_time, position, source.read(min(position.size, start_bytes.get(topic.name, 0)))
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 known.add(opcode, source.read(size))
@@ -189,8 +189,8 @@ def _mcap_messages(file: Path, start_bytes: Mapping[str, int]) -> Iterator[tuple
         if opcode != Opcode.FOOTER:
             raise McapError("no footer, which a recorder writes last")
         read_magic(ReadDataStream(stream))
-    if stated is not None and found != stated:
-        raise McapError(f"{found} messages, where its statistics say {stated}")
+    if stated is not None and messages != stated:
+        raise McapError(f"{messages} messages, where its statistics say {stated}")
 
 
 class _Definitions:

@@ -13,9 +13,9 @@ from scipy.spatial.distance import cdist
 from bench.egomotion import Trajectory
 from bench.recordings import Cuboid, GroundPolygon, ObjectState
 from bench.records.recording import world_velocities, world_yaw_rates
+from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]
-SECOND_NS = 1_000_000_000
 LONGEST_GAP_NS = SECOND_NS  # an object that was out of sight for longer says nothing of its speed
 WINDOW_NS = SECOND_NS  # the visible side of an object changes: shorter windows give its jitter, not its motion
 FASTEST_MPS = {"pedestrian": 5.0, "cyclist": 15.0, "animal": 15.0, "vehicle": 30.0, "unclear": 30.0}

@@ -29,7 +29,7 @@ INSTALL = "pip install 'fisheye-bench[learned]'"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Weights:
+class NetworkWeights:
     """A trained network as its card, the JSON file of the same name, describes it.
 
     Attributes:
@@ -47,7 +47,7 @@ class Weights:
     sha256: str
 
     @classmethod
-    def read(cls, file: Path) -> Weights:
+    def read(cls, file: Path) -> NetworkWeights:
         """Read the card of an ONNX file and make sure that the file is the one that it describes.
 
         Raises:
@@ -139,9 +139,9 @@ class LearnedMethod(Method):
         return np.asarray(found[0, :height, :width], dtype=np.float32)
 
     @cached_property
-    def trained(self) -> Weights:
+    def trained(self) -> NetworkWeights:
         """The network's card: what it is shown, and its threshold."""
-        return Weights.read(self.files[0])
+        return NetworkWeights.read(self.files[0])
 
     @property
     def _session(self) -> Any:

@@ -55,7 +55,7 @@ class Information:
 
     @classmethod
     def isotropic(cls, shape: tuple[int, ...], sigma_px: float) -> Information:
-        """The same everywhere and in all directions."""
+        """Return information that is equal everywhere and in all directions, of `shape`."""
         same = np.full(shape, 1 / sigma_px**2, np.float32)
         return cls(uu=same, uv=np.zeros_like(same), vv=same)
 

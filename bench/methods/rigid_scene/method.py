@@ -105,7 +105,7 @@ class RigidSceneMethod(FlowMethod):
         return self.segment_flow(frame, None)
 
     def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32] | None) -> Segmentation:
-        """See `bench.methods.contract.FlowMethod`; of the last pair, the flow of images further apart is its own."""
+        """Segment the current image with a flow of the last pair; the flow of images further apart is its own."""
         views = Views.of(frame)
         given, shape = views.given, views.given.valid.shape
         if flow is not None:
@@ -133,11 +133,11 @@ class RigidSceneMethod(FlowMethod):
         )
 
     def flow_cell_px(self, width: int) -> int:
-        """See `bench.methods.contract.FlowMethod`."""
+        """Side of the cells on which it takes flow, px, for images of this width."""
         return 2 * fine_cell_px(width)
 
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
-        """See `bench.methods.contract.FlowMethod`."""
+        """Its own flow from the current to the previous image, (rows, columns, 2) float32, px of the given images."""
         given = Views.of(frame).given
         found = self._guided_flow(given, 1, RigidScene.of(given))
         grid = ray_grid(frame.camera, self.flow_cell_px(frame.camera.width)).valid.shape

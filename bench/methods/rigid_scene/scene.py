@@ -123,7 +123,7 @@ class RigidScene:
         return shortened(pixels.reshape(grid.pixels.shape) - grid.pixels).astype(np.float32)
 
     def dense_flow_at(self, inverse_depth: NDArray[np.floating] | float) -> NDArray[np.float32]:
-        """The same at every pixel, (H, W, 2) float32, px; far outside of the image where the lens has no ray."""
+        """Motion of static points at every pixel, (H, W, 2) float32, px; far outside of the image without a ray."""
         return at_every_pixel(np.nan_to_num(self.flow_at(inverse_depth), nan=OUTSIDE_PX), self.camera)
 
     def road_flow(self) -> NDArray[np.float32]:

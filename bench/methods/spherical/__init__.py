@@ -22,13 +22,13 @@ from bench.methods.spherical.constraints import (
     static_camera_deviation,
     three_view_deviation,
 )
-from bench.methods.spherical.likelihood import PAPER_WEIGHTS, Weights, motion_likelihood
+from bench.methods.spherical.likelihood import PAPER_WEIGHTS, ConstraintWeights, motion_likelihood
 
 __all__ = [
     "PAPER_WEIGHTS",
+    "ConstraintWeights",
     "Deviations",
     "Variants",
-    "Weights",
     "deviations",
     "motion_likelihood",
     "static_camera_deviation",

@@ -26,7 +26,7 @@ STATIC_CAUSE = "static_camera"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Weights:
+class ConstraintWeights:
     """Weights mu of the deviations; the defaults are the paper's, whose divisor is always 2.4.
 
     Raises:
@@ -53,29 +53,29 @@ class Weights:
         return float(sum(self.as_tuple()))
 
 
-PAPER_WEIGHTS = Weights()
+PAPER_WEIGHTS = ConstraintWeights()
 # Above this angle the paper's method sees motion by the epipolar or the positive depth constraint alone; 0.24 px at 165
 # px per radian. What is compared with the paper's method at one angle takes it from here.
 PAPER_ANGLE_RAD = PAPER_THRESHOLD * PAPER_WEIGHTS.total
 
 
-def alone(constraint: str, weight: float = 1.0) -> tuple[Weights, float]:
+def alone(constraint: str, weight: float = 1.0) -> tuple[ConstraintWeights, float]:
     """Weights of one constraint alone, and the threshold at which it marks what it marks alone in the paper's method.
 
     There a cell moves where `mu_i xi_i / 2.4 > 6e-4`. With a single weight of 1 the likelihood is xi_i itself, so the
     threshold becomes `6e-4 x 2.4 / mu_i`.
 
     Args:
-        constraint: name of a field of `Weights`.
+        constraint: name of a field of `ConstraintWeights`.
         weight: mu_i, its weight among the others.
     """
-    none = dict.fromkeys((f.name for f in fields(Weights)), 0.0)
-    return Weights(**none | {constraint: 1.0}), PAPER_ANGLE_RAD / weight
+    none = dict.fromkeys((f.name for f in fields(ConstraintWeights)), 0.0)
+    return ConstraintWeights(**none | {constraint: 1.0}), PAPER_ANGLE_RAD / weight
 
 
 def motion_likelihood(
     deviations: Deviations,
-    weights: Weights,
+    weights: ConstraintWeights,
     *,
     three_view: NDArray[np.float64] | None = None,
     root_sum: bool = False,
@@ -106,7 +106,7 @@ def motion_likelihood(
 
 
 def largest_contribution(
-    deviations: Deviations, weights: Weights, *, three_view: NDArray[np.float64] | None = None
+    deviations: Deviations, weights: ConstraintWeights, *, three_view: NDArray[np.float64] | None = None
 ) -> NDArray[np.uint8]:
     """Index into `CONSTRAINTS`, then `three_view`, of the largest weighted deviation; the first of equals."""
     parts = [getattr(weights, name) * getattr(deviations, name) for name in CONSTRAINTS]
@@ -167,7 +167,7 @@ class SphericalSettings:
     """
 
     cell_size_px: int = 5
-    weights: Weights = PAPER_WEIGHTS
+    weights: ConstraintWeights = PAPER_WEIGHTS
     lambda_height: float = 0.001
     lambda_anti_parallel: float = 0.001
     threshold: float = PAPER_THRESHOLD

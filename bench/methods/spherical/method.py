@@ -21,9 +21,9 @@ from bench.methods.spherical.likelihood import (
     CONSTRAINTS,
     PAPER_WEIGHTS,
     STATIC_CAUSE,
+    ConstraintWeights,
     LikelihoodMap,
     SphericalSettings,
-    Weights,
     alone,
 )
 from bench.records.segmentation import Segmentation
@@ -67,11 +67,11 @@ class SphericalMethod(SphericalSettings, FlowMethod):
         return self.segmentation(found, flow_parts(flow) | deviations)
 
     def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32]) -> Segmentation:
-        """See `bench.methods.contract.FlowMethod`."""
+        """Segment the current image with the flow of others in place of its own."""
         return self.segmentation(self.likelihood_map(frame, flow))
 
     def flow_cell_px(self, width: int) -> int:  # noqa: ARG002 - the same for every image
-        """See `bench.methods.contract.FlowMethod`."""
+        """Side of the cells on which it takes flow, px, for images of this width."""
         return self.cell_size_px
 
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
@@ -180,7 +180,7 @@ class EpipolarOnly(SphericalMethod):
     """The epipolar constraint alone; scale-free, blind to motion along the ego vehicle's own."""
 
     name = "epipolar-only"
-    weights: Weights = _EPIPOLAR[0]
+    weights: ConstraintWeights = _EPIPOLAR[0]
     threshold: float = _EPIPOLAR[1]
 
 
@@ -189,7 +189,7 @@ class PositiveDepthOnly(SphericalMethod):
     """The positive depth constraint alone; scale-free, sees what is faster than the ego vehicle."""
 
     name = "positive-depth-only"
-    weights: Weights = _POSITIVE_DEPTH[0]
+    weights: ConstraintWeights = _POSITIVE_DEPTH[0]
     threshold: float = _POSITIVE_DEPTH[1]
 
 
@@ -198,7 +198,7 @@ class PositiveHeightOnly(SphericalMethod):
     """The positive height constraint alone; needs scale, sees what would lie below the road."""
 
     name = "positive-height-only"
-    weights: Weights = _POSITIVE_HEIGHT[0]
+    weights: ConstraintWeights = _POSITIVE_HEIGHT[0]
     threshold: float = _POSITIVE_HEIGHT[1]
 
 
@@ -207,5 +207,5 @@ class AntiParallelOnly(SphericalMethod):
     """The anti-parallel constraint alone; needs scale, sees what comes nearer than the road behind it allows."""
 
     name = "anti-parallel-only"
-    weights: Weights = _ANTI_PARALLEL[0]
+    weights: ConstraintWeights = _ANTI_PARALLEL[0]
     threshold: float = _ANTI_PARALLEL[1]

@@ -20,8 +20,8 @@ from bench.methods.spherical.likelihood import (
     PAPER_ANGLE_RAD,
     STATIC_CAUSE,
     THREE_VIEW,
+    ConstraintWeights,
     SphericalSettings,
-    Weights,
     alone,
 )
 from bench.records.segmentation import Segmentation
@@ -31,7 +31,7 @@ Value = TypeVar("Value", bound=np.generic)
 # xi_3v is close to a second difference a - 2b + c of the angles of one point, with 6 times the variance of one angle;
 # xi_e and xi_d are first differences, with 2 times. So by this weight tracking noise counts the same in both.
 THREE_VIEW_WEIGHT = 3**-0.5
-_WEIGHTS = Weights(three_view=THREE_VIEW_WEIGHT)
+_WEIGHTS = ConstraintWeights(three_view=THREE_VIEW_WEIGHT)
 _ALONE = alone(THREE_VIEW, THREE_VIEW_WEIGHT)
 
 
@@ -57,7 +57,7 @@ class SparseSphericalMethod(SphericalSettings, Method):
     name = "spherical-sparse"
     longest_history = 2
 
-    weights: Weights = _WEIGHTS
+    weights: ConstraintWeights = _WEIGHTS
     threshold: float = PAPER_ANGLE_RAD / _WEIGHTS.total
     tracker: LucasKanadeTracker = field(default_factory=LucasKanadeTracker)
 
@@ -119,7 +119,7 @@ class ThreeViewOnly(SparseSphericalMethod):
     """The three-view constraint alone, on Lucas-Kanade tracks; needs scale, sees changes of speed and crossing."""
 
     name = "three-view-only"
-    weights: Weights = _ALONE[0]
+    weights: ConstraintWeights = _ALONE[0]
     threshold: float = _ALONE[1]
 
 

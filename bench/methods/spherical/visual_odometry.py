@@ -14,12 +14,12 @@ from bench.errors import UsageError
 from bench.flow import LucasKanadeTracker
 from bench.geometry import RigidTransform
 from bench.methods.contract import MethodInput
-from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD, PAPER_WEIGHTS, LikelihoodMap, Weights
+from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD, PAPER_WEIGHTS, ConstraintWeights, LikelihoodMap
 from bench.methods.spherical.method import SphericalMethod
 
 Scale = Literal["none", "given"]
 NEED_SCALE = ("positive_height", "anti_parallel")
-SCALE_FREE = Weights(positive_height=0.0, anti_parallel=0.0)
+SCALE_FREE = ConstraintWeights(positive_height=0.0, anti_parallel=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +45,7 @@ class VisualOdometryMethod(SphericalMethod):
 
     name = "spherical-visual-odometry"
 
-    weights: Weights = SCALE_FREE
+    weights: ConstraintWeights = SCALE_FREE
     threshold: float = math.nan
     scale: Scale = "none"
     tracker: LucasKanadeTracker = field(default_factory=LucasKanadeTracker)
@@ -74,7 +74,7 @@ class VisualOdometryMethod(SphericalMethod):
             )
 
     def likelihood_map(self, frame: MethodInput, flow: NDArray[np.float32]) -> LikelihoodMap:
-        """See `SphericalMethod.likelihood_map`; without scale the deviations that need one are not known."""
+        """Likelihood map by ego-motion from images; without scale the deviations that need one are not known."""
         found = super().likelihood_map(frame, flow)
         hidden = NEED_SCALE if self.scale == "none" else ()
         return replace(found, deviations={name: d for name, d in found.deviations.items() if name not in hidden})

@@ -102,7 +102,7 @@ def drawn_clothes(rng: np.random.Generator) -> Clothes:
 
 
 def for_riding(clothes: Clothes) -> Clothes:
-    """The same without what would get into the spokes."""
+    """Return clothes without what would get into the spokes."""
     return replace(clothes, skirt_to=None)
 
 

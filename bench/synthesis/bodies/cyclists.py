@@ -73,7 +73,7 @@ class Bicycle:
     bags: bool = False
 
     def scaled(self, factor: float) -> Bicycle:
-        """The same for a smaller rider; a child rides a shorter distance per turn."""
+        """Return the bicycle for a smaller rider; a child rides a shorter distance per turn."""
         names = ("wheel_m", "rear_x_m", "front_x_m", "bracket_z_m", "crank_m", "bar_half_m", "development_m")
         grip = (self.grip_xz_m[0] * factor, self.grip_xz_m[1] * factor)
         return replace(self, grip_xz_m=grip, **{name: factor * getattr(self, name) for name in names})

@@ -209,7 +209,7 @@ def walking_joints(height_m: float, rng: np.random.Generator) -> list[Joint]:
 
 
 def _later(table: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-    """The same cycle, begun a share of it later."""
+    """Return the cycle, begun a share of it later."""
     moved = np.roll(table[:-1], round(share * (len(table) - 1)))
     return np.append(moved, moved[0])
 

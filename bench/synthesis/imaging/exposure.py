@@ -140,7 +140,7 @@ def _blur(
     width: int,
     blurred: NDArray[np.float32],
 ) -> None:
-    """The same with all rows behind each other, (H * W,), so that steps along and across are steps in one index.
+    """Blur with all rows behind each other, (H * W,), so that steps along and across are steps in one index.
 
     Where the lens sees nothing, the inverse_depth is infinite.
     """

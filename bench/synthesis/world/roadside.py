@@ -187,7 +187,7 @@ class Roadside:
         return self.lane.pose(along_m, self.kerb_m + self.sign * behind_m, height_m, yaw_rad=yaw_rad)
 
     def front(self, along_m: float, height_m: float) -> RigidTransform:
-        """The same where the pavement ends."""
+        """A frame where the pavement ends: y away from the road, z up."""
         return self.at(along_m, abs(self.back_m - self.kerb_m), height_m)
 
 

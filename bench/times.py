@@ -1,10 +1,11 @@
-"""The unit of times that ought to be nanoseconds, by how far apart they are."""
+"""Times in nanoseconds, and the unit of those that ought to be, by how far apart they are."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+SECOND_NS = 1_000_000_000
 SHORTEST_STEP_NS, LONGEST_STEP_NS = 4e5, 2e9  # between rows or images of anything on a vehicle
 EPOCH_NS = 1e18, 4.6e18  # from 2001 to 2115, where times count from 1970
 FACTORS = {10**3: "microseconds", 10**6: "milliseconds", 10**9: "seconds"}
