@@ -20,13 +20,13 @@ USUAL_M: dict[ObjectClass, tuple[tuple[float, float], ...]] = {  # least and mos
 EXPLAINED = {  # reasons of `propose`, as the review page explains them
     "few returns": "Returns in most sweeps. Its box and class rest on little; look in the image what it is.",
     "short": "Seconds that it moves. Look whether something moved at all, or was hidden before.",
-    "at the edge of the range": "Metres from the lidar, where returns are few. Something at rest may pass for a slow mover.",
+    "at the edge of the range": "Metres from the lidar, where returns are few. What rests may pass for a slow mover.",
     "fragments joined": "Tracks that were put together, as mirrors and wheels. Look whether the box holds one object.",
     "seen from one end": "Length of the box, m. Only one end was seen, so the vehicle may be longer.",
     "longer than a rigid vehicle": "Length, m. A bus or lorry with a joint, or two vehicles close together.",
-    "at the range of a larger one": "Share of its sweeps at the range of a larger object. It may be a ghost beside a reflector.",
+    "at the range of a larger one": "Share of its sweeps at a larger one's range. Maybe a ghost beside a reflector.",
     "top not seen": "Height that was seen, m. The lidar's highest beam cuts it; the box goes on to a likely height.",
-    "seen through by few": "Share of its returns where other sweeps see through. A low one may be at rest, or long and slow.",
+    "seen through by few": "Share of its returns where other sweeps see through. Few: at rest, or long and slow.",
 }
 SIDES = (("short", "long"), ("narrow", "wide"), ("low", "high"))
 
