@@ -61,10 +61,10 @@ class DataError(BenchError):
 
 def refuse(errors: Iterable[DataError]) -> None:
     """Raise the first of a file's errors, if there is one; it carries the others, at most 200 in all."""
-    found = tuple(islice(errors, MOST_FAULTS))
-    if found:
-        found[0].others = found[1:]
-        raise found[0]
+    faults = tuple(islice(errors, MOST_FAULTS))
+    if faults:
+        faults[0].others = faults[1:]
+        raise faults[0]
 
 
 class OutputError(BenchError):

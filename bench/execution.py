@@ -1,4 +1,4 @@
-"""Tasks on executors of `concurrent.futures`: in this process, in processes of this machine, or on a Dask cluster.
+"""Tasks on executors of `concurrent.futures`: this process, processes of this machine, a Dask cluster, or any other.
 
 The result of a task does not depend on the executor. A task that ends its worker is named, and the others go on.
 Nothing here knows what the tasks are.
@@ -13,7 +13,7 @@ import signal
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import chdir, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -153,15 +153,16 @@ class ProcessExecutor:
             while busy:
                 future = next(iter(wait(busy, return_when=FIRST_COMPLETED).done))
                 result = future.result()
-                task = busy.pop(future)
+                yield busy.pop(future), result  # before `begin`, which fails where a worker has ended since
                 begin()
-                yield task, result
         except BrokenExecutor:
-            for future in [one for one in busy if one.done() and one.exception() is None]:
+            ended = [future for future in busy if future.done() and future.exception() is None]
+            self._end()
+            for future in ended:
                 yield busy.pop(future), future.result()
             return list(busy.values())
         finally:
-            if busy:  # a worker ended, or whoever asked for the results wants no more of them
+            if busy:  # whoever asked for the results wants no more of them
                 self._end()
         return []
 
@@ -216,19 +217,49 @@ class DaskExecutor:
         with _dask_client(self.scheduler) as client:
             from distributed import KilledWorker
 
-            pool, call = client.get_executor(pure=False), partial(_in_cluster, Path.cwd(), function)
-            futures = {pool.submit(call, task): task for task in tasks}
-            try:
-                while futures:
-                    for future in wait(futures, return_when=FIRST_COMPLETED).done:
-                        task = futures.pop(future)
-                        try:
-                            yield task, future.result()
-                        except KilledWorker as error:
-                            yield task, FailedTask(reason=" ".join(str(error).split()))
-            finally:
-                for future in futures:
-                    future.cancel()
+            pool = FuturesExecutor(pool=client.get_executor(pure=False), workers=self.workers, lost=(KilledWorker,))
+            yield from pool.compute(function, tasks)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FuturesExecutor:
+    """Computes tasks on any executor of `concurrent.futures`, such as that of another engine.
+
+    Its workers see the same files under the same paths. A process computes one task at a time.
+
+    Attributes:
+        pool: the executor; whoever made it shuts it down.
+        workers: that it has.
+        lost: exceptions that say that a task has lost its worker.
+    """
+
+    pool: Executor
+    workers: int = 1
+    lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+    def compute(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task]
+    ) -> Generator[tuple[Task, Result | FailedTask]]:
+        """See `TaskExecutor.compute`."""
+        call = partial(_in_cluster, Path.cwd(), function)
+        futures = {self.pool.submit(call, task): task for task in tasks}
+        try:
+            while futures:
+                for future in wait(futures, return_when=FIRST_COMPLETED).done:
+                    task = futures.pop(future)
+                    try:
+                        yield task, future.result()
+                    except self.lost as error:
+                        yield task, FailedTask(reason=" ".join(str(error).split()))
+        finally:
+            for future in futures:
+                future.cancel()
 
 
 def local_executor(workers: int) -> TaskExecutor:
@@ -321,11 +352,11 @@ def _starting() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-_alone = Lock()  # in a worker of Dask, whose threads share what a task holds
+_alone = Lock()  # in a worker whose threads share what a task holds
 
 
 def _in_cluster(folder: Path, function: Callable[[Task], Result], task: Task) -> Result:
-    """Compute a task on a worker of Dask, in the folder in which the run was started."""
+    """Compute a task on a worker of another engine, in the folder in which the run was started."""
     with _alone, chdir(folder), single_threaded():
         return function(task)
 

@@ -29,11 +29,11 @@ def other_unit(times_ns: ArrayLike) -> tuple[str, int] | None:
     possible = [factor for factor in FACTORS if SHORTEST_STEP_NS <= step * factor <= LONGEST_STEP_NS]
     if not possible:
         return None
-    factor = min(possible, key=lambda one: not EPOCH_NS[0] <= times[0] * one <= EPOCH_NS[1])
+    factor = min(possible, key=lambda candidate: not EPOCH_NS[0] <= times[0] * candidate <= EPOCH_NS[1])
     return FACTORS[factor], factor
 
 
 def unit_hint(times_ns: ArrayLike) -> str:
     """Hint on times of another unit; empty where they may be nanoseconds."""
-    found = other_unit(times_ns)
-    return "" if found is None else f"these would be {found[0]}: multiply them by {found[1]}"
+    other = other_unit(times_ns)
+    return "" if other is None else f"these would be {other[0]}: multiply them by {other[1]}"

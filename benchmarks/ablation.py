@@ -30,8 +30,7 @@ from bench.recordings import load_card
 from bench.reporting.document import Table, to_csv, to_markdown
 from bench.synthesis.production import read_scenario
 from bench.synthesis.scenario import RecordingSpec
-from bench.training.pairs import DATASET
-from bench.training.prepared import PreparedDrive, prepare
+from bench.training.pairs import DATASET, PreparedDrive, prepare
 from bench.training.train import Plan, train, validate
 
 WHOLE, AS_RENDERED = "nothing", "worse cameras"

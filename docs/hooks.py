@@ -76,23 +76,23 @@ def _section(name: str, command: Any) -> Iterator[str]:
 
 def function_reference() -> str:
     """The functions of `bench` as a Markdown table, each with what it returns and the first line of its docstring."""
-    rows = ["| function | returns | |", "|---|---|---|"]
+    rows = ["| function | |", "|---|---|"]
     for name in bench.__all__:
         function = getattr(bench, name)
         if inspect.isfunction(function):
             returns = re.sub(r"\b(?:\w+\.)+", "", str(inspect.signature(function).return_annotation))
-            text = inspect.getdoc(function) or ""
-            rows.append(f"| `bench.{name}` | `{returns}` | {_cell(text.splitlines()[0])} |")
+            text = (inspect.getdoc(function) or "").splitlines()[0]
+            rows.append(f"| `bench.{name}` | {_cell(text)} Returns `{_cell(returns)}`. |")
     return "\n".join(rows)
 
 
 def option_reference() -> str:
     """The options of every adapter as a Markdown table, from the schema of cards."""
     models = json_schema("card")["$defs"]
-    rows = ["| adapter | option | |", "|---|---|---|"]
+    rows = ["| adapter: option | |", "|---|---|"]
     for adapter, model in OPTIONS.items():
         for option, field in models[model.__name__]["properties"].items():
-            rows.append(f"| `{adapter}` | `{option}` | {_cell(field.get('description'))} |")
+            rows.append(f"| {adapter}: `{option}` | {_cell(field.get('description'))} |")
     return "\n".join(rows)
 
 

@@ -32,7 +32,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 LIMIT_S = 2.0
 ABOVE_THE_LIMIT = {  # tests that may take longer, and run with `make test` nevertheless
-    "tests/api/test_commands.py::test_the_page_of_a_run_is_written",
     "tests/commands/test_commands.py::test_report_writes_the_page_and_names_the_files",
     "tests/commands/test_commands.py::test_run_writes_the_report_and_ends_with_the_table",
     "tests/commands/test_evaluate.py::test_a_methods_masks_count_as_the_method_does",

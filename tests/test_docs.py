@@ -120,7 +120,7 @@ def test_every_function_and_option_is_in_the_reference(hooks):
     functions = hooks.function_reference()
     assert all(f"`bench.{name}`" in functions for name in ("run", "compare", "judge", "score", "open_dataset"))
     assert functions.count("\n") == sum(name.islower() for name in bench.__all__) + 1
-    assert "| `native` | `bin_columns` |" in hooks.option_reference()
+    assert "| native: `bin_columns` |" in hooks.option_reference()
 
 
 def test_the_lines_that_write_files_of_a_recording_run(tmp_path, monkeypatch):
@@ -184,6 +184,19 @@ def test_the_programs_of_the_reference_run(tiny_data, capsys):
         if language == "python":
             exec(compile(block, "reference.md", "exec"), {})
     assert capsys.readouterr().out.startswith("0.428")
+
+
+@pytest.mark.slow
+def test_the_first_score_is_the_one_of_the_docs(tiny_data):
+    import bench
+
+    run = bench.run("tiny", "spherical", protocol="surface-v1", out="run", pictures=False)
+    metrics = run.metrics.loc["all_moving"]
+    shown = [metrics[name] for name in ("iou", "tpr_all", "detection_rate_50", "ceiling_iou", "unknown_share")]
+    page = (ROOT / "docs/start.md").read_text("utf-8")
+    (row,) = re.findall(r"^All moving +12 +(.+)$", page, re.MULTILINE)
+    assert row.split() == [f"{100 * value:.1f}" for value in shown]
+    assert re.search(rf"^False positives +12 +{100 * run.false_positives:.1f}$", page, re.MULTILINE)
 
 
 # The largest less the smallest of two images: ReduceMax, ReduceMin, Sub; made with onnx.helper.

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from bench.annotation.clusters import ends_without_stray
 from bench.annotation.registration import Motion, cut_ends, track_motion
 from bench.annotation.settings import ProposalSettings
-from bench.annotation.tracking import Fragment
+from bench.annotation.tracking import Fragment, ends_without_stray
 from bench.records.reference import ObjectClass
 from bench.reference.motion import moving_states
 from bench.times import SECOND_NS

@@ -1,17 +1,20 @@
-"""Decisions kept when proposals are made anew."""
+"""Decisions kept when proposals are made anew, and those of two reviewers as one review."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+from itertools import count
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from shapely.geometry import Polygon
 
-from bench.annotation.decisions import Motion, after, applied, in_force, motion_of, opening
-from bench.annotation.store import Decision, Draw, Reject, Review, StoredTrack
+from bench.annotation.decisions import Motion, ReviewedTrack, after, applied, in_force, motion_of, opening
+from bench.annotation.store import BoxState, Decision, Draw, Reject, Reopen, Review, StoredTrack, merged_spans
 from bench.errors import UsageError
 
+SIZE_M = 0.3  # two reviewers' boxes of one object have sides as long as this
 LEAST_IOU = 0.5  # of outlines seen from above, added up over time, from which on two tracks are the same
 
 
@@ -48,6 +51,64 @@ def carry_over(old: Review, new: Review) -> Review:
             applied(carried)  # raises: the old review could not be carried out either
         for track_id in replaced:
             known.add(same.pop(track_id))  # the reviewer's track takes the place of its equal
+
+
+def merge_reviews(a: Review, b: Review) -> Review:
+    """Put two reviewers' reviews of a drive together; where they differ, somebody has to decide again.
+
+    Args:
+        a: whose proposals and decisions are kept.
+        b: of the same drive, perhaps of other proposals.
+
+    Returns:
+        `a`, in which every track is undecided whose equal in `b`, by IoU of its boxes over time, has another status,
+        class, kind of motion or size, or that has none; and in which tracks of `b` without an equal are drawn. What
+        either watched counts as watched.
+
+    Raises:
+        UsageError: reviews of different drives, or decisions that cannot be carried out.
+    """
+    if a.recording != b.recording:
+        raise UsageError(f"merged reviews: expected two of one drive, got {a.recording!r} and {b.recording!r}")
+    mine, theirs = ({track.id: track for track in applied(one) if track.status != "rejected"} for one in (a, b))
+    same = _same(map(_as_drawn, mine.values()), map(_as_drawn, theirs.values()))
+    differ = [name for name, track in mine.items() if name not in same or not _agree(track, theirs[same[name]])]
+    drawn = [_as_drawn(track) for name, track in theirs.items() if name not in same.values()]
+    taken = {track.id for track in a.tracks} | {track.id for track in applied(a)}
+    free = (name for number in count() if (name := f"m{number:03d}") not in taken)
+    made = {"made_at": datetime.now(UTC), "reviewer": "merged"}
+    decisions = [Draw(drawn=track.model_copy(update={"id": next(free)}), **made) for track in drawn]
+    reopened = [Reopen(tracks=(*differ, *(draw.drawn.id for draw in decisions)), **made)] if differ or drawn else []
+    return a.model_copy(
+        update={
+            "decisions": (*a.decisions, *decisions, *reopened),
+            "watched_ns": merged_spans([*a.watched_ns, *b.watched_ns]),
+        }
+    )
+
+
+def _agree(a: ReviewedTrack, b: ReviewedTrack) -> bool:
+    told = [(track.status, track.object_class, track.category, track.unclear) for track in (a, b)]
+    return told[0] == told[1] and bool(np.abs(a.size_m - b.size_m).max() <= SIZE_M)
+
+
+def _as_drawn(track: ReviewedTrack) -> StoredTrack:
+    """A track as it stands, as a reviewer's own."""
+    motion = track.motion
+    rows = zip(motion.times_ns, motion.centres_m, motion.yaws_rad, motion.velocities_mps, strict=True)
+    return StoredTrack(
+        id=track.id,
+        source="drawn",
+        object_class=track.object_class,
+        category=track.category,
+        unclear=track.unclear,
+        size_m=tuple(track.size_m.tolist()),
+        points_median=track.points_median,
+        states=tuple(
+            BoxState(timestamp_ns=int(time), centre_m=centre.tolist(), yaw_rad=float(yaw), velocity_mps=way.tolist())
+            for time, centre, yaw, way in rows
+        ),
+    )
 
 
 def _carried(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import pandas as pd
 
-from bench.annotation.carry_over import carry_over
+from bench.annotation.carry_over import carry_over, merge_reviews
 from bench.annotation.decisions import opening
 from bench.annotation.evaluate import evaluate_proposals
 from bench.annotation.export import to_tracks
@@ -24,14 +24,15 @@ from bench.annotation.store import (
     review_file,
     write_review,
 )
-from bench.errors import BenchError, UsageError
+from bench.errors import BenchError, OutputError, UsageError
 from bench.execution import FailedTask, TaskExecutor
 from bench.harness.digests import REFERENCE_CODE, code_digest, digest_ego_motion, digest_of, digest_sweeps
 from bench.recordings import Recording, RecordingHandle
+from bench.records.recording import COMPLETELY
 
 MODULES = (
-    *("boxes", "clusters", "free_space", "ground", "joining", "people", "prepared"),
-    *("proposals", "registration", "settings", "tracking"),
+    *("boxes", "free_space", "ground", "joining", "prepared", "proposals"),
+    *("registration", "settings", "tracking"),
 )
 CODE = (*REFERENCE_CODE, *(f"annotation/{name}.py" for name in MODULES))
 
@@ -138,6 +139,7 @@ def evaluate_drives(
     handles: Sequence[RecordingHandle],
     folder: Path,
     *,
+    against: Path | None = None,
     executor: TaskExecutor,
     progress: Callable[[float, int], None] = lambda _done, _total: None,
 ) -> tuple[pd.DataFrame, float]:
@@ -146,6 +148,7 @@ def evaluate_drives(
     Args:
         handles: recordings with a review file and annotations.
         folder: of the review files.
+        against: of another reviewer's, with which they are compared in place of the annotations.
         executor: computes a recording at a time on each worker.
         progress: called with recordings done and their number.
 
@@ -157,7 +160,7 @@ def evaluate_drives(
         UsageError: a recording without annotations, or a worker that ended.
     """
     done: dict[str, tuple[pd.DataFrame, float]] = {}
-    for handle, result in executor.compute(partial(_evaluate_drive, folder), handles):
+    for handle, result in executor.compute(partial(_evaluate_drive, folder, against), handles):
         if isinstance(result, FailedTask):
             raise UsageError(f"{handle.name}: {result.reason}")
         done[handle.name] = result
@@ -166,9 +169,37 @@ def evaluate_drives(
     return pd.concat(frames, ignore_index=True), float(sum(minutes))
 
 
-def _evaluate_drive(folder: Path, handle: RecordingHandle) -> tuple[pd.DataFrame, float]:
+def merge_drives(names: Iterable[str], folder: Path, against: Path, out: Path) -> tuple[Path, ...]:
+    """Merge two reviewers' reviews of drives; see `merge_reviews`.
+
+    Args:
+        names: of the recordings.
+        folder: of the review files that are kept where both agree.
+        against: of the other reviewer's.
+        out: of the merged files; none is replaced.
+
+    Returns:
+        The files.
+
+    Raises:
+        DataError: a review file that is missing or damaged.
+        OutputError: a file is there already, or cannot be written.
+    """
+    files = [review_file(out, name) for name in names]
+    for file in files:
+        if file.exists():
+            raise OutputError(file, got="a review that is there already", hint="give another folder")
+    for file in files:
+        write_review(file, merge_reviews(*(read_review(place / file.name) for place in (folder, against))))
+    return tuple(files)
+
+
+def _evaluate_drive(folder: Path, against: Path | None, handle: RecordingHandle) -> tuple[pd.DataFrame, float]:
     review = read_review(review_file(folder, handle.name))
     recording = handle.open()
+    if against is not None:
+        other = to_tracks(read_review(review_file(against, handle.name)), recording, unreviewed=True)
+        recording = replace(recording, tracks=other, annotated=COMPLETELY)
     frames = evaluate_proposals(recording, to_tracks(review, recording, unreviewed=True))
     times_ns = [ref.timestamp_ns for ref in recording.sweeps]
     return frames, (times_ns[-1] - times_ns[0]) / 60e9 if times_ns else 0.0

@@ -24,9 +24,9 @@ from shapely.geometry.base import BaseGeometry
 from bench.annotation.settings import MOTION
 from bench.errors import UsageError
 from bench.records.recording import NOT_ANNOTATED, Cuboid, Recording, Track
-from bench.reference.areas import left_out_ground
 from bench.reference.clusters import object_cluster
 from bench.reference.motion import TrackMotion, categorise, track_motion
+from bench.reference.silhouette import left_out_ground
 from bench.reference.sweeps import PosedSweep, pose_sweep
 from bench.times import SECOND_NS
 

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.annotation.boxes import VEHICLE_M, Box, fit_box
-from bench.annotation.clusters import find_clusters
-from bench.annotation.joining import at_range_of_larger, extend, join, without_duplicates
-from bench.annotation.people import split_people
+from bench.annotation.doubts import EXPLAINED
+from bench.annotation.joining import at_range_of_larger, extend, join, split_people, without_duplicates
 from bench.annotation.prepared import Cloud, clouds
 from bench.annotation.settings import ProposalSettings
-from bench.annotation.tracking import Fragment, Tracker
+from bench.annotation.tracking import Fragment, Tracker, find_clusters
 from bench.errors import DataError
 from bench.records.recording import Recording
 from bench.records.reference import ObjectClass
@@ -153,6 +152,7 @@ def _doubts(box: Box, boxes: Sequence[Box], settings: ProposalSettings) -> tuple
         (TOP_NOT_SEEN, float(box.size_m[2]), not box.top_seen),
         ("seen through by few", through, through < settings.few_through),
     )
+    assert {reason for reason, _, _ in looked_at} == EXPLAINED.keys()
     return tuple((reason, value) for reason, value, doubted in looked_at if doubted)
 
 

@@ -301,7 +301,7 @@ FALSE_ALARMS_SCHEMA = pa.schema(
 
 def miss_rows(runs: ThreeRuns, reference: ReferenceFrame, instance_of: Mapping[str, int]) -> list[Row]:
     """Rows of `MISSES_SCHEMA` of an image; objects that fill no cell's centre have none."""
-    causes, found = miss_causes(runs.evidence), runs.evidence.by_recorded
+    causes, marked = miss_causes(runs.evidence), runs.evidence.by_recorded
     rows = []
     for item in reference.objects:
         cells = runs.shown & (runs.instance_ids == instance_of[item.track_id])
@@ -312,9 +312,9 @@ def miss_rows(runs: ThreeRuns, reference: ReferenceFrame, instance_of: Mapping[s
             {name: getattr(reference, name) for name in IMAGE}
             | {"track_id": item.track_id, "object_class": item.object_class, "category": item.category.value}
             | {"range_m": item.range_m, "flow_error_px": _median(runs.flow_error_px[cells])}
-            | {"cells": np.count_nonzero(cells), "hit": np.count_nonzero(cells & found)}
-            | {"hit_by_error": np.count_nonzero(cells & found & ~runs.evidence.by_exact_flow)}
-            | _counted(causes[cells & ~found], MissCause)
+            | {"cells": np.count_nonzero(cells), "hit": np.count_nonzero(cells & marked)}
+            | {"hit_by_error": np.count_nonzero(cells & marked & ~runs.evidence.by_exact_flow)}
+            | _counted(causes[cells & ~marked], MissCause)
         )
     return rows
 
@@ -380,15 +380,15 @@ def explain_image(
     given, reference = pipeline.method_input(index), pipeline.reference(index)
     ids = read_truth(pipeline.images[index], pipeline.camera)
     runs = runner.run(given, ids, moving=moving_instances(recording, reference))
-    instance_of, found = instance_ids(recording), runs.evidence.by_recorded
+    instance_of, marked = instance_ids(recording), runs.evidence.by_recorded
     evaluated = [instance_of[item.track_id] for item in reference.objects if item.status is Status.EVALUATED]
     own = runs.shown & np.isin(runs.instance_ids, evaluated)
-    missed, false = own & ~found, runs.shown & ~runs.evidence.moving & found
+    missed, false = own & ~marked, runs.shown & ~runs.evidence.moving & marked
     why_missed, why_false = miss_causes(runs.evidence), false_causes(runs.evidence, cell_size_px=runs.cell_size_px)
     return ExplainedImage(
         pixels=given.images[-1],
         cell_size_px=runs.cell_size_px,
-        hit=own & found,
+        hit=own & marked,
         missed={cause: missed & (why_missed == number) for number, cause in enumerate(MissCause)},
         flagged={cause: false & (why_false == number) for number, cause in enumerate(FalseCause)},
     )

@@ -209,14 +209,14 @@ class PolygonAuditor:
         rows: list[Row] = []
         for (kind, compensation), builder in self._builders.items():
             built = builder.build(image)
-            for number, found in enumerate(built.objects, start=1):
-                mask = masks.get(found.track_id)
-                if mask is None or found.status is not Status.EVALUATED or not mask.any():
+            for number, target in enumerate(built.objects, start=1):
+                mask = masks.get(target.track_id)
+                if mask is None or target.status is not Status.EVALUATED or not mask.any():
                     continue
                 region = built.labels == number
                 fit = region_fit(region, mask)
                 rows.append(
-                    _description(evaluated, described[found.track_id])
+                    _description(evaluated, described[target.track_id])
                     | {"kind": kind, "compensation": compensation.value}
                     | {"mask_px": np.count_nonzero(mask), "region_px": np.count_nonzero(region)}
                     | {name: getattr(fit, name) for name in FIT}

@@ -153,8 +153,8 @@ class _CameraAudit:
         self._not_seen += _evaluated(reference) - _evaluated(by_masks)
         if self._runner is None:
             with self._clock.stage("method"):
-                found = ask_method(self._method, given)
-            detected = {Scoring.LIDAR: found, Scoring.MASKS: found}
+                answer = ask_method(self._method, given)
+            detected = {Scoring.LIDAR: answer, Scoring.MASKS: answer}
         else:
             moving = moving_instances(self._opened.recording, by_masks)
             runs = self._runner.run(given, ids, moving=moving)

@@ -171,27 +171,27 @@ def polygon_figures(rows: pd.DataFrame, *, protocol: Protocol, kinds: tuple[str,
     slices = [
         {"object_class": of_class} | dict.fromkeys(edges, ALL) | cut
         for of_class in (ALL, *protocol.reference.classes)
-        for cut in ({}, *({name: one} for name, own in edges.items() for one in bin_names(own)))
+        for cut in ({}, *({name: bin_name} for name, own in edges.items() for bin_name in bin_names(own)))
     ]
-    found = []
+    figures = []
     for kind, way, cut in product(kinds, Compensation, slices):
         wanted = {"kind": kind, "compensation": way.value} | cut
         part = binned[np.all([binned[column] == name for column, name in wanted.items() if name != ALL], axis=0)]
         if len(part):
             fit = {name: Quartiles.of(part[name]) for name in FIT}
-            found.append(PolygonFigures(**wanted, object_frames=len(part), fit=fit))
-    return tuple(found)
+            figures.append(PolygonFigures(**wanted, object_frames=len(part), fit=fit))
+    return tuple(figures)
 
 
 def aims(rows: pd.DataFrame, *, kinds: tuple[str, ...]) -> tuple[Aim, ...]:
     """The aim of every class, for every kind that follows the outline."""
     near = rows[(rows["compensation"] == Compensation.FULL.value) & (rows["range_m"] <= PAPER_RANGE_M)]
-    found = []
+    reached = []
     for kind, (name, expected) in product(kinds, AIMS.items()):
         if REGION_KINDS[kind].follows_outline:
             part = near[(near["kind"] == kind) & (near["object_class"] == name)]
             iou, filled_iou = (Quartiles.of(part[column]).median for column in ("iou", "filled_iou"))
-            found.append(
+            reached.append(
                 Aim(
                     kind=kind,
                     object_class=name,
@@ -203,7 +203,7 @@ def aims(rows: pd.DataFrame, *, kinds: tuple[str, ...]) -> tuple[Aim, ...]:
                     met=iou >= expected if len(part) else None,
                 )
             )
-    return tuple(found)
+    return tuple(reached)
 
 
 def scores(audit: RecordingAudit, *, protocol: Protocol) -> dict[str, Summary]:

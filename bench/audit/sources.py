@@ -95,7 +95,7 @@ class OpenedSource:
 class _Done(Generic[Found]):
     """The result of the work on a recording, and what every audit says of it; see `OpenedSource`."""
 
-    found: Found
+    result: Found
     digest: str
     images: int
     problems: list[str]
@@ -180,15 +180,15 @@ def audit_each(
         mistakes = (outcome for _, outcome in ordered if isinstance(outcome, DataError))
         got = "; ".join(failures) or "none"
         raise next(mistakes, DataError(card.file, expected="a recording that can be audited", got=got))
-    images, seconds = sum(one.images for one in done), add_up(one.clock.seconds for one in done)
-    return [one.found for one in done], StoredAudit(
+    images, seconds = sum(audited.images for audited in done), add_up(audited.clock.seconds for audited in done)
+    return [audited.result for audited in done], StoredAudit(
         dataset=card.name,
         card=str(card.file),
         split=split,
         recordings=len(done),
         images=images,
-        failures=(*failures, *(problem for one in done for problem in one.problems)),
-        data=digest_of(sorted(one.digest for one in done)),
+        failures=(*failures, *(problem for audited in done for problem in audited.problems)),
+        data=digest_of(sorted(audited.digest for audited in done)),
         code=CodeOfRun.here(),
         provenance=provenance_since(start_s, stage_seconds=seconds, images=images),
     )
@@ -209,7 +209,7 @@ def _done(source: AuditSource, *, work: Callable[[OpenedSource], Found]) -> _Don
                 )
             digest = digest_recording(recording).whole
         opened = OpenedSource(source=source, recording=recording, instance_of=instance_ids(recording), clock=clock)
-        return _Done(found=work(opened), digest=digest, images=opened.images, problems=opened.problems, clock=clock)
+        return _Done(result=work(opened), digest=digest, images=opened.images, problems=opened.problems, clock=clock)
     except DataError as error:
         return error
 

@@ -276,5 +276,5 @@ def _model_class(model: str) -> type[CameraModel]:
     if model not in CAMERA_MODELS:
         raise UnknownNameError("camera model", model, CAMERA_MODELS)
     module, name = CAMERA_MODELS[model].split(":")
-    found: type[CameraModel] = getattr(import_module(module), name)
-    return found
+    model_class: type[CameraModel] = getattr(import_module(module), name)
+    return model_class

@@ -194,6 +194,16 @@ def evaluate_proposals(
     split: Chosen = None,
     workers: Workers = 1,
     reviews: Reviews = None,
+    against: Annotated[
+        str | Path | None,
+        typer.Option(help="Another reviewer's folder of reviews, to compare with in place of the annotations."),
+        PATH,
+    ] = None,
+    merged: Annotated[
+        str | Path | None,
+        typer.Option(help="With --against: folder of both reviews as one; where they differ, tracks are undecided."),
+        PATH,
+    ] = None,
     out: Annotated[
         str | Path | None, typer.Option(help="Folder of evaluate.html, .md and .csv files; default: none."), PATH
     ] = None,
@@ -206,31 +216,38 @@ def evaluate_proposals(
         split: of the data set, or recordings with commas in between.
         workers: processes, or an executor.
         reviews: their folder.
+        against: another reviewer's folder, to compare with in place of the annotations.
+        merged: folder of the reviews of both as one; where they differ, tracks are undecided.
         out: folder of the report.
         progress: called with the recordings done and their number.
 
     Raises:
         UnknownNameError: no data set or split of this name.
         DataError: proposals that are missing or damaged.
-        UsageError: a recording without annotations.
+        UsageError: a recording without annotations, or `merged` without `against`.
+        OutputError: a merged review is there already.
     """
     from bench.annotation import class_confusion, proposal_scores, worst_tracks
-    from bench.annotation.drives import evaluate_drives
+    from bench.annotation.drives import evaluate_drives, merge_drives
     from bench.commands.data import as_executor
     from bench.reporting.proposal_scores import write_proposal_scores
 
+    if merged is not None and against is None:
+        raise UsageError("merged: expected a second reviewer's folder, got none; name it with --against")
+    other = None if against is None else Path(against)
     executor = as_executor(workers)
     card, handles, folder = open_drives(dataset, split=split, reviews=reviews, executor=executor)
     with progress_bar(f"evaluating proposals of {card.name}", "recordings", progress) as report:
-        frames, minutes = evaluate_drives(handles, folder, executor=executor, progress=report)
+        frames, minutes = evaluate_drives(handles, folder, against=other, executor=executor, progress=report)
     table, confusion, worst = proposal_scores(frames, minutes=minutes), class_confusion(frames), worst_tracks(frames)
-    files: tuple[Path, ...] = ()
+    names, files = [handle.name for handle in handles], list[Path]()
+    if other is not None and merged is not None:
+        files += merge_drives(names, folder, other, Path(merged))
     if out is not None:
-        names = [handle.name for handle in handles]
-        files = write_proposal_scores(
+        files += write_proposal_scores(
             Path(out), table, minutes, confusion=confusion, worst=worst, dataset=card.name, recordings=names
         )
-    return ProposalScores(table=table, minutes=minutes, confusion=confusion, worst=worst, files=files)
+    return ProposalScores(table=table, minutes=minutes, confusion=confusion, worst=worst, files=tuple(files))
 
 
 def show_scores(scores: ProposalScores) -> None:
@@ -292,9 +309,9 @@ def import_labels(
         DataError: files that the format refuses, an object of two classes, or twice at one time.
         OutputError: annotations that a person made or changed are there, or they cannot be written.
     """
+    from bench.annotation.export import store_labels
     from bench.annotation.formats import LabelOptions, label_format
     from bench.annotation.formats import import_labels as read_labels
-    from bench.annotation.stored_labels import store_labels
     from bench.commands.data import as_card
     from bench.recordings.writing import annotation_text
 
@@ -366,9 +383,9 @@ def export_labels(
         DataError: a review is missing, damaged or of another drive, or leaves something undecided or not watched.
         OutputError: labels that a person made or changed are there, or they cannot be written.
     """
+    from bench.annotation.export import store_labels
     from bench.annotation.formats import LabelOptions, LabelSet, writable_format
     from bench.annotation.formats import export_labels as write_labels
-    from bench.annotation.stored_labels import store_labels
     from bench.recordings.writing import annotation_text
 
     if format_name is not None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 
 from bench.commands.console import detail, note
 from bench.commands.progress import Report, interruptible, progress_bar
-from bench.execution import TaskExecutor, local_executor
+from bench.execution import FuturesExecutor, TaskExecutor, local_executor
 from bench.plain_text import counted
 from bench.recordings import DatasetCard, load_card
 
@@ -23,8 +24,10 @@ def as_card(dataset: str | Path | DatasetCard) -> DatasetCard:
     return dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
 
 
-def as_executor(workers: int | TaskExecutor) -> TaskExecutor:
+def as_executor(workers: int | Executor | TaskExecutor) -> TaskExecutor:
     """The executor of so many processes: one computes in this process; or the one that is given."""
+    if isinstance(workers, Executor):
+        return FuturesExecutor(pool=workers)
     return local_executor(workers) if isinstance(workers, int) else workers
 
 

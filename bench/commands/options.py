@@ -14,6 +14,7 @@ from bench.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from concurrent.futures import Executor
 
     from bench.commands.runs import Run
     from bench.execution import TaskExecutor
@@ -130,7 +131,7 @@ Split = Annotated[
 ]
 Recording = Annotated[str | None, typer.Option(help="Name of a recording; default: all.")]
 Workers = Annotated[
-    "int | TaskExecutor",
+    "int | Executor | TaskExecutor",
     typer.Option(
         metavar="N",
         help="Worker processes; default: one per core. Or a Dask cluster: tcp://HOST:PORT, or its scheduler file.",

@@ -78,8 +78,9 @@ def run(
         overwrite: replace another run in the folder.
         require_valid: refuse data in which `validate` finds errors.
         pictures: also draw an example frame of every category.
-        workers: processes, or an executor. More than one need a method that can be imported, not one of a notebook's
-            cell, and in a program `if __name__ == "__main__":` around the call.
+        workers: processes, or an executor, of `bench.execution` or any of `concurrent.futures`. More than one need a
+            method that can be imported, not one of a notebook's cell, and in a program `if __name__ == "__main__":`
+            around the call.
         shard: "I/N" for a part of the work, to be shared by several machines; the same call without it ends the run.
         progress: called with the images done and their number.
 

@@ -112,7 +112,7 @@ def _in_reverse(gear: Sequence[str | int] | NDArray[Any], source: str) -> NDArra
     Raises:
         DataError: a word that is no gear, and so perhaps reverse.
     """
-    words = [str(one).strip().upper() for one in gear]
+    words = [str(word).strip().upper() for word in gear]
     for row, word in enumerate(words, start=1):
         if not (REVERSE_GEAR.fullmatch(word) or OTHER_GEAR.fullmatch(word)):
             expected = "R or a negative number in reverse; P, N, D or another number otherwise"

@@ -98,8 +98,8 @@ class LucasKanadeTracker:
             rows = np.flatnonzero(followed[age - 1])
             if not len(rows):
                 break
-            ends, found = self._follow(newer, older, pixels[age - 1, rows].astype(np.float32)[:, None])
-            pixels[age, rows[found]], followed[age, rows[found]] = ends[found], True
+            ends, kept = self._follow(newer, older, pixels[age - 1, rows].astype(np.float32)[:, None])
+            pixels[age, rows[kept]], followed[age, rows[kept]] = ends[kept], True
         return Tracks(pixels=pixels, followed=followed)
 
     def _follow(

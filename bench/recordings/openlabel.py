@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from bench.recordings.validation import FARTHEST_M, FileModel, TimeNs
+from bench.recordings.validation import FileModel, Measured, TimeNs
 from bench.records.recording import MotionKind
 from bench.records.reference import ObjectClass
 
@@ -27,16 +27,11 @@ COORDINATE_SYSTEM: Literal["vehicle"] = "vehicle"
 MOST_CORNERS = 1000  # of an outline; one that crosses itself has as many crossings as their square
 
 
-def _refuse_far(val: tuple[float, ...]) -> None:
-    if max(map(abs, val)) > FARTHEST_M:
-        raise ValueError(f"places and sizes within {FARTHEST_M:g} m")
-
-
 class CuboidData(FileModel):
     """Centre, quaternion (x, y, z, w) and full sizes."""
 
     name: Literal["shape"]
-    val: tuple[float, float, float, float, float, float, float, float, float, float]
+    val: tuple[Measured, Measured, Measured, Measured, Measured, Measured, Measured, Measured, Measured, Measured]
     coordinate_system: Literal["vehicle"] = COORDINATE_SYSTEM
 
     @field_validator("val")
@@ -46,7 +41,6 @@ class CuboidData(FileModel):
             raise ValueError("numbers 4 to 7 to be a quaternion x, y, z, w of length 1")
         if min(val[7:]) <= 0:
             raise ValueError("numbers 8 to 10 to be sizes above 0")
-        _refuse_far(val)
         return val
 
 
@@ -54,7 +48,7 @@ class PolygonData(FileModel):
     """Outline on the ground: x and y in turn, the last point joined to the first."""
 
     name: Literal["ground_outline"]
-    val: tuple[float, ...] = Field(min_length=6, max_length=2 * MOST_CORNERS)
+    val: tuple[Measured, ...] = Field(min_length=6, max_length=2 * MOST_CORNERS)
     mode: Literal["MODE_POLY2D_ABSOLUTE"] = "MODE_POLY2D_ABSOLUTE"
     closed: Literal[True]
     coordinate_system: Literal["vehicle"] = COORDINATE_SYSTEM
@@ -64,7 +58,6 @@ class PolygonData(FileModel):
     def _has_pairs(cls, val: tuple[float, ...]) -> tuple[float, ...]:
         if len(val) % 2:
             raise ValueError("an even number of values, x and y in turn")
-        _refuse_far(val)
         return val
 
 
@@ -72,14 +65,14 @@ class LengthData(FileModel):
     """Height span of an outline."""
 
     name: Literal["bottom_m", "top_m"]
-    val: float
+    val: Measured
 
 
 class RateData(FileModel):
     """Turn of the object about its own centre, positive to the left."""
 
     name: Literal["yaw_rate_radps"]
-    val: float
+    val: Measured
 
 
 class SweepData(FileModel):
@@ -100,7 +93,7 @@ class VelocityData(FileModel):
     """Velocity over the ground along the vehicle's axes."""
 
     name: Literal["velocity_mps"]
-    val: tuple[float, float, float]
+    val: tuple[Measured, Measured, Measured]
 
 
 class IndicesData(FileModel):

@@ -11,7 +11,7 @@ from bench.cameras.rolling_shutter import LONGEST_READOUT_S, ReadoutDirection
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import Statement
 from bench.recordings.images import MOST_WHITE
-from bench.recordings.validation import FileModel, Metres, SidePx
+from bench.recordings.validation import FileModel, Measured, SidePx
 
 SCHEMA_VERSION = 1
 LONGEST_INTERVAL_NS = 3_600_000_000_000  # an hour
@@ -25,7 +25,7 @@ CONVENTIONS = (
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 FolderName = Annotated[str, Field(pattern=r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$")]
 WhiteLevel = Annotated[int, Field(ge=255, le=MOST_WHITE)]
-Vector3 = tuple[Metres, Metres, Metres]
+Vector3 = tuple[Measured, Measured, Measured]
 Quaternion = tuple[float, float, float, float]
 
 
@@ -69,8 +69,8 @@ class VehicleHead(FileModel):
         ground_height_m: height of the road in the vehicle frame.
     """
 
-    outline_m: tuple[tuple[Metres, Metres], ...] = Field(min_length=3)
-    ground_height_m: Metres = 0.0
+    outline_m: tuple[tuple[Measured, Measured], ...] = Field(min_length=3)
+    ground_height_m: Measured = 0.0
 
 
 class RollingShutterHead(FileModel):

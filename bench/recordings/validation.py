@@ -32,11 +32,11 @@ class FileModel(BaseModel):
 
 LATEST_NS = 2**62  # in the year 2116; room is left for sums
 LARGEST_SIDE_PX = 16_384
-FARTHEST_M = 1e8  # coordinates of any map are within
+LARGEST_MEASURED = 1e8  # places on any map in metres, and speeds in m/s, are within
 
 TimeNs = Annotated[int, Field(ge=-LATEST_NS, le=LATEST_NS)]
 SidePx = Annotated[int, Field(gt=0, le=LARGEST_SIDE_PX)]
-Metres = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+Measured = Annotated[float, Field(ge=-LARGEST_MEASURED, le=LARGEST_MEASURED)]
 
 Model = TypeVar("Model", bound=BaseModel)
 

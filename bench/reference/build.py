@@ -12,17 +12,15 @@ from shapely import Polygon
 from bench.errors import UsageError
 from bench.records.recording import ImageRef, Recording
 from bench.records.reference import ObjectGeometry, ReferenceFrame, ReferenceSettings
-from bench.reference.areas import left_out_ground, left_out_pixels
 from bench.reference.bands import with_band
 from bench.reference.clusters import Cluster, object_cluster
 from bench.reference.exposure import Exposure, visible_region
 from bench.reference.kinds import ConvexHull, region_kind
 from bench.reference.masks import mask_reference
 from bench.reference.motion import AnnotationIndex, ObjectAtExposure
-from bench.reference.polygons import trace_polygon
-from bench.reference.regions import Region, compose
+from bench.reference.regions import Region, compose, trace_polygon
 from bench.reference.scanned import ScannedObject
-from bench.reference.silhouette import silhouette
+from bench.reference.silhouette import left_out_ground, left_out_pixels, silhouette
 from bench.reference.statuses import reference_object
 from bench.reference.sweeps import SweepCache
 

@@ -13,8 +13,7 @@ from typing_extensions import override
 
 from bench.errors import UnknownNameError
 from bench.geometry.raster import rasterise
-from bench.reference.polygons import trace_polygon
-from bench.reference.regions import Region
+from bench.reference.regions import Region, trace_polygon
 from bench.reference.scanned import ScannedObject
 
 

@@ -15,12 +15,14 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from bench.cameras import CameraModel, ray_grid
 from bench.geometry import cross, dot, normalise
 from bench.geometry.raster import Raster
-from bench.records.recording import Cuboid, GroundPolygon, ObjectShape
+from bench.records.recording import Annotated, Cuboid, GroundPolygon, MountedCamera, ObjectShape
 
+TALLEST_M = 4.5  # road users in areas that are left out: lorries of 4 m (Directive 96/53/EC) and slack
 BLOCK_PX = 16  # side of the blocks of pixels that are decided together where they can be
 ON_PLANE = 1e-9  # sine of the angle up to which a corner lies on a plane
 BOX_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
@@ -116,6 +118,30 @@ def silhouette(parts_camera: Iterable[NDArray[np.float64]], camera: CameraModel)
             reached |= blocks.mark(covered.reshape(-1), planes)
     window = blocks.window(reached, covered.shape)
     return Raster(window, covered[window])
+
+
+def left_out_ground(annotated: Annotated) -> BaseGeometry:
+    """The areas as one, x and y in the vehicle frame, m; empty without any."""
+    return shapely.union_all([shapely.make_valid(shapely.Polygon(outline)) for outline in annotated.left_out_m])
+
+
+def left_out_pixels(annotated: Annotated, camera: MountedCamera) -> NDArray[np.bool_]:
+    """Pixels whose ray meets something that may stand in one of the areas, whatever is in front of it.
+
+    Args:
+        annotated: of the recording.
+        camera: on the vehicle.
+
+    Returns:
+        (H, W) bool.
+    """
+    covered = np.zeros((camera.model.height, camera.model.width), dtype=bool)
+    for outline in annotated.left_out_m:
+        body = GroundPolygon(outline_m=np.array(outline), bottom_m=camera.ground_m, top_m=camera.ground_m + TALLEST_M)
+        parts_camera = camera.vehicle_from_camera.inverse().apply(convex_parts(body))
+        window, inside = silhouette(parts_camera, camera.model)
+        covered[window] |= inside
+    return covered
 
 
 def _bounding_planes(corners_camera: NDArray[np.float64]) -> NDArray[np.float64] | None:

@@ -27,11 +27,11 @@ def disturbed(images: Sequence[Bytes], rng: np.random.Generator) -> tuple[Bytes,
         images: (H, W) uint8 each, grey, one after the other.
         rng: draws what happens; each of `DISTURBANCES` with its probability.
     """
-    found: list[Image] = [image.astype(np.float32) for image in images]
+    disturbed: list[Image] = [image.astype(np.float32) for image in images]
     for disturb, probability in DISTURBANCES:
         if rng.random() < probability:
-            found = disturb(found, rng)
-    return tuple(np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in found)
+            disturbed = disturb(disturbed, rng)
+    return tuple(np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in disturbed)
 
 
 def own_light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
@@ -65,12 +65,12 @@ def glare(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
     small = (max(width // 4, 1), max(height // 4, 1))
     bound, strength, veil = rng.uniform(180, 235), rng.uniform(0.5, 3), rng.uniform(0, 12)
     sigma = float(rng.uniform(0.01, 0.05)) * width / 4
-    found = []
+    changed = []
     for image in images:
         bright = cv2.resize(np.maximum(image - bound, 0), small, interpolation=cv2.INTER_AREA)
         spread = cv2.resize(cv2.GaussianBlur(bright, (0, 0), sigma), (width, height), interpolation=cv2.INTER_LINEAR)
-        found.append(image + strength * spread.astype(np.float32) + veil)
-    return found
+        changed.append(image + strength * spread.astype(np.float32) + veil)
+    return changed
 
 
 def drops(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
@@ -89,11 +89,11 @@ def drops(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
         at[place] = np.where(inside[..., None] > 0, middle - rng.uniform(1, 4) * offset, at[place])
         share[place] = np.maximum(share[place], inside)
     soft = float(rng.uniform(1, 4))
-    found = []
+    changed = []
     for image in images:
         through = remapped(cv2.GaussianBlur(image, (0, 0), soft).astype(np.float32), at, outside=None)
-        found.append(image + share * (through - image))
-    return found
+        changed.append(image + share * (through - image))
+    return changed
 
 
 def dirt(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
@@ -128,12 +128,12 @@ def defocus(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
 def noise(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
     """Noise of the read-out, of photons and of whole rows."""
     read, photons, rows = rng.uniform(0.5, 5), rng.uniform(0, 0.4), rng.uniform(0, 0.8)
-    found = []
+    changed = []
     for image in images:
         sigma = np.sqrt(read**2 + photons**2 * np.maximum(image, 0)).astype(np.float32)
         drawn = rng.standard_normal(image.shape, dtype=np.float32) * sigma
-        found.append(image + drawn + rows * rng.standard_normal((len(image), 1), dtype=np.float32))
-    return found
+        changed.append(image + drawn + rows * rng.standard_normal((len(image), 1), dtype=np.float32))
+    return changed
 
 
 def denoised(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
@@ -145,12 +145,12 @@ def denoised(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
 def compressed(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
     """Blocks of JPEG, or of a video encoder that is short of bits."""
     quality = int(rng.integers(25, 90))
-    found = []
+    changed = []
     for image in images:
         whole = np.clip(np.rint(image), 0, 255).astype(np.uint8)
         _, stored = cv2.imencode(".jpg", whole, [cv2.IMWRITE_JPEG_QUALITY, quality])
-        found.append(np.asarray(cv2.imdecode(stored, cv2.IMREAD_GRAYSCALE), dtype=np.float32))
-    return found
+        changed.append(np.asarray(cv2.imdecode(stored, cv2.IMREAD_GRAYSCALE), dtype=np.float32))
+    return changed
 
 
 def _ellipse(image: Image, middle: tuple[float, float], radius: float, rng: np.random.Generator) -> None:

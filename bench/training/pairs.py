@@ -1,14 +1,31 @@
-"""Images with those before them and exact masks of what moves, for any network."""
+"""Images with those before them and exact masks of what moves, for any network; and the inputs of ours, prepared.
+
+Prepared inputs are computed once and stored as memory-mapped arrays of bytes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Literal
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.atomic import make_folder, replacing, write_text
 from bench.errors import DataError
+from bench.execution import FailedTask, local_executor
 from bench.harness.datasets import Dataset, Frame, open_dataset
+from bench.methods.learned import inputs
+from bench.methods.rigid_scene.views import Views
+from bench.recordings import load_card
+from bench.training import appearance
 
 DATASET = "training"
 VALIDATION = "validation"
@@ -48,7 +65,7 @@ def training_pairs(
 
 
 def drives_of(dataset: str | Path, part: SplitPart, *, workers: int = 1) -> tuple[str, ...]:
-    """Names of the drives of a part; see `training_pairs`."""
+    """Names of the drives of a part, as `training_pairs` divides them."""
     names = open_dataset(dataset, workers=workers).names
     if part == "all":
         return names
@@ -64,7 +81,7 @@ def pairs_of(
     longest_history: int = 1,
     colour: bool = False,
 ) -> Iterator[Frame]:
-    """Pairs of some of a data set's drives; see `training_pairs`."""
+    """Yield the pairs of some of a data set's drives, as `training_pairs` does."""
     frames = data.frames(
         recordings=names,
         longest_history=longest_history,
@@ -77,3 +94,129 @@ def pairs_of(
                 raise DataError(data.card.file, expected="exact masks, as rendered data have", got="none")
             if number % every == 0:
                 yield frame
+
+
+DISTURBED = 0.75  # share of the images for which disturbances are drawn before anything is computed from them
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PreparedDrive:
+    """The images of one drive and camera.
+
+    Attributes:
+        recording: name of the drive.
+        camera: name of the camera.
+        folder: of the arrays.
+        images: how many.
+    """
+
+    recording: str
+    camera: str
+    folder: Path
+    images: int
+
+    def coarse(self) -> NDArray[np.uint8]:
+        """(images, C, h, w) uint8, read-only, mapped from disk: `inputs.COARSE`."""
+        return self._array("coarse")
+
+    def fine(self) -> NDArray[np.uint8]:
+        """(images, F + 1, 2 h, 2 w) uint8, as above: `inputs.FINE`, then the share of moving pixels, 0 to 255."""
+        return self._array("fine")
+
+    def _array(self, size: str) -> NDArray[np.uint8]:
+        return np.asarray(np.load(self.folder / _arrays(self.recording, self.camera, size), mmap_mode="r"))
+
+
+def prepare(
+    dataset: str | Path,
+    part: SplitPart,
+    folder: Path,
+    *,
+    disturbed: bool,
+    workers: int,
+    progress: Callable[[int, int], None],
+) -> list[PreparedDrive]:
+    """Prepare the drives of one part of a data set that are not prepared yet.
+
+    Args:
+        dataset: a rendered data set, by name or card; it is rendered first where it is missing.
+        part: of the data set, as `training_pairs` divides it.
+        folder: of the arrays; one folder below it for each version of the inputs.
+        disturbed: images are those of worse cameras, see `bench.training.appearance`; else as they were rendered.
+        workers: processes.
+        progress: called with the numbers of prepared and of all drives.
+
+    Returns:
+        Every drive and camera, in order.
+
+    Raises:
+        DataError: the data cannot be used.
+    """
+    names = drives_of(dataset, part, workers=workers)
+    place = folder / _version(dataset, disturbed=disturbed)
+    make_folder(place)
+    missing = [name for name in names if not _index(place, name).is_file()]
+    progress(len(names) - len(missing), len(names))
+    with local_executor(workers) as executor:
+        task = partial(_prepare_drive, dataset=dataset, place=place, disturbed=disturbed)
+        done = executor.compute(task, missing)
+        for count, (name, outcome) in enumerate(done, start=len(names) - len(missing) + 1):
+            if isinstance(outcome, FailedTask):
+                raise DataError(name, expected="a drive that can be prepared", got=outcome.reason)
+            progress(count, len(names))
+    return [drive for name in names for drive in _prepared(place, name)]
+
+
+def _prepare_drive(name: str, *, dataset: str | Path, place: Path, disturbed: bool) -> None:
+    lengths = {}
+    pairs = pairs_of(open_dataset(dataset), [name], longest_history=inputs.BACK)
+    frames = (frame for frame in pairs if len(frame.input.images) > 2)  # training itself leaves the earlier one out
+    for camera, of_camera in groupby(frames, key=lambda frame: frame.camera):
+        rng = np.random.default_rng(list(f"{name} {camera}".encode())) if disturbed else None
+        coarse, fine = zip(*(_arrays_of(frame, rng) for frame in of_camera), strict=True)
+        for size, arrays in (("coarse", coarse), ("fine", fine)):
+            with replacing(place / _arrays(name, camera, size)) as file, file.open("wb") as stream:
+                np.save(stream, np.stack(arrays))
+        lengths[camera] = len(coarse)
+    write_text(_index(place, name), json.dumps(lengths) + "\n")
+
+
+def _arrays_of(frame: Frame, rng: np.random.Generator | None) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Coarse channels, and fine ones with the target."""
+    given = frame.input
+    if rng is not None and rng.random() < DISTURBED:
+        given = replace(given, images=appearance.disturbed(given.images, rng))
+    views = Views.of(given)
+    channels = inputs.network_input(views)
+    assert frame.exact is not None
+    height, width = views.fine[-1].shape
+    share = cv2.resize(frame.exact.astype(np.uint8) * 255, (width, height), interpolation=cv2.INTER_AREA)
+    fine = np.concatenate([channels.fine, share[None]])
+    rows, columns = channels.coarse.shape[1:]
+    return channels.coarse, fine[:, : 2 * rows, : 2 * columns]
+
+
+def _prepared(place: Path, name: str) -> Iterator[PreparedDrive]:
+    content: dict[str, int] = json.loads(_index(place, name).read_text(encoding="utf-8"))
+    for camera, images in content.items():
+        yield PreparedDrive(recording=name, camera=camera, folder=place, images=images)
+
+
+def _index(place: Path, name: str) -> Path:
+    return place / f"{name}.json"
+
+
+def _arrays(name: str, camera: str, size: str) -> str:
+    return f"{name}-{camera}-{size}.npy"
+
+
+def _version(dataset: str | Path, *, disturbed: bool) -> str:
+    """Digest of what decides the arrays: the data set's scenario and all code that channels are made of."""
+    scenario = load_card(dataset).scenario
+    package = Path(inputs.__file__).parents[2]
+    parts = [package / part for part in ("cameras", "flow", "geometry", "methods/rigid_scene", "methods/spherical")]
+    files = [Path(inputs.__file__), *sorted(path for part in parts for path in part.rglob("*.py"))]
+    digest = hashlib.sha256(str(dataset).encode() + (b"" if scenario is None else scenario.read_bytes()))
+    for file in files + [Path(appearance.__file__)] * disturbed:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]

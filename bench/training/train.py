@@ -37,8 +37,7 @@ from bench.methods.learned.inputs import COARSE, DIFFERENCES, FINE, GROUPS, MIRR
 from bench.methods.learned.method import padded
 from bench.recordings import load_card
 from bench.training.network import MotionNetwork, ScoredNetwork
-from bench.training.pairs import DATASET
-from bench.training.prepared import PreparedDrive, prepare
+from bench.training.pairs import DATASET, PreparedDrive, prepare
 
 LOG = logging.getLogger(__name__)
 CROPS_ON_MOTION = 0.5  # share of the crops that are put around something that moves, where anything does
@@ -178,8 +177,8 @@ class Validation:
 def _by_drive(part: NDArray[np.float64], whole: NDArray[np.float64], drives: NDArray[np.str_]) -> list[float] | None:
     """Interval of a ratio, 95 %, by drive."""
     rows = [drives == drive for drive in sorted(set(drives))]
-    found = ratio_interval(np.array([part[row].sum() for row in rows]), np.array([whole[row].sum() for row in rows]))
-    return None if found is None else [round(end, 4) for end in found]
+    interval = ratio_interval(np.array([part[row].sum() for row in rows]), np.array([whole[row].sum() for row in rows]))
+    return None if interval is None else [round(end, 4) for end in interval]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -389,19 +388,19 @@ def train(
     state["losses"] = torch.ones(batches.images, dtype=torch.float64)  # of each image when it was last seen
     parts = {"network": network, "averaged": averaged, "optimiser": optimiser, "schedule": schedule}
     if (out / CHECKPOINT).is_file():
-        found = torch.load(out / CHECKPOINT, map_location=device, weights_only=True)
-        if found["plan"] != asdict(plan):
+        checkpoint = torch.load(out / CHECKPOINT, map_location=device, weights_only=True)
+        if checkpoint["plan"] != asdict(plan):
             raise UsageError(
-                f"{out / CHECKPOINT}: expected the plan {asdict(plan)}, got {found['plan']}; use a new --out"
+                f"{out / CHECKPOINT}: expected the plan {asdict(plan)}, got {checkpoint['plan']}; use a new --out"
             )
-        state = found["state"]
+        state = checkpoint["state"]
         state["losses"] = state["losses"].cpu()
         if len(state["losses"]) != batches.images:
             raise UsageError(
                 f"{out / CHECKPOINT}: expected {batches.images} images, got {len(state['losses'])}; use a new --out"
             )
         for name, part in parts.items():
-            part.load_state_dict(found[name])
+            part.load_state_dict(checkpoint[name])
     for epoch in range(state["epoch"], plan.epochs):
         if epoch - state["best_epoch"] > plan.patience:
             break
@@ -474,7 +473,7 @@ def write_log(out: Path, log: Sequence[dict[str, float]]) -> None:
 def export(
     network: nn.Module,
     plan: Plan,
-    found: Validation,
+    reached: Validation,
     log: Sequence[dict[str, float]],
     *,
     provenance: dict[str, Any],
@@ -510,8 +509,8 @@ def export(
         "coarse": list(plan.coarse),
         "fine": list(plan.fine),
         "weights": sum(parameter.numel() for parameter in network.parameters()),
-        "threshold": found.best / THRESHOLDS,
-        "validation": found.summary(),
+        "threshold": reached.best / THRESHOLDS,
+        "validation": reached.summary(),
         "training": {
             **asdict(plan),
             "epochs_trained": len(log),
@@ -553,7 +552,7 @@ def main(
     training = prepare(dataset, "training", held, disturbed=disturbed, workers=workers, progress=progress)
     held_out = prepare(dataset, "validation", held, disturbed=disturbed, workers=workers, progress=progress)
     torch.set_num_threads(workers)
-    network, found, log = train(plan, training, held_out, out)
+    network, reached, log = train(plan, training, held_out, out)
     scenario = load_card(dataset).scenario
     provenance = {
         "dataset": dataset,
@@ -563,8 +562,8 @@ def main(
         "torch": torch.__version__.split("+")[0],
         "fisheye_bench": __version__,
     }
-    export(network, plan, found, log, provenance=provenance, out=out)
-    LOG.info(json.dumps(found.summary()))
+    export(network, plan, reached, log, provenance=provenance, out=out)
+    LOG.info(json.dumps(reached.summary()))
 
 
 if __name__ == "__main__":

@@ -97,13 +97,13 @@ def test_packed_chunks_and_messages(tmp_path, storage, compression):
 @pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
 @pytest.mark.parametrize("chunked", [True, False], ids=["chunked", "without chunks"])
 def test_files_of_the_other_writer_of_mcap(tmp_path, compression, chunked):
-    """With what ROS's recorder may add: an attachment, metadata, and a topic in another language."""
+    """With what ROS's recorder may add: an attachment, metadata, and topics in other languages or none."""
     root = bags.write_rig(tmp_path / "data")
     with (root / "drive.mcap").open("wb") as stream:
         writer = Writer(stream, 8000, compression=CompressionType[compression], use_chunking=chunked)
         writer.start(profile="ros2")
         protobuf = writer.register_schema("example.Log", "protobuf", b"\x0a\xff\xfe\x80")
-        log = writer.register_channel("/log", "protobuf", protobuf)
+        others = writer.register_channel("/log", "protobuf", protobuf), writer.register_channel("/json", "json", 0)
         channels = {}
         for topic, kind, time_ns, content in bags.drive():
             if topic not in channels:
@@ -111,7 +111,8 @@ def test_files_of_the_other_writer_of_mcap(tmp_path, compression, chunked):
                 channels[topic] = writer.register_channel(topic, "cdr", schema)
             data = bytes(bags.STORE.serialize_cdr(content, kind))
             writer.add_message(channels[topic], time_ns + bags.LATE_NS, data, time_ns)
-            writer.add_message(log, time_ns, b"\xff\xff", time_ns)
+            for other in others:
+                writer.add_message(other, time_ns, b"\xff\xff", time_ns)
         writer.add_attachment(0, 0, "calibration", "application/octet-stream", bytes(5000))
         writer.add_metadata("rosbag2", {"ROS_DISTRO": "jazzy"})
         writer.finish()

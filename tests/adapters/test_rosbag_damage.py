@@ -14,7 +14,6 @@ import yaml
 from backports import zstd
 
 from bench.adapters.rosbag.adapter import rosbag_recordings
-from bench.adapters.rosbag.messages import Topic
 from bench.adapters.rosbag.storage import read_message, stored_messages
 from bench.errors import BenchError, DataError
 from bench.recordings import read_image
@@ -275,35 +274,6 @@ HOSTILE_RECORDS = [
     (record(3, struct.pack("<HI", 1, 2**32 - 1)), "the end in the middle of it"),
     (bytes(100), "a record of kind 0"),
 ]
-
-
-CHUNKS = {
-    "zstd": chunk,
-    "lz4": lambda data: chunk(data, packed=lz4.frame.compress(data), compression="lz4"),
-    "uncompressed": lambda data: chunk(data, packed=data, compression=""),
-    "without chunks": lambda data: data,
-}
-
-
-@pytest.mark.parametrize("kind", CHUNKS)
-def test_definitions_in_other_languages_than_ros_damage_nothing(tmp_path, kind):
-    """Loggers put channels of other kinds beside those of ROS; their definitions are no text."""
-    schemas = record(3, struct.pack("<H", 1) + text("example.Log") + text("protobuf") + text(b"\x0a\xff\xfe\x80"))
-    schemas += record(3, struct.pack("<H", 2) + text(bags.IMU) + text("ros2msg") + text(""))
-    channels = record(4, struct.pack("<HH", 1, 1) + text("/log") + text("protobuf") + text(""))
-    channels += record(4, struct.pack("<HH", 2, 2) + text("/imu") + text("cdr") + text(""))
-    channels += record(4, struct.pack("<HH", 3, 0) + text("/json") + text("json") + text(""))
-    messages = b"".join(record(5, struct.pack("<HIQQ", channel, 0, 7, 7) + b"payload") for channel in (1, 2, 3))
-    data = b"\x89MCAP0\r\n" + HEADER_RECORD + schemas + channels + CHUNKS[kind](messages) + record(15, bytes(4))
-    summary = schemas + channels
-    footer = record(2, struct.pack("<QQI", len(data), 0, 0)) + b"\x89MCAP0\r\n"
-    file = tmp_path / "mixed.mcap"
-    file.write_bytes(data + summary + footer)
-    found = {topic.name: (topic, *rest) for topic, *rest in stored_messages(file, {"/imu": 4})}
-    assert set(found) == {"/log", "/imu", "/json"}
-    topic, log_ns, position, start = found["/imu"]
-    assert (topic, log_ns, start) == (Topic("/imu", bags.IMU), 7, b"payl")
-    assert read_message(file, position, compressed=False) == b"payload"
 
 
 @pytest.mark.parametrize(("content", "told"), HOSTILE_RECORDS)

@@ -6,8 +6,9 @@ import pandas as pd
 import pytest
 
 from bench.annotation import drives as module
+from bench.annotation.decisions import applied, decide
 from bench.annotation.drives import propose_drives
-from bench.annotation.store import Accept, read_review, review_file
+from bench.annotation.store import Accept, Reject, read_review, review_file, write_review
 from bench.execution import SerialExecutor
 from bench.recordings import load_card, open_dataset
 from tests.annotation.street import COARSE
@@ -65,6 +66,26 @@ def test_propose_then_evaluate(card):
     assert every["object_frames"] > 0
     assert all(share in text and "Nearer than 8 m" in text for name, text in written.items() if "csv" not in name)
     assert share in scored.stdout
+
+
+def test_two_reviewers_are_compared_and_merged(card):
+    """The second one rejects a track, so that the first one's is false against theirs, and open in what both say."""
+    proposed(card)
+    review = read_review(review_file(card.parent / "reviews", "drive"))
+    write_review(review_file(card.parent / "others", "drive"), decide(review, Reject(tracks=("p000",), **MADE)))
+    both = ("annotate", "evaluate", card, "--reviews", "reviews", "--against", "others", "--merged", "merged")
+    done = called_here(*both, folder=card.parent)
+    assert done.returncode == 0
+    assert "p000" in done.stdout
+    assert "false" in done.stdout
+    merged = applied(read_review(review_file(card.parent / "merged", "drive")))
+    assert [track.status for track in merged] == ["open", "open", "open"]
+    again = called_here(*both, folder=card.parent)
+    assert again.returncode == 2
+    assert "a review that is there already" in again.stderr
+    alone = called_here("annotate", "evaluate", card, "--merged", "elsewhere", folder=card.parent)
+    assert alone.returncode == 2
+    assert "--against" in alone.stderr
 
 
 def test_what_is_there_is_not_computed_again(card, monkeypatch):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.annotation import store
-from bench.annotation.carry_over import carry_over, tracks_iou
+from bench.annotation.carry_over import carry_over, merge_reviews, tracks_iou
 from bench.annotation.decisions import applied, decide
 from bench.annotation.doubts import hole_doubts
 from bench.errors import DataError, UsageError
@@ -254,3 +254,34 @@ def test_a_size_that_does_not_fit_the_class_is_a_doubt():
     ]
     mended = key("p1", 3, (3, 0, 1), size_m=(0.8, 0.7, 1.7))
     assert reasons(by_id(decided(review, person, mended))["p1"]) == []
+
+
+def test_reviews_of_two_who_differ_leave_open_what_they_differ_in():
+    """Both accept the first car; one calls the second a cyclist, rejects the third and draws a fourth."""
+    proposals = [straight("p0"), straight("p1", start=(0.0, 10.0)), straight("p2", start=(0.0, 20.0))]
+    every = review_of(*proposals).watched(0, STEP_NS)
+    a = decide(every, store.Accept(tracks=("p0", "p1", "p2"), **MADE))
+    b = decide(every, store.Accept(tracks=("p0", "p1"), **MADE)).watched(STEP_NS, 2 * STEP_NS)
+    b = decide(b, store.SetClass(tracks=("p1",), object_class="cyclist", **MADE))
+    b = decide(b, store.Reject(tracks=("p2",), **MADE))
+    b = decide(b, store.Draw(drawn=straight("d000", start=(0.0, 30.0)).model_copy(update={"source": "drawn"}), **MADE))
+    merged = merge_reviews(a, b)
+    assert {track.id: track.status for track in applied(merged)} == {
+        "p0": "accepted", "p1": "open", "p2": "open", "m000": "open",
+    }  # fmt: skip
+    assert merged.watched_ns == ((0, 2 * STEP_NS),)
+    assert merge_reviews(a, a) == a
+    assert {track.status for track in applied(merge_reviews(b, a))} == {"accepted", "rejected", "open"}
+
+
+def test_a_side_that_differs_by_half_a_metre_is_left_open():
+    a = decide(review_of(straight("p0")), store.Accept(tracks=("p0",), **MADE))
+    longer = decide(review_of(straight("p0", size_m=(4.5, 2.0, 1.5))), store.Accept(tracks=("p0",), **MADE))
+    (track,) = applied(merge_reviews(a, longer))
+    assert track.status == "open"
+
+
+def test_reviews_of_two_drives_are_not_merged():
+    other = review_of(straight("p0")).model_copy(update={"recording": "elsewhere"})
+    with pytest.raises(UsageError, match="expected two of one drive, got 'drive' and 'elsewhere'"):
+        merge_reviews(review_of(straight("p0")), other)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.annotation.stored_labels import store_labels
+from bench.annotation.export import store_labels
 from bench.errors import OutputError
 
 FILES = {"a.json": b"a", "drive/b.csv": b"b"}

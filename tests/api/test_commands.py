@@ -30,7 +30,8 @@ def runs(folder):
 def test_functions_print_nothing(runs, tiny_card, tmp_path, capfd):
     console.be_silent()  # as a process is that has run no command line
     bench.compare(*runs, out=tmp_path / "c", pictures=False)
-    bench.validate(tiny_card)
+    (recording,) = bench.validate(tiny_card, split="crossing", deep=True).recordings
+    assert (recording.name, recording.images.read) == ("crossing", recording.images.all)
     bench.verify(runs[0])
     bench.view(tiny_card, recording="crossing", frame=3, out=tmp_path / "p")
     assert capfd.readouterr() == ("", "")
@@ -78,19 +79,10 @@ def test_a_ci_server_is_told_why_there_is_no_verdict(runs, tmp_path):
     assert json.loads((tmp_path / "gate.json").read_text())["passed"] is False
 
 
-def test_a_data_set_is_validated(tiny_card):
-    (recording,) = bench.validate(tiny_card, split="crossing", deep=True).recordings
-    assert recording.name == "crossing"
-    assert recording.images.read == recording.images.all
-    with pytest.raises(UnknownNameError):
-        bench.validate(tiny_card, split="none")
-
-
 def test_a_run_is_verified(runs, tiny_card, tmp_path):
-    assert bench.verify(bench.load_run(runs[0]), tiny_card).differences == ()
     sent = shutil.copytree(runs[0], tmp_path / "sent")
     next(sent.rglob("*.frames.parquet")).unlink()
-    assert "a row that only one of the two has" in "".join(bench.verify(sent, tiny_card).differences)
+    assert "a row that only one of the two has" in "".join(bench.verify(bench.load_run(sent), tiny_card).differences)
 
 
 def test_runs_are_ranked(folder, tmp_path):
@@ -100,15 +92,6 @@ def test_runs_are_ranked(folder, tmp_path):
     assert ranked.files == ()
     written = bench.leaderboard(str(folder), out=tmp_path / "board", pictures=False)
     assert written.files[0] == tmp_path / "board" / "index.html"
-
-
-@pytest.mark.usefixtures("without_charts")
-def test_the_page_of_a_run_is_written(runs, tmp_path):
-    page = bench.report(runs[0], pictures=False, out=tmp_path / "page.html")
-    assert page.files[0] == tmp_path / "page.html"
-    assert page.problems == ()
-    with pytest.raises(UnknownNameError, match="category"):
-        bench.report(runs[0], category="flying")
 
 
 def test_a_method_is_scored_for_a_leaderboard(tiny_card, tmp_path):
@@ -156,10 +139,8 @@ def test_masks_of_a_folder_are_scored(tiny_card, tmp_path):
         bench.evaluate(tiny_card, tmp_path / "masks", name="spherical", **chosen)
 
 
-def test_frames_are_drawn(tiny_card, tmp_path):
-    drawn = bench.view(tiny_card, recording="crossing", frames="3:4", out=str(tmp_path / "p"))
-    assert {file.parent.parent for file in drawn.files} == {tmp_path / "p"}
-    found = bench.view(tiny_card, method="nothing", frame=3, out=tmp_path / "one")
+def test_frames_are_drawn_and_unknown_names_refused(tiny_card, tmp_path):
+    found = bench.view(tiny_card, method="nothing", frame=3, out=str(tmp_path / "one"))
     assert tmp_path / "one" / "areas.png" in found.files
     (picture,) = bench.view(tiny_card, calibration=True, recording="crossing", frame=3, out=tmp_path / "lens").files
     assert picture.name == "calibration.png"
@@ -167,3 +148,5 @@ def test_frames_are_drawn(tiny_card, tmp_path):
         bench.view(tiny_card, settings={"threshold": 1})
     with pytest.raises(UnknownNameError, match="camera"):
         bench.view(tiny_card, camera="rear")
+    with pytest.raises(UnknownNameError):
+        bench.validate(tiny_card, split="none")

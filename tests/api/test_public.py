@@ -3,6 +3,7 @@
 After a change that is meant, write the file anew (`python -m tests.api.test_public`), and tell it in the changelog.
 """
 
+import ast
 import dataclasses
 import inspect
 from collections.abc import Iterator, Mapping
@@ -32,7 +33,7 @@ def lines() -> Iterator[str]:
 
 def _described(name: str, thing: Any) -> Iterator[str]:
     if inspect.isfunction(thing):
-        yield f"{name}{inspect.signature(thing)}"
+        yield f"{name}{_signature(thing)}"
     elif inspect.isclass(thing):
         bases = ", ".join(base.__name__ for base in thing.__bases__)
         yield f"{name}({bases})"
@@ -47,11 +48,26 @@ def _described(name: str, thing: Any) -> Iterator[str]:
                 continue
             called = member.__func__ if isinstance(member, classmethod | staticmethod) else member
             if inspect.isfunction(called):
-                yield f"{name}.{key}{inspect.signature(called)}"
+                yield f"{name}.{key}{_signature(called)}"
             elif isinstance(member, property) or hasattr(member, "attrname"):
                 yield f"{name}.{key}"
     else:
         yield f"{name}: {type(thing).__name__}"
+
+
+def _signature(function: Any) -> inspect.Signature:
+    """The signature without the help of options."""
+    signature = inspect.signature(function)
+    typed = [p.replace(annotation=_typed(p.annotation)) for p in signature.parameters.values()]
+    return signature.replace(parameters=typed)
+
+
+def _typed(annotation: Any) -> Any:
+    told = ast.parse(annotation, mode="eval").body if isinstance(annotation, str) else None
+    if isinstance(told, ast.Subscript) and ast.unparse(told.value) == "Annotated":
+        assert isinstance(told.slice, ast.Tuple)
+        return ast.unparse(told.slice.elts[0]).strip("'")
+    return annotation
 
 
 def _fields(name: str, schema: Any) -> Iterator[str]:

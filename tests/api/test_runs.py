@@ -1,5 +1,6 @@
 """`bench.open_dataset`, `run` and `load_run`: what the commands do, from Python."""
 
+from concurrent.futures import BrokenExecutor, Executor, Future
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,31 @@ def test_an_object_is_a_method_too(tiny_card, tmp_path, monkeypatch):
     assert found.summary.images.evaluated == 8
     with pytest.raises(UsageError, match="settings: expected none"):
         bench.run(tiny_card, Bright(), settings={"threshold": 1})
+
+
+class Engine(Executor):
+    """An executor of another engine: it computes where it is, and loses the task that it is told to lose."""
+
+    def __init__(self, losing=None):
+        self.submitted, self.losing = 0, losing
+
+    def submit(self, function, /, *arguments, **named):
+        future, self.submitted = Future(), self.submitted + 1
+        if self.submitted == self.losing:
+            future.set_exception(BrokenExecutor("the machine is gone"))
+        else:
+            future.set_result(function(*arguments, **named))
+        return future
+
+
+def test_the_executor_of_another_engine_gives_the_same(run, tiny_card, tmp_path):
+    engine = Engine()
+    chosen = {"method": "frame-difference", "pictures": False, "protocol": "paper-v1"}
+    other = bench.run(tiny_card, **chosen, out=tmp_path / "run", workers=engine)
+    assert engine.submitted == 3 + 3 + 1, "recordings, tasks, and one image again"
+    assert (other.folder / "sums.csv").read_bytes() == (run.folder / "sums.csv").read_bytes()
+    (failure,) = bench.run(tiny_card, **chosen, out=tmp_path / "lost", workers=Engine(losing=5)).summary.failures
+    assert failure.endswith("the machine is gone")
 
 
 def test_a_data_set_gives_recordings_and_frames(tiny_card, monkeypatch):

@@ -1,6 +1,5 @@
 """Every command once: exit status, what it prints, which files it leaves."""
 
-import json
 import shutil
 import subprocess
 import sys
@@ -10,7 +9,7 @@ import pytest
 import bench
 from bench.commands.app import COMMANDS
 from bench.commands.examples import EXAMPLES
-from bench.errors import UsageError
+from bench.errors import UnknownNameError, UsageError
 from bench.methods.settings import parse_settings
 from bench.reporting.charts import draw_run_maps
 from tests.support.changed_data import without_scenario
@@ -39,6 +38,8 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
     assert f"more files in {out}/paper-v1" in shown
     for name in ("Crossing", "Overtaking", "Static ego-vehicle", "False positives"):
         assert name in shown
+    for protocol in ("paper-v1", "surface-v1"):
+        assert bench.load_run(out / protocol).manifest.protocol.name == protocol
     assert "Left out, without cases: preceding, approaching." in shown
     assert "16 annotated object-frames" in shown
     assert r"\label{tab:run-results-by-category-of-objects}" in (out / "paper-v1" / "table.tex").read_text(), (
@@ -116,6 +117,7 @@ def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_ca
         (("run", "nowhere.yaml"), "nowhere"),
         (("run", "CARD", "--method", "sperical"), "did you mean 'spherical'"),
         (("run", "CARD", "--protocol", "paper-v9"), "known are extended-v1, masks-v1, paper-v1"),
+        (("run", "CARD", "--protocol", "paper-v1,paper-v1"), "expected each protocol once"),
         (("run", "CARD", "--split", "test"), "known are all, crossing, moving"),
         (("run", "CARD", "--set", "threshold"), "expected NAME=VALUE"),
         (("run", "CARD", "--workers", "0"), "--workers: expected a number from 1 on"),
@@ -233,27 +235,16 @@ def test_version_finds_two_opencvs(monkeypatch, capsys):
     assert "wrong: opencv-python and opencv-contrib-python beside opencv-python-headless" in capsys.readouterr().out
 
 
-def test_run_by_two_protocols_prints_two_tables_and_stores_two_runs(monkeypatch, capsys, tiny_card, tmp_path):
-    out = tmp_path / "run"
-    words = ("run", tiny_card, "--method", "nothing", "--protocol", "paper-v1,surface-v1", "--no-pictures")
-    assert call(monkeypatch, *words, "--out", out) == 0
-    printed = capsys.readouterr().out
-    assert printed.index(f"{out}/paper-v1/table.md") < printed.index(f"{out}/surface-v1/table.md")
-    for protocol in ("paper-v1", "surface-v1"):
-        assert json.loads((out / protocol / "manifest.json").read_text())["protocol"]["name"] == protocol
-    assert call(monkeypatch, "run", tiny_card, "--protocol", "paper-v1,paper-v1", "--out", tmp_path / "twice") == 2
-    assert "expected each protocol once" in capsys.readouterr().err
-
-
 @pytest.mark.usefixtures("without_charts")
 def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_card, tmp_path):
     run = tmp_path / "run"
     assert call(monkeypatch, "run", tiny_card, "--out", run, "--no-pictures", "--split", "moving") == 0
-    assert call(monkeypatch, "report", run, "--no-pictures") == 0
     assert call(monkeypatch, "report", run, "--category", "crossing") == 0
-    shown = capsys.readouterr().out
-    for name in ("index.html", "index-crossing.html"):
-        assert (run / "paper-v1" / name).stat().st_size > 1000
-        assert str(run / "paper-v1" / name) in shown
-    assert b"data:image/jpeg" in (run / "paper-v1" / "index-crossing.html").read_bytes()
-    assert b"<img" not in (run / "paper-v1" / "index.html").read_bytes()
+    page, whole = run / "paper-v1" / "index-crossing.html", run / "paper-v1" / "index.html"
+    assert str(page) in capsys.readouterr().out
+    assert b"data:image/jpeg" in page.read_bytes()
+    written = bench.report(run, pictures=False)
+    assert (written.files[0], written.problems) == (whole, ())
+    assert b"<img" not in whole.read_bytes()
+    with pytest.raises(UnknownNameError, match="category"):
+        bench.report(run, category="flying")

@@ -14,7 +14,7 @@ RUN = ("--method", "nothing", "--no-pictures")
 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory):
-    return drive.write_drive(tmp_path_factory.mktemp("clean") / "drive")
+    return drive.write_drive(tmp_path_factory.mktemp("clean") / "drive", drive.MARGIN_M)
 
 
 @pytest.fixture

@@ -4,6 +4,8 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
@@ -27,6 +29,33 @@ def test_every_task_comes_back_once(name):
     done = list(EXECUTORS[name].compute(jobs.squared, NUMBERS))
     assert sorted(task for task, _ in done) == NUMBERS
     assert dict(done) == SQUARES
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_pool_that_breaks_between_a_result_and_the_next_task_loses_none(monkeypatch, workers):
+    pools = []
+
+    class Pool:
+        def __init__(self, _):
+            self.submitted = 0
+            pools.append(self)
+
+        def submit(self, function, task):
+            self.submitted += 1
+            if self.submitted == workers + 1 and len(pools) < 3:
+                raise BrokenProcessPool("a worker has ended")
+            future = Future()
+            future.set_result(function(task))
+            return future
+
+        def end(self):
+            pass
+
+    monkeypatch.setattr("bench.execution._Pool", Pool)
+    done = list(ProcessExecutor(workers=workers).compute(jobs.squared, NUMBERS))
+    assert sorted(task for task, _ in done) == NUMBERS
+    assert dict(done) == SQUARES
+    assert len(pools) == 3
 
 
 @every_executor

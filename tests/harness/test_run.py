@@ -61,7 +61,7 @@ def images_of(card: Path, recording: str) -> list[Path]:
 def test_a_truncated_image_costs_its_two_pairs_and_is_named(own_card, tmp_path):
     victim = images_of(own_card, "crossing")[2]
     victim.write_bytes(victim.read_bytes()[:-200])
-    summary = score(own_card, tmp_path / "run")
+    summary = score(own_card, tmp_path / "run", method="frame-difference")
     assert (summary.images.failed, summary.images.evaluated) == (2, 10)
     assert all(victim.name in failure for failure in summary.failures)
     _, frames = read_tables(tmp_path / "run")
@@ -70,7 +70,7 @@ def test_a_truncated_image_costs_its_two_pairs_and_is_named(own_card, tmp_path):
 
 def test_a_missing_image_is_a_gap_that_is_skipped_not_bridged(own_card, tmp_path):
     images_of(own_card, "crossing")[2].unlink()
-    summary = score(own_card, tmp_path / "run")
+    summary = score(own_card, tmp_path / "run", method="frame-difference")
     assert (summary.images.images, summary.images.skipped, summary.images.failed) == (11, 1, 0)
     assert summary.failures == ()
     (problem,) = summary.images.problems
@@ -79,7 +79,7 @@ def test_a_missing_image_is_a_gap_that_is_skipped_not_bridged(own_card, tmp_path
 
 def test_a_recording_without_calibration_does_not_stop_the_rest(own_card, tmp_path):
     (own_card.parent / "data" / "tiny" / "crossing" / "recording.json").unlink()
-    summary = score(own_card, tmp_path / "run")
+    summary = score(own_card, tmp_path / "run", method="frame-difference")
     assert summary.images.evaluated == 8
     (failure,) = summary.failures
     assert "recording 'crossing'" in failure
@@ -90,7 +90,7 @@ def test_a_damaged_sweep_costs_the_images_that_need_it(own_card, tmp_path):
     sweeps = sorted((own_card.parent / "data" / "tiny" / "crossing" / "lidar").iterdir())
     for sweep in sweeps:
         sweep.write_bytes(sweep.read_bytes()[:1000])
-    summary = score(own_card, tmp_path / "run")
+    summary = score(own_card, tmp_path / "run", method="frame-difference")
     assert (summary.images.failed, summary.images.evaluated) == (4, 8)
     assert "lidar" in summary.failures[0]
 

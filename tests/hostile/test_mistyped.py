@@ -1,7 +1,5 @@
 """Files that users write by hand, mistyped as people mistype them: refused in a line, or read as what they say now."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from copy import deepcopy
@@ -36,7 +34,7 @@ WRITTEN = {
         "annotated": {"timestamps_ns": [[0, None]], "left_out_m": [[[50, 50], [60, 50], [60, 60]]]},
     },
     "protocol.yaml": {"based_on": "surface-v1", "name": "mine", "version": 1, "reference": {"range_limit_m": 20.0}},
-    "tolerances.yaml": {"based_on": "default-v1", "name": "ours", "slices": {"all": {"iou": {"decides": True}}}},
+    "tolerances.yaml": {"based_on": "default-v1", "name": "ours", "slices": {"moving": {"iou": {"decides": True}}}},
     "masks/predictions.yaml": {"first_frame": 0, "sixteen_bits": "score"},
 }  # fmt: skip
 

@@ -31,7 +31,7 @@ def test_the_command_tries_it_where_it_lies(folder, monkeypatch, capsys):
     assert "lab_format:recordings keeps the contract of adapters" in capsys.readouterr().out
     next((folder / "example/monday/scans").iterdir()).write_bytes(b"123")
     assert call(monkeypatch, "validate", "example", "--adapter", "lab_format:recordings") == 1
-    assert "breaks 1 promises of the contract" in capsys.readouterr().out
+    assert "breaks 1 promise of the contract" in capsys.readouterr().out
 
 
 def test_its_own_tests_pass(folder, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from bench.recordings import COMPLETELY, NOT_ANNOTATED, Annotated
 from bench.records.recording import ALWAYS_NS
 from bench.reference import IgnoreReason, Status
-from bench.reference.areas import TALLEST_M, left_out_pixels
+from bench.reference.silhouette import TALLEST_M, left_out_pixels
 from tests.reference.drives import MS, Box, camera, circle, drive, reference_of
 
 LEFT = ((-300.0, 3.0), (300.0, 3.0), (300.0, 60.0), (-300.0, 60.0))  # an opposite carriageway

@@ -17,7 +17,7 @@ from bench.recordings import SweepRef
 from bench.reference import Status
 from bench.reference.grid import find_grid
 from bench.reference.patches import count_patches, without_slits
-from bench.reference.polygons import trace_polygon
+from bench.reference.regions import trace_polygon
 from tests.reference.drives import LIDAR, reference_of, wall_recording, with_settings
 
 SIZE = {"width": 64, "height": 48}

@@ -8,7 +8,7 @@ import pytest
 from bench.errors import DataError, UnknownNameError
 from bench.methods.learned.inputs import COARSE, FINE, ZERO
 from bench.training import training_pairs
-from bench.training.prepared import prepare
+from bench.training.pairs import prepare
 
 
 @pytest.fixture(scope="module")

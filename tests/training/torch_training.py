@@ -19,7 +19,7 @@ from bench.methods.learned.inputs import COARSE, FINE, GROUPS, Channels
 from bench.recordings import load_card
 from bench.synthesis.production import read_scenario
 from bench.training.network import MotionNetwork
-from bench.training.prepared import prepare
+from bench.training.pairs import prepare
 from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, main, small_weight, train
 from benchmarks.ablation import KINDS, Drives, of_kind, score, seen_drives, tables, variants
 from tests.conftest import DATASETS

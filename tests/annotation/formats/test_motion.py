@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.annotation.formats.motion import LONGEST_GAP_NS, followed, middle_velocities
-from bench.annotation.formats.motion import with_motion as states_with_motion
+from bench.annotation.formats.conversion import LONGEST_GAP_NS, followed, middle_velocities
+from bench.annotation.formats.conversion import with_motion as states_with_motion
 from bench.annotation.formats.semantickitti import near_groups
 from bench.egomotion import Trajectory
 from bench.recordings import GroundPolygon, ObjectState, PointIndices, Track
