@@ -246,7 +246,7 @@ class FuturesExecutor:
     def compute(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]
     ) -> Generator[tuple[Task, Result | FailedTask]]:
-        """See `TaskExecutor.compute`."""
+        """Give each task back once with its result, as `TaskExecutor.compute` says."""
         call = partial(_in_cluster, Path.cwd(), function)
         futures = {self.pool.submit(call, task): task for task in tasks}
         try:

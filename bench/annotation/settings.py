@@ -125,7 +125,7 @@ class ProposalSettings:
     object_through: float = 0.45
     least_top_m: float = 0.60
     found_share: float = 0.5
-    gain_share: float = 0.15
+    gain_share: float = 0.25
     sure_share: float = 0.5
     slow_lengths: float = 3.0
     found_m: float = 0.25

@@ -154,9 +154,9 @@ def leaderboard(
     workers: options.Workers = 1,
     progress: Report | None = None,
 ) -> LeaderboardReport:
-    """List all runs of a folder, those that compare in one table each, beside the rows that ship with the package.
+    """Rank the runs of a folder, one table for each group of comparable runs; with --score, make the runs first.
 
-    With --score, make the runs first; those that are there and up to date are not computed again.
+    Rows that ship with the package stand beside those that compare. Runs that are up to date are not computed again.
 
     Args:
         folder: holds runs; those that are scored go into one below it that is called as the data set.

@@ -123,7 +123,6 @@ def sweep(
     from bench.harness.references import cache_folder
     from bench.harness.stages import part_of
     from bench.methods.settings import flat_settings
-    from bench.reporting.formats import file_name
     from bench.reporting.run_tables import write_report_files
     from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
 
@@ -132,8 +131,8 @@ def sweep(
     setting, choices = _combinations(settings or {}, input_errors or {})
     requests = {
         shown: run_request(
-            dataset, method, settings=chosen, protocol=protocol, split=split, input_errors=errors, out=out,
-            overwrite=overwrite,
+            dataset, method, settings=chosen, protocol=protocol, split=split, input_errors=errors,
+            out=None if out is None else Path(out) / _folder_name(shown), overwrite=overwrite,
         )
         for shown, (chosen, errors) in choices.items()
     }  # fmt: skip
@@ -151,7 +150,7 @@ def sweep(
             for number, (value, request) in enumerate(requests.items()):
                 asked = replace(
                     request,
-                    folder=folder / (file_name(value).lstrip(".") or "_"),
+                    folder=folder / _folder_name(value),
                     flow_cache=cache_folder() / "flow",
                 )
                 part = part_of(report, number=number, total=len(requests))
@@ -164,6 +163,13 @@ def sweep(
     summaries = {value: run.summary for value, run in runs.items()}
     files = write_sweep(folder, setting, summaries, **shown)
     return Sweep(folder=folder, runs=runs, table=table(setting, summaries, **shown), files=files)
+
+
+def _folder_name(value: str) -> str:
+    """Name of the folder of a value's run."""
+    from bench.reporting.formats import file_name
+
+    return file_name(value).lstrip(".") or "_"
 
 
 def show(swept: Sweep) -> int:

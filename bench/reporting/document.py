@@ -126,7 +126,7 @@ class Table:
         return [[_as_cell(value, form) for value, form in zip(row, forms, strict=True)] for row in rows]
 
     def transposed(self) -> Table:
-        """The same with rows for columns, for few rows of many columns; the first column becomes the headings."""
+        """Return the table with rows for columns, for few rows and many columns; the first one becomes the headings."""
         first, *rows = zip(self.headings(), *self.cells(), strict=True)
         if not self.words:
             first, rows = (Cell(""),) * len(first), [first, *rows]

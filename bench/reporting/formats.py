@@ -163,7 +163,7 @@ def image_name(recording: str, camera: str, timestamp_ns: int) -> str:
 
 
 def frame_name(reference: ReferenceFrame) -> str:
-    """The same for the image of a reference."""
+    """Return the name of the image of a reference, as `image_name` writes it."""
     return image_name(reference.recording, reference.camera, reference.timestamp_ns)
 
 

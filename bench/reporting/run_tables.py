@@ -103,7 +103,7 @@ class TableRow:
         return round(100.0 * difference, 10)  # without the noise of binary fractions
 
     def difference(self, name: str) -> str:
-        """The same as "+0.1"; "" for NaN."""
+        """Return the difference in points as "+0.1"; "" for NaN."""
         points = self.difference_points(name)
         return "" if math.isnan(points) else f"{points:+.1f}"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from matplotlib.figure import Figure
 from bench.evaluation import find_metric
 from bench.harness import RunSummary
 from bench.reporting import canvas
+from bench.reporting.charts import Chart
 from bench.reporting.document import Column, Paragraph, Report, Table
 from bench.reporting.formats import INTERVALS, headline_metrics, metric_cell
 
@@ -96,7 +98,7 @@ def place_values(axes: Axes, values: Sequence[str]) -> list[float]:
 def write_sweep(
     folder: Path, setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = ""
 ) -> tuple[Path, ...]:
-    """Write `sweep.csv`, `.md`, `.png`, `.svg` and `.pdf`; their paths.
+    """Write the page `sweep.html`, `.md`, `.csv` and the chart as `.svg`; their paths.
 
     Args:
         folder: of the sweep.
@@ -105,9 +107,11 @@ def write_sweep(
         title: stands above table and chart.
         note: how to read them.
     """
-    texts = report(setting, runs, title=title, note=note).write(folder, "sweep")
     figure = draw(setting, runs, title=title, note=note)
-    return (*texts, *canvas.write_picture(folder / "sweep", figure, formats=("png", "svg", "pdf")))
+    texts = report(setting, runs, title=title, note=note)
+    chart = Chart(name="sweep", figure=figure, label=f"Headline metrics for each value of {setting}").drawing()
+    files = replace(texts, blocks=[*texts.blocks, chart], page=True).write(folder, "sweep")
+    return (*files, *canvas.write_picture(folder / "sweep", figure, formats=("svg",)))
 
 
 def _counts(summary: RunSummary) -> dict[str, int]:

@@ -82,7 +82,7 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
         progress: called after every image.
     """
     images, mounted = recording.images[camera], recording.cameras[camera]
-    before: tuple[int, bytes] | None = None
+    rows_by_digest: dict[bytes, int] = {}
     dark: list[ImageRef] = []
     twice: list[ImageRef] = []
     still: list[ImageRef] = []
@@ -101,9 +101,13 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
             if seen.size and float(seen.mean()) < BLACK and float(seen.std()) < BLACK:
                 dark.append(image)
             digest = blake2b(pixels.tobytes(), digest_size=16).digest()
-            if before == (row - 1, digest) and image not in dark:
-                (twice if _moves(recording, images[row - 1].timestamp_ns, image.timestamp_ns) else still).append(image)
-            before = row, digest
+            earlier = rows_by_digest.get(digest)
+            if earlier is not None and image not in dark:
+                if _moves(recording, images[earlier].timestamp_ns, image.timestamp_ns):
+                    twice.append(image)
+                elif earlier == row - 1:
+                    still.append(image)
+            rows_by_digest[digest] = row
         others = (
             ("truth-image", image.truth_path, read_truth),
             ("mask-image", image.moving_path, read_moving_mask),

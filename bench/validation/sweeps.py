@@ -134,7 +134,8 @@ class SweepChecks:
         self._counts: list[tuple[int, int, str]] = []
         self._roads: list[SeenRoad] = []
         self._faults: dict[str, list[tuple[int, str, str]]] = {}
-        self._before: tuple[int, bytes, int] | None = None  # row, digest and points of the sweep before
+        self._before: tuple[int, int] | None = None  # row and points of the sweep before
+        self._digests: set[bytes] = set()
         self._read: dict[str, None] = {}
         self._unread: dict[str, None] = {}
         self._lost = 0
@@ -178,13 +179,14 @@ class SweepChecks:
             return
         away_m = np.linalg.norm(points, axis=1)
         digest = blake2b(np.ascontiguousarray(points).tobytes(), digest_size=16).digest()
-        if self._before is not None and self._before[0] == row - 1:
-            _, before, count = self._before
-            if before == digest:
-                self._note("same-sweep", sweep, file, "the points of the sweep before it, to the last digit")
-            elif FEW < min(len(points) / count, count / len(points)) < UNEVEN:
+        if digest in self._digests:
+            self._note("same-sweep", sweep, file, "the points of an earlier sweep, to the last digit")
+        elif self._before is not None and self._before[0] == row - 1:
+            count = self._before[1]
+            if FEW < min(len(points) / count, count / len(points)) < UNEVEN:
                 self._note("uneven-sweeps", sweep, file, f"{len(points)} points after {count} in the sweep before it")
-        self._before = row, digest, len(points)
+        self._digests.add(digest)
+        self._before = row, len(points)
         twice = float(pd.DataFrame(points[away_m > ORIGIN_M]).duplicated().mean())
         if twice > MOST_TWICE:
             self._note("points-twice", sweep, file, f"{100 * twice:.0f} % of the points a second time")

@@ -8,8 +8,9 @@ from matplotlib.text import Annotation
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
+from bench.reporting.document import to_json
 from bench.reporting.findings import SWEEP as TABLE
-from bench.reporting.leaderboard import best_line, read_leaderboard, with_shipped
+from bench.reporting.leaderboard import as_content, best_line, read_leaderboard, with_shipped
 from bench.reporting.leaderboard_page import draw_quality_and_cost, leaderboard_tables, write_leaderboard
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed
@@ -213,7 +214,7 @@ def test_methods_have_the_names_that_readers_know_and_are_described(tmp_path):
 
 
 def test_shipped_rows_stand_beside_what_compares_with_them(judged, tmp_path):
-    write_leaderboard(read_leaderboard(judged), tmp_path)
+    (tmp_path / "leaderboard.json").write_text(to_json(as_content(read_leaderboard(judged))))
     own = tmp_path / "own"
     write_run(own / "mine", drawn(60), protocol="surface-v1", method="mine")
     write_run(own / "other-reference", drawn(60), protocol="surface-v1", method="mine", region_px=90)

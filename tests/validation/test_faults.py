@@ -148,6 +148,7 @@ OF_IMAGES = {"image-gaps", "clock-drift", "same-image", "camera-mounting", "sens
         (gap_between_images, "warning", "image-gaps"),
         (slow_clock, "warning", "clock-drift"),
         (lambda root: shutil.copy(images(root)[4], images(root)[5]), "error", "same-image"),
+        (lambda root: shutil.copy(images(root)[4], images(root)[15]), "error", "same-image"),
         (annotations(annotated_later), "error", "annotation-outside"),
         (sweep_of(lambda points: points[:0]), "error", "empty-sweep"),
         (sweep_of(lambda points: points[::50]), "warning", "thin-sweep"),
