@@ -209,7 +209,7 @@ def worst_tracks(frames: pd.DataFrame) -> pd.DataFrame:
     kinds = [
         frames[frames["outcome"] == MISSED].assign(wrong="missed"),
         frames[frames["outcome"] == FALSE].assign(wrong="false", object=frames["proposal"]),
-        other.assign(wrong=other["object_class"] + " proposed as " + other["proposed_class"]),
+        other.assign(wrong=other["object_class"] + " proposed as " + other["proposed_class"].astype(str)),
         found[found["size_error_m"] > SIZE_OFF_M].assign(wrong=f"a side off by more than {SIZE_OFF_M:g} m"),
         found[found["yaw_error_rad"] > YAW_OFF_RAD].assign(
             wrong=f"heading off by more than {np.degrees(YAW_OFF_RAD):.0f} degrees"

@@ -35,8 +35,8 @@ class RecordingWriter:
         decimals: of numbers in annotations, poses, bus signals and true calibration; None for every digit.
     """
 
-    def __init__(self, root: Path, *, decimals: int | None = None) -> None:
-        self.root, self._decimals = root, decimals
+    def __init__(self, root: str | Path, *, decimals: int | None = None) -> None:
+        self.root, self._decimals = Path(root), decimals
 
     def header(
         self,

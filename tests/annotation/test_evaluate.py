@@ -107,6 +107,7 @@ def test_the_worst_tracks(recording):
     assert {name for name, wrong in rows.index if wrong == "false"} <= {"again", "p-leader"}
     assert rows.is_monotonic_decreasing
     assert worst_tracks(outcomes(recording, recording.tracks)[0]).empty
+    assert set(worst_tracks(outcomes(recording, [])[0])["wrong"]) == {"missed"}
 
 
 def test_groups(recording):
