@@ -219,6 +219,8 @@ def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: P
         _begin(request, manifest)
         tasks = [task for recording in recordings for task in recording.tasks]
         outcomes = _process(request, code, tasks[part.number - 1 :: part.count], executor, progress)
+        if part.count == 1:  # a worker may have been killed, too
+            _remove_half_written(request.folder)
         evict_cache()
         if request.flow_cache is not None:
             evict_flow(request.flow_cache)

@@ -325,7 +325,8 @@ def ask(
 def ask_again(request: RunRequest, code: Code, task: Task) -> Outcome:
     """Ask once more for the first image of a task that is done; where the answer is another one, the image fails.
 
-    It is another one where a method notes something in a module: then all answers depend on what a process did before.
+    A mask that differs by more than rounding comes of something noted in a module: then all answers depend on what a
+    process did before.
 
     Raises:
         OutputError: a result cannot be stored.
@@ -337,7 +338,7 @@ def ask_again(request: RunRequest, code: Code, task: Task) -> Outcome:
         return Outcome(failure=f"{task}: {error}")
     with memoise_flow(request.flow_cache):
         (again,) = ask(recording, replace(task, stop=task.start + 1), request.method, [None], StageClock())
-    if again.same_as(first):
+    if again.agrees_with(first):
         return Outcome()
     key = Key(recording.name, task.camera, recording.images[task.camera][task.start].timestamp_ns)
     where = f"method {request.method.name!r}, recording {key.recording!r}, camera {key.camera!r}"

@@ -14,7 +14,7 @@ from bench.evaluation import load_protocol
 from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
 from bench.execution import ProcessExecutor
 from bench.harness import Part, RunRequest, build_scorable, read_run, run_benchmark, score_part
-from bench.harness.answers import Answer, Key, name_of, read_answers, read_seconds, safe_name, write_answers
+from bench.harness.answers import FAILED, Answer, Key, name_of, read_answers, read_seconds, safe_name, write_answers
 from bench.harness.references import StoredReference, _row, find_references
 from bench.harness.stages import StageClock
 from bench.methods import Segmentation, build_method
@@ -81,6 +81,19 @@ def test_names_of_recordings_are_names_of_folders_and_come_back(name):
     assert name_of(safe_name(name)) == name
     assert "/" not in safe_name(name)
     assert not safe_name(name).startswith(".")
+
+
+def test_answers_agree_where_masks_differ_by_a_thousandth_at_most():
+    def answer(marked):
+        mask = np.zeros((40, 50), dtype=bool)
+        mask.ravel()[:marked] = True
+        return Answer.of(Key("drive", "front", 7), Segmentation(cell_size_px=1, mask=mask), seconds=marked)
+
+    assert answer(100).agrees_with(answer(102))
+    assert not answer(100).agrees_with(answer(103))
+    failed = Answer.none(Key("drive", "front", 7), FAILED, "no weights")
+    assert failed.agrees_with(failed)
+    assert not failed.agrees_with(answer(0))
 
 
 @pytest.mark.parametrize("damage", ["mask", "likelihood", "rows"])
