@@ -53,9 +53,11 @@ def test_pixels_of_two_overlapping_patches_by_hand():
     assert covered.sum() == 4 * 6
 
 
-patch = st.tuples(
-    st.floats(-8, 70), st.floats(-8, 54), st.floats(1, 12), st.floats(1, 12), st.floats(-3, 3), st.booleans()
-)
+def within(least: float, most: float):
+    return st.floats(least, most).map(lambda px: round(px, 9))  # shapely's unions divide by what is nearly 0
+
+
+patch = st.tuples(within(-8, 70), within(-8, 54), within(1, 12), within(1, 12), within(-3, 3), st.booleans())
 
 
 @given(st.lists(patch, min_size=1, max_size=8))
