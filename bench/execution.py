@@ -148,18 +148,20 @@ class ProcessExecutor:
                 busy[pool.submit(function, waiting[0])] = waiting[0]
                 waiting.popleft()
 
+        results = list[tuple[Task, Result]]()  # kept here while `begin` may find that another worker has ended
         try:
             begin()
             while busy:
                 future = next(iter(wait(busy, return_when=FIRST_COMPLETED).done))
                 result = future.result()
-                yield busy.pop(future), result  # before `begin`, which fails where a worker has ended since
+                results.append((busy.pop(future), result))
                 begin()
+                yield results.pop()
         except BrokenExecutor:
             ended = [future for future in busy if future.done() and future.exception() is None]
+            results += [(busy.pop(future), future.result()) for future in ended]
             self._end()
-            for future in ended:
-                yield busy.pop(future), future.result()
+            yield from results
             return list(busy.values())
         finally:
             if busy:  # whoever asked for the results wants no more of them
