@@ -128,7 +128,7 @@ def test_validate_and_view(command, cards, tmp_path, capsys):
     assert command("validate", card, "--deep") == 0
     assert "0 errors and 0 warnings" in capsys.readouterr().out
     assert command("view", card, "--out", tmp_path / "pictures", "--frame", 2, "--method", "spherical") == 0
-    for picture in ("panels", "overlay"):
+    for picture in ("panels", "areas"):
         assert cv2.imread(str(tmp_path / "pictures" / f"{picture}.png")) is not None
 
 

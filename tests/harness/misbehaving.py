@@ -3,6 +3,7 @@
 import inspect
 import os
 import sys
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -88,8 +89,12 @@ def go_away(frame):
 
 def lower_limits(frame):
     """Too few calls for anything that follows, and every rounding an error."""
-    depth = len(inspect.stack(0))
-    sys.setrecursionlimit(depth + 10)
+    limit = len(inspect.stack(0))
+    while sys.getrecursionlimit() != limit:  # calls of C count as well, how many nobody tells
+        limit += 5
+        with suppress(RecursionError):
+            sys.setrecursionlimit(limit)
+    sys.setrecursionlimit(limit + 10)
     np.seterr(all="raise")
     return calm(frame)
 
