@@ -17,6 +17,7 @@ from bench.reference.scanned import ScannedObject
 from bench.reference.silhouette import Prism
 from bench.reference.sweeps import PosedSweep
 
+MOST_CELLS = 2000  # to a side: returns twice in nearly one direction would make steps of nothing
 REACH_STEPS = BRIDGED_STEPS / 2  # of a return to each side: one missing between two leaves no gap
 SIDES = np.array([[-0.5, -0.5, 0.5, 0.5], [-0.5, 0.5, -0.5, 0.5]])  # of a cell, in steps
 # Of the part of a cell's cone between two distances: rows are its corners, the four of the nearer end first.
@@ -42,6 +43,7 @@ def silent(scanned: ScannedObject) -> Raster | None:
     beams = _Beams(placed, scanned)
     step = np.array([[grid.column_step_rad], [float(np.median(grid.row_step_rad))]])
     first, last = beams.extent(scanned.parts_world.reshape(-1, 3))
+    step = np.maximum(step, (last - first) / MOST_CELLS)
     answered = _answered(beams, shape, grid, first=first, last=last, step=step)
     cells = first + (np.argwhere(~answered).T + 0.5) * step
     enter_m, leave_m = shape.ways_m(*beams.starts_and_rays(cells))

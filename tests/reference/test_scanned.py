@@ -1,5 +1,6 @@
 """The reference with unknown bands, on a wall whose true outline is known: every shape, dense and sparse lidars."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -127,6 +128,21 @@ def test_a_box_that_is_tight_by_centimetres_keeps_its_noisy_returns(shape):
         points[margin_m] = wall.points / exact.points
     assert points[0.0] < 0.75
     assert points[0.05] > 0.98
+
+
+def test_returns_twice_in_nearly_one_direction_take_no_memory_for_cells_of_nothing():
+    """A step of 1e-5 rad between columns divides the shape into 3e4 cells from side to side, each with its cone."""
+    recording, _ = wall_recording(width_m=2.0, away_m=6.0)
+    sweep = recording.sweeps[0].read()
+    turned = sweep.points_lidar + 1e-5 * sweep.points_lidar[:, [1, 0, 2]] * [-1.0, 1.0, 0.0]
+    twice = replace(sweep, points_lidar=np.concatenate([sweep.points_lidar, turned.astype(sweep.points_lidar.dtype)]))
+    recording = replace(recording, sweeps=(replace(recording.sweeps[0], reader=lambda *_: twice),))
+    tracemalloc.start()
+    try:
+        assert built(recording).objects[0].points > 0
+        assert tracemalloc.get_traced_memory()[1] < 500e6
+    finally:
+        tracemalloc.stop()
 
 
 def test_where_beams_went_past_is_not_certain():
