@@ -58,6 +58,7 @@ def compare(
         UsageError: fewer than two runs, or runs that do not compare, as of other data or by another protocol.
     """
     from bench.commands.runs import run_folder
+    from bench.harness.stored import results_folder, run_name
     from bench.reporting.compare import compare_runs, read_comparable
     from bench.reporting.compare_page import write_comparison
 
@@ -65,26 +66,29 @@ def compare(
     if out is None:
         return Comparison(pairs=tuple(compare_runs(read_comparable(folders))))
     if out == USUAL:
-        out = USUAL.with_name(f"compare-{'-'.join(folder.resolve().name for folder in folders)}")
+        out = USUAL.with_name(f"compare-{'-'.join(run_name(results_folder(folder)) for folder in folders)}")
     with progress_bar("drawing what changed", "pictures", progress) as drawn:
         pairs, files = write_comparison(folders, Path(out), pictures=pictures, progress=drawn)
     return Comparison(pairs=tuple(pairs), files=files)
 
 
-def show(found: Comparison) -> None:
+def show(compared: Comparison) -> None:
     """Print differences, verdict and what was gained and lost of each pair, then the files."""
     from bench.reporting.compare import verdict_line
     from bench.reporting.compare_page import terminal_report
+    from bench.reporting.formats import found_level
 
-    for comparison in found.pairs:
+    for comparison in compared.pairs:
         print_blocks(terminal_report(comparison))
         counts = comparison.detections.iloc[-1]
-        say(f"{counts.object_frames} object-frames, detected: {counts.before} before, {counts.after} after; "
+        least = found_level(comparison.before.protocol)
+        found = f"detected by {least:.0%}" if least else "detected by any pixel"
+        say(f"{counts.object_frames} object-frames, {found}: {counts.before} before, {counts.after} after; "
              f"{counts.gained} newly detected, {counts.lost} newly missed")  # fmt: skip
         for told in comparison.notes:
             say(told)
         say(verdict_line(comparison), style="bold")
-    for comparison in found.pairs:
+    for comparison in compared.pairs:
         for remark in comparison.remarks:
             say(remark, style="red")
-    note_files(found.files)
+    note_files(compared.files)

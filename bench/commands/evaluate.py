@@ -137,5 +137,6 @@ def evaluate(
 def show(evaluation: Evaluation) -> int:
     """Print the run, and the next command."""
     passed = print_runs(evaluation.run)
-    say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(evaluation.run.folder)])}")
+    last = (evaluation.run, *evaluation.run.others)[-1]
+    say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(last.folder)])}")
     return 0 if passed else options.FAILURES

@@ -163,10 +163,10 @@ def show(scored: Run) -> int:
 
     passed = print_runs(scored)
     board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
-    beside = [run.manifest.protocol.name for run in (scored, *scored.others)][-1]
-    if best := best_line(board, dataset=scored.manifest.dataset.name, beside=beside):
+    last = (scored, *scored.others)[-1]  # by default by the rules that compare methods
+    if best := best_line(board, dataset=last.manifest.dataset.name, beside=last.manifest.protocol.name):
         say(best)
-    say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(scored.folder)])}")
+    say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(last.folder)])}")
     return 0 if passed else options.FAILURES
 
 

@@ -34,7 +34,7 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
         assert str(out / "paper-v1" / name) in shown
     assert shown.count(str(out)) < 13, "few paths"
     assert shown.index("by paper-v1, the paper's rules") < shown.index("by surface-v1, the rules of the leaderboard")
-    assert shown.endswith(f"next, a page to read: fisheye-bench report {out}/paper-v1\n")
+    assert shown.endswith(f"next, a page to read: fisheye-bench report {out}/surface-v1\n")
     assert f"more files in {out}/paper-v1" in shown
     for name in ("Crossing", "Overtaking", "Static ego-vehicle", "False positives"):
         assert name in shown

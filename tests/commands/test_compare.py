@@ -41,7 +41,9 @@ def test_compare_ends_with_verdicts_files_and_titled_pictures(monkeypatch, capsy
         monkeypatch.setattr(kind, "segment", lambda *_: pytest.fail("a stored run calls its method"))
     assert call(monkeypatch, "compare", runs / "spherical", runs / "nothing", "--out", tmp_path) == 0
     shown = capsys.readouterr().out
-    found = re.search(r"(\d+) object-frames, detected: (\d+) before, 0 after; 0 newly detected, (\d+) newly", shown)
+    found = re.search(
+        r"(\d+) object-frames, detected by any pixel: (\d+) before, 0 after; 0 newly detected, (\d+) newly", shown
+    )
     assert found[2] == found[3] != "0"
     assert "nothing against spherical, over everything: " in shown
     assert "too few recordings: IoU, all" in shown, "three recordings prove nothing"
