@@ -284,7 +284,7 @@ def _rich_table(table: Table, clean: Callable[[str], str]) -> RichTable:
     for place, heading in enumerate(headings):
         of_words, cells = place < table.words, [row[place] for row in rows]
         if of_words:
-            words = [word for cell in (heading, *cells) for word in cell.text.split()]
+            words = [word for cell in (heading, *cells) for line in (cell.text, *cell.below) for word in line.split()]
             least = min(max(map(len, words), default=1), LONGEST_WORD)
         else:
             widest = max(map(_width, cells), default=0)

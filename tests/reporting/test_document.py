@@ -9,6 +9,7 @@ import re
 import pandas as pd
 import pytest
 from markupsafe import Markup
+from rich.console import Console
 
 from bench.reporting.document import (
     Bar,
@@ -31,6 +32,7 @@ from bench.reporting.document import (
     to_latex,
     to_markdown,
     to_page,
+    to_terminal,
 )
 from tests.reporting.printed import printed, texts
 
@@ -145,6 +147,15 @@ def test_the_terminal_shows_all_blocks_and_no_character_acts():
 def test_a_first_word_that_repeats_the_one_above_is_left_out_on_the_terminal():
     shown = printed([Table(columns=["a", "b", "c"], rows=[["x", "1", 2], ["x", "2", 2], ["y", "3", 2]], words=2)])
     assert [line.split() for line in shown.splitlines()[2:]] == [["x", "1", "2"], ["2", "2"], ["y", "3", "2"]]
+
+
+def test_lines_of_a_cell_are_not_broken_where_the_terminal_is_narrow():
+    rows = [["Crossing", Cell("ours", ("chance", "paper")), "98.4"]]
+    console = Console(file=io.StringIO(), width=16)
+    for part in to_terminal([Table(columns=["Type", "", "IoU"], rows=rows, words=2)]):
+        console.print(part, crop=False)
+    shown = console.file.getvalue().split()
+    assert {"ours", "chance", "paper", "98.4"} <= set(shown), shown
 
 
 def test_a_frame_is_a_table_and_few_rows_of_many_columns_stand_upright():
