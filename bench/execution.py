@@ -79,17 +79,23 @@ class TaskExecutor(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class SerialExecutor:
-    """Computes tasks in this process, one after the other, every library in one thread."""
+class _NothingToKeep:
+    """A `with` block around an executor that has no workers of its own to keep."""
 
-    workers: int = 1
+    __slots__ = ()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class SerialExecutor(_NothingToKeep):
+    """Computes tasks in this process, one after the other, every library in one thread."""
+
+    workers: int = 1
 
     def compute(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]
@@ -175,7 +181,7 @@ class ProcessExecutor:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DaskExecutor:
+class DaskExecutor(_NothingToKeep):
     """Computes tasks on a Dask cluster, whose workers see the same files under the same paths.
 
     A worker process computes one task at a time, every library in one thread, however many threads it has.
@@ -206,12 +212,6 @@ class DaskExecutor:
             raise DataError(scheduler, expected="a Dask cluster with workers", got="none", hint=hint)
         return cls(scheduler=address, workers=workers)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        return None
-
     def compute(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]
     ) -> Generator[tuple[Task, Result | FailedTask]]:
@@ -224,7 +224,7 @@ class DaskExecutor:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FuturesExecutor:
+class FuturesExecutor(_NothingToKeep):
     """Computes tasks on any executor of `concurrent.futures`, such as that of another engine.
 
     Its workers see the same files under the same paths. A process computes one task at a time.
@@ -238,12 +238,6 @@ class FuturesExecutor:
     pool: Executor
     workers: int = 1
     lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        return None
 
     def compute(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]

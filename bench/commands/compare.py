@@ -76,13 +76,12 @@ def show(compared: Comparison) -> None:
     """Print differences, verdict and what was gained and lost of each pair, then the files."""
     from bench.reporting.compare import verdict_line
     from bench.reporting.compare_page import terminal_report
-    from bench.reporting.formats import found_level
+    from bench.reporting.formats import found_by
 
     for comparison in compared.pairs:
         print_blocks(terminal_report(comparison))
         counts = comparison.detections.iloc[-1]
-        least = found_level(comparison.before.protocol)
-        found = f"detected by {least:.0%}" if least else "detected by any pixel"
+        found = f"detected by {found_by(comparison.before.protocol)}"
         say(f"{counts.object_frames} object-frames, {found}: {counts.before} before, {counts.after} after; "
              f"{counts.gained} newly detected, {counts.lost} newly missed")  # fmt: skip
         for told in comparison.notes:

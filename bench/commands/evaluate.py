@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,9 +11,9 @@ import typer
 
 from bench.commands import options
 from bench.commands.command import PATH, TEXT
-from bench.commands.console import note, note_blocks, say
+from bench.commands.console import note, note_blocks
 from bench.commands.progress import Report, progress_bar
-from bench.commands.runs import PROTOCOLS, Run, print_runs, score
+from bench.commands.runs import PROTOCOLS, Run, print_runs, say_next, score
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
@@ -137,6 +136,5 @@ def evaluate(
 def show(evaluation: Evaluation) -> int:
     """Print the run, and the next command."""
     passed = print_runs(evaluation.run)
-    last = (evaluation.run, *evaluation.run.others)[-1]
-    say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(last.folder)])}")
+    say_next(evaluation.run)
     return 0 if passed else options.FAILURES

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +12,7 @@ from bench.commands import options
 from bench.commands.command import TEXT
 from bench.commands.console import note_blocks, print_failures, say
 from bench.commands.progress import Report, progress_bar, resumable
-from bench.commands.runs import PROTOCOLS, Run, print_cost, print_runs, score
+from bench.commands.runs import PROTOCOLS, Run, print_cost, print_runs, say_next, score
 from bench.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -163,10 +162,10 @@ def show(scored: Run) -> int:
 
     passed = print_runs(scored)
     board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
-    last = (scored, *scored.others)[-1]  # by default by the rules that compare methods
-    if best := best_line(board, dataset=last.manifest.dataset.name, beside=last.manifest.protocol.name):
+    manifest = scored.last.manifest
+    if best := best_line(board, dataset=manifest.dataset.name, beside=manifest.protocol.name):
         say(best)
-    say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(last.folder)])}")
+    say_next(scored)
     return 0 if passed else options.FAILURES
 
 

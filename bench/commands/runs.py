@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -62,6 +63,11 @@ class Run:
         from bench.harness import read_run
 
         return read_run(self.folder)
+
+    @property
+    def last(self) -> Run:
+        """The results by the last protocol that was asked for; by default those by which methods are compared."""
+        return (self, *self.others)[-1]
 
     @property
     def manifest(self) -> Manifest:
@@ -339,6 +345,11 @@ def print_runs(first: Run) -> bool:
     for remark in dict.fromkeys(remark for run in runs for remark in run.remarks):
         say(remark, style="yellow")
     return not failures
+
+
+def say_next(first: Run) -> None:
+    """Print the command that writes the page of a run."""
+    say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(first.last.folder)])}")
 
 
 def print_cost(made: Provenance) -> None:

@@ -50,7 +50,7 @@ from bench.reporting.document import (
     Table,
     Tags,
 )
-from bench.reporting.formats import CEILING, LABELS, found_level, hundredths, image_name, points, points_interval
+from bench.reporting.formats import CEILING, LABELS, found_by, hundredths, image_name, points, points_interval
 from bench.reporting.frame import Layers, draw_frames, scored_layers
 from bench.reporting.frame_pictures import ImageKey, draw_images
 
@@ -227,9 +227,8 @@ def _change_table(
 
 
 def _detection_table(comparison: RunComparison) -> Table:
-    found_by = "half of the core" if found_level(comparison.before.protocol) else "any pixel"
     return Table(
-        title=f"Object-frames gained and lost: found by {found_by}",
+        title=f"Object-frames gained and lost: found by {found_by(comparison.before.protocol)}",
         columns=["Type", "Object-frames", "detected before", "after", "newly detected", "newly missed"],
         rows=comparison.detections.rename(index=LABELS).reset_index(),
         tags=[*map(_motion_tag, comparison.detections.index)],

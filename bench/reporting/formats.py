@@ -152,6 +152,11 @@ def found_level(protocol: Protocol) -> float:
     return 0.0 if protocol.reference.unknown_band is None else HALF
 
 
+def found_by(protocol: Protocol) -> str:
+    """What of an object has to be marked for `found_level`, in words."""
+    return "half of the core" if found_level(protocol) else "any pixel"
+
+
 def chance_of(name: str) -> str:
     """Name of the chance level of a detection rate."""
     return name.replace("detection_rate", "chance")

@@ -11,7 +11,7 @@ from bench.reporting.document import Table, to_terminal
 def printed(blocks, *, width=110):
     console = Console(width=width, record=True, file=io.StringIO())
     for shown in to_terminal(blocks):
-        console.print(shown, soft_wrap=isinstance(shown, Text))
+        console.print(shown, soft_wrap=isinstance(shown, Text), crop=False)
     return console.export_text()
 
 
