@@ -84,7 +84,7 @@ class Prism(NamedTuple):
     def ways_m(
         self, starts: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where rays enter and leave.
+        """Return the distances at which rays enter and leave.
 
         Args:
             starts: (N, 3) float64, m.

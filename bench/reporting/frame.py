@@ -27,7 +27,7 @@ from bench.reporting import canvas
 
 
 class PixelClass(IntEnum):
-    """What a pixel counts as; every pixel is of exactly one class."""
+    """Classes of pixels; every pixel is of exactly one."""
 
     OUTSIDE = 0  # not in V
     BACKGROUND = 1  # in V, neither reference nor detection
@@ -120,7 +120,7 @@ class SeenSweep:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Layers:
-    """What is drawn of an image.
+    """Layers of a picture of an image.
 
     Attributes:
         pixels: (H, W) grey or (H, W, 3) BGR uint8; drawn in grey, so that whatever has a colour means something.
