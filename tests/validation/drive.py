@@ -14,8 +14,8 @@ from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings
 from bench.validation import Depth, report, validate_recording
-from bench.validation.cameras import check_cameras
-from bench.validation.static_world import check_static_world
+from bench.validation.fits.cameras import check_cameras
+from bench.validation.fits.static_world import check_static_world
 from tests.support.tiny import HEIGHT, OUTLINE_M, VEHICLE_FROM_LIDAR, WIDTH, front_camera
 
 START_NS = 1_700_000_000_000_000_000

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from bench.recordings.native import open_native
-from bench.validation import cameras
 from bench.validation.findings import Finding, Severity, Undecided
+from bench.validation.fits import cameras
 from bench.validation.report import CHECKS
 from benchmarks.mistakes import OF_CAMERAS
 

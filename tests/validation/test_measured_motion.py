@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.recordings.native import open_native
-from bench.validation.scan_matching import measured_motion, scan_steps
+from bench.validation.fits.scan_matching import measured_motion, scan_steps
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import shutil
 import pytest
 
 from bench.recordings.native import open_native
-from bench.validation.box_fit import BoxFit
-from bench.validation.boxes import check_boxes
-from bench.validation.motion import check_motion
+from bench.validation.fits.box_fit import BoxFit
+from bench.validation.quick.boxes import check_boxes
+from bench.validation.quick.motion import check_motion
 from benchmarks.mistakes import OF_BOXES
 from benchmarks.planted_mistakes import Outcome, counted, table, text_of, written
 

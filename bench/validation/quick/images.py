@@ -13,17 +13,23 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.recordings import ImageRef, Recording, read_image, read_truth
 from bench.recordings.images import read_moving_mask
-from bench.validation.findings import Finding, Severity, unusable
+from bench.validation.findings import Finding, new_finding, unusable
 
 BLACK = 3.0  # grey levels
 FEW_LEVELS, DARK_LEVEL = 32, 64  # as of 12 bits in files of 16, read as if these were full
-WHITE_LEVELS = "state the camera's white_level where files of 16 bits hold fewer: 1023, 4095 or 16383 for 10, 12 or 14"
 MOVING_MPS = 0.5
 COMPARED_PX, BLUR_PX = 64, 1.0  # width at which images are compared, and the standard deviation of a blur
 LONGEST_STEP_S = 0.25  # between images whose order shows
 # In clean drives, rendered and real, by day and night, the first is 1.10 to 2.0 and the second 1.16 to 2.0; of two
 # images that were swapped the first is 0.5 to 0.9.
 SWAPPED, FOREIGN = 0.85, 0.6
+WRONG = {  # images of which a finding tells, and what it says of them
+    "black-image": "black ones",
+    "same-image": "the same pixels while driving",
+    "strange-image": "unlike both neighbours, which are like each other",
+    "image-order": "fits better in the place of the next image",
+    "same-image: at rest": "the same pixels twice",
+}
 
 
 class ImageOrder:
@@ -83,9 +89,7 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
     """
     images, mounted = recording.images[camera], recording.cameras[camera]
     rows_by_digest: dict[bytes, int] = {}
-    dark: list[ImageRef] = []
-    twice: list[ImageRef] = []
-    still: list[ImageRef] = []
+    wrong: dict[str, list[ImageRef]] = {kind: [] for kind in WRONG}
     levels = np.zeros(256, dtype=bool)
     order = ImageOrder(recording.frame_interval_ns)
     for row in rows:
@@ -98,77 +102,41 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
             seen = pixels if mounted.ego_body is None else pixels[~mounted.ego_body]
             levels[seen] = True
             order.add(row, image.timestamp_ns, pixels)
-            if seen.size and float(seen.mean()) < BLACK and float(seen.std()) < BLACK:
-                dark.append(image)
             digest = blake2b(pixels.tobytes(), digest_size=16).digest()
             earlier = rows_by_digest.get(digest)
-            if earlier is not None and image not in dark:
-                if _moves(recording, images[earlier].timestamp_ns, image.timestamp_ns):
-                    twice.append(image)
-                elif earlier == row - 1:
-                    still.append(image)
+            if seen.size and float(seen.mean()) < BLACK and float(seen.std()) < BLACK:
+                wrong["black-image"].append(image)
+            elif earlier is not None and _moves(recording, images[earlier].timestamp_ns, image.timestamp_ns):
+                wrong["same-image"].append(image)
+            elif earlier is not None and earlier == row - 1:
+                wrong["same-image: at rest"].append(image)
             rows_by_digest[digest] = row
-        others = (
+        for check, path, read in (
             ("truth-image", image.truth_path, read_truth),
             ("mask-image", image.moving_path, read_moving_mask),
-        )
-        for check, path, read in others:
+        ):
             try:
                 if path is not None:
                     read(image, mounted)
             except DataError as error:
                 yield unusable(error, check=check, timestamp_ns=image.timestamp_ns)
         progress()
-    what = f"images of {camera}"
-    used = np.flatnonzero(levels)
-    if len(dark) < len(rows) and 1 < len(used) <= FEW_LEVELS and used[-1] < DARK_LEVEL:
-        yield Finding(
-            check="grey-levels",
-            severity=Severity.WARNING,
-            file=str(images[rows[0]].path),
-            field=what,
-            expected="images that use the levels from 0 to 255",
-            got=f"{len(used)} levels up to {used[-1]}",
-            hint=WHITE_LEVELS,
-        )
-    yield from _finding(
-        dark, "black-image", what, "an image of something", "black ones", Severity.WARNING, WHITE_LEVELS
-    )
-    yield from _finding(twice, "same-image", what, "another image at another time", "the same pixels while driving")
-    foreign, swapped = ([images[row] for row in rows] for rows in (order.foreign(), order.swapped()))
-    yield from _finding(
-        foreign, "strange-image", what, "an image that lies between its neighbours",
-        "unlike both neighbours, which are like each other", Severity.WARNING,
-        "an image of another time, drive or camera, or a mirrored one? look at it and its neighbours",
-    )  # fmt: skip
-    yield from _finding(
-        swapped, "image-order", what, "images in the order in which they were taken",
-        "fits better in the place of the next image", Severity.WARNING, "exchange the times of the two images",
-    )  # fmt: skip
-    yield from _finding(still, "same-image", what, "the noise of a sensor", "the same pixels twice", Severity.WARNING)
-
-
-def _finding(
-    images: list[ImageRef],
-    check: str,
-    field: str,
-    expected: str,
-    got: str,
-    severity: Severity = Severity.ERROR,
-    hint: str = "",
-) -> Iterator[Finding]:
-    if images:
-        yield Finding(
-            check=check,
-            severity=severity,
-            file=str(images[0].path),
-            field=field,
-            expected=expected,
-            got=f"{got}, {len(images)} of those read",
-            hint=hint,
-            times=len(images),
-            timestamp_ns=images[0].timestamp_ns,
-        )
+    wrong["strange-image"] = [images[row] for row in order.foreign()]
+    wrong["image-order"] = [images[row] for row in order.swapped()]
+    field, used = f"images of {camera}", np.flatnonzero(levels)
+    if len(wrong["black-image"]) < len(rows) and 1 < len(used) <= FEW_LEVELS and used[-1] < DARK_LEVEL:
+        got = f"{len(used)} levels up to {used[-1]}"
+        yield new_finding("grey-levels", got, file=images[rows[0]].path, field=field)
+    for kind, of_kind in wrong.items():
+        if of_kind:
+            yield new_finding(
+                kind,
+                f"{WRONG[kind]}, {len(of_kind)} of those read",
+                file=of_kind[0].path,
+                field=field,
+                times=len(of_kind),
+                timestamp_ns=of_kind[0].timestamp_ns,
+            )
 
 
 def _moves(recording: Recording, first_ns: int, last_ns: int) -> bool:

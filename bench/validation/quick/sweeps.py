@@ -1,9 +1,9 @@
-"""Lidar sweeps, read one by one: their points, their times, the road they see, and the boxes they meet."""
+"""Lidar sweeps, read one by one: their points, their times, and the road they see."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import blake2b
 
 import numpy as np
@@ -14,9 +14,8 @@ from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
 from bench.records.recording import Content
-from bench.validation.box_fit import BoxFit
 from bench.validation.drive import calibration_file, sweep_times
-from bench.validation.findings import LIDAR_REACH_M, Finding, Severity, unusable
+from bench.validation.findings import Finding, new_finding, unusable
 
 RING_M = (2.5, 14.0)  # around the vehicle's origin
 CELL_M = 1.0
@@ -106,6 +105,7 @@ FEW = 0.1  # of the middle number of points
 UNEVEN = 0.7  # of the points of the sweep before or after it; clean drives, real ones too, have 0.97
 MOST_TWICE = 0.01
 TURN_CELLS, TURN_SEEN, MIXED = 360, 0.8, 0.1  # of azimuth; share with points; spread of times in one, of the sweep's
+LIDAR_REACH_M = 400.0
 MOST_AT_ORIGIN, ORIGIN_M = 0.01, 0.05
 MOST_BEYOND = 0.5
 SMALL_M = 1.0  # a sweep all within this is in another unit
@@ -116,24 +116,19 @@ LONGEST_SWEEPS = 2.5  # of the interval: revolutions overlap, but not that much
 MICRO = 1e-3
 
 
-WARNINGS = frozenset({
-    "thin-sweep", "uneven-sweeps", "points-twice", "mixed-times", "lost-returns", "point-times-missing",
-})  # fmt: skip
-
-
 class SweepChecks:
     """Takes sweeps one by one, and gives the findings about all of them at the end.
 
     Args:
         recording: the drive.
-        box_fit: finds the boxes that are empty.
+        look: called with each sweep whose points are where a lidar can see them.
     """
 
-    def __init__(self, recording: Recording, box_fit: BoxFit) -> None:
-        self._recording, self._box_fit = recording, box_fit
-        self._counts: list[tuple[int, int, str]] = []
+    def __init__(self, recording: Recording, look: Callable[[LidarSweep], object]) -> None:
+        self._recording, self._look = recording, look
+        self._counts: list[tuple[int, int, str]] = []  # time, points and file of each sweep
         self._roads: list[SeenRoad] = []
-        self._faults: dict[str, list[tuple[int, str, str]]] = {}
+        self._faults: dict[str, list[tuple[int, str, str]]] = {}  # by kind: time, file, and what was found
         self._before: tuple[int, int] | None = None  # row and points of the sweep before
         self._digests: set[bytes] = set()
         self._read: dict[str, None] = {}
@@ -156,9 +151,15 @@ class SweepChecks:
             except DataError as error:
                 yield unusable(error, check="sweep", timestamp_ns=reference.timestamp_ns)
             else:
-                self._look_at(sweep, row, str(reference.path))
+                self._counts.append((sweep.timestamp_ns, len(sweep.points_lidar), str(reference.path)))
+                self._read |= dict.fromkeys(sweep.read_fields)
+                self._unread |= dict.fromkeys(sweep.unread_fields)
+                self._lost += sweep.rows_stored - len(sweep.points_lidar)
+                for kind, got in self._faults_of(sweep, row):
+                    self._faults.setdefault(kind, []).append((sweep.timestamp_ns, str(reference.path), got))
             progress()
         yield from self._findings()
+        yield from self._road()
 
     def contents(self) -> Iterator[Content]:
         """Fields of the points, read and not read, in the sweeps that were looked at."""
@@ -169,56 +170,51 @@ class SweepChecks:
         if self._lost:
             yield Content(what="returns without a position", count=self._lost, why="left out")
 
-    def _look_at(self, sweep: LidarSweep, row: int, file: str) -> None:
+    def _faults_of(self, sweep: LidarSweep, row: int) -> Iterator[tuple[str, str]]:
+        """Kinds of finding, and what was found."""
         points = sweep.points_lidar
-        self._read |= dict.fromkeys(sweep.read_fields)
-        self._unread |= dict.fromkeys(sweep.unread_fields)
-        self._lost += sweep.rows_stored - len(points)
-        self._counts.append((sweep.timestamp_ns, len(points), file))
         if not len(points):
             return
         away_m = np.linalg.norm(points, axis=1)
         digest = blake2b(np.ascontiguousarray(points).tobytes(), digest_size=16).digest()
         if digest in self._digests:
-            self._note("same-sweep", sweep, file, "the points of an earlier sweep, to the last digit")
+            yield "same-sweep", "the points of an earlier sweep, to the last digit"
         elif self._before is not None and self._before[0] == row - 1:
             count = self._before[1]
             if FEW < min(len(points) / count, count / len(points)) < UNEVEN:
-                self._note("uneven-sweeps", sweep, file, f"{len(points)} points after {count} in the sweep before it")
+                yield "uneven-sweeps", f"{len(points)} points after {count} in the sweep before it"
         self._digests.add(digest)
         self._before = row, len(points)
-        twice = float(pd.DataFrame(points[away_m > ORIGIN_M]).duplicated().mean())
+        at_origin = away_m < ORIGIN_M
+        twice = float(pd.DataFrame(points[~at_origin]).duplicated().mean())
         if twice > MOST_TWICE:
-            self._note("points-twice", sweep, file, f"{100 * twice:.0f} % of the points a second time")
-        if (away_m < ORIGIN_M).mean() > MOST_AT_ORIGIN:
-            got = f"{100 * (away_m < ORIGIN_M).mean():.0f} % of the points at the lidar itself"
-            self._note("lost-returns", sweep, file, got)
+            yield "points-twice", f"{100 * twice:.0f} % of the points a second time"
+        if at_origin.mean() > MOST_AT_ORIGIN:
+            yield "lost-returns", f"{100 * at_origin.mean():.0f} % of the points at the lidar itself"
         if (away_m > LIDAR_REACH_M).mean() > MOST_BEYOND or float(away_m.max()) < SMALL_M:
-            self._note("sweep-range", sweep, file, f"points at a median distance of {np.median(away_m):.3g} m")
+            yield "sweep-range", f"points at a median distance of {np.median(away_m):.3g} m"
             return
-        self._look_at_times(sweep, file)
-        points_vehicle = self._recording.vehicle_from_lidar.apply(points.astype(np.float64))
-        road = seen_road(points_vehicle)
-        if road is not None:
-            self._roads.append(road)
-        self._box_fit.add(sweep)
+        yield from self._faults_of_times(sweep)
+        road = seen_road(self._recording.vehicle_from_lidar.apply(points.astype(np.float64)))
+        self._roads += [] if road is None else [road]
+        self._look(sweep)
 
-    def _look_at_times(self, sweep: LidarSweep, file: str) -> None:
+    def _faults_of_times(self, sweep: LidarSweep) -> Iterator[tuple[str, str]]:
         offsets_ns = sweep.time_offset_ns
         if offsets_ns is None:
-            self._note("point-times-missing", sweep, file, "none")
+            yield "point-times-missing", "none"
         if offsets_ns is None or self._interval_ns is None or len(offsets_ns) < 2:
             return
         span_ns = int(offsets_ns.max()) - int(offsets_ns.min())
         away_ns = max(int(offsets_ns.min()), -int(offsets_ns.max()), 0)
         if span_ns > LONGEST_SWEEPS * self._interval_ns:
-            self._note("point-times", sweep, file, f"points over {span_ns / 1e6:.1f} ms")
+            yield "point-times", f"points over {span_ns / 1e6:.1f} ms"
         elif 0 < span_ns < 2 * MICRO * self._interval_ns:
-            self._note("point-times", sweep, file, f"points over {span_ns} ns, as microseconds would be")
+            yield "point-times", f"points over {span_ns} ns, as microseconds would be"
         elif away_ns > self._interval_ns:
-            self._note("point-times", sweep, file, f"points {away_ns / 1e6:.1f} ms away from it")
+            yield "point-times", f"points {away_ns / 1e6:.1f} ms away from it"
         elif span_ns and self._times_are_mixed(sweep.points_lidar, offsets_ns):
-            self._note("mixed-times", sweep, file, "times that have nothing to do with the direction")
+            yield "mixed-times", "times that have nothing to do with the direction"
 
     def _times_are_mixed(self, points_lidar: NDArray[np.floating], offsets_ns: NDArray[np.int64]) -> bool:
         """Whether points all around have times that differ within a degree of azimuth as they do in the whole sweep."""
@@ -231,89 +227,49 @@ class SweepChecks:
             return False
         return float(spreads.median()) > 2 * MIXED * float(np.ptp(offsets_ns))
 
-    def _note(self, check: str, sweep: LidarSweep, file: str, got: str) -> None:
-        self._faults.setdefault(check, []).append((sweep.timestamp_ns, file, got))
-
     def _findings(self) -> Iterator[Finding]:
         middle = float(np.median([count for _, count, _ in self._counts])) if self._counts else 0.0
         empty = [(time_ns, file, "none") for time_ns, count, file in self._counts if count == 0]
         few = [(time_ns, file, str(count)) for time_ns, count, file in self._counts if 0 < count < FEW * middle]
-        expected = {
-            "empty-sweep": ("points", ""),
-            "thin-sweep": (f"about {middle:.0f} points, as the others", ""),
-            "same-sweep": ("new points in each sweep", ""),
-            "uneven-sweeps": (
-                f"at least {100 * UNEVEN:.0f} % of the points of its neighbour",
-                "packets lost or doubled?",
-            ),
-            "points-twice": ("each return once", "merged twice, or copied in the place of lost ones? leave them out"),
-            "mixed-times": (
-                "times that follow the direction, as those of a lidar that turns",
-                "shuffled? right where the lidar draws rosettes, or the clouds of several lidars are merged",
-            ),
-            "lost-returns": ("points with a return", "leave out lost returns"),
-            "sweep-range": (f"points within {LIDAR_REACH_M:.0f} m", "check the unit: expected metres"),
-            "point-times-missing": ("a time for each point", self._without_times()),
-            "point-times": ("points of one revolution around the sweep's time", "check the unit: expected nanoseconds"),
-        }
-        for check, faults in {"empty-sweep": empty, "thin-sweep": few, **self._faults}.items():
-            if not faults:
-                continue
-            time_ns, file, got = faults[0]
-            yield Finding(
-                check=check,
-                severity=Severity.WARNING if check in WARNINGS else Severity.ERROR,
-                file=file,
-                expected=expected[check][0],
-                got=got,
-                hint=expected[check][1],
-                times=len(faults),
-                timestamp_ns=time_ns,
-            )
-        yield from self._road()
-
-    def _without_times(self) -> str:
-        fields = f"; fields that are not read: {', '.join(self._unread)}" if self._unread else ""
-        return f"right if they are motion-compensated; else moving objects are known less exactly{fields}"
+        unread = f"; fields that are not read: {', '.join(self._unread)}" if self._unread else ""
+        for kind, faults in {"empty-sweep": empty, "thin-sweep": few, **self._faults}.items():
+            if faults:
+                time_ns, file, got = faults[0]
+                finding = new_finding(
+                    kind,
+                    got,
+                    file=file,
+                    times=len(faults),
+                    timestamp_ns=time_ns,
+                    middle=middle,
+                    share=100 * UNEVEN,
+                    reach_m=LIDAR_REACH_M,
+                )
+                yield replace(finding, hint=finding.hint + unread) if kind == "point-times-missing" else finding
 
     def _road(self) -> Iterator[Finding]:
         if len(self._roads) < LEAST_ROADS:
             return
-        height_m = float(np.median([road.height_m for road in self._roads]))
-        tilt_rad = float(np.median([road.tilt_rad for road in self._roads]))
-        stated_m, file = self._recording.ground_m, calibration_file(self._recording)
-        expected = f"the road at {stated_m:+.2f} m in the vehicle frame, as the calibration says"
-        lanes_m = np.array([road.lane_height_m for road in self._roads])
+        heights_m, tilts_rad, lanes_m = (
+            np.array([getattr(road, name) for road in self._roads])
+            for name in ("height_m", "tilt_rad", "lane_height_m")
+        )
         lanes_m = lanes_m[~np.isnan(lanes_m)]
-        if abs(height_m - stated_m) > ROAD_OFF_M:
-            yield Finding(
-                check="road-height",
-                file=file,
-                field="lidar.vehicle_from_lidar or the road's height",
-                expected=expected,
-                got=f"{height_m:+.2f} m, median of {len(self._roads)} sweeps",
-                hint="check the height of the lidar, and that its mounting is applied once",
-                times=len(self._roads),
-            )
+        stated_m, file = self._recording.ground_m, calibration_file(self._recording)
+        field = "lidar.vehicle_from_lidar"
+        if abs(np.median(heights_m) - stated_m) > ROAD_OFF_M:
+            got = f"{np.median(heights_m):+.2f} m, median of {len(heights_m)} sweeps"
+            place = f"{field} or the road's height"
+            yield new_finding("road-height", got, file=file, field=place, times=len(heights_m), stated_m=stated_m)
         elif len(lanes_m) >= LEAST_ROADS and abs(np.median(lanes_m) - stated_m) > LANE_OFF_M:
-            yield Finding(
-                check="road-height",
-                severity=Severity.WARNING,
+            yield new_finding(
+                "road-height: lane",
+                f"{np.median(lanes_m):+.2f} m in the vehicle's lane, median of {len(lanes_m)} sweeps",
                 file=file,
                 field="the road's height, ground_height_m",
-                expected=expected,
-                got=f"{np.median(lanes_m):+.2f} m in the vehicle's lane, median of {len(lanes_m)} sweeps",
-                hint="set ground_height_m to that; points within the ground clearance of it are taken for the road",
                 times=len(lanes_m),
+                stated_m=stated_m,
             )
-        if tilt_rad > ROAD_TILT_RAD:
-            yield Finding(
-                check="road-tilt",
-                severity=Severity.WARNING,
-                file=file,
-                field="lidar.vehicle_from_lidar",
-                expected="a road level in the vehicle frame",
-                got=f"one tilted by {np.degrees(tilt_rad):.1f} degrees, median of {len(self._roads)} sweeps",
-                hint="check roll and pitch of the lidar, and the order of its quaternion",
-                times=len(self._roads),
-            )
+        if np.median(tilts_rad) > ROAD_TILT_RAD:
+            got = f"one tilted by {np.degrees(np.median(tilts_rad)):.1f} degrees, median of {len(tilts_rad)} sweeps"
+            yield new_finding("road-tilt", got, file=file, field=field, times=len(tilts_rad))

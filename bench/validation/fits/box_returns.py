@@ -18,7 +18,6 @@ from bench.recordings import Cuboid, Recording, Track
 from bench.reference.sweeps import pose_sweep
 from bench.times import SECOND_NS
 from bench.validation.drive import box_of
-from bench.validation.findings import Finding, Severity
 
 RING_M = 0.4  # around the box in which returns count as outside
 SLACK_M = 0.03  # scatter of ranges
@@ -27,8 +26,6 @@ ROAD_M = 0.25  # lower returns are the road's
 POROUS = 3.0  # beams that pass between legs, arms and spokes for each that ends there
 MARGINS_M = np.arange(11) / 100  # around the box
 ROUNDED_M = 0.001  # coordinates are stored to about as much
-LEAST_RETURNS = 40  # of an object in all its sweeps
-TIGHT, HELD = 0.9, 0.98  # shares of the returns within the largest margin: too few inside, and enough
 MOST_RETURNS, MOST_BEAMS = 300, 100  # of each box and sweep; more are thinned out
 Vectors = NDArray[np.floating]
 
@@ -103,36 +100,6 @@ class Near:
 def returns_held(outside_m: Vectors) -> NDArray[np.float64]:
     """Number of returns, (11,) float64, in a box with each of `MARGINS_M` around it; `outside_m` as of `depths_m`."""
     return np.asarray((outside_m[:, None] <= MARGINS_M + ROUNDED_M).sum(axis=0), dtype=np.float64)
-
-
-def tight_boxes(held: NDArray[np.float64]) -> Finding | None:
-    """The finding that boxes leave out returns of their objects by centimetres, with the margin that holds them.
-
-    Args:
-        held: (objects, 11) float64, sums of `returns_held`.
-
-    Returns:
-        None where half of the objects have their returns inside, or where even the largest margin seems too small.
-    """
-    told = held[held[:, -1] >= LEAST_RETURNS]
-    if not len(told):
-        return None
-    shares = np.median(told / told[:, -1:], axis=0)
-    fitting = int(np.argmax(shares >= HELD))
-    if shares[0] >= TIGHT or fitting == len(MARGINS_M) - 1:
-        return None
-    margin_cm = round(100 * MARGINS_M[fitting])
-    return Finding(
-        check="tight-boxes",
-        severity=Severity.WARNING,
-        field="cuboid, sizes",
-        expected=f"the lidar points of an object in its box, not only within {100 * MARGINS_M[-1]:.0f} cm of it",
-        got=f"{shares[0]:.0%} of them inside, median of {len(told)} objects; {shares[fitting]:.0%} with {margin_cm} cm "
-        "more on each side",
-        hint=f"make the boxes {2 * margin_cm} cm longer and wider and {margin_cm} cm higher, or score with "
-        f"shape_margin_m: {MARGINS_M[fitting]:.2f} (surface-v1 has 0.05)",
-        times=len(told),
-    )
 
 
 def _local(points_m: Vectors, boxes: Boxes) -> Vectors:
