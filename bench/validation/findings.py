@@ -64,10 +64,30 @@ class Undecided:
     why: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """A mistake from which others may follow.
+
+    Attributes:
+        name: of it.
+        known_by: checks whose errors tell it.
+        following: checks whose findings may follow from it.
+    """
+
+    name: str
+    known_by: tuple[str, ...]
+    following: tuple[str, ...]
+
+
 @cache
-def _texts() -> dict[str, dict[str, str]]:
-    texts: dict[str, dict[str, str]] = yaml.safe_load(Path(__file__).with_name("findings.yaml").read_text("utf-8"))
-    return texts
+def _texts() -> tuple[dict[str, dict[str, str]], tuple[Cause, ...]]:
+    texts, causes = yaml.safe_load_all(Path(__file__).with_name("findings.yaml").read_text("utf-8"))
+    return texts, tuple(Cause(**cause) for cause in causes)
+
+
+def causes() -> tuple[Cause, ...]:
+    """What other findings may follow from."""
+    return _texts()[1]
 
 
 def new_finding(
@@ -95,7 +115,7 @@ def new_finding(
         timestamp_ns: as in `Finding`.
         values: named in braces in the text of what is expected.
     """
-    text = _texts()[kind]
+    text = _texts()[0][kind]
     return Finding(
         check=kind.split(":")[0],
         severity=severity or Severity(text.get("severity", "error")),

@@ -21,16 +21,15 @@ from bench.recordings import Recording, RecordingHandle
 from bench.recordings.validation import FileModel, read_json
 from bench.records.recording import Content
 from bench.validation.drive import annotation_file, calibration_file
-from bench.validation.findings import Finding, Severity, Undecided, new_finding, unusable
+from bench.validation.findings import Finding, Severity, Undecided, causes, new_finding, unusable
 from bench.validation.fits.box_fit import BoxFit
 from bench.validation.fits.cameras import check_cameras
 from bench.validation.fits.static_world import check_static_world
 from bench.validation.fits.unboxed import check_unboxed
 from bench.validation.quick.boxes import check_annotated, check_boxes
 from bench.validation.quick.calibration import check_calibration, check_length_units
-from bench.validation.quick.images import check_images
 from bench.validation.quick.motion import check_ego_limits, check_motion
-from bench.validation.quick.sweeps import SweepChecks
+from bench.validation.quick.sensors import SweepChecks, check_images
 from bench.validation.quick.times import check_annotation_times, check_clocks, check_coverage, check_time_units
 
 SAMPLED_IMAGES, NEIGHBOURING_IMAGES = 120, 6  # of each camera, in runs of so many
@@ -87,27 +86,6 @@ CHECKS: tuple[tuple[Check, Callable[[Recording], object]], ...] = (
     (check_boxes, annotation_file),
     (check_motion, annotation_file),
     (check_cameras, calibration_file),
-)
-
-BY_EGO_MOTION = frozenset({
-    "object-jump", "object-speed", "heading", "velocity", "empty-box", "tight-box", "box-time", "box-short",
-    "box-reading", "box-place",
-})  # fmt: skip
-BY_TIMES = frozenset({
-    "image-times", "ego-motion-missing", "sensor-overlap", "point-times", "annotation-time", "annotation-outside",
-})  # fmt: skip
-BY_LENGTHS = BY_EGO_MOTION | {
-    "camera-mounting", "lidar-mounting", "sensor-outside", "sweep-range", "road-height", "box-size", "box-grows",
-    "box-height", "object-in-ego", "same-object", "crowded-boxes",
-}  # fmt: skip
-EGO_MOTION = frozenset({
-    "ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit", "ego-motion-scale",
-})  # fmt: skip
-CAUSES = (  # what causes it, by which findings that is known, and findings that may follow from it
-    ("the unit of times", frozenset({"time-unit"}), BY_TIMES),
-    ("the unit of lengths", frozenset({"length-unit"}), BY_LENGTHS),
-    ("the lidar's mounting", frozenset({"lidar-pose"}), BY_EGO_MOTION),
-    ("the ego-motion", EGO_MOTION, BY_EGO_MOTION),
 )
 
 
@@ -185,11 +163,11 @@ def _file_by_file(handle: RecordingHandle, error: DataError) -> Iterator[Finding
 def _ordered(findings: Iterable[Finding], recording: str) -> tuple[Finding, ...]:
     """Errors first; findings that may follow from a cause that was found come last, as warnings."""
     ordered = [replace(finding, recording=recording) for finding in findings]
-    for name, causing, following in CAUSES:
-        if any(finding.check in causing and finding.severity is Severity.ERROR for finding in ordered):
-            hint = f"may follow from {name}: correct that, validate again"
-            consequences = [finding for finding in ordered if finding.check in following]
-            ordered = [finding for finding in ordered if finding.check not in following]
+    for cause in causes():
+        if any(finding.check in cause.known_by and finding.severity is Severity.ERROR for finding in ordered):
+            hint = f"may follow from {cause.name}: correct that, validate again"
+            consequences = [finding for finding in ordered if finding.check in cause.following]
+            ordered = [finding for finding in ordered if finding.check not in cause.following]
             ordered += [replace(finding, severity=Severity.WARNING, hint=hint) for finding in consequences]
     return tuple(sorted(ordered, key=lambda finding: finding.severity is not Severity.ERROR))
 

@@ -1,4 +1,4 @@
-"""A rendered turn: what the lidar says that ego-motion gets wrong is what was changed in it."""
+"""What the lidar says that ego-motion gets wrong is what was changed in it."""
 
 from dataclasses import replace
 
@@ -11,8 +11,8 @@ from bench.validation.fits.scan_matching import measured_motion, scan_steps
 
 
 @pytest.fixture(scope="module")
-def drive(turning):
-    return open_native(turning)
+def drive(clean):
+    return open_native(clean)
 
 
 def errors(drive, steps):

@@ -131,25 +131,31 @@ class BoxFit:
 
     def _look_at(self, tally: _Tally, i: int, box: Cuboid, beams: Beams, *, in_every_reading: bool) -> None:
         tally.tried += 1
-        path = tally.path
-        relative, time_ns, velocity = path.relative_mps[i], int(path.times_ns[i]), path.over_ground_mps[i]
-        reach_m = min(0.8 + max(float(box.size_m.max()) / 2, 0.2 * float(np.linalg.norm(relative))), 4.0)
-        near = beams.near(box, time_ns=time_ns, velocity_mps=velocity, reach_m=reach_m)
-        if near is None:
+        path, time_ns = tally.path, int(tally.path.times_ns[i])
+        rotations, positions_m, valid = self._recording.trajectory.at(path.times_ns[i : i + 1])
+        if not valid[0]:
             return
-        _look_inside(tally, box, near, time_ns)
-        if not in_every_reading:
-            return
-        opaque = tally.track.object_class == "vehicle"
-        rotations, positions_m, _ = self._recording.trajectory.at(path.times_ns[i : i + 1])
         world_from_vehicle = RigidTransform(rotations[0], positions_m[0])
-        read = [reading.undo(box, world_from_vehicle) for reading in self._readings]
-        beside = [other for other, reading in zip(read, self._readings, strict=True) if not reading.elsewhere]
-        counts = [near.counts(_tried(box, relative, beside), opaque=opaque)]
-        for other in read[len(beside) :]:
-            there = beams.near(other, time_ns=time_ns, velocity_mps=velocity, reach_m=0.5)
-            counts.append(np.zeros((1, 3)) if there is None else there.counts(Boxes.of([other]), opaque=opaque))
-        tally.counts += np.concatenate(counts)
+
+        def near(place: Cuboid, reach_m: float) -> Near:
+            return beams.near(
+                place,
+                time_ns=time_ns,
+                vehicle_from_world=world_from_vehicle.inverse(),
+                velocity_mps=path.over_ground_mps[i],
+                reach_m=reach_m,
+            )
+
+        relative, opaque = path.relative_mps[i], tally.track.object_class == "vehicle"
+        reach_m = min(0.8 + max(float(box.size_m.max()) / 2, 0.2 * float(np.linalg.norm(relative))), 4.0)
+        around = near(box, reach_m)
+        _look_inside(tally, box, around, time_ns)
+        if in_every_reading:
+            read = [reading.undo(box, world_from_vehicle) for reading in self._readings]
+            beside = [other for other, reading in zip(read, self._readings, strict=True) if not reading.elsewhere]
+            counts = [around.counts(_tried(box, relative, beside), opaque=opaque)]
+            counts += [near(other, 0.5).counts(Boxes.of([other]), opaque=opaque) for other in read[len(beside) :]]
+            tally.counts += np.concatenate(counts)
 
     def findings(self) -> Iterator[Finding]:
         """Findings about all boxes, else object by object."""

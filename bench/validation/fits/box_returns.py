@@ -141,24 +141,26 @@ class Beams:
         order = np.argsort(bearing)
         self._bearing, self._ends, self._starts = bearing[order], ends[order], starts[rows][order]
         self._times_ns, self._time_ns = posed.times_ns[order], sweep.timestamp_ns
-        self._trajectory, self._road_m = recording.trajectory, recording.ground_m
+        self._road_m = recording.ground_m
 
-    def near(self, box: Cuboid, *, time_ns: int, velocity_mps: Vectors, reach_m: float) -> Near | None:
+    def near(
+        self,
+        box: Cuboid,
+        *,
+        time_ns: int,
+        vehicle_from_world: RigidTransform,
+        velocity_mps: Vectors,
+        reach_m: float,
+    ) -> Near:
         """Beams around a box.
 
         Args:
             box: vehicle frame at `time_ns`.
             time_ns: of the annotation.
+            vehicle_from_world: then.
             velocity_mps: (3,), of the object over the ground, world axes.
             reach_m: how far around the box returns are looked for.
-
-        Returns:
-            None where there is no ego-motion.
         """
-        rotations, positions_m, valid = self._trajectory.at(np.array([time_ns], dtype=np.int64))
-        if not valid[0]:
-            return None
-        vehicle_from_world = RigidTransform(rotations[0], positions_m[0]).inverse()
         now_from_sweep = vehicle_from_world @ self._world_from_vehicle
         centre = now_from_sweep.inverse().apply(box.vehicle_from_object.translation_m)
         rows = self._towards(centre, float(np.hypot(*box.size_m[:2])) / 2 + reach_m)

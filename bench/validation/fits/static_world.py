@@ -72,14 +72,6 @@ class Seeing:
 SEEING = Seeing()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SeenPlane:
-    """The road in the frame of the points, as the files give them: unit normal (3,), and m from it to the origin."""
-
-    up: Array
-    height_m: float
-
-
 def _some_sweeps(recording: Recording) -> list[LidarSweep]:
     """Sweeps spread over the drive; those that cannot be read are left out."""
     sweeps = []
@@ -89,7 +81,7 @@ def _some_sweeps(recording: Recording) -> list[LidarSweep]:
     return sweeps
 
 
-def road_plane(sweeps: Sequence[LidarSweep], path_m: Array) -> SeenPlane | None:
+def road_plane(sweeps: Sequence[LidarSweep], path_m: Array) -> tuple[Array, float] | None:
     """The plane along the path that has most returns on it, and hardly any on one side.
 
     Args:
@@ -97,13 +89,14 @@ def road_plane(sweeps: Sequence[LidarSweep], path_m: Array) -> SeenPlane | None:
         path_m: (3,) float64, path of the lidar, axes of the points; zero where it stands.
 
     Returns:
-        The median over the sweeps; None where most see no such plane.
+        Its unit normal, (3,), axes of the points as the files give them, and the height of their origin above it, m:
+        medians over the sweeps. None where most see no such plane.
     """
     planes = [plane for sweep in sweeps if (plane := _plane(sweep.points_lidar.astype(np.float64), path_m)) is not None]
     if not planes or 2 * len(planes) < len(sweeps):
         return None
     up = np.median([plane[:3] for plane in planes], axis=0)
-    return SeenPlane(up=up / np.linalg.norm(up), height_m=float(np.median([plane[3] for plane in planes])))
+    return up / np.linalg.norm(up), float(np.median([plane[3] for plane in planes]))
 
 
 def _plane(points: Array, path_m: Array) -> Array | None:
@@ -288,9 +281,9 @@ class _Verdict:
         stands = bool(np.linalg.norm(path_m) < VERDICTS.least_path_m)
         seen = None if stands else road_plane(self._sweeps, path_m)
         up, height_m = stated.rotation[2], float(stated.translation_m[2]) - recording.ground_m
-        self._upright = seen is None or float(seen.up @ up) > np.cos(VERDICTS.tilt_rad)
+        self._upright = seen is None or float(seen[0] @ up) > np.cos(VERDICTS.tilt_rad)
         if seen is not None and not self._upright:
-            up, height_m = seen.up, seen.height_m
+            up, height_m = seen
         forward = stated.rotation[0] if abs(up @ stated.rotation[0]) < 0.7 else stated.rotation[1]
         self._steps = level_steps(steps, up, height_m, forward)
         level = Mounting(level_from_vehicle=np.eye(2), lever_m=stated.translation_m[:2])

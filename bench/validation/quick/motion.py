@@ -184,59 +184,55 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
         yield new_finding("velocity", got, field="velocity_mps", hint=cause, times=len(objects))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Sighting:
-    """An object at an annotated time: place (3,) m and velocity (3,) m/s, world frame, size (3,) m."""
-
-    track: Track
-    position_m: Array
-    velocity_mps: Array
-    size_m: Array
-
-    def misses_m(self, later: _Sighting, seconds: float) -> float:
-        """Distance of a later sighting from where this object is expected then; infinite for another class."""
-        if later.track.object_class != self.track.object_class:
-            return np.inf
-        return float(np.linalg.norm((later.position_m - self.position_m - seconds * self.velocity_mps)[:2]))
-
-
-def _sightings(paths: Sequence[TrackPath]) -> dict[int, dict[str, _Sighting]]:
-    """Objects by time and name; velocities from the state before, of the first state as stated."""
-    sightings: dict[int, dict[str, _Sighting]] = defaultdict(dict)
-    for path in paths:
-        velocities = path.stated_mps.copy()
-        velocities[1:] = np.diff(path.positions_m, axis=0) / np.diff(path.seconds)[:, None]
-        for time_ns, position_m, velocity, size_m in zip(
-            path.times_ns.tolist(), path.positions_m, velocities, path.sizes_m, strict=True
-        ):
-            sightings[time_ns][path.track.track_id] = _Sighting(
-                track=path.track, position_m=position_m, velocity_mps=velocity, size_m=size_m
-            )
-    return dict(sorted(sightings.items()))
+Sighting = tuple[TrackPath, int]  # an object at an annotated time: its path, and the row
 
 
 def _names_that_change(paths: Sequence[TrackPath]) -> Iterator[Finding]:
     """One object that goes on under another name, and two that exchange their names."""
+    at: dict[int, dict[str, Sighting]] = defaultdict(dict)
+    for path in paths:
+        for row, time_ns in enumerate(path.times_ns.tolist()):
+            at[time_ns][path.track.track_id] = path, row
     changes: dict[tuple[str, str, str], list[int]] = defaultdict(list)
-    for (before_ns, before), (time_ns, now) in pairwise(_sightings(paths).items()):
+    for (before_ns, before), (time_ns, now) in pairwise(sorted(at.items())):
         seconds = (time_ns - before_ns) / SECOND_NS
         if seconds > LONGEST_STEP_S:
             continue
         ended, begun = before.keys() - now.keys(), now.keys() - before.keys()
-        for old, new in product(sorted(ended), sorted(begun)):
-            size_m, later_m = before[old].size_m, now[new].size_m
-            alike = bool((np.abs(later_m - size_m) < SAME_OBJECT_SIZE * size_m).all())
-            if alike and before[old].misses_m(now[new], seconds) < SAME_OBJECT_M:
+        for old, new in product(ended, begun):
+            if _alike(before[old], now[new]) and _misses_m(before[old], now[new], seconds) < SAME_OBJECT_M:
                 changes["object-name", min(old, new), max(old, new)].append(time_ns)
         for one, other in combinations(sorted(before.keys() & now.keys()), 2):
-            stated_m = before[one].misses_m(now[one], seconds) + before[other].misses_m(now[other], seconds)
-            exchanged_m = before[one].misses_m(now[other], seconds) + before[other].misses_m(now[one], seconds)
+            stated_m, exchanged_m = (
+                _misses_m(before[one], now[first], seconds) + _misses_m(before[other], now[second], seconds)
+                for first, second in ((one, other), (other, one))
+            )
             if stated_m > EXCHANGED_M and exchanged_m < EXCHANGED_BETTER * stated_m:
                 changes["object-name: exchanged", one, other].append(time_ns)
     for (kind, one, other), times_ns in sorted(changes.items()):
         what = "one ends where the other goes on" if kind == "object-name" else "each goes on as the other"
         got, field = f"{what} at {len(times_ns)} times", f"objects {one!r} and {other!r}"
         yield new_finding(kind, got, field=field, times=len(times_ns), timestamp_ns=times_ns[0])
+
+
+def _alike(before: Sighting, now: Sighting) -> bool:
+    """Boxes of one size."""
+    sizes_m, later_m = (path.sizes_m[row] for path, row in (before, now))
+    return bool((np.abs(later_m - sizes_m) < SAME_OBJECT_SIZE * sizes_m).all())
+
+
+def _misses_m(before: Sighting, now: Sighting, seconds: float) -> float:
+    """Distance of a sighting from where an object seen before is expected; infinite for another class.
+
+    Its velocity is that from the state before, of the first state the stated one.
+    """
+    (path, i), (later, k) = before, now
+    if later.track.object_class != path.track.object_class:
+        return np.inf
+    velocity_mps = path.stated_mps[0]
+    if i:
+        velocity_mps = (path.positions_m[i] - path.positions_m[i - 1]) / (path.seconds[i] - path.seconds[i - 1])
+    return float(np.linalg.norm((later.positions_m[k] - path.positions_m[i] - seconds * velocity_mps)[:2]))
 
 
 def _labels_that_come_and_go(recording: Recording) -> Iterator[Finding]:
