@@ -16,17 +16,22 @@ from bench.commands.progress import progress_bar
 from bench.execution import local_executor, usable_cores
 from bench.reporting.audit_tables import for_terminal
 from benchmarks.ranking.agreement import run_ranking
-from benchmarks.ranking.beams import parse_beams, run_beams
+from benchmarks.ranking.beams import run_beams
 from benchmarks.ranking.beams_report import beams_tables, write_beams_files
 from benchmarks.ranking.predictions import parse_predictions
 from benchmarks.ranking.ranking_report import ranking_tables, write_ranking_files
+
+
+def whole_numbers(text: str) -> tuple[int, ...]:
+    """Numbers with commas, each once."""
+    return tuple(dict.fromkeys(int(word) for word in text.split(",")))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("card", help="a rendered data set")
     parser.add_argument("--methods", help="names with commas, settings behind colons, as in truth:grow_px=4; or all")
-    parser.add_argument("--beams", help="so many rings of the lidar, as in 64,32,16")
+    parser.add_argument("--beams", type=whole_numbers, help="so many rings of the lidar, as in 64,32,16")
     parser.add_argument("--split")
     parser.add_argument("--recordings", type=int, help="how many, spread over the split")
     parser.add_argument("--out", type=Path)
@@ -43,7 +48,7 @@ def main() -> None:
             found = run_ranking(card, predictions=predictions, out=out, **named)
             tables, files = ranking_tables(found), write_ranking_files(out, found)
         else:
-            found = run_beams(card, beams=parse_beams(asked.beams), predictions=predictions, out=out, **named)
+            found = run_beams(card, beams=asked.beams, predictions=predictions, out=out, **named)
             tables, files = beams_tables(found), write_beams_files(out, found)
     print_blocks(for_terminal(tables))
     print_failures(found.failures, all_in=str(out))

@@ -90,18 +90,6 @@ class BeamsSummary(StoredAudit):
     rows: tuple[BeamsRow, ...]
 
 
-def parse_beams(text: str) -> tuple[int, ...]:
-    """Read numbers of beams with commas, as in "64,32,16".
-
-    Raises:
-        UsageError: something else.
-    """
-    words = [word.strip() for word in text.split(",")]
-    if not all(word.isdecimal() and int(word) for word in words):
-        raise UsageError(f"--beams: expected numbers of beams with commas, as in 64,32,16, got {text!r}")
-    return tuple(dict.fromkeys(map(int, words)))
-
-
 def count_beams(recording: Recording) -> int:
     """Number of the sensor's rings, which are numbered from 0 in the order of their elevation.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pandas as pd
@@ -237,7 +237,7 @@ def ranking_tables(ranking: RankingSummary) -> tuple[Table, ...]:
 def report(ranking: RankingSummary) -> Report:
     """All tables with their notes, below the picture; a line per number, none where there is none."""
     methods = "all" if ranking.predictions == ALL_PREDICTIONS else ",".join(ranking.predictions)
-    scores = (score_table(row) for row in ranking.rows if row.cases)
+    of_rows = (score_table(row) for row in ranking.rows if row.cases)
     return Report(
         title=f"Does the lidar reference of {ranking.dataset} rank methods as the truth does?",
         blocks=[
@@ -248,35 +248,16 @@ def report(ranking: RankingSummary) -> Report:
             ),
             Code(f"{command(ranking)} --methods {methods}"),
             Picture("ranking.png", "Scores against lidar references over scores against exact masks"),
-            *sections((*ranking_tables(ranking), difference_table(ranking), *scores)),
+            *sections((*ranking_tables(ranking), difference_table(ranking), *of_rows)),
         ],
-        numbers=pd.DataFrame(_numbers(ranking), columns=COLUMNS, dtype=object),
+        numbers=[
+            {"row": row.name, "metric": metric, "reference": reference, "prediction": name, "value": score}
+            for row in ranking.rows
+            for metric, by_reference in row.scores.items()
+            for reference, scores in by_reference.items()
+            for name, score in scores.items()
+        ],
     )
-
-
-COLUMNS = ["table", "row", "reference", "prediction", "metric", "recordings", "cases", "value", "low", "high"]
-
-
-def _numbers(ranking: RankingSummary) -> Iterator[dict[str, object]]:
-    for row in ranking.rows:
-        of_row = {"row": row.name, "recordings": row.recordings, "cases": row.cases}
-        yield of_row | {"table": "unknown_share", "value": row.unknown_share}
-        for metric, by_reference in row.scores.items():
-            for reference, scores in by_reference.items():
-                of_scores = of_row | {"table": "scores", "reference": reference, "metric": metric}
-                yield from (of_scores | {"prediction": name, "value": score} for name, score in scores.items())
-        for reference, found in row.agreement.items():
-            numbers: list[tuple[str, str, float | Estimate]] = []
-            for kind, of_kind in found.by_kind.items():
-                numbers += [("tau", kind, of_kind.tau), ("signed_difference", kind, of_kind.signed_difference)]
-            numbers += [("tau", "between", found.tau_between), ("tau", "", found.tau)]
-            numbers += [("difference", metric, number) for metric, number in found.difference.items()]
-            numbers += [("difference_real", metric, number) for metric, number in found.difference_real.items()]
-            for table, metric, number in numbers:
-                value, ci95 = (number.value, number.ci95) if isinstance(number, Estimate) else (number, None)
-                low, high = ci95 or (None, None)
-                yield of_row | {"table": table, "reference": reference, "metric": metric, "value": value, "low": low,
-                                "high": high}  # fmt: skip
 
 
 _PANEL_IN, _COLUMNS = 2.6, 4

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from bench.errors import UsageError
 from bench.harness import FramePipeline
 from bench.harness.frames import InputOnly
 from bench.recordings import load_card, open_dataset, read_truth
@@ -65,12 +64,3 @@ def test_neighbours_are_one_with_their_common_hull():
     left, right, far = (picture("11.22...3") == number for number in (1, 2, 3))
     assert np.array_equal(np.logical_or.reduce(merged([left, right, far], 2)), picture("11111...1") > 0)
     assert np.array_equal(np.logical_or.reduce(merged([left, right, far], 1)), picture("11.11...1") > 0)
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [{"shape": "star"}, {"grow_px": 0.5}, {"lag_images": -1}, {"drop_share": 1.5}, {"shadow": float("nan")}],
-)
-def test_wrong_parameters(settings):
-    with pytest.raises(UsageError, match=f"truth: .*{next(iter(settings))}"):
-        WrongMasks(**settings)

@@ -147,21 +147,23 @@ def test_lengths(root, unit, change, file, field):
 
 
 @pytest.mark.parametrize(
-    ("column", "factor", "field", "remedy"),
+    ("changes", "field", "remedy"),
     [
-        ("speed_mps", 3.6, "speed", "multiply the speed by 0.2778"),
-        pytest.param("speed_mps", 1 / 3.6, "speed", "multiply the speed by 3.6", marks=pytest.mark.slow),
-        pytest.param("speed_mps", 1000.0, "speed", "multiply the speed by 0.001", marks=pytest.mark.slow),
-        pytest.param(
-            "yaw_rate_radps", -1.0, "sign of the yaw rate", "multiply the yaw rate by -1", marks=pytest.mark.slow
-        ),
-        pytest.param(
-            "yaw_rate_radps", 180 / np.pi, "yaw rate", "multiply the yaw rate by 0.01745", marks=pytest.mark.slow
+        ({"speed_mps": 3.6 * drive.SPEED_MPS}, "speed", "multiply the speed by 0.2778"),
+        *(
+            pytest.param(*row, marks=pytest.mark.slow)
+            for row in (
+                ({"speed_mps": drive.SPEED_MPS / 3.6}, "speed", "multiply the speed by 3.6"),
+                ({"speed_mps": 1000 * drive.SPEED_MPS}, "speed", "multiply the speed by 0.001"),
+                ({"gear": "R"}, "gear or sign of the speed", "multiply the speed by -1"),
+                ({"yaw_rate_radps": -drive.TURN_RADPS}, "sign of the yaw rate", "multiply the yaw rate by -1"),
+                ({"yaw_rate_radps": np.degrees(drive.TURN_RADPS)}, "yaw rate", "multiply the yaw rate by 0.01745"),
+            )
         ),
     ],
 )
-def test_speed_and_yaw_rate_of_the_bus_are_tried_against_the_lidar(root, column, factor, field, remedy):
-    change_bus(root, lambda row: row.update({column: str(float(row[column]) * factor)}))
+def test_speed_and_yaw_rate_of_the_bus_are_tried_against_the_lidar(root, changes, field, remedy):
+    change_bus(root, lambda row: row.update({column: str(value) for column, value in changes.items()}))
     findings = found(root, static_world=True, returns=True)
     (told,) = [finding for finding in findings if finding.check == "ego-motion-unit"]
     assert (told.field, told.severity, told.hint) == (field, Severity.ERROR, f"check unit and sign: {remedy}")
