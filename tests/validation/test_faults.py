@@ -249,10 +249,12 @@ UPSIDE_DOWN = drive.quaternion_wxyz(tiny.FRONT, Rotation.from_euler("z", 180, de
     ("plant", "told", "text"),
     [
         (without(range(10, 13)), {("image-gaps", WARNING)}, "images of front"),
-        (retimed("images/front", lambda t: round((t - drive.START_NS) * 4e-3)), {("clock-drift", WARNING)}, "images of front and lidar sweeps"),
+        (retimed("images/front", lambda t: round((t - drive.START_NS) * 4e-3)), {("clock-drift", WARNING)},
+         "images of front and lidar sweeps"),
         (copied(4, 5), {("same-image", ERROR)}, "while driving"),
         (copied(4, 15), {("same-image", ERROR)}, "while driving"),
-        (lambda root: images(root)[4].write_bytes(images(root)[4].read_bytes()[:500]), {("image", ERROR)}, rf"{drive.START_NS + 4 * drive.IMAGE_NS}\.png"),
+        (lambda root: images(root)[4].write_bytes(images(root)[4].read_bytes()[:500]), {("image", ERROR)},
+         rf"{drive.START_NS + 4 * drive.IMAGE_NS}\.png"),
         (painted([4], np.zeros((40, 64), np.uint8)), {("image", ERROR)}, "image size .*64 x 40"),
         (painted([3, 4, 5], np.zeros((tiny.HEIGHT, tiny.WIDTH), np.uint8)), {("black-image", WARNING)}, "3 times"),
         (head(lambda head: head.update(frame_interval_ns=66_667)), {("image-times", ERROR)}, "frame_interval_ns"),
@@ -271,10 +273,11 @@ UPSIDE_DOWN = drive.quaternion_wxyz(tiny.FRONT, Rotation.from_euler("z", 180, de
         (unread_field, {("point-times-missing", WARNING)}, "fields that are not read: azimuth"),
         (sweeps(in_microseconds), {("time-unit", ERROR), ("point-times", WARNING)},
          "multiply them by 1000"),
-        (sweeps(with_points(lambda points: points * 1000)), {("length-unit", ERROR), ("sweep-range", WARNING)}, "16 times"),
-        (without((4, 6), sweep_files), {("sweep-gaps", WARNING), ("annotation-sweep", WARNING)}, "2 gaps, the longest 200.0 ms"),
-        (short_egomotion, {("ego-motion-missing", ERROR)}, "images of front"),
-        (short_egomotion, {("ego-motion-missing", ERROR)}, "lidar sweeps"),
+        (sweeps(with_points(lambda points: points * 1000)), {("length-unit", ERROR), ("sweep-range", WARNING)},
+         "16 times"),
+        (without((4, 6), sweep_files), {("sweep-gaps", WARNING), ("annotation-sweep", WARNING)},
+         "2 gaps, the longest 200.0 ms & 2 of 16 annotated times without"),
+        (short_egomotion, {("ego-motion-missing", ERROR)}, "images of front & lidar sweeps"),
         (later_by(20 * 10**9), {("annotation-outside", ERROR)}, "timestamp"),
         (later_by(-7_000_000, only=15), {("annotation-time", WARNING)}, "1 of 16 annotated times at neither  1 times"),
         (frames(unknown_category), {("file", ERROR)}, "sideways"),
@@ -286,7 +289,8 @@ def test_a_fault_is_told_and_nothing_else(root, plant, told, text):
     plant(root)
     looked = found(root)
     assert {(finding.check, finding.severity.value) for finding in looked} == told
-    assert any(re.search(text, text_of(finding)) for finding in looked) or not told, looked
+    for part in text.split(" & ") if text else ():
+        assert any(re.search(part, text_of(finding)) for finding in looked), looked
 
 
 @pytest.mark.parametrize(
@@ -410,7 +414,8 @@ def bus(**columns):
         (velocities(lambda _: [0.0, -20.0, 0.0], only="walker"), ERROR, "object-speed", "20.0 m/s as stated"),
         (turns_in_degrees, ERROR, "object-turn", "'parked'"),
         (renamed(range(1, 16, 2)), WARNING, "object-name", "'leader' and 'other'"),
-        (together(named("friend", "walker"), frames(exchanged)), WARNING, "object-name", "'friend' and 'walker' .* 1 times"),
+        (together(named("friend", "walker"), frames(exchanged)), WARNING, "object-name",
+         "'friend' and 'walker' .* 1 times"),
         (cuboids(quaternion_of_another_order, only="parked"), ERROR, "box-tilt", ""),
         (cuboids(bottom_for_centre), ERROR, "box-height", "below it, median of 4 objects"),
         (cuboids(in_the_ego_vehicle, only="walker"), ERROR, "object-in-ego", ""),
