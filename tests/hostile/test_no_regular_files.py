@@ -98,8 +98,7 @@ def test_files_of_a_baseline(whole, tmp_path, name):
 def test_a_pipe_among_the_predictions(whole, tmp_path):
     place = tmp_path / "masks" / "front"
     place.mkdir(parents=True)
-    os.mkfifo(place / f"{FIRST}.png")
-    os.mkfifo(tmp_path / "masks" / "front.json")
+    os.mkfifo(place / f"{FIRST + 66_666_667}.png")
     done = called_here("evaluate", whole / "x.yaml", "--predictions", tmp_path / "masks", folder=tmp_path)
     assert done.returncode == 2
-    assert "2 files and none of them does" in done.stderr
+    assert "1 unusable" in done.stderr

@@ -6,7 +6,6 @@ something else after the damage; then they must be accepted as what they say.
 
 from __future__ import annotations
 
-import json
 import shutil
 import zlib
 from collections.abc import Callable, Mapping
@@ -145,7 +144,7 @@ TARGETS = {
         )
         for name in ("boxes", "openlabel", "cvat")
     },
-    "predictions": Target(("predictions/*",), ("evaluate", "{}/card.yaml", "--predictions", "{}/predictions",
+    "predictions": Target(("predictions/**/*",), ("evaluate", "{}/card.yaml", "--predictions", "{}/predictions",
                                                "--missing", "empty", *QUIETLY, "--out", "{}/out"), 40),
     "gate": Target(("run/paper-v1/*",), GATE, 50),
     "baseline": Target(("baseline/*",), GATE, 50),
@@ -185,11 +184,11 @@ def whole(tiny_card, tmp_path_factory) -> Callable[[str], Path]:
             return data_set(last)
         if name == "predictions":
             folder = data_set("native")
-            (folder / "predictions").mkdir()
-            (folder / "predictions/predictions.yaml").write_text("sixteen_bits: score\nfirst_frame: 0\n")
-            runs = {"size": [tiny.HEIGHT, tiny.WIDTH], "counts": [100, 40, tiny.HEIGHT * tiny.WIDTH - 140]}
-            listed = [{"image": number, "segmentation": runs} for number in range(1, len(tiny.TIMES_NS))]
-            (folder / "predictions/front.json").write_text(json.dumps(listed, indent=1))
+            (folder / "predictions/front").mkdir(parents=True)
+            (folder / "predictions/predictions.yaml").write_text("sixteen_bits: score\n")
+            scores = np.eye(tiny.HEIGHT, tiny.WIDTH, dtype=np.uint16)
+            for time_ns in tiny.TIMES_NS:
+                assert cv2.imwrite(str(folder / f"predictions/front/{time_ns}.png"), scores)
             return folder
         if name.startswith("label format"):
             folder, tool = data_set("native"), name.split()[-1]
