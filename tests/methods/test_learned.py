@@ -13,7 +13,7 @@ from bench.errors import DataError, UsageError
 from bench.methods import build_method
 from bench.methods.learned import method as learned
 from bench.methods.learned.inputs import Channels
-from bench.methods.rigid_scene.views import Views
+from bench.methods.rigid_scene.scene import Views
 from bench.recordings import load_card
 from tests.conftest import DATASETS
 from tests.support.board_scene import STEP, crossing, frame

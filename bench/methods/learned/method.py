@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bench.errors import DataError, UsageError
 from bench.methods.contract import Method, MethodInput
 from bench.methods.learned.inputs import BACK, COARSE, FINE, ZERO, Channels, network_input
-from bench.methods.rigid_scene.views import Views, resized
+from bench.methods.rigid_scene.scene import Views, resized
 from bench.records.segmentation import Segmentation
 
 try:

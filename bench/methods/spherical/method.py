@@ -13,9 +13,8 @@ from bench.flow import cell_mean, dense_flow
 from bench.geometry import RigidTransform
 from bench.methods.cells import cell_flow, flow_parts, flow_rays
 from bench.methods.contract import FlowMethod, MethodInput
-from bench.methods.rigid_scene.first_guess import guided_flow
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
-from bench.methods.rigid_scene.scene import RigidScene
+from bench.methods.rigid_scene.scene import RigidScene, guided_flow
 from bench.methods.row_times import extra_motion
 from bench.methods.spherical.likelihood import (
     CONSTRAINTS,
@@ -38,7 +37,7 @@ class SphericalMethod(SphericalSettings, FlowMethod):
     Attributes:
         flow: name of the dense flow, see `bench.flow.DENSE_FLOWS`; it is averaged on the cells.
         flow_parameters: what the flow takes.
-        first_guess: the flow starts from the motion of road and horizon, see `bench.methods.rigid_scene.first_guess`;
+        first_guess: the flow starts from the motion of road and horizon, see `bench.methods.rigid_scene.scene`;
             not in the paper.
         refine_motion: the recorded motion is corrected by the flow, see `bench.methods.rigid_scene.motion`; not in
             the paper.
