@@ -1,4 +1,4 @@
-"""Point-cloud files: .npz (ours) and .bin (KITTI) here, .pcd, .ply, .las and .laz by their own modules.
+"""Point-cloud files: .npz (ours) and .bin (KITTI) here, .pcd, .las and .laz by their own modules.
 
 Every reader gives named arrays: `points_lidar` (N, 3) and what else the file has, by the file's own names.
 """
@@ -19,7 +19,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from bench.errors import DataError, UnknownNameError
-from bench.lidar.cloud_files import read_cloud
+from bench.lidar.cloud_files import read_pcd
 from bench.lidar.fields import FARTHEST_TIME_NS, sweep_of
 from bench.lidar.laz_files import read_laz
 from bench.lidar.sweep import LARGEST_BYTES, Arrays, LidarSweep
@@ -148,8 +148,7 @@ def bin_columns(values: NDArray[np.float32]) -> int | None:
 FORMATS: Mapping[str, Callable[[Path], Arrays]] = {
     ".npz": read_npz,
     ".bin": read_bin,
-    ".pcd": read_cloud,
-    ".ply": read_cloud,
+    ".pcd": read_pcd,
     ".las": read_laz,
     ".laz": read_laz,
 }

@@ -15,7 +15,7 @@ from bench.recordings import ImageRef, load_card, read_image
 from bench.recordings.images import read_mask
 from tests.hostile import files
 from tests.support import tiny
-from tests.support.clouds import laz, pcd, ply
+from tests.support.clouds import laz, pcd
 
 pytestmark = pytest.mark.slow
 
@@ -87,7 +87,6 @@ def test_the_whole_ones_are_read(tmp_path, suffix):
         ".laz": files.LAZ,
         ".bin": files.ROWS.tobytes(),
         ".pcd": pcd(500, body=files.POINTS.tobytes()),
-        ".ply": ply(500, body=files.POINTS.tobytes()),
     }
     path = tmp_path / f"1000{suffix}"
     path.write_bytes(whole[suffix])
