@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator
 
 from bench.cameras import RollingShutter
-from bench.cameras.rolling_shutter import LONGEST_READOUT_S, ReadoutDirection
+from bench.cameras.model import LONGEST_READOUT_S, ReadoutDirection
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import Statement
 from bench.recordings.images import MOST_WHITE
