@@ -81,7 +81,7 @@ def test_other_weights_beside_their_card(weights):
     with pytest.raises(DataError, match="restore both files"):
         build_method("learned", {"weights": str(weights)})
     weights.unlink()
-    with pytest.raises(DataError, match="expected a network and its card"):
+    with pytest.raises(DataError, match="expected the network of its card, got No such file"):
         build_method("learned", {"weights": str(weights)})
 
 
@@ -89,8 +89,8 @@ def test_other_weights_beside_their_card(weights):
     ("changed", "message"),
     [
         ({"coarse": ["current", "taste"]}, "expected channels of this version, got taste"),
-        ({"threshold": "high"}, "expected the card of a network"),
-        ({"sha256": None}, "restore both files"),
+        ({"threshold": "high"}, r"learned\.json: threshold: expected a valid number"),
+        ({"sha256": None}, r"learned\.json: sha256: expected a valid string"),
     ],
 )
 def test_a_card_that_does_not_fit(weights, changed, message):

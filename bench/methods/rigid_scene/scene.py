@@ -25,7 +25,7 @@ from bench.cameras import CameraModel, RayGrid, ray_grid
 from bench.flow import DenseFlow
 from bench.geometry import RigidTransform, RoadPlane, dot
 from bench.methods.contract import MethodInput
-from bench.methods.row_times import RowTimes, seen_before
+from bench.methods.two_views import RowTimes, seen_before
 
 FINE_PX = 640  # width about which outlines are drawn, and twice that on which all else is computed
 GRID_PX = 4  # the motion of a rigid scene is smooth: computed on every fourth pixel, interpolated between
@@ -106,7 +106,7 @@ class RigidScene:
     def extra_motion(
         self, rays_camera: NDArray[np.float64], inverse_depth: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """x of `bench.methods.row_times`, (N,) float64, of static points; arguments as of `previous_pixels`."""
+        """x of `bench.methods.two_views`, (N,) float64, of static points; arguments as of `previous_pixels`."""
         assert self.row_times is not None, "only of a rolling shutter"
         now, extra = self.camera.project(rays_camera)[0], np.zeros(len(rays_camera))
         for _ in range(ROW_STEPS):
