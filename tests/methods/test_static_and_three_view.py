@@ -3,7 +3,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from bench.geometry import RigidTransform
-from bench.methods.spherical import static_camera_deviation, three_view_deviation
+from bench.methods.spherical.constraints import static_camera_deviation, three_view_deviation
 from tests.methods.worlds import TwoViews
 
 

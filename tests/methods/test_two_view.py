@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from bench.errors import ShapeError, UsageError
 from bench.geometry import RigidTransform
-from bench.methods.spherical import ConstraintWeights, Variants, deviations, motion_likelihood
+from bench.methods.spherical.constraints import Variants, deviations
+from bench.methods.spherical.likelihood import ConstraintWeights, motion_likelihood
 from tests.methods.worlds import TwoViews
 
 
