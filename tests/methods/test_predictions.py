@@ -6,7 +6,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
 
 from bench.errors import DataError
 from bench.methods.predictions.maps import ImageSizes, Prediction
@@ -90,18 +89,6 @@ def test_values_of_no_mask_are_refused_with_the_remedy(tmp_path, values, got):
 def test_what_is_no_mask_is_refused(tmp_path, content, message):
     with pytest.raises(DataError, match=message):
         read(tmp_path, content)
-
-
-def test_a_damaged_or_indexed_png_is_refused(tmp_path):
-    content = bytearray(encoded(MASK.astype(np.uint8) * 255))
-    content[45] ^= 0xFF
-    with pytest.raises(DataError, match="damaged"):
-        read(tmp_path, bytes(content))
-    indexed = Image.fromarray(MASK.astype(np.uint8), "P")
-    indexed.putpalette([0, 0, 0, 255, 0, 0])
-    indexed.save(tmp_path / "b.png")
-    with pytest.raises(DataError, match=r"got an indexed one.*; store the indices as a grey PNG"):
-        read(tmp_path, (tmp_path / "b.png").read_bytes())
 
 
 def test_a_mask_among_scores_and_a_file_too_large_are_refused(tmp_path):
