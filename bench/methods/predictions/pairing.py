@@ -147,7 +147,7 @@ def named_images(handle: RecordingHandle, *, alone: bool) -> Iterator[NamedImage
     }
     remaining = replace(whole, images={name: tuple(refs) for name, refs in included.items()})
     for name, camera in sorted(whole.cameras.items()):
-        late = {gap.index for gap in frame_gaps(remaining, name)}
+        late = frame_gaps(remaining, name)
         followed_ns = {ref.timestamp_ns for i, ref in enumerate(included[name]) if i >= 1 and i not in late}
         included_ns = {ref.timestamp_ns for ref in included[name]}
         folders = dict.fromkeys((f"{whole.name}/{name}", *([name] if alone else ())))
