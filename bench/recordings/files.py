@@ -16,7 +16,7 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
 from bench.atomic import open_regular, read_regular, refuse_escape
-from bench.errors import DataError, refuse
+from bench.errors import DataError
 from bench.records.recording import Content
 
 LARGEST_BYTES = 100_000_000  # a million rows of poses
@@ -45,21 +45,16 @@ def numbered_files(
         return {}
     refuse_escape(root, folder, file=folder, links_into=links_into)
     files: dict[int, Path] = {}
-    errors: list[DataError] = []
     for entry in sorted(scandir(folder), key=lambda entry: entry.name):
         path = folder / entry.name
-        try:
-            number = number_of(path)
-            if number is None:
-                continue
-            if entry.is_symlink():
-                refuse_escape(root, path, file=path, links_into=links_into)
-            if number in files:
-                raise DataError(path, expected=f"one file for each {each}", got=f"also {files[number].name}")
-            files[number] = path
-        except DataError as error:
-            errors.append(error)
-    refuse(errors)
+        number = number_of(path)
+        if number is None:
+            continue
+        if entry.is_symlink():
+            refuse_escape(root, path, file=path, links_into=links_into)
+        if number in files:
+            raise DataError(path, expected=f"one file for each {each}", got=f"also {files[number].name}")
+        files[number] = path
     return dict(sorted(files.items()))
 
 

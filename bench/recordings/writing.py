@@ -21,8 +21,9 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.lidar.files import write_sweep
 from bench.recordings.annotations import PartlyAnnotated, Statement, annotation_document
+from bench.recordings.mounting import Mounting
+from bench.recordings.native import CONVENTIONS, HEAD, SCHEMA_VERSION, TRUE_CALIBRATION, TRUE_POSES, RecordingHead
 from bench.recordings.openlabel import AnnotationFile
-from bench.recordings.schema import CONVENTIONS, SCHEMA_VERSION, Mounting, RecordingHead
 from bench.recordings.validation import parse_json, validated
 from bench.records.recording import MountedCamera, Track
 
@@ -85,7 +86,7 @@ class RecordingWriter:
         if annotated is not None:
             head["annotated"] = annotated.model_dump() if isinstance(annotated, PartlyAnnotated) else annotated
         text = _json(head)
-        file = self.root / "recording.json"
+        file = self.root / HEAD
         parse_json(RecordingHead, text.encode(), file)
         write_text(file, text)
 
@@ -140,7 +141,7 @@ class RecordingWriter:
             positions_m: (N, 3) float64, m.
             truth: write `truth/poses.csv` instead: the exact poses of a synthetic drive, which no method sees.
         """
-        path = self.root / "truth" / "poses.csv" if truth else self.root / "poses.csv"
+        path = self.root / (TRUE_POSES if truth else "poses.csv")
         with replacing(path) as temporary:
             write_tum(
                 temporary, timestamps_ns=timestamps_ns, rotations=rotations, positions_m=positions_m,
@@ -158,7 +159,7 @@ class RecordingWriter:
             "vehicle_from_camera": {name: _mounting(camera.vehicle_from_camera) for name, camera in cameras.items()},
             "vehicle_from_lidar": _mounting(vehicle_from_lidar),
         }
-        write_text(self.root / "truth" / "calibration.json", _json(_rounded(mountings, self._decimals)))
+        write_text(self.root / TRUE_CALIBRATION, _json(_rounded(mountings, self._decimals)))
 
     def annotations(self, tracks: Sequence[Track], *, timestamps_ns: Iterable[int] = ()) -> None:
         """Write `annotations.json`.

@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from bench.adapters.aimotive.adapter import aimotive_recordings
+from bench.adapters.aimotive import aimotive_recordings
 from bench.adapters.kitti360.adapter import kitti360_recordings
-from bench.adapters.woodscape.adapter import woodscape_recordings
+from bench.adapters.woodscape import woodscape_recordings
 from bench.recordings import RecordingWriter, read_image
 from bench.recordings.images import read_moving_mask
 from bench.recordings.native import native_recordings

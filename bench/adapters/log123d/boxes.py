@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.log123d.rig import BoxesHead, pose
-from bench.adapters.log123d.tables import LogTable
+from bench.adapters.log123d.tables import LogTable, TableHead, pose
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
@@ -43,7 +42,6 @@ CLASSES: Mapping[str, Mapping[int, str]] = {
     ),
     "KITTI360BoxDetectionLabel": _classes(vehicle=(2, 3, 4, 14, 15, 17), cyclist=(0, 6, 9), pedestrian=(7,)),
     "NuPlanBoxDetectionLabel": _classes(vehicle=(0,), cyclist=(1,), pedestrian=(2,)),
-    "NureasoningBoxDetectionLabel": _classes(vehicle=(0, 7, 8), cyclist=(1, 9, 10), pedestrian=(2, 11)),
     "NuScenesBoxDetectionLabel": _classes(vehicle=range(8), cyclist=(8, 9), pedestrian=range(10, 17), animal=(22,)),
     "PandasetBoxDetectionLabel": _classes(
         vehicle=(3, 4, 7, 8, 11, 12, 13, 17, 21, 24, 25, 26),
@@ -52,13 +50,16 @@ CLASSES: Mapping[str, Mapping[int, str]] = {
         animal=(0, 1),
     ),
     "WODPerceptionBoxDetectionLabel": _classes(vehicle=(1,), pedestrian=(2,), cyclist=(4,)),
-    "WODMotionBoxDetectionLabel": _classes(vehicle=(1,), pedestrian=(2,), cyclist=(3,)),
     "PhysicalAIAVBoxDetectionLabel": _classes(
         vehicle=(0, 2, 3, 4, 8, 10, 11), cyclist=(6,), pedestrian=(1, 7), animal=(9,)
     ),
-    "GriffinBoxDetectionLabel": _classes(vehicle=(1, 2, 3), cyclist=(4, 5), pedestrian=(0,)),
-    "TruckDriveBoxDetectionLabel": _classes(vehicle=(1, 4, 5, 6, 8), cyclist=(0,), pedestrian=(2,)),
 }
+
+
+class BoxesHead(TableHead):
+    """The boxes: the class that numbers their labels."""
+
+    box_detection_label_class: str
 
 
 def read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:

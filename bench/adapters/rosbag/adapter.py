@@ -42,10 +42,9 @@ from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import annotation_file_in, read_annotations
-from bench.recordings.handles import RecordingHandle
+from bench.recordings.catalogue import RecordingHandle
 from bench.recordings.images import read_mask
-from bench.recordings.mounting import body_mask, camera_model, mounted_camera
-from bench.recordings.schema import Mounting
+from bench.recordings.mounting import Mounting, body_mask, camera_model, mounted_camera
 from bench.recordings.validation import validated
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED, Content, ImageRef, MountedCamera, Recording, SweepRef
 

@@ -19,8 +19,7 @@ from bench.lidar.fields import TimeOrigin, TimeUnit
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
 from bench.recordings.images import MOST_WHITE
-from bench.recordings.mounting import EvaluatedSize, Polygon
-from bench.recordings.schema import Mounting, Name, RollingShutterHead, WhiteLevel
+from bench.recordings.mounting import EvaluatedSize, Mounting, Name, Polygon, RollingShutterHead, WhiteLevel
 from bench.recordings.validation import FileModel, SidePx, validated
 
 STATIC_FRAMES = "/tf_static"
