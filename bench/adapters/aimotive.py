@@ -45,7 +45,7 @@ from bench.lidar import read_sweep
 from bench.recordings.annotations import annotation_file_in, read_annotations
 from bench.recordings.catalogue import RecordingHandle
 from bench.recordings.files import framed_files, read_object
-from bench.recordings.mounting import CameraOptions, Polygon
+from bench.recordings.mounting import FisheyeOptions, Polygon
 from bench.recordings.validation import FileModel, SidePx, TimeNs, located, read_json, validated
 from bench.records.recording import (
     COMPLETELY,
@@ -85,7 +85,7 @@ class EgoMotionOptions(FileModel):
     columns: dict[str, str | float | tuple[str, ...]] = Field(default_factory=dict)
 
 
-class AimotiveOptions(CameraOptions[str]):
+class AimotiveOptions(FisheyeOptions[str]):
     """The card's `options`.
 
     Attributes:

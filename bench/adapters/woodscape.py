@@ -41,7 +41,7 @@ from bench.egomotion import Trajectory, planar_trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.catalogue import RecordingHandle
-from bench.recordings.mounting import CameraOptions, Polygon, Quaternion
+from bench.recordings.mounting import FisheyeOptions, Polygon, Quaternion
 from bench.recordings.validation import LARGEST_SIDE_PX, FileModel, located, read_json, validated
 from bench.records.recording import COMPLETELY, ImageRef, MountedCamera, Recording
 
@@ -116,7 +116,7 @@ class CarOptions(FileModel):
         return 0 if first is None else first, 99_999 if last is None else last
 
 
-class WoodscapeOptions(CameraOptions[CameraName]):
+class WoodscapeOptions(FisheyeOptions[CameraName]):
     """The card's `options`.
 
     Attributes:

@@ -82,23 +82,15 @@ class CameraOptions(FileModel, Generic[CameraName]):
     Attributes:
         evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
             stored.
-        field_of_view_deg: per camera, full angle of the lens, beyond which the image is dark; absent for as far as the
-            calibration holds.
         body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
         rolling_shutter: per camera, its readout; the data do not state it. Absent where all rows are exposed at once.
         follow_links: how many levels below `root` links to folders are followed; 1 for those in `root` itself.
     """
 
     evaluated_size_px: EvaluatedSize = None
-    field_of_view_deg: dict[CameraName, float] = Field(default_factory=dict)
     body_polygons: dict[CameraName, tuple[Polygon, ...]] = Field(default_factory=dict)
     rolling_shutter: dict[CameraName, RollingShutterHead] = Field(default_factory=dict)
     follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
-
-    def max_angle_rad(self, camera: CameraName) -> float | None:
-        """Half of the field of view; None where the card does not say it."""
-        field_deg = self.field_of_view_deg.get(camera)
-        return None if field_deg is None else float(np.deg2rad(field_deg / 2))
 
     def mounted(
         self,
@@ -122,6 +114,22 @@ class CameraOptions(FileModel, Generic[CameraName]):
             file=file,
             field=field,
         )
+
+
+class FisheyeOptions(CameraOptions[CameraName], Generic[CameraName]):
+    """The same of cameras whose lenses see less than their calibration says.
+
+    Attributes:
+        field_of_view_deg: per camera, full angle of the lens, beyond which the image is dark; absent for as far as the
+            calibration holds.
+    """
+
+    field_of_view_deg: dict[CameraName, float] = Field(default_factory=dict)
+
+    def max_angle_rad(self, camera: CameraName) -> float | None:
+        """Half of the field of view; None where the card does not say it."""
+        field_deg = self.field_of_view_deg.get(camera)
+        return None if field_deg is None else float(np.deg2rad(field_deg / 2))
 
 
 def mounted_camera(

@@ -45,7 +45,7 @@ from bench.plain_yaml import parse_yaml
 from bench.recordings.annotations import annotation_file_in, read_annotations
 from bench.recordings.catalogue import RecordingHandle
 from bench.recordings.files import framed_files, numbers, read_text
-from bench.recordings.mounting import CameraOptions, Polygon
+from bench.recordings.mounting import FisheyeOptions, Polygon
 from bench.recordings.validation import FileModel, SidePx, located, validated
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, MountedCamera, Recording, SweepRef, Track
 
@@ -76,7 +76,7 @@ class FrameExclusion(FileModel):
         return self
 
 
-class Kitti360Options(CameraOptions[CameraName]):
+class Kitti360Options(FisheyeOptions[CameraName]):
     """The card's `options`.
 
     Attributes:

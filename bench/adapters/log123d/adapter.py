@@ -39,7 +39,7 @@ from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import annotation_file_in, read_annotations
 from bench.recordings.catalogue import RecordingHandle
-from bench.recordings.mounting import CameraOptions
+from bench.recordings.mounting import FisheyeOptions
 from bench.recordings.validation import SidePx, located, validated
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, MountedCamera, Recording, SweepRef
 
@@ -53,7 +53,7 @@ SplitName = Annotated[str, Field(pattern=r"^\w[\w.-]*$")]
 Pose = Annotated[tuple[float, ...], Field(min_length=POSE_WIDTH, max_length=POSE_WIDTH)]  # x, y, z, qw, qx, qy, qz
 
 
-class LogOptions(CameraOptions[str]):
+class LogOptions(FisheyeOptions[str]):
     """The card's `options`.
 
     Attributes:
