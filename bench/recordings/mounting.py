@@ -24,7 +24,7 @@ from bench.records.recording import MountedCamera
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 WhiteLevel = Annotated[int, Field(ge=255, le=MOST_WHITE)]
 Quaternion = tuple[float, float, float, float]
-Polygon = tuple[tuple[float, float], ...]
+Polygon = tuple[tuple[Measured, Measured], ...]
 SizePx = tuple[SidePx, SidePx]  # width, height
 EvaluatedSize = SizePx | dict[str, SizePx] | None  # of all cameras, or by camera
 
