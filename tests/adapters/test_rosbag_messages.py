@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.adapters.rosbag.messages import NO_TIME, Topic, header_stamp_ns
+from bench.adapters.rosbag.messages import NO_TIME, Position, Topic, header_stamp_ns
 from bench.adapters.rosbag.rig import LidarRig
 from bench.adapters.rosbag.sensors import BagImage, cloud_sweep
-from bench.adapters.rosbag.storage import Position
 from bench.errors import DataError
 from tests.hostile.files import png
 from tests.support import tiny_rosbag as bags
@@ -26,7 +25,7 @@ def plain(colour_bgr):
 
 
 def image_on(kind, size_px, white_level):
-    return BagImage(NAME.parents[1], Position(-1, 0, 0), Topic("/camera", kind), False, size_px, white_level, NAME)
+    return BagImage(NAME.parents[1], Position(-1, 0, 0), Topic("/camera", kind), size_px, white_level, NAME)
 
 
 def read(message, *, colour=True, white_level=65535):
