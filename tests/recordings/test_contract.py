@@ -43,23 +43,24 @@ def changed(root, **changes):
     return replace(open_native(root), **changes)
 
 
-def out_of_order(root):
+def images(change, root):
+    """The recording with other images, made of its own."""
     recording = open_native(root)
-    return replace(recording, images={"front": recording.images["front"][::-1]})
+    return replace(recording, images={"front": tuple(change(recording.images["front"], root))})
 
 
-def floats_for_times(root):
-    recording = open_native(root)
-    images = tuple(replace(image, timestamp_ns=float(image.timestamp_ns)) for image in recording.images["front"])
-    return replace(recording, images={"front": images})
+def out_of_order(images, _):
+    return images[::-1]
 
 
-def outside(root):
-    recording = open_native(root)
-    image = recording.images["front"][0]
+def floats_for_times(images, _):
+    return [replace(image, timestamp_ns=float(image.timestamp_ns)) for image in images]
+
+
+def outside(images, root):
     place = root.parent.parent / "elsewhere.png"
-    place.write_bytes(image.path.read_bytes())
-    return replace(recording, images={"front": (replace(image, path=place),)})
+    place.write_bytes(images[0].path.read_bytes())
+    return [replace(images[0], path=place)]
 
 
 def reads_images_early(root):
@@ -68,14 +69,17 @@ def reads_images_early(root):
     return recording
 
 
-def tracks_twice(root):
+def tracks(change, root):
     recording = open_native(root)
-    return replace(recording, tracks=recording.tracks + recording.tracks[:1])
+    return replace(recording, tracks=change(recording.tracks))
 
 
-def odd_class(root):
-    recording = open_native(root)
-    return replace(recording, tracks=(replace(recording.tracks[0], object_class="tram"),))
+def twice(tracks):
+    return tracks + tracks[:1]
+
+
+def of_an_odd_class(tracks):
+    return (replace(tracks[0], object_class="tram"),)
 
 
 def read_with_traceback(path, timestamp_ns):
@@ -115,12 +119,12 @@ def test_an_adapter_of_ones_own_keeps_it(root):
     ("opener", "fault"),
     [
         (partial(changed, name="other"), "drive: name: expected 'drive', as listed, got 'other'"),
-        (out_of_order, "drive: images.front: expected times that increase"),
-        (floats_for_times, "drive: images.front: expected times as int nanoseconds, got float"),
-        (outside, "drive: images.front: expected files below"),
+        (partial(images, out_of_order), "drive: images.front: expected times that increase"),
+        (partial(images, floats_for_times), "drive: images.front: expected times as int nanoseconds, got float"),
+        (partial(images, outside), "drive: images.front: expected files below"),
         (reads_images_early, "drive: open: expected no image or sweep read yet, got 1"),
-        (tracks_twice, "drive: tracks: expected each id once, got 'van' twice"),
-        (odd_class, "drive: tracks, van: expected a class of pedestrian, cyclist, vehicle, animal, got 'tram'"),
+        (partial(tracks, twice), "drive: tracks: expected each id once, got 'van' twice"),
+        (partial(tracks, of_an_odd_class), "drive: tracks, van: expected a class of pedestrian, cyclist, vehicle"),
         (
             partial(sweeps_read_by, read_with_traceback),
             "drive: sweeps: expected a DataError for a file that is missing, got FileNotFoundError",
