@@ -8,23 +8,19 @@ import shutil
 import zlib
 from random import Random
 
-import cv2
 import numpy as np
 import pytest
 
 from bench.errors import BenchError
 from bench.lidar import read_sweep
-from bench.recordings import ImageRef, read_image
-from bench.recordings.images import read_mask
 from tests.hostile import files
 from tests.hostile.damage import damaged
-from tests.support import tiny
 from tests.support.clouds import laz, pcd, ply
 from tests.support.commands import call
 from tests.support.data_sets import DATA_SETS, card_of
 from tests.support.limits import at_most
 
-CLOUD_CASES, IMAGE_CASES = 40, 40  # of each kind
+CLOUD_CASES = 40  # of each kind
 LONGEST_S = 30  # of a case; the slowest whole one takes two
 
 pytestmark = pytest.mark.slow
@@ -69,23 +65,6 @@ def test_point_clouds(tmp_path, kind):
             assert np.array_equal(sweep.points_lidar, whole.points_lidar), (case, how)
         elif sweep is not None:
             assert sweep.points_lidar.shape[1:] == (3,), (case, how)
-
-
-@pytest.mark.parametrize("suffix", [".png", ".jpg"])
-def test_images(tmp_path, suffix):
-    path = tmp_path / f"1000{suffix}"
-    camera, image = tiny.front_camera(), ImageRef(camera="front", timestamp_ns=1000, path=path)
-    smooth = cv2.GaussianBlur(tiny.pixels(0), (0, 0), 3)
-    whole = cv2.imencode(suffix, smooth)[1].tobytes()
-    for case in range(IMAGE_CASES):
-        content, how = damaged(whole, seeded(suffix, case))
-        path.write_bytes(content)
-        pixels = read_or_told(lambda: read_image(image, camera), path)
-        mask = read_or_told(lambda: read_mask(path, (tiny.WIDTH, tiny.HEIGHT)), path)
-        for seen, expected in ((pixels, smooth), (mask, smooth > 0)):
-            if seen is not None:
-                assert seen.shape == expected.shape, (case, how)
-                assert suffix != ".png" or np.array_equal(seen, expected), (case, how)
 
 
 def data_set(name):
