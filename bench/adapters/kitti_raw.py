@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.kitti360.files import FrameClock, read_clock, read_turn
+from bench.adapters.kitti360.files import read_clock, read_turn
 from bench.adapters.tracklets import UNSET, Tracklet, read_tracklets, upright_box
 from bench.atomic import linked_folder, refuse_escape
 from bench.cameras import PinholeCamera
@@ -128,53 +128,44 @@ def open_kitti_raw(root: Path, folder: Path, options: KittiRawOptions, *, annota
         raise DataError(folder, expected=f"images of {' or '.join(options.cameras)}", got="none")
     vehicle_from_lidar, vehicle_from_imu, cameras = _read_rig(root, folder.parent, names, options)
     images = {name: _timed_files(within, folder / name, "png") for name in names}
-    clock, scans = _timed_files(within, folder / SCANS, "bin")
+    scans, turn_ns = _timed_files(within, folder / SCANS, "bin")
     trajectory = _trajectory(within, folder / MOTION, vehicle_from_imu)
-    sweeps = tuple(
-        SweepRef(
-            timestamp_ns=clock.at(frame, file=path),
-            path=path,
-            reader=partial(read_turn, period_ns=clock.interval_ns, to_the_left=True),
-        )
-        for frame, path in scans.items()
-    )
+    reader = partial(read_turn, period_ns=turn_ns, to_the_left=True)
     tracklets = folder / TRACKLETS
     refuse_escape(within, tracklets, file=tracklets)
     if annotations is not None:
         tracks: tuple[Track, ...] = read_annotations(annotations)
     else:
-        times_ns = {frame: clock.at(frame, file=path) for frame, path in scans.items()}
+        times_ns = {frame: time_ns for frame, (time_ns, _) in scans.items()}
         tracks = _tracks(tracklets, times_ns, vehicle_from_lidar, trajectory) if tracklets.is_file() else ()
     return Recording(
         name=folder.name,
         root=root,
         licence=options.licence,
-        frame_interval_ns=images[names[0]][0].interval_ns,
+        frame_interval_ns=images[names[0]][1],
         cameras=cameras,
         images={
-            name: tuple(
-                ImageRef(camera=name, timestamp_ns=times.at(frame, file=path), path=path)
-                for frame, path in files.items()
-            )
-            for name, (times, files) in images.items()
+            name: tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in files.values())
+            for name, (files, _) in images.items()
         },
         trajectory=trajectory,
         vehicle_from_lidar=vehicle_from_lidar,
-        sweeps=sweeps,
+        sweeps=tuple(SweepRef(timestamp_ns=t, path=path, reader=reader) for t, path in scans.values()),
         tracks=tracks,
         annotated=COMPLETELY if annotations is not None or tracklets.is_file() else NOT_ANNOTATED,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
     )
 
 
-def _timed_files(root: Path, folder: Path, suffix: str) -> tuple[FrameClock, dict[int, Path]]:
-    """Files of a sensor by frame, and the clock of its frames."""
+def _timed_files(root: Path, folder: Path, suffix: str) -> tuple[dict[int, tuple[int, Path]], int]:
+    """Times and files of a sensor by frame, and the time between two of them, ns."""
     files = framed_files(root, folder / "data", rf"(\d{{10}})\.{suffix}")
     if not files:
         raise DataError(folder / "data", expected=f"files <frame, ten digits>.{suffix}", got="none")
     file = folder / "timestamps.txt"
     refuse_escape(root, file, file=file)
-    return read_clock(file, list(files)), files
+    clock = read_clock(file, list(files))
+    return {frame: (clock.at(frame, file=path), path) for frame, path in files.items()}, clock.interval_ns
 
 
 def _read_rig(
@@ -234,8 +225,9 @@ def _mounting(root: Path, file: Path) -> RigidTransform:
 
 def _trajectory(root: Path, folder: Path, vehicle_from_imu: RigidTransform) -> Trajectory:
     """Poses of the vehicle in a world that begins below the first one; x is east, z is up."""
-    clock, files = _timed_files(root, folder, "txt")
-    rows = np.array([numbers(read_text(f).split(), OXTS_FIELDS, file=f, field="oxts") for f in files.values()])
+    files, _ = _timed_files(root, folder, "txt")
+    times_ns, paths = zip(*files.values(), strict=True)
+    rows = np.array([numbers(read_text(f).split(), OXTS_FIELDS, file=f, field="oxts") for f in paths])
     latitude, longitude = np.radians(rows[:, 0]), np.radians(rows[:, 1])
     if not (np.abs(latitude) < np.radians(85.0)).all():
         raise DataError(folder / "data", field="latitude", expected="between -85 and 85 degrees", got="another")
@@ -247,7 +239,7 @@ def _trajectory(root: Path, folder: Path, vehicle_from_imu: RigidTransform) -> T
     positions_m += world_from_imu.as_matrix() @ vehicle_from_imu.inverse().translation_m
     return Trajectory(
         source=str(folder / "data"),
-        timestamps_ns=np.array([clock.at(frame, file=path) for frame, path in files.items()], dtype=np.int64),
+        timestamps_ns=np.array(times_ns, dtype=np.int64),
         rotations=rotations,
         positions_m=positions_m - positions_m[0],
     )

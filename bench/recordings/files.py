@@ -7,7 +7,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from os import scandir
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import IO, Any
 from xml.etree.ElementTree import Element, ParseError
 
@@ -58,9 +58,6 @@ def numbered_files(
     return dict(sorted(files.items()))
 
 
-PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".lz4")
-
-
 def file_contents(
     root: Path, folder: Path, read: Iterable[Path], read_as: str, *, suffixes: Sequence[str] = ()
 ) -> Iterator[Content]:
@@ -79,7 +76,7 @@ def file_contents(
     groups: dict[tuple[str, bool], list[str]] = defaultdict(list)
     for entry in scandir(folder):
         if not entry.name.startswith("."):
-            pattern = f"{entry.name}/" if entry.is_dir() else f"*{_whole_suffix(entry.name)}"
+            pattern = f"{entry.name}/" if entry.is_dir() else f"*{Path(entry.name).suffix}"
             groups[pattern, entry.name in names].append(pattern if entry.is_dir() else entry.name)
     place = "" if folder == root else f"{folder.relative_to(root).as_posix()}/"
     why = f"no {' or '.join(suffixes)}" if suffixes else "not asked for"
@@ -91,12 +88,6 @@ def file_contents(
             why="" if is_read else why,
             suspect=bool(suffixes) and not is_read,
         )
-
-
-def _whole_suffix(name: str) -> str:
-    """The suffix of a file, with that of what is packed in it."""
-    path = PurePath(name)
-    return "".join(path.suffixes[-2:]) if path.suffix.lower() in PACKED else path.suffix
 
 
 def framed_files(root: Path, folder: Path, pattern: str) -> dict[int, Path]:

@@ -94,15 +94,12 @@ class RecordingWriter:
         self, camera: str, timestamp_ns: int, pixels: NDArray[np.uint8], *, jpeg_quality: int | None = None
     ) -> None:
         """Write an image: (H, W) grey or (H, W, 3) BGR, uint8; as PNG, or as JPEG of a quality from 1 to 100."""
-        path = self.root / "images" / camera / f"{int(timestamp_ns)}.png"
-        if jpeg_quality is None:
-            _write_png(path, pixels, np.uint8)
-        else:
-            _write_encoded(path.with_suffix(".jpg"), pixels, np.uint8, options=[cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
+        suffix, options = (".png", []) if jpeg_quality is None else (".jpg", [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
+        _write_image(self.root / "images" / camera / f"{int(timestamp_ns)}{suffix}", pixels, np.uint8, options)
 
     def truth(self, camera: str, timestamp_ns: int, instance_ids: NDArray[np.uint16]) -> None:
         """Write the true instance ids of an image: (H, W) uint16, 0 where no object is seen."""
-        _write_png(self.root / "truth" / camera / f"{int(timestamp_ns)}.png", instance_ids, np.uint16)
+        _write_image(self.root / "truth" / camera / f"{int(timestamp_ns)}.png", instance_ids, np.uint16)
 
     def sweep(self, sweep: LidarSweep) -> None:
         """Write a lidar sweep."""
@@ -181,7 +178,7 @@ class RecordingWriter:
         mask = None
         if camera.ego_body is not None:
             mask = f"ego_body/{name}.png"
-            _write_png(self.root / mask, camera.ego_body.astype(np.uint8) * 255, np.uint8)
+            _write_image(self.root / mask, camera.ego_body.astype(np.uint8) * 255, np.uint8)
         shutter = {} if camera.rolling_shutter is None else {"rolling_shutter": asdict(camera.rolling_shutter)}
         return {
             "model": {key: value for key, value in parameters.items() if key not in {"width", "height"}},
@@ -240,11 +237,7 @@ def _json(values: Any) -> str:
     return json.dumps(values, indent=1, allow_nan=False) + "\n"
 
 
-def _write_png(path: Path, pixels: NDArray[Any], dtype: type[np.generic]) -> None:
-    _write_encoded(path, pixels, dtype, options=[])
-
-
-def _write_encoded(path: Path, pixels: NDArray[Any], dtype: type[np.generic], *, options: list[int]) -> None:
+def _write_image(path: Path, pixels: NDArray[Any], dtype: type[np.generic], options: Sequence[int] = ()) -> None:
     if pixels.dtype != dtype or pixels.ndim not in {2, 3}:
         raise ShapeError(f"{path.name}: expected an image of {dtype.__name__}, got {pixels.dtype} {pixels.shape}")
     written, encoded = cv2.imencode(path.suffix, pixels, options)

@@ -343,7 +343,7 @@ def test_what_of_a_recording_is_read_and_what_is_not(root):
         (root / "lidar" / name).write_bytes(b"")
     contents = {content.what: content for content in open_native(root).contents}
     assert (contents["lidar/*.npz"].count, contents["lidar/*.npz"].read_as) == (2, "sweeps")
-    assert (contents["lidar/*.PCD.gz"].count, contents["lidar/*.PCD.gz"].suspect) == (2, True)
+    assert (contents["lidar/*.gz"].count, contents["lidar/*.gz"].suspect) == (2, True)
     assert contents["lidar/3.npy"].why == "no .npz or .bin or .pcd or .ply or .las or .laz"
     assert (contents["notes.txt"].read_as, contents["notes.txt"].suspect) == ("", False)
 

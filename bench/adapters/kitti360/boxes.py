@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -26,8 +27,7 @@ from bench.recordings.files import numbers, xml_parts
 from bench.records.recording import Cuboid, ObjectState, Track, world_velocities, world_yaw_rates
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Label:
+class Label(NamedTuple):
     """A label that things which move can have.
 
     Attributes:
@@ -43,21 +43,19 @@ class Label:
     object_class: str
 
 
-# name, number, number in the files of boxes, class; the numbers are facts of the data set's label table.
-_TABLE = (
-    ("person", 24, 19, "pedestrian"),
-    ("rider", 25, 20, "cyclist"),
-    ("car", 26, 13, "vehicle"),
-    ("truck", 27, 14, "vehicle"),
-    ("bus", 28, 34, "vehicle"),
-    ("caravan", 29, 16, "vehicle"),
-    ("trailer", 30, 15, "vehicle"),
-    ("train", 31, 33, "vehicle"),
-    ("motorcycle", 32, 17, "cyclist"),
-    ("bicycle", 33, 18, "cyclist"),
-    ("unknown vehicle", 43, 36, "vehicle"),
+LABELS = (  # the numbers are facts of the data set's label table
+    Label("person", 24, 19, "pedestrian"),
+    Label("rider", 25, 20, "cyclist"),
+    Label("car", 26, 13, "vehicle"),
+    Label("truck", 27, 14, "vehicle"),
+    Label("bus", 28, 34, "vehicle"),
+    Label("caravan", 29, 16, "vehicle"),
+    Label("trailer", 30, 15, "vehicle"),
+    Label("train", 31, 33, "vehicle"),
+    Label("motorcycle", 32, 17, "cyclist"),
+    Label("bicycle", 33, 18, "cyclist"),
+    Label("unknown vehicle", 43, 36, "vehicle"),
 )
-LABELS = tuple(Label(name=n, number=i, kitti_number=k, object_class=c) for n, i, k, c in _TABLE)
 BY_KITTI_NUMBER = {label.kitti_number: label for label in LABELS}
 BY_NAME = {label.name: label for label in LABELS} | {"pedestrian": LABELS[0], "unknownVehicle": LABELS[-1]}
 GLOBAL_ID_STEP = 1000  # global id = number * 1000 + instance
