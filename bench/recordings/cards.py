@@ -29,7 +29,6 @@ WORKING_FOLDER = Path("datasets")
 OWN_CARDS, OWN_DATA = "FISHEYE_BENCH_DATASETS", "FISHEYE_BENCH_DATA"
 RENDERED = PurePath("data")  # it holds the roots of the cards that ship
 LARGEST_CARD_BYTES = 1_000_000
-OTHER_SUFFIX = {".yaml": ".yml", ".yml": ".yaml"}
 
 
 def _in_order(span: tuple[int | None, int | None]) -> tuple[int | None, int | None]:
@@ -235,13 +234,11 @@ def load_card(path_or_name: Path | str, *, folder: Path | None = None) -> Datase
         DataError: a card that is missing or says what a card cannot say.
     """
     path = Path(path_or_name)
-    if path.suffix not in OTHER_SUFFIX:
+    if path.suffix not in {".yaml", ".yml"}:
         path = _find_card(str(path_or_name), card_folders() if folder is None else (folder,))
     elif not path.exists() and (shipped_folder() / path.name).is_file():
         hint = f"the card {path.stem!r} ships with the package and is found by this name, without folder and suffix"
         raise DataError(path, expected="a readable card", got="no such file", hint=hint)
-    elif not path.exists() and (other := path.with_suffix(OTHER_SUFFIX[path.suffix])).is_file():
-        raise DataError(path, expected="a readable card", got="no such file", hint=f"is {other.name} meant?")
     return DatasetCard(file=path, content=validated(CardFile, _read_yaml(path), file=path))
 
 

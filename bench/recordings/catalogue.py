@@ -237,15 +237,6 @@ def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, Recordi
         )
     files = sorted(file for file in folder.glob("*.json") if not file.name.endswith(REVIEW_SUFFIX))
     known = [file for file in files if file.stem in handles]
-    if known and card.content.annotated == "none":
-        hint = "take `annotated: none` out of the card to score by these files, or `annotations` to leave them unread"
-        raise DataError(
-            card.file,
-            field="annotated",
-            expected="one statement about annotations",
-            got=f"`none`, and {len(known)} files of them, as {known[0].name}",
-            hint=hint,
-        )
     if files and not known:
         expected = f"files called as recordings in {folder}: {', '.join(sorted(handles)[:SHOWN])}"
         raise DataError(card.file, field="annotations", expected=expected, got=f"{len(files)}, as {files[0].name}")

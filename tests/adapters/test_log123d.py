@@ -6,8 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from bench.adapters.log123d.adapter import CameraHead, log123d_recordings
-from bench.adapters.log123d.boxes import CLASSES
+from bench.adapters.log123d.adapter import CLASSES, CameraHead, log123d_recordings
 from bench.cameras import RadialPolynomialCamera, RollingShutter, UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.evaluation import load_protocol
