@@ -16,12 +16,12 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, models_json_schema
 from pydantic_core import core_schema
 
-from bench.adapters.aimotive.calibration import AimotiveOptions
-from bench.adapters.kitti360.calibration import Kitti360Options
-from bench.adapters.kitti_raw.adapter import KittiRawOptions
-from bench.adapters.log123d.rig import LogOptions
+from bench.adapters.aimotive import AimotiveOptions
+from bench.adapters.kitti360.adapter import Kitti360Options
+from bench.adapters.kitti_raw import KittiRawOptions
+from bench.adapters.log123d.adapter import LogOptions
 from bench.adapters.rosbag.rig import Rig, RosbagOptions
-from bench.adapters.woodscape.camera import WoodscapeOptions
+from bench.adapters.woodscape import WoodscapeOptions
 from bench.cameras import RollingShutter
 from bench.errors import UnknownNameError
 from bench.evaluation.protocol import (
@@ -36,8 +36,8 @@ from bench.gate.tolerances import Override, Tolerance, Tolerances, known_toleran
 from bench.harness.manifest import Manifest
 from bench.harness.stored import RunSummary
 from bench.recordings.cards import CardFile
-from bench.recordings.native import NativeOptions
-from bench.recordings.schema import RecordingHead, RollingShutterHead
+from bench.recordings.mounting import RollingShutterHead
+from bench.recordings.native import NativeOptions, RecordingHead
 from bench.records.reference import Limb, MotionSettings, OutlineErrors, ReferenceSettings
 
 Schema = dict[str, Any]

@@ -15,7 +15,7 @@ from bench.plain_text import counted
 
 if TYPE_CHECKING:
     from bench.recordings import DatasetCard
-    from bench.recordings.contract import Adapter
+    from bench.recordings.catalogue import Adapter
     from bench.validation import ValidationReport
 
 

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from bench.cameras import camera_from_parameters
 from bench.errors import BenchError, UnknownNameError
-from bench.recordings.schema import RollingShutterHead
+from bench.recordings.mounting import RollingShutterHead
 from bench.recordings.validation import FileModel
 from bench.synthesis.bodies import BODIES
 from bench.synthesis.draws import DrawError, Sampler

@@ -129,7 +129,7 @@ def validate_recording(
     try:
         recording = handle.open()
     except DataError as error:
-        findings += _file_by_file(handle, error)
+        findings += (unusable(each) for each in (error, *error.others))
     else:
         for check, file in CHECKS:
             for told in check(recording):
@@ -187,17 +187,6 @@ def _passed_over(recording: Recording) -> Iterator[Finding]:
                 hint="convert, unpack or remove them",
                 times=content.count,
             )
-
-
-def _file_by_file(handle: RecordingHandle, error: DataError) -> Iterator[Finding]:
-    """The error that opening raised, and those of every file that can be read by itself."""
-    errors = {str(each): each for each in (error, *error.others)}
-    for read in handle.parts():
-        try:
-            read()
-        except DataError as other:
-            errors |= {str(each): each for each in (other, *other.others)}
-    return (unusable(each) for each in errors.values())
 
 
 def _causes_first(

@@ -1,6 +1,6 @@
 """KITTI's raw tracklets (`tracklet_labels.xml`), and what CVAT writes under the same name.
 
-KITTI's own meaning is that of `bench.adapters.kitti_raw.tracklets`.
+KITTI's own meaning is that of `bench.adapters.tracklets`.
 
 CVAT's "KITTI Raw Format" keeps the tags and changes their meaning: the place is the middle of the box, w lies along x,
 h along y and l along z, and the three angles turn about the box's own x, y and z in turn. Gaps of a track are filled
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.kitti_raw.tracklets import (
+from bench.adapters.tracklets import (
     CUT_OFF,
     ID_ATTRIBUTE,
     INTERPOLATED,

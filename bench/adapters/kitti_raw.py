@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -38,22 +38,21 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.kitti360.files import FrameClock, read_clock, read_turn
-from bench.adapters.kitti_raw.tracklets import UNSET, Tracklet, read_tracklets, upright_box
-from bench.atomic import MOST_LINK_LEVELS, linked_folder, refuse_escape
+from bench.adapters.kitti360.files import read_clock, read_turn
+from bench.adapters.tracklets import UNSET, Tracklet, read_tracklets, upright_box
+from bench.atomic import linked_folder, refuse_escape
 from bench.cameras import PinholeCamera
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import annotation_file_in, read_annotations
-from bench.recordings.files import file_contents, framed_files, numbers, read_text
-from bench.recordings.handles import RecordingHandle
-from bench.recordings.mounting import EvaluatedSize, Polygon, body_mask, mounted_camera
-from bench.recordings.validation import FileModel, located, validated
+from bench.recordings.catalogue import RecordingHandle
+from bench.recordings.files import framed_files, numbers, read_text
+from bench.recordings.mounting import CameraOptions, Polygon
+from bench.recordings.validation import located, validated
 from bench.records.recording import (
     COMPLETELY,
     NOT_ANNOTATED,
-    Content,
     Cuboid,
     ImageRef,
     MountedCamera,
@@ -77,26 +76,19 @@ CLASSES = {
 }  # fmt: skip
 
 
-class KittiRawOptions(FileModel):
+class KittiRawOptions(CameraOptions[CameraName]):
     """The card's `options`.
 
     Attributes:
         cameras: those to evaluate, of those that are there.
-        evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
-            stored.
-        body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
         lidar_position_m: the laser scanner in the vehicle frame.
         vehicle_outline_m: the ego vehicle seen from above, vehicle frame.
-        follow_links: how many levels below `root` links to folders are followed; 1 for those in `root` itself.
         licence: of the data.
     """
 
     cameras: tuple[CameraName, ...] = Field(default=("image_02",), min_length=1)
-    evaluated_size_px: EvaluatedSize = None
-    body_polygons: dict[CameraName, tuple[Polygon, ...]] = Field(default_factory=dict)
     lidar_position_m: tuple[float, float, float] = (0.76, 0.0, 1.73)
     vehicle_outline_m: Polygon = Field(default=((-1.0, -0.91), (3.8, -0.91), (3.8, 0.91), (-1.0, 0.91)), min_length=3)
-    follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
     licence: str = "CC BY-NC-SA 3.0"
 
 
@@ -110,98 +102,70 @@ def kitti_raw_recordings(
     """
     chosen = validated(KittiRawOptions, options, file=card, field="options")
     drives = sorted(path for path in root.glob("*/*") if DRIVE.fullmatch(path.name) and path.is_dir())
-    return tuple(
-        RecordingHandle(
-            name=drive.name,
-            opener=partial(
-                open_kitti_raw,
-                root,
-                drive=drive.relative_to(root).as_posix(),
-                options=chosen,
-                annotations=annotation_file_in(annotations, drive.name),
-            ),
-        )
-        for drive in drives
-    )
+    handles = []
+    for drive in drives:
+        file = annotation_file_in(annotations, drive.name)
+        opener = partial(open_kitti_raw, root, drive, chosen, annotations=file)
+        handles.append(RecordingHandle(name=drive.name, opener=opener))
+    return tuple(handles)
 
 
-def open_kitti_raw(root: Path, *, drive: str, options: KittiRawOptions, annotations: Path | None = None) -> Recording:
+def open_kitti_raw(root: Path, folder: Path, options: KittiRawOptions, *, annotations: Path | None = None) -> Recording:
     """Open a drive.
 
     Args:
         root: folder of the data set, above the dates.
-        drive: path of the drive below `root`.
+        folder: of the drive.
         options: as in the card.
         annotations: annotation file that stands in for the tracklets; None for none.
 
     Raises:
         DataError: a file that is missing or not what the format asks for.
     """
-    folder = root / drive
     within = linked_folder(root, folder, levels=options.follow_links)
     names = [name for name in options.cameras if (folder / name / "data").is_dir()]
     if not names:
         raise DataError(folder, expected=f"images of {' or '.join(options.cameras)}", got="none")
     vehicle_from_lidar, vehicle_from_imu, cameras = _read_rig(root, folder.parent, names, options)
     images = {name: _timed_files(within, folder / name, "png") for name in names}
-    clock, scans = _timed_files(within, folder / SCANS, "bin")
+    scans, turn_ns = _timed_files(within, folder / SCANS, "bin")
     trajectory = _trajectory(within, folder / MOTION, vehicle_from_imu)
-    sweeps = tuple(
-        SweepRef(
-            timestamp_ns=clock.at(frame, file=path),
-            path=path,
-            reader=partial(read_turn, period_ns=clock.interval_ns, to_the_left=True),
-        )
-        for frame, path in scans.items()
-    )
+    reader = partial(read_turn, period_ns=turn_ns, to_the_left=True)
     tracklets = folder / TRACKLETS
     refuse_escape(within, tracklets, file=tracklets)
     if annotations is not None:
         tracks: tuple[Track, ...] = read_annotations(annotations)
     else:
-        times_ns = {frame: clock.at(frame, file=path) for frame, path in scans.items()}
+        times_ns = {frame: time_ns for frame, (time_ns, _) in scans.items()}
         tracks = _tracks(tracklets, times_ns, vehicle_from_lidar, trajectory) if tracklets.is_file() else ()
     return Recording(
         name=folder.name,
         root=root,
         licence=options.licence,
-        frame_interval_ns=images[names[0]][0].interval_ns,
+        frame_interval_ns=images[names[0]][1],
         cameras=cameras,
         images={
-            name: tuple(
-                ImageRef(camera=name, timestamp_ns=times.at(frame, file=path), path=path)
-                for frame, path in files.items()
-            )
-            for name, (times, files) in images.items()
+            name: tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in files.values())
+            for name, (files, _) in images.items()
         },
         trajectory=trajectory,
         vehicle_from_lidar=vehicle_from_lidar,
-        sweeps=sweeps,
+        sweeps=tuple(SweepRef(timestamp_ns=t, path=path, reader=reader) for t, path in scans.values()),
         tracks=tracks,
         annotated=COMPLETELY if annotations is not None or tracklets.is_file() else NOT_ANNOTATED,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
-        contents=tuple(_contents(folder, names)),
     )
 
 
-def _contents(folder: Path, cameras: list[CameraName]) -> Iterator[Content]:
-    """Files of the drive's folder, read and not read."""
-    read = [folder / name for name in (*cameras, SCANS, MOTION, TRACKLETS)]
-    yield from file_contents(folder, folder, read, "cameras, scans, ego-motion and boxes")
-    for name, suffix in (*((camera, ".png") for camera in cameras), (SCANS, ".bin"), (MOTION, ".txt")):
-        place = folder / name / "data"
-        files = [path for path in place.iterdir() if path.suffix == suffix]
-        yield from file_contents(folder, place, files, "frames", suffixes=(suffix,))
-
-
-def _timed_files(root: Path, folder: Path, suffix: str) -> tuple[FrameClock, dict[int, Path]]:
-    """Files of a sensor by frame, and the clock of its frames."""
+def _timed_files(root: Path, folder: Path, suffix: str) -> tuple[dict[int, tuple[int, Path]], int]:
+    """Times and files of a sensor by frame, and the time between two of them, ns."""
     files = framed_files(root, folder / "data", rf"(\d{{10}})\.{suffix}")
     if not files:
         raise DataError(folder / "data", expected=f"files <frame, ten digits>.{suffix}", got="none")
     file = folder / "timestamps.txt"
     refuse_escape(root, file, file=file)
-    return read_clock(file, list(files)), files
+    clock = read_clock(file, list(files))
+    return {frame: (clock.at(frame, file=path), path) for frame, path in files.items()}, clock.interval_ns
 
 
 def _read_rig(
@@ -229,15 +193,8 @@ def _read_rig(
             )
         camera_from_rectified = RigidTransform(np.eye(3), np.linalg.solve(projection[:, :3], projection[:, 3]))
         camera_from_lidar = camera_from_rectified @ rectified_from_camera_0 @ camera_0_from_lidar
-        cameras[name] = mounted_camera(
-            name,
-            lens,
-            vehicle_from_lidar @ camera_from_lidar.inverse(),
-            ego_body=body_mask((lens.width, lens.height), options.body_polygons.get(name, ())),
-            evaluated_size_px=options.evaluated_size_px,
-            file=file,
-            field=name,
-        )
+        vehicle_from_camera = vehicle_from_lidar @ camera_from_lidar.inverse()
+        cameras[name] = options.mounted(name, lens, vehicle_from_camera, file=file, field=name)
     return vehicle_from_lidar, vehicle_from_lidar @ lidar_from_imu, cameras
 
 
@@ -268,8 +225,9 @@ def _mounting(root: Path, file: Path) -> RigidTransform:
 
 def _trajectory(root: Path, folder: Path, vehicle_from_imu: RigidTransform) -> Trajectory:
     """Poses of the vehicle in a world that begins below the first one; x is east, z is up."""
-    clock, files = _timed_files(root, folder, "txt")
-    rows = np.array([numbers(read_text(f).split(), OXTS_FIELDS, file=f, field="oxts") for f in files.values()])
+    files, _ = _timed_files(root, folder, "txt")
+    times_ns, paths = zip(*files.values(), strict=True)
+    rows = np.array([numbers(read_text(f).split(), OXTS_FIELDS, file=f, field="oxts") for f in paths])
     latitude, longitude = np.radians(rows[:, 0]), np.radians(rows[:, 1])
     if not (np.abs(latitude) < np.radians(85.0)).all():
         raise DataError(folder / "data", field="latitude", expected="between -85 and 85 degrees", got="another")
@@ -281,7 +239,7 @@ def _trajectory(root: Path, folder: Path, vehicle_from_imu: RigidTransform) -> T
     positions_m += world_from_imu.as_matrix() @ vehicle_from_imu.inverse().translation_m
     return Trajectory(
         source=str(folder / "data"),
-        timestamps_ns=np.array([clock.at(frame, file=path) for frame, path in files.items()], dtype=np.int64),
+        timestamps_ns=np.array(times_ns, dtype=np.int64),
         rotations=rotations,
         positions_m=positions_m - positions_m[0],
     )
