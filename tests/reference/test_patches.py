@@ -6,7 +6,7 @@ import shapely
 from shapely.affinity import scale
 
 from bench.reference.grid import find_grid
-from bench.reference.patches import CERTAIN, LEAST, LIKELY, Bounds, Layer, end_spread, surface_patches
+from bench.reference.patches import CERTAIN, LEAST, LIKELY, CutOff, Layer, end_spread, surface_patches
 from tests.reference.scans import SENSORS, iou, patches_of, scan, silhouette_of, union_of
 
 ELLIPSE = scale(shapely.Point(0.2, -0.4).buffer(1.0, quad_segs=32), 0.45, 0.9)
@@ -127,8 +127,8 @@ def test_patches_reach_the_ground_and_the_ends_of_the_lidars_field_only_where_it
 
     def extended(*patches, grounded_m=0.05, top_m=-np.inf):
         """(N, 4, 3), from and to."""
-        bounds = Bounds(grounded_m=np.full(2, grounded_m), bottom_m=0.0, top_m=np.broadcast_to(top_m, 2))
-        return bounds.extend(np.array(patches).T).T
+        cut_off = CutOff(grounded_m=np.full(2, grounded_m), bottom_m=0.0, top_m=np.broadcast_to(top_m, 2))
+        return cut_off.restored(np.array(patches).T).T
 
     bumper, shoe = extended(patch, low)
     np.testing.assert_array_equal(bumper, patch)  # the lidar saw the road below it

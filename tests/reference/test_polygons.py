@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.geometry.raster import rasterise
-from bench.reference.kinds import hull_polygon
+from bench.reference.regions import hull_polygon
 
 SIZE = {"width": 64, "height": 48}
 

@@ -9,9 +9,8 @@ from bench.geometry.raster import Raster
 from bench.records.reference import Limb
 from bench.reference import IgnoreReason, OutlineErrors, Status
 from bench.reference.bands import pixels_per_radian, uncertain_region
-from bench.reference.outline_errors import limb_motion_m, outline_error_m
 from bench.reference.regions import Region, compose
-from bench.reference.scanned import Surface
+from bench.reference.scanned import Surface, limb_motion_m, outline_error_m
 from tests.reference.drives import LENS, a_region, an_object
 
 NOTHING = OutlineErrors(range_noise_m=0.0, angle_rad=0.0, position_m=0.0, limbs={})

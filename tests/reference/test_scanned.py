@@ -10,9 +10,8 @@ import shapely
 from bench.recordings import GroundPolygon, PointIndices
 from bench.records.reference import Limb
 from bench.reference import OutlineErrors, ReferenceBuilder, Status
-from bench.reference.envelope import Beam
-from bench.reference.grid import find_grid
-from bench.reference.scanned import beyond_beam
+from bench.reference.bands import beyond_beam
+from bench.reference.grid import Beam, find_grid
 from bench.reference.silhouette import Prism
 from tests.reference.drives import camera, pixels_of, reference_of, wall_recording, with_settings
 
