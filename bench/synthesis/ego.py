@@ -12,11 +12,10 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import camera_from_parameters, ray_grid
 from bench.geometry import RigidTransform, RoadPlane
 from bench.records.recording import MountedCamera
-from bench.synthesis.draws import named_rng
 from bench.synthesis.mesh import Mesh, Surface, box, convex, joined, slab, tube
 from bench.synthesis.motion import Path
 from bench.synthesis.rays import RayScene
-from bench.synthesis.scenario import BusSpec, CalibrationSpec, CameraSpec, RecordingSpec, Scenario
+from bench.synthesis.scenario import BusSpec, CalibrationSpec, CameraSpec, RecordingSpec, Scenario, named_rng
 from bench.times import SECOND_NS
 
 # Seen from above, x forward: a compact car of 4.7 m by 1.8 m with its origin below the rear axle.

@@ -15,8 +15,8 @@ from bench.records.reference import ReferenceSettings
 from bench.reference.motion import categorise
 from bench.synthesis.bodies import BODIES
 from bench.synthesis.ego import mounted_camera
-from bench.synthesis.placement import Trajectories, box_outline, box_size, footprints, plan_trajectories
 from bench.synthesis.scenario import RecordingSpec, Scenario
+from bench.synthesis.scene import Trajectories, box_outline, box_size, footprints, plan_trajectories
 
 SEEN_SHARE = 0.12  # of the points on a body's box; a box's far sides are never seen
 PAPER = load_protocol("paper-v1").reference_settings()

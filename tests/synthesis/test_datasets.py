@@ -12,8 +12,8 @@ import pytest
 from bench.recordings import load_card
 from bench.synthesis import Scenario, read_scenario
 from bench.synthesis.bodies import BODIES, make_body
-from bench.synthesis.draws import named_rng
-from bench.synthesis.placement import plan_trajectories
+from bench.synthesis.scenario import named_rng
+from bench.synthesis.scene import plan_trajectories
 from bench.synthesis.world.plan import drawn_plan
 from tests.synthesis.composition import object_frames
 

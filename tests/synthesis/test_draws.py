@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.synthesis.draws import DrawError, Sampler
-from bench.synthesis.scenario import SeriesSpec
+from bench.synthesis.scenario import DrawError, Sampler, SeriesSpec
 
 TEMPLATE = {
     "name": "passing",

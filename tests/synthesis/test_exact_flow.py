@@ -12,8 +12,7 @@ from bench.recordings import MountedCamera, Recording, open_native, read_truth
 from bench.reference import visible_region
 from bench.synthesis import read_scenario, synthesize
 from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
-from bench.synthesis.placement import FIRST_IMAGE_NS
-from bench.synthesis.scene import Scene, build_scene
+from bench.synthesis.scene import FIRST_IMAGE_NS, Scene, build_scene
 from tests.synthesis.conftest import MINIATURE
 
 TWICE_AS_FINE = {

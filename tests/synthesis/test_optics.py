@@ -13,8 +13,8 @@ from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter
 from bench.synthesis.ego import AHEAD_FROM_CAMERA
 from bench.synthesis.imaging.exposure import Sensor
-from bench.synthesis.imaging.lens import lens_of
 from bench.synthesis.imaging.renderer import Moment
+from bench.synthesis.imaging.visibility import lens_of
 from bench.synthesis.mesh import PlacedMesh, Surface, box, quads
 from bench.synthesis.scenario import SensorSpec
 from tests.synthesis.pictures import EXACT, mounted, renderer_of, road

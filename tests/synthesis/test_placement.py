@@ -10,7 +10,7 @@ import shapely
 from bench.errors import DataError
 from bench.synthesis import read_scenario
 from bench.synthesis.ego import OUTLINE_M
-from bench.synthesis.placement import (
+from bench.synthesis.scene import (
     box_outline,
     box_size,
     first_clash,

@@ -10,10 +10,9 @@ import shapely
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from bench.synthesis.draws import named_rng
 from bench.synthesis.mesh import Mesh
 from bench.synthesis.rays import Hits, RayScene
-from bench.synthesis.scenario import SideStreetSpec, StreetSpec
+from bench.synthesis.scenario import SideStreetSpec, StreetSpec, named_rng
 from bench.synthesis.world import World, build_world
 
 SPECS = {

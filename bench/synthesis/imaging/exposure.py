@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from bench.machine_code import compiled, inlined
 from bench.synthesis.imaging.faces import PLAIN, corner_weights
-from bench.synthesis.imaging.lens import Lens
-from bench.synthesis.imaging.visibility import NOTHING
+from bench.synthesis.imaging.visibility import NOTHING, Lens
 from bench.synthesis.scenario import SensorSpec
 
 LEAST_PX = np.float32(0.3)  # shorter motion vectors change nothing that can be seen

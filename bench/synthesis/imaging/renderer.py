@@ -13,19 +13,15 @@ from numpy.typing import NDArray
 from bench.cameras import CameraModel, RollingShutter
 from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera, RecordingWriter
-from bench.synthesis.draws import named_rng
 from bench.synthesis.ego import own_body
 from bench.synthesis.imaging.exposure import Sensor, Shutter, blur, find_motion_vectors, smooth_edges
 from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, TextureAtlas, faces_of, texture_atlas
-from bench.synthesis.imaging.lens import lens_of, untiled
-from bench.synthesis.imaging.lights import NO_LAMPS, Headlights, Sky, lamp_faces, street_lamps_m
+from bench.synthesis.imaging.lights import NO_LAMPS, Headlights, Shadows, Sky, lamp_faces, street_lamps_m
 from bench.synthesis.imaging.shading import LANES, PIXELS, ShadingScene, shade
-from bench.synthesis.imaging.shadow_maps import Shadows
-from bench.synthesis.imaging.visibility import View, find_visible
+from bench.synthesis.imaging.visibility import View, find_visible, lens_of, untiled
 from bench.synthesis.mesh import Mesh, PlacedMesh
-from bench.synthesis.placement import FIRST_IMAGE_NS
-from bench.synthesis.scenario import RecordingSpec, Scenario, SensorSpec
-from bench.synthesis.scene import Lighting, Scene
+from bench.synthesis.scenario import RecordingSpec, Scenario, SensorSpec, named_rng
+from bench.synthesis.scene import FIRST_IMAGE_NS, Lighting, Scene
 
 BAND_S = 1e-3  # in which a car at 50 km/h drives 14 mm
 

@@ -32,20 +32,21 @@ from bench.synthesis.imaging.faces import (
     quick_log2,
     share_below,
 )
-from bench.synthesis.imaging.lens import TILE_PX
 from bench.synthesis.imaging.lights import (
     BEAM_FOCAL,
     GLOW_BY_NIGHT,
     MIDDLE_COLUMN,
     MIDDLE_ROW,
     WHITE_LUX,
+    HeightMap,
     Lamps,
     Sky,
+    height_at,
+    lit_share,
     mirrored_grey,
     sky_grey,
 )
-from bench.synthesis.imaging.shadow_maps import HeightMap, height_at, lit_share
-from bench.synthesis.imaging.visibility import NOTHING
+from bench.synthesis.imaging.visibility import NOTHING, TILE_PX
 
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 # A pixel's patch on a slanted face is long and narrow; the texture is smoothed to this power of the stretch: 1 would
