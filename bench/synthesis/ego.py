@@ -176,11 +176,8 @@ def bus_report(path: Path, spec: BusSpec | None, rng: np.random.Generator) -> Bu
     if spec is None:
         return BusReport(times_ns=times_ns, speeds_mps=speeds_mps, yaw_rates_radps=yaw_rates_radps)
     scale, phase, bias = 1.0 + rng.normal(0.0, spec.speed_scale_sigma), rng.uniform(), rng.normal()
-    if spec.ticks_per_turn:
-        ticks_ns = _tick_times_ns(path, 2 * np.pi * spec.tyre_radius_m / spec.ticks_per_turn / scale, phase)
-        speeds_mps = _counted(times_ns, ticks_ns, interval_ns=interval_ns, spec=spec)
-    else:
-        speeds_mps = speeds_mps * scale
+    ticks_ns = _tick_times_ns(path, 2 * np.pi * spec.tyre_radius_m / spec.ticks_per_turn / scale, phase)
+    speeds_mps = _counted(times_ns, ticks_ns, interval_ns=interval_ns, spec=spec)
     errors = np.radians(bias * spec.yaw_rate_bias_degps + rng.normal(size=len(times_ns)) * spec.yaw_rate_noise_degps)
     return BusReport(
         times_ns=times_ns,

@@ -218,17 +218,12 @@ class SensorSpec(FileModel):
         edge_light: light at the lens's widest angle against that in the middle; 1 for no vignetting.
         read_noise_grey: standard deviation of the noise in the dark, grey values of 255 at gain 1; 0 for none.
         full_well_electrons: that white stands for at gain 1, which gives the shot noise; null for none.
-        exposure_ms: for how long the shutter is open, which blurs what moves; 0 for a still, null for what the
-            recording's light asks for: 2 in the sun, 5 in low sun, 6 under clouds, 20 by night.
-        gain: that noise grows with; null for what the light asks for: 1 by day, 1.5 in low sun, 6 by night.
         jpeg_quality: of OpenCV's encoder, with images in JPEG; null for PNG, without loss.
     """
 
     edge_light: Share = 0.6
     read_noise_grey: NotNegative = 1.0
     full_well_electrons: Positive | None = 10_000.0
-    exposure_ms: NotNegative | None = Field(default=None, le=60)
-    gain: Positive | None = None
     jpeg_quality: Quality | None = None
 
 
@@ -312,22 +307,6 @@ class ActorSpec(FileModel):
         return self
 
 
-class BumpSpec(FileModel):
-    """A bump across the road that the suspension feels: a patch's edge, a sunken manhole, a low speed bump.
-
-    It is too low to be part of the rendered street.
-
-    Attributes:
-        at_m: its middle, distance ahead of the rear axle at the first image.
-        height_m: negative for a dip.
-        length_m: along the path; the profile is a raised cosine.
-    """
-
-    at_m: Number
-    height_m: float = Field(ge=-0.1, le=0.1)
-    length_m: float = Field(default=0.6, gt=0.1, le=10)
-
-
 class EgoSpec(FileModel):
     """`host` of a file, how the ego vehicle drives: values at `times_s`, linear in between; one value if steady.
 
@@ -338,7 +317,6 @@ class EgoSpec(FileModel):
         gear: "reverse" drives backwards.
         ramp_s: time over which changes of acceleration and steering are spread, half of it before and half after; a
             driver's foot takes about 0.3 s.
-        bumps: felt by an ego vehicle with a suspension.
     """
 
     times_s: tuple[Number, ...] = (0.0,)
@@ -346,7 +324,6 @@ class EgoSpec(FileModel):
     yaw_rate_degps: tuple[Number, ...] = (0.0,)
     gear: Literal["forward", "reverse"] = "forward"
     ramp_s: float = Field(default=0.0, ge=0, le=2)
-    bumps: tuple[BumpSpec, ...] = ()
 
     @model_validator(mode="after")
     def _profile_fits(self) -> EgoSpec:
@@ -390,18 +367,14 @@ class LidarSpec(FileModel):
 
 
 class LightSpec(FileModel):
-    """Sun and sky, or night.
+    """Sun and sky, or night; where the sun stands is drawn.
 
     Attributes:
         kind: "sunny", a bright day; "overcast", no sun, no shadows; "low_sun", morning or evening, long shadows;
             "night", street lamps and the ego vehicle's headlights.
-        azimuth_deg: direction to the sun, to the left of the world's x axis; null draws one for the recording.
-        elevation_deg: of the sun above the horizon; null draws one that fits the kind.
     """
 
     kind: Literal["sunny", "overcast", "low_sun", "night"] = "sunny"
-    azimuth_deg: Number | None = None
-    elevation_deg: float | None = Field(default=None, gt=0, le=90)
 
 
 class SuspensionSpec(FileModel):
@@ -441,7 +414,7 @@ class BusSpec(FileModel):
 
     Attributes:
         rate_hz: messages per second.
-        ticks_per_turn: edges of one turn of a wheel; 0 for a speed without ticks.
+        ticks_per_turn: edges of one turn of a wheel.
         tyre_radius_m: that the control unit assumes.
         standstill_after_s: without a tick for so long, the reported speed is 0. One tick in that time, 0.1 m/s by the
             defaults, is the slowest motion that the bus registers.
@@ -453,7 +426,7 @@ class BusSpec(FileModel):
     """
 
     rate_hz: float = Field(default=50.0, ge=5, le=1000)
-    ticks_per_turn: int = Field(default=96, ge=0, le=10_000)
+    ticks_per_turn: int = Field(default=96, ge=1, le=10_000)
     tyre_radius_m: Positive = 0.31
     standstill_after_s: Positive = 0.2
     speed_step_kmh: NotNegative = 0.01
@@ -544,7 +517,6 @@ class StreetSpec(FileModel):
             vehicle come near stay free.
         trees: share of the positions for trees, 9 m apart on each pavement, that have one.
         hedges: share of the fronts that are a garden behind a hedge, fence or wall instead of a house.
-        wear: of the road, from 0, just laid, to 1, cracked and patched all over; null draws one.
         wet: whether rain has darkened road, kerbs and pavement; no water stands on them that would mirror anything.
         zebra_at_m: zebra crossings with lowered kerbs.
         side_streets: with rounded corners and a line to stop or give way at.
@@ -562,7 +534,6 @@ class StreetSpec(FileModel):
     parked_cars: Density = 0.6
     trees: Density = 0.4
     hedges: Density = 0.25
-    wear: Density | None = None
     wet: bool = False
     zebra_at_m: tuple[Along, ...] = ()
     side_streets: tuple[SideStreetSpec, ...] = ()

@@ -344,11 +344,9 @@ class Lighting:
 
 
 def lighting(spec: LightSpec, rng: np.random.Generator) -> Lighting:
-    """The light that a recording asks for; what it leaves open is drawn."""
+    """The light that a recording asks for; where the sun stands is drawn."""
     kind = KINDS[spec.kind]
-    azimuth_deg, elevation_deg = rng.uniform(0, 360), rng.uniform(*kind.elevations_deg)
-    azimuth = np.radians(azimuth_deg if spec.azimuth_deg is None else spec.azimuth_deg)
-    elevation = np.radians(elevation_deg if spec.elevation_deg is None else spec.elevation_deg)
+    azimuth, elevation = np.radians(rng.uniform(0, 360)), np.radians(rng.uniform(*kind.elevations_deg))
     flat = np.cos(elevation)
     towards_sun = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)])
     return Lighting(kind=kind, towards_sun=towards_sun)
@@ -416,12 +414,7 @@ def build_scene(scenario: ScenarioHead, spec: RecordingSpec) -> Scene:
                 zip(spec.actors, bodies, trajectories.actors, strict=True), start=1
             )
         ),
-        ego=ego_motion(
-            trajectories.ego,
-            scenario.vehicle.suspension,
-            bumps=spec.host.bumps,
-            rng=named_rng(scenario.seed, spec.name, "road"),
-        ),
+        ego=ego_motion(trajectories.ego, scenario.vehicle.suspension, rng=named_rng(scenario.seed, spec.name, "road")),
         light=lighting(spec.light, named_rng(scenario.seed, spec.name, "light")),
         image_times_ns=trajectories.image_times_ns,
         sweep_times_ns=trajectories.sweep_times_ns,

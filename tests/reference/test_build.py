@@ -96,6 +96,21 @@ def test_reasons_to_ignore(box, options, reason):
     assert frame.ignored.any() == (reason is not IgnoreReason.OUT_OF_VIEW)
 
 
+def test_limits_hold_at_equality():
+    """Range, points and pixels of an object are still within a limit that they meet."""
+    (walker,) = build([WALKER]).objects
+    limits = {
+        "range_limit_m": (walker.range_m, np.nextafter(walker.range_m, 0.0), IgnoreReason.RANGE),
+        "min_points": (walker.points, walker.points + 1, IgnoreReason.FEW_POINTS),
+        "min_polygon_px": (walker.polygon_px, walker.polygon_px + 1, IgnoreReason.SMALL_POLYGON),
+    }
+    for name, (met, missed, reason) in limits.items():
+        reasons = [
+            build([WALKER], settings=with_settings(**{name: limit})).objects[0].reason for limit in (met, missed)
+        ]
+        assert reasons == [None, reason]
+
+
 def test_static_objects_are_neither_evaluated_nor_ignored():
     frame = build([Box((8, 1, 0.8), SIZE, (0.1, 0, 0))])
     assert (frame.objects[0].status, frame.objects[0].category) == (Status.STATIC, None)

@@ -7,7 +7,6 @@ import pytest
 
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, deskew, interpolation_timestamps
-from bench.lidar.files import read_sweep, write_sweep
 from bench.synthesis.bodies import make_body
 from bench.synthesis.ego import own_body
 from bench.synthesis.mesh import Mesh, Surface, joined, quads
@@ -239,21 +238,3 @@ def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time(b
     nearer_m = np.linalg.norm(without.points_lidar, axis=1) - np.linalg.norm(with_car.points_lidar, axis=1)
     assert nearer_m.min() > -1e-2
     assert (nearer_m > 0.1).sum() > 500
-
-
-def test_a_sweep_comes_back_from_its_file_and_is_small(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    sweep = scan(scanner(floor(), ego(5.0), range_noise_m=0.02, sector_deg=180, max_range_m=30))
-    write_sweep(tmp_path / "1.npz", sweep)
-    again = read_sweep(tmp_path / "1.npz", sweep.timestamp_ns)
-    for name in ("points_lidar", "time_offset_ns", "intensity", "ring"):
-        assert np.array_equal(getattr(again, name), getattr(sweep, name))
-    assert (tmp_path / "1.npz").stat().st_size < 5.5 * len(sweep.points_lidar)
-
-
-def test_noise_depends_on_its_generator_alone() -> None:
-    lidar = scanner(floor(), ego(), range_noise_m=0.02, weakest_return_per_m2=5e-6)
-    first, second, other = scan(lidar, seed=1), scan(lidar, seed=1), scan(lidar, seed=2)
-    assert np.array_equal(first.points_lidar, second.points_lidar)
-    assert first.points_lidar.shape != other.points_lidar.shape or not np.array_equal(
-        first.points_lidar, other.points_lidar
-    )

@@ -105,7 +105,7 @@ def test_pavement_lies_a_kerb_above_the_road() -> None:
 
 
 def test_zebra_crossing_is_painted_from_kerb_to_lowered_kerb() -> None:
-    spec = StreetSpec(zebra_at_m=(12.0,), wear=0.0)
+    spec = StreetSpec(zebra_at_m=(12.0,))
     mesh = build_world(spec, named_rng(0, "zebra")).mesh
     across = np.stack([np.full(400, 12.0), np.linspace(-1.6, 4.85, 400)], axis=1)
     hits, height_m = seen_from_above(mesh, across, from_m=1.0)
@@ -138,7 +138,7 @@ def test_parked_cars_take_their_share_of_the_places(share: float) -> None:
 
 
 def test_an_avenue_has_as_many_lanes_on_both_sides_of_its_rail() -> None:
-    spec = StreetSpec(kind="avenue", lanes_left=1, wear=0.0)
+    spec = StreetSpec(kind="avenue", lanes_left=1)
     mesh = build_world(spec, named_rng(0, "avenue")).mesh
     left_m = 1.5 * spec.lane_width_m
     _, own_m = seen_from_above(mesh, grid((0, 40), (-1.5, left_m)), from_m=3.0)

@@ -291,7 +291,6 @@ class Sensor:
     """
 
     def __init__(self, spec: SensorSpec, lens: Lens, *, gain: float) -> None:
-        gain = gain if spec.gain is None else spec.gain
         angles = np.arccos(np.clip(lens.off_axis_cos, -1.0, 1.0)) / max(lens.widest_rad, 1e-6)
         self._light = np.where(lens.valid, spec.edge_light ** (angles * angles), 0.0).astype(np.float32)
         self._read_variance = np.float32((spec.read_noise_grey * gain) ** 2)

@@ -253,13 +253,12 @@ def write_images(
         light=scene.light,
         sensor=sensor,
     )
-    exposure_ms = scene.light.kind.shutter_ms if sensor.exposure_ms is None else sensor.exposure_ms
-    half_ns = round(exposure_ms * 1e6 / 2)
+    half_ns = round(scene.light.kind.shutter_ms * 1e6 / 2)
     for frame, time_ns in enumerate(scene.image_times_ns.tolist()):
 
-        def exposed(offset_ns: int, time_ns: int = time_ns) -> tuple[Moment, tuple[Moment, Moment] | None]:
+        def exposed(offset_ns: int, time_ns: int = time_ns) -> tuple[Moment, tuple[Moment, Moment]]:
             middle = moment(scene, time_ns + offset_ns)
-            return middle, (middle, moment(scene, time_ns + offset_ns + half_ns)) if half_ns else None
+            return middle, (middle, moment(scene, time_ns + offset_ns + half_ns))
 
         rng = named_rng(scenario.seed, spec.name, camera.name, frame)
         if camera.rolling_shutter is None:
