@@ -159,17 +159,15 @@ def test_a_headlight_lights_neither_what_is_behind_it_nor_what_is_hidden() -> No
 
 
 @numba.njit(error_model="numpy")
-def fill(
-    u: np.ndarray, v: np.ndarray, level: np.ndarray, image: np.ndarray, layout: np.ndarray, found: np.ndarray
-) -> None:
+def fill(u: np.ndarray, v: np.ndarray, level: np.ndarray, atlas: TextureAtlas, found: np.ndarray) -> None:
     for k in range(len(u)):
-        found[k] = atlas_at(u[k], v[k], level[k], image, layout)
+        found[k] = atlas_at(u[k], v[k], level[k], atlas)
 
 
 def sample(atlas: TextureAtlas, u: np.ndarray, v: np.ndarray, level: np.ndarray) -> np.ndarray:
     """The texture at places (N,), in periods, smoothed to levels."""
     found = np.empty(len(u), dtype=np.float32)
-    fill(u, v, level, atlas.image, atlas.layout, found)
+    fill(u, v, level, atlas, found)
     return found
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from bench.cameras import PinholeCamera
 from bench.geometry import RigidTransform
 from bench.machine_code import compiled, inlined
-from bench.synthesis.imaging.faces import GLOW, SIZE, Faces, atlas_at, bilinear, quick_log2, share_below
+from bench.synthesis.imaging.faces import GLOW, SIZE, Faces, TextureAtlas, atlas_at, bilinear, quick_log2, share_below
 from bench.synthesis.imaging.visibility import find_visible, lens_of, untiled
 from bench.synthesis.scene import Lighting
 
@@ -280,13 +280,7 @@ class Sky(NamedTuple):
 
 @inlined
 def sky_grey(
-    x: np.float32,
-    y: np.float32,
-    z: np.float32,
-    pixel_rad: np.float32,
-    sky: Sky,
-    atlas: NDArray[np.float32],
-    layout: NDArray[np.float32],
+    x: np.float32, y: np.float32, z: np.float32, pixel_rad: np.float32, sky: Sky, atlas: TextureAtlas
 ) -> np.float32:
     """Brightness in a direction of unit length, world axes."""
     up = min(max(z, ZERO), ONE)
@@ -296,24 +290,20 @@ def sky_grey(
         spread = ONE / (CLOUD_PERIOD * (up + LAYER_LIFT))
         level = max(CLOUD_LEVEL, quick_log2(max(pixel_rad * spread / (up + LAYER_LIFT), LEAST) * TEXELS))
         faded = min(ONE, (z - LOWEST_CLOUD) * CLOUD_FADE)
-        grey *= ONE + sky.cloud * faded * atlas_at(x * spread, y * spread, level, atlas, layout)
+        grey *= ONE + sky.cloud * faded * atlas_at(x * spread, y * spread, level, atlas)
     if sky.glow > ZERO:
         near = max(x * sky.sun[0] + y * sky.sun[1] + z * sky.sun[2], ZERO)
-        near = near * near
-        near = near * near
-        near = near * near
+        for _ in range(3):
+            near *= near
         close = near * near
-        close = close * close
-        close = close * close
-        close = close * close
+        for _ in range(3):
+            close *= close
         grey += sky.glow * (WIDE_GLOW * near + CLOSE_GLOW * close)
     return np.float32(grey)
 
 
 @inlined
-def mirrored_grey(
-    x: np.float32, y: np.float32, z: np.float32, sky: Sky, atlas: NDArray[np.float32], layout: NDArray[np.float32]
-) -> np.float32:
+def mirrored_grey(x: np.float32, y: np.float32, z: np.float32, sky: Sky, atlas: TextureAtlas) -> np.float32:
     """Brightness that comes from a direction: sky, a row of houses along the horizon, or the road."""
     if z < LOWEST_SKY:
         return np.float32(ROAD * sky.horizon)
@@ -331,7 +321,7 @@ def mirrored_grey(
         roofs += ROOF_21 * (c13 * s8 + s13 * c8)
         if z < roofs:
             return np.float32(HOUSES * sky.horizon * (ONE + FRONT_13[0] * c13 + FRONT_13[1] * s13))
-    return np.float32(sky_grey(x, y, z, MIRROR_RAD, sky, atlas, layout))
+    return np.float32(sky_grey(x, y, z, MIRROR_RAD, sky, atlas))
 
 
 WHITE_LUX = 15.0

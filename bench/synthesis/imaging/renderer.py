@@ -207,11 +207,11 @@ class ImageRenderer:
             scene = ShadingScene(
                 rows, rotation.astype(np.float32), origin_m.astype(np.float32), light.towards_sun.astype(np.float32),
                 np.float32(light.kind.sun_light), np.float32(light.kind.sky_light), near, far, cover, self._sky, lamps,
-                light.kind.night, self._atlas.image, self._atlas.layout,
+                light.kind.night, self._atlas,
             )  # fmt: skip
             grey, lanes = np.empty(view.inverse_depth.shape, np.float32), np.zeros(LANES, np.float32)
             spots = np.zeros(PIXELS, np.int32)
-            shade(view.triangles, lens.tile_rays, lens.tile_pixel_rad, view.planes, scene, lanes, spots, grey)
+            shade(view.triangles, lens.tiles.rays, lens.tile_pixel_rad, view.planes, scene, lanes, spots, grey)
         return untiled(grey, (lens.valid.shape[0], lens.valid.shape[1]))
 
     def _shutter(self, middle: Moment, corners_m: NDArray[np.float64], shutter: tuple[Moment, Moment]) -> Shutter:
