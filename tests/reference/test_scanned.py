@@ -13,7 +13,7 @@ from bench.recordings import GroundPolygon, PointIndices
 from bench.records.reference import Limb
 from bench.reference import OutlineErrors, ReferenceBuilder, Status
 from bench.reference.bands import beyond_beam
-from bench.reference.grid import Beam, find_grid
+from bench.reference.grid import Beam
 from bench.reference.silhouette import Prism
 from tests.reference.drives import (
     LIDAR,
@@ -223,24 +223,6 @@ def test_where_nothing_came_back_from_a_vehicle_is_unknown_unless_it_was_seen_th
     assert not (frame.labels[upper] > 0).any()
     assert frame.unknown[upper].mean() > 0.99 if unknown else frame.unknown[upper].mean() < 0.05
     assert built(with_class(recording, "pedestrian")).unknown[upper].mean() < 0.05
-
-
-def test_neighbours_are_found_once_for_the_same_points_of_a_sweep(monkeypatch):
-    recording, _ = wall_recording(width_m=2.0, away_m=6.0, steps_deg=(0.2, 2.0))
-    asked: list[int] = []
-
-    def counting(points_sensor, **given):
-        asked.append(len(points_sensor))
-        return find_grid(points_sensor, **given)
-
-    monkeypatch.setattr("bench.reference.sweeps.find_grid", counting)
-    builder, image = ReferenceBuilder(recording, "front", SURFACE), recording.images["front"][0]
-    first, again = builder.build(image), builder.build(image)
-    assert np.array_equal(first.labels, again.labels)
-    assert asked == [first.objects[0].points]
-    placed = builder._sweeps.nearest(recording.tracks[0].states[0].shape, image.timestamp_ns)
-    assert len(placed.grid(np.arange(50)).row_step_rad) == 50
-    assert asked[1:] == [50]
 
 
 # Drawn sweeps of lidars that do not spin, return twice, or are two.

@@ -151,16 +151,6 @@ def test_steady_driving_on_a_smooth_road_is_level() -> None:
     assert poses.positions_m == pytest.approx(path.at([0, 3 * SECOND_NS]).positions_m, abs=1e-12)
 
 
-def test_the_centre_of_the_sway_stays_on_its_way() -> None:
-    path = drive([0, 2, 4], [10.0, 4.0, 9.0], [0.2, -0.3, 0.1])
-    ego, times_ns = sprung(path), np.arange(0, 40) * (SECOND_NS // 10)
-    centre_m = np.array(SMOOTH.centre_m)
-    for poses in (ego.at(times_ns), path.at(times_ns)):
-        places_m = poses.rotations @ centre_m + poses.positions_m
-        assert places_m[:, 2] == pytest.approx(np.full(len(times_ns), centre_m[2]), abs=1e-12)
-    assert ego.at(times_ns).rotations @ centre_m + ego.at(times_ns).positions_m == pytest.approx(places_m, abs=1e-12)
-
-
 def test_roughness_is_that_of_its_class() -> None:
     # ISO 8608: between two wavelengths the variance is the integral of Gd(n0) (n / n0)^-2.
     ways_m = np.arange(0, 1500, 0.1)

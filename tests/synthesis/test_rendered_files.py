@@ -58,19 +58,6 @@ def test_lidar_points_of_actors_lie_on_their_cuboids(recordings: list[Recording]
             assert inside.all(), track.track_id
 
 
-def test_ignoring_the_motion_would_be_seen(recordings: list[Recording]) -> None:
-    # The same points without the object's own motion leave the cuboid: the sweep is smeared as a real one.
-    recording = recordings[0]
-    track = next(t for t in recording.tracks if t.track_id == "car")
-    index = len(recording.sweeps) // 2
-    points_world, times_ns = world_points(recording, index)
-    state = next(s for s in track.states if s.timestamp_ns == recording.sweeps[index].timestamp_ns)
-    local_m = to_cuboid(recording, state, points_world, times_ns)
-    on_car = (np.abs(local_m) < state.shape.size_m / 2 + 0.05).all(axis=1) & (local_m[:, 2] > -0.6)  # type: ignore[union-attr]
-    still_m = to_cuboid(recording, state, points_world[on_car], np.full(on_car.sum(), state.timestamp_ns))
-    assert np.abs(still_m - local_m[on_car]).max() > 0.02
-
-
 def test_annotated_velocity_is_the_change_of_the_place(recordings: list[Recording]) -> None:
     for recording in recordings:
         for track in recording.tracks:

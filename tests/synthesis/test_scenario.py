@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.errors import DataError
-from bench.recordings import load_card
 from bench.synthesis import read_scenario
 from bench.synthesis.ego import OUTLINE_M
 from bench.synthesis.scenario import DrawError, Sampler, SeriesSpec
@@ -75,15 +74,6 @@ def test_other_files_are_refused(scenario_file: Path, text: str) -> None:
 def test_missing_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"none\.yaml"):
         read_scenario(tmp_path / "none.yaml")
-
-
-def test_demo_is_a_scenario_with_a_card() -> None:
-    card = load_card(DATASETS / "demo.yaml")
-    assert card.scenario is not None
-    scenario = read_scenario(card.scenario)
-    assert 12 <= len(scenario.recordings) <= 20
-    assert scenario.name == card.name
-    assert scenario.licence == card.content.licence
 
 
 TEMPLATE = {

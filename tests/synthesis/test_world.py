@@ -171,14 +171,6 @@ def test_world_is_sound_and_small_enough_to_render(world: World) -> None:
     assert (np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) > 0).all()
 
 
-def test_there_are_mirrors_and_lamps() -> None:
-    mesh = build_world(SPECS["street"], named_rng(3, "street")).mesh
-    assert (mesh.surfaces[:, 3] > 0.03).sum() > 50
-    lamps = mesh.corners_m[mesh.surfaces[:, 4] >= 0.9].reshape(-1, 3)
-    assert len(lamps) > 0
-    assert lamps[:, 2].min() > 3.0
-
-
 def test_rain_darkens_the_ground_and_nothing_else() -> None:
     dry, wet = (build_world(StreetSpec(wet=wet), named_rng(3, "street")).mesh for wet in (False, True))
     np.testing.assert_array_equal(dry.corners_m, wet.corners_m)
