@@ -10,14 +10,19 @@ from bench.lidar import LidarSweep, deskew, interpolation_timestamps
 from bench.times import SECOND_NS
 
 
-def test_timestamps_span_the_points_at_most_five_milliseconds_apart():
-    interpolation_ns = interpolation_timestamps(np.array([3, 11_000_003], dtype=np.int64))
-    assert interpolation_ns[0] <= 3
-    assert interpolation_ns[-1] >= 11_000_003
-    assert np.diff(interpolation_ns).min() > 0
-    assert np.diff(interpolation_ns).max() <= 5_000_001
-    assert len(interpolation_timestamps(np.empty(0, dtype=np.int64))) == 0
-    assert len(interpolation_timestamps(np.array([7], dtype=np.int64))) == 2
+@pytest.mark.parametrize(
+    ("times_ns", "expected_ns"),
+    [
+        ([], []),
+        ([7], [7, 8]),
+        ([3, 2_000_003], [3, 2_000_003]),
+        ([3, 5_000_002], [3, 5_000_002]),  # with the time after the last point 5 ms: one step
+        ([3, 5_000_003], [3, 2_500_003, 5_000_003]),
+        ([11_000_003, 3], [3, 3_666_670, 7_333_336, 11_000_003]),
+    ],
+)
+def test_timestamps_span_the_points_in_the_fewest_even_steps_of_at_most_five_milliseconds(times_ns, expected_ns):
+    assert interpolation_timestamps(np.array(times_ns, dtype=np.int64)).tolist() == expected_ns
 
 
 def test_a_wall_stays_a_wall_when_the_car_drives_at_it():
