@@ -64,7 +64,7 @@ def summarise_run(one: Path, _: Path) -> None:
         code=CodeOfRun.here(),
     )
     provenance = Provenance(
-        started_utc="2026-01-02T03:04", seconds=1.0, stage_seconds={}, images=metrics.images.evaluated,
+        started_utc="2026-01-02T03:04", seconds=1.0, images=metrics.images.evaluated,
         images_asked=0, workers=1, peak_memory_mb=1.0,
     )  # fmt: skip
     write_run(one, metrics, manifest=manifest, protocol=rules, provenance=provenance, vehicle_outline_m=OUTLINE_M)

@@ -28,7 +28,7 @@ from bench.errors import BenchError, DataError, OutputError, UnknownNameError
 from bench.evaluation import Protocol
 from bench.evaluation.summary import ProtocolOfRun
 from bench.execution import FailedTask, TaskExecutor
-from bench.harness.counts import told
+from bench.harness.references import told
 from bench.harness.stages import Progress
 from bench.harness.tasks import first_scored
 from bench.recordings import DatasetCard, ImageRef, Recording, RecordingHandle, open_dataset

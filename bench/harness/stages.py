@@ -1,60 +1,16 @@
-"""Work that goes on, and how a result was made: seconds by stage, how far it is, when, how long, how much memory."""
+"""Work that goes on, and how a result was made: how far it is, when, how long, how much memory."""
 
 from __future__ import annotations
 
 import platform
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from time import perf_counter
-from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
-Number = TypeVar("Number", int, float)
-
-
-class StageClock:
-    """Adds up seconds per named stage; time of a stage within another counts once, for the inner one.
-
-    Args:
-        now: tells seconds.
-    """
-
-    def __init__(self, now: Callable[[], float] = perf_counter) -> None:
-        self._now = now
-        self.seconds: defaultdict[str, float] = defaultdict(float)
-        self._within: list[float] = []  # seconds of inner stages, for each stage that is open
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time the block as part of a stage."""
-        start = self._now()
-        self._within.append(0.0)
-        try:
-            yield
-        finally:
-            whole = self._now() - start
-            self.seconds[name] += whole - self._within.pop()
-            if self._within:
-                self._within[-1] += whole
-
-
-def add_up(counted: Iterable[Mapping[str, Number]]) -> dict[str, Number]:
-    """Add up by name, for example the seconds of several clocks."""
-    total: Counter[str] = Counter()
-    for one in counted:
-        total.update(one)
-    return dict(sorted(total.items()))
-
-
 Progress = Callable[[float, int], None]
-
-
-def no_progress(_done: float, _total: int) -> None:
-    """Progress that is not shown."""
 
 
 def part_of(progress: Progress | None, *, number: int, total: int) -> Progress | None:
@@ -76,7 +32,6 @@ class Provenance(BaseModel):
     Attributes:
         started_utc: ISO 8601.
         seconds: wall time.
-        stage_seconds: time of each stage, summed over images; what was stored already took none.
         images: scored images.
         images_asked: of which the method was asked; the answers of the others were stored.
         workers: processes.
@@ -87,7 +42,6 @@ class Provenance(BaseModel):
 
     started_utc: str
     seconds: float
-    stage_seconds: dict[str, float]
     images: int
     images_asked: int
     workers: int
@@ -97,7 +51,6 @@ class Provenance(BaseModel):
 def provenance_since(
     start_s: float,
     *,
-    stage_seconds: Mapping[str, float],
     images: int,
     images_asked: int | None = None,
     workers: int = 1,
@@ -107,7 +60,6 @@ def provenance_since(
 
     Args:
         start_s: when it began, by `time.perf_counter`, which never goes back.
-        stage_seconds: time of each stage.
         images: that were scored.
         images_asked: of which the method was asked; None for all.
         workers: processes.
@@ -117,7 +69,6 @@ def provenance_since(
     return Provenance(
         started_utc=(datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(timespec="seconds"),
         seconds=seconds,
-        stage_seconds={name: round(seconds, 3) for name, seconds in sorted(stage_seconds.items())},
         images=images,
         images_asked=images if images_asked is None else images_asked,
         workers=workers,

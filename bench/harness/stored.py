@@ -45,7 +45,7 @@ from bench.evaluation.definitions import level_metrics
 from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.rows import IMAGE, ChosenRows, CommonImages, Rows, RowsOnImages, RowSource, read_parts, sort_rows
 from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
-from bench.harness.counts import COUNTS, StoredRows, open_tables
+from bench.harness.counts import COUNTS, open_tables
 from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, PREDICTIONS_DIGEST, Manifest, read_manifest, write_manifest
 from bench.harness.stages import Provenance
@@ -184,22 +184,10 @@ class StoredRun:
         return self.summary if self._is_whole else summary_of(self.sums, protocol=self.protocol)
 
     @property
-    def table_files(self) -> tuple[StoredRows, StoredRows]:
-        """All objects and all frames, on disk."""
-        return open_tables(self.folder)
-
-    def answer(self, recording: str, camera: str, timestamp_ns: int) -> Answer | None:
-        """What was answered of an image; None where the run knows no such image.
-
-        Raises:
-            DataError: the answers are damaged.
-        """
-        return find_answer(self.folder, recording, camera, timestamp_ns)
-
-    @property
     def answers(self) -> Path:
-        """Folder of the answers."""
-        return answers_folder(self.folder)
+        """Folder of the answers: those of an oracle lie beside the results, those of a method above."""
+        own = self.folder / ANSWERS
+        return own if own.is_dir() else self.folder.parent / ANSWERS
 
     @property
     def commit(self) -> str | None:
@@ -215,22 +203,21 @@ class StoredRun:
         return self.category is None and self.images is None
 
 
-def answers_folder(results: Path) -> Path:
-    """Folder of the answers that results are of: those of an oracle lie beside them, those of a method above."""
-    own = results / ANSWERS
-    return own if own.is_dir() else results.parent / ANSWERS
+def find_answer(answers: Path, recording: str, camera: str, timestamp_ns: int) -> Answer | None:
+    """What was answered of an image; None where there is no such image.
 
-
-def find_answer(results: Path, recording: str, camera: str, timestamp_ns: int) -> Answer | None:
-    """What was answered of an image; None where the run knows no such image.
+    Args:
+        answers: folder of a run's answers.
+        recording: name.
+        camera: name.
+        timestamp_ns: of the image.
 
     Raises:
         DataError: the answers are damaged.
     """
-    folder = answers_folder(results) / safe_name(recording)
-    for file in sorted(folder.glob(f"{safe_name(camera)}-{'[0-9]' * 8}.parquet")):
-        if found := read_answers(file, timestamp_ns=timestamp_ns):
-            return found[0]
+    for file in sorted((answers / safe_name(recording)).glob(f"{safe_name(camera)}-{'[0-9]' * 8}.parquet")):
+        if rows := read_answers(file, timestamp_ns=timestamp_ns):
+            return rows[0]
     return None
 
 

@@ -12,7 +12,6 @@ def provenance(*, images: int = 9, started_utc: str = "2026-01-02T03:04") -> Pro
     return Provenance(
         started_utc=started_utc,
         seconds=2.0,
-        stage_seconds={},
         images=images,
         images_asked=images,
         workers=1,
