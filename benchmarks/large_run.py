@@ -20,8 +20,7 @@ from bench.evaluation import load_protocol, rows, sum_run, summary_of, write_sum
 from bench.evaluation.summary import ProtocolOfRun
 from bench.gate import judge, load_tolerances, read_run_sums
 from bench.harness import Provenance, open_tables, read_run
-from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
-from bench.harness.method_of_run import MethodOfRun
+from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
 from bench.harness.stored import SUMS, write_run
 from bench.methods import build_method
 from bench.reporting.compare_page import write_comparison

@@ -17,8 +17,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from bench.evaluation.counts import FrameCounts, ObjectCounts
-from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
+from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN, FrameCounts, ObjectCounts
 
 Row = dict[str, Any]
 
@@ -69,7 +68,7 @@ FRAME_COUNTS = tuple(field.name for field in fields(FrameCounts) if field.name !
 
 # One row per image. All counts are 0 where there is no mask; an image that is not annotated has those of its mask and
 # of V only. `fp_by_cause` is empty for a method that names no causes. The histograms over
-# `bench.evaluation.likelihood.EDGES` are null unless evaluated and where the method has no likelihood.
+# `bench.evaluation.counts.EDGES` are null unless evaluated and where the method has no likelihood.
 FRAMES_SCHEMA = _schema(
     [
         *_IMAGE_KEY,

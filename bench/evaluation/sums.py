@@ -22,6 +22,7 @@ import pandas as pd
 
 from bench.atomic import open_regular, write_text
 from bench.errors import BenchError, DataError
+from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.definitions import (
     CAUSE,
     COUNTS,
@@ -32,7 +33,6 @@ from bench.evaluation.definitions import (
     image_metrics,
     object_metrics,
 )
-from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import (
     EVALUATED,

@@ -2,7 +2,7 @@
 
 `answers/<recording>/<camera>-<first image>.parquet` has a row for each image of a task, `ANSWERS_SCHEMA`: the mask on
 the method's cells, one bit each, or the reason why there is none. A likelihood is stored as its bin of
-`bench.evaluation.likelihood`, one byte: histograms, and with them every curve, come out exactly; pictures show the
+`bench.evaluation.counts`, one byte: histograms, and with them every curve, come out exactly; pictures show the
 middle of the bin.
 
 Parquet files are opened here, as pyarrow by name waits for pipes and asks for UTF-8.
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from bench.atomic import open_regular, replacing
 from bench.errors import DataError
-from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
+from bench.evaluation.counts import BINS, EDGES, SCORE_EDGES, find_bins
 from bench.records.segmentation import Segmentation, segmentation_fault
 
 ANSWERS = "answers"

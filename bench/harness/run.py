@@ -29,10 +29,10 @@ from bench.harness.manifest import (
     CodeOfRun,
     DatasetOfRun,
     Manifest,
+    MethodOfRun,
     differences,
     write_manifest,
 )
-from bench.harness.method_of_run import MethodOfRun
 from bench.harness.references import evict_cache
 from bench.harness.stages import Progress, Provenance, largest_resident_mb, provenance_since
 from bench.harness.stored import RESULT_FILES, SUMMARY, SUMS, StoredRun, failed_images, write_run

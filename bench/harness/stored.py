@@ -41,8 +41,8 @@ from bench.evaluation import (
     summary_of,
     threshold_free_metrics,
 )
+from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.definitions import level_metrics
-from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.rows import IMAGE, ChosenRows, CommonImages, Rows, RowsOnImages, RowSource, read_parts, sort_rows
 from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
 from bench.harness.counts import COUNTS, open_tables

@@ -36,7 +36,7 @@ from bench.harness.digests import (
 )
 from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
-from bench.harness.method_of_run import method_digest
+from bench.harness.manifest import method_digest
 from bench.harness.references import StoredReference, find_references, reference_of, told
 from bench.harness.stages import largest_resident_mb
 from bench.methods import Scorable

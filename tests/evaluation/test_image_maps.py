@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bench.evaluation import ImageMap, SequenceScorer, add_image_maps
-from bench.evaluation.image_map import CELL_PX
+from bench.evaluation.counts import CELL_PX
 from bench.records.reference import ReferenceFrame
 from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import frames, masks, reference_frame

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bench.evaluation import SequenceScorer, ThresholdFreeMetrics, threshold_free_metrics, threshold_sweep
-from bench.evaluation.likelihood import BINS, SCORE_EDGES
+from bench.evaluation.counts import BINS, SCORE_EDGES
 from bench.records.reference import ReferenceFrame
 from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import picture, reference_frame

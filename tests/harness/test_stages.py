@@ -11,7 +11,7 @@ from remembering import Remembering
 from bench.atomic import is_temporary, temporary_name
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
-from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
+from bench.evaluation.counts import BINS, EDGES, SCORE_EDGES, find_bins
 from bench.execution import ProcessExecutor
 from bench.harness import Part, RunRequest, build_scorable, read_run, run_benchmark, score_part
 from bench.harness.answers import (

@@ -3,8 +3,7 @@
 from bench.evaluation import Protocol, load_protocol
 from bench.evaluation.summary import ProtocolOfRun
 from bench.harness import Provenance
-from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
-from bench.harness.method_of_run import MethodOfRun
+from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
 from bench.methods import known_methods
 
 
