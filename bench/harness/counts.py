@@ -143,11 +143,9 @@ class StoredRows:
         """All rows of some recordings, in the order of the files."""
         return to_frame(self._table(recordings, columns))
 
-    def table(self, *, unread: frozenset[str] = frozenset()) -> pa.Table:
-        """All of it, in memory; columns of `unread` are null."""
-        read = self._table([*self._files], [name for name in self._schema.names if name not in unread])
-        columns = [pa.nulls(len(read), f.type) if f.name in unread else read[f.name] for f in self._schema]
-        return pa.table(columns, schema=self._schema)
+    def table(self, columns: Sequence[str]) -> pa.Table:
+        """Some columns of all of it, in memory."""
+        return self._table([*self._files], columns)
 
     def _table(self, recordings: Sequence[str], columns: Sequence[str]) -> pa.Table:
         schema = pa.schema([self._schema.field(name) for name in columns])

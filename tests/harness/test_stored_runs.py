@@ -74,10 +74,9 @@ def test_a_stored_runs_curve_and_maps_agree_with_its_figures(stored):
 
 def test_histograms_may_stay_unread(stored):
     objects, frames = read_tables(stored, histograms=False)
-    assert all(frames[name].null_count == frames.num_rows for name in HISTOGRAMS)
     whole = read_tables(stored)
     assert objects == whole[0]
-    assert frames.drop_columns(sorted(HISTOGRAMS)) == whole[1].drop_columns(sorted(HISTOGRAMS))
+    assert frames == whole[1].drop_columns(sorted(HISTOGRAMS))
 
 
 def test_a_column_of_another_kind_is_named(stored, tmp_path):
