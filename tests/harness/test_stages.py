@@ -26,7 +26,10 @@ from bench.harness.answers import (
     segmentation_of,
     write_answers,
 )
+from bench.harness.digests import RecordingDigests
+from bench.harness.frames import InputOnly
 from bench.harness.references import find_references, reference_of, reference_row
+from bench.harness.tasks import cut_tasks
 from bench.methods import Segmentation, build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card, open_dataset
@@ -330,6 +333,23 @@ def test_a_method_that_cannot_be_copied_is_refused_before_anything_is_written(ti
     with method.open_file, pytest.raises(UsageError, match=r"object of Remembering that can be copied.*TypeError"):
         score(tiny_card, tmp_path / "run", method=method)
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("unscored", "history", "tasks"),
+    [
+        *[(0, 0, [(0, 2), (2, 4), (4, 5)]), (0, 1, [(1, 3), (3, 5)]), (1, 1, [(1, 3), (3, 5)])],
+        *[(2, 1, [(2, 4), (4, 5)]), (2, 3, [(3, 5)]), (4, 1, [(4, 5)]), (5, 1, [])],
+    ],
+)
+def test_every_image_to_be_scored_is_in_one_task(tiny_card, monkeypatch, unscored, history, tasks):
+    monkeypatch.setattr("bench.harness.tasks.TASK_IMAGES", 2)
+    handle = open_dataset(load_card(tiny_card))[0]
+    recording = handle.open()
+    images = [replace(image, scored=k >= unscored) for k, image in enumerate(recording.images["front"])]
+    digests = RecordingDigests(reference="", whole="")
+    cut = cut_tasks(handle, replace(recording, images={"front": images}), digests, InputOnly(history=history))
+    assert [(task.start, task.stop) for task in cut] == tasks
 
 
 # ---- oracles
