@@ -1,0 +1,5 @@
+"""The name of before of `bench.harness.manifest.MethodOfRun`."""
+
+from bench.harness.manifest import MethodOfRun
+
+__all__ = ["MethodOfRun"]
