@@ -41,7 +41,7 @@ ABOVE_THE_LIMIT = {  # tests that may take longer, and run with `make test` neve
     "tests/commands/test_sweep.py::test_each_value_is_the_run_with_it_in_a_folder_of_its_own",
     "tests/commands/test_validate.py::test_a_clean_data_set_exits_with_0",
     "tests/commands/test_verify.py::test_images_that_cannot_be_read_fail_again_and_caveats_are_those_of_the_data",
-    "tests/harness/test_input_errors.py::test_a_run_with_errors_is_none_without",
+    "tests/harness/test_method_input.py::test_a_run_with_errors_is_none_without",
     "tests/harness/test_stages.py::test_a_method_is_asked_once_for_any_number_of_protocols",
     "tests/methods/test_predictions.py::test_an_image_is_named_by_its_file_or_its_time_below_recording_and_camera",
     "tests/reporting/page/test_page.py::test_every_section_opens_with_a_sentence",

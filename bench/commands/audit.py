@@ -126,12 +126,10 @@ def audit_folder(card: DatasetCard, out: str | Path | None) -> Path:
 def show(found: Audit) -> int:
     """Print the tables, the cost, failures and files."""
     from bench.reporting.audit_tables import for_terminal
-    from bench.reporting.run_tables import stage_times
 
     print_blocks(for_terminal(found.tables))
     summary, made = found.summary, found.summary.provenance
-    stages = stage_times(made.stage_seconds)
-    say(f"{made.images} images of {summary.recordings} recordings in {made.seconds:.1f} s ({stages})")
+    say(f"{made.images} images of {summary.recordings} recordings in {made.seconds:.1f} s")
     for remark in found.remarks:
         say(remark)
     print_failures(summary.failures, all_in="audit.json")

@@ -29,7 +29,6 @@ from bench.reference import Category
 from bench.reporting.charts import Chart, draw_charts, figure_uri
 from bench.reporting.compare import pair_on_common_images, read_comparable
 from bench.reporting.document import (
-    Bar,
     Block,
     Cell,
     Choice,
@@ -103,21 +102,6 @@ def _cause_table(metrics: Summary, *, of_recordings: str) -> Table | None:
         rows=[[name.replace("_", " "), bar_cell(cause)] for name, cause in ordered],
         look="narrow",
     )
-
-
-def _time_table(stage_seconds: Mapping[str, float], *, images: int) -> Table:
-    """The stages of a run, the longest first."""
-    total = sum(stage_seconds.values()) or 1.0
-    return Table(
-        title="Share of the time by stage",
-        columns=["stage", "share"],
-        rows=[
-            [name, Cell(f"{1000 * seconds / max(images, 1):.1f} ms per image ({seconds:.1f} s)",
-                        bar=Bar(share=seconds / total))]
-            for name, seconds in sorted(stage_seconds.items(), key=lambda item: -item[1])
-        ],
-        look="narrow",
-    )  # fmt: skip
 
 
 def _origin_table(run: StoredRun) -> Table:
@@ -373,7 +357,7 @@ def _sections(
 ) -> Iterator[Group]:
     """The sections of the page, each of which opens with a sentence."""
     section = partial(Group, look="section")
-    whole, metrics, summary, made = run.category is None, run.metrics, run.summary, run.summary.provenance
+    whole, metrics, summary = run.category is None, run.metrics, run.summary
     cards = [card for *_, of_gallery in galleries for card in of_gallery]
     charts = draw_charts(run)
     banded = "unknown_share" in metrics.all_moving.metric_names()
@@ -413,11 +397,6 @@ def _sections(
     yield section(name="worst", title="Worst cases", count=f"{len(cards)} cases",
                   blocks=[*_worst(galleries, missing, whole=whole, pictures=pictures)])  # fmt: skip
     yield _object_section(run, cards)
-    rate = f", {made.images_asked / made.seconds:.1f} images per second" if made.seconds and made.images_asked else ""
-    rate = rate if made.images_asked else ", since all answers were stored already"
-    yield section(name="time", title="Time", blocks=[
-        Paragraph("Time of every stage of the run, per image, for all protocols of its pass; the whole took "
-                  f"{made.seconds:.1f} s{rate}."), _time_table(made.stage_seconds, images=made.images)])  # fmt: skip
     yield section(name="origin", title="Origin of the values", blocks=[
         Paragraph("What made this run; the same code, settings and data give the same values."),
         _origin_table(run)])  # fmt: skip
