@@ -1,15 +1,8 @@
-"""From reviews to annotations, and label files on disk.
-
-What a person made or changed is replaced only on request, and then a copy of it stays. Beside the files lies a record
-of their digests as they were written. A file that is there in another state, or without a record, is somebody's work.
-"""
+"""From reviews to annotations, and label files on disk."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
-from contextlib import suppress
 from itertools import count
 from os.path import lexists
 from pathlib import Path
@@ -18,13 +11,11 @@ import numpy as np
 
 from bench.annotation.decisions import ReviewedTrack, applied, rotated
 from bench.annotation.store import Review
-from bench.atomic import write_bytes, write_text
+from bench.atomic import write_bytes
 from bench.errors import DataError, OutputError
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, ObjectState, Recording, Track
 from bench.records.recording import world_yaw_rates
-
-RECORD = ".written-labels"  # name -> SHA-256 of what was written
 
 
 def to_tracks(review: Review, recording: Recording, *, unreviewed: bool = False) -> tuple[Track, ...]:
@@ -43,9 +34,9 @@ def to_tracks(review: Review, recording: Recording, *, unreviewed: bool = False)
         DataError: a time without ego-motion.
         UsageError: decisions that cannot be carried out.
     """
-    tracks = applied(review)
     wanted = {"open", "accepted"} if unreviewed else {"accepted"}
-    return tuple(to_track(track, recording, reviewed=not unreviewed) for track in tracks if track.status in wanted)
+    tracks = [track for track in applied(review).values() if track.status in wanted]
+    return tuple(to_track(track, recording, reviewed=not unreviewed) for track in tracks)
 
 
 def refuse_unfinished(review: Review, recording: Recording, file: Path) -> None:
@@ -55,14 +46,14 @@ def refuse_unfinished(review: Review, recording: Recording, file: Path) -> None:
         DataError: tracks without a decision, or sweeps that were not watched.
     """
     hint = "finish it with `fisheye-bench annotate review`, or take --unreviewed"
-    undecided = [track.id for track in applied(review) if track.status == "open"]
+    undecided = [track.id for track in applied(review).values() if track.status == "open"]
     if undecided:
         got = f"{len(undecided)} without one, the first {undecided[0]}"
         raise DataError(file, field="decisions", expected="a decision on each track", got=got, hint=hint)
-    times_ns = [sweep.timestamp_ns for sweep in recording.sweeps]
-    unseen = sum(not review.covers([time_ns]) for time_ns in times_ns)
+    watched_ns = set(review.watched_ns)
+    unseen = sum(sweep.timestamp_ns not in watched_ns for sweep in recording.sweeps)
     if unseen:
-        got = f"{unseen} of {len(times_ns)} sweeps that nobody watched"
+        got = f"{unseen} of {len(recording.sweeps)} sweeps that nobody watched"
         raise DataError(file, field="watched_ns", expected="a drive that was watched to its end", got=got, hint=hint)
 
 
@@ -107,44 +98,22 @@ def store_labels(folder: Path, files: Mapping[str, bytes], *, overwrite: bool = 
     Args:
         folder: of the files; made where it is not there.
         files: name -> content.
-        overwrite: replace also what a person made or changed, and keep a copy of it, `<name>.1` and on.
+        overwrite: replace also files of another content, and keep a copy of each, `<name>.1` and on.
 
     Returns:
         The copies.
 
     Raises:
-        OutputError: a file that a person made or changed is in the way, or one that cannot be written.
+        OutputError: a file of another content is in the way, or one cannot be written.
     """
-    record = _record(folder)
-    foreign = [name for name, content in files.items() if _is_foreign(folder / name, content, record.get(name))]
-    if foreign and not overwrite:
-        got = "labels that a person made or changed"
+    others = [name for name in files if (folder / name).is_file() and (folder / name).read_bytes() != files[name]]
+    if others and not overwrite:
         hint = "give another folder; or --overwrite, which keeps a copy of them"
-        raise OutputError(folder / foreign[0], got=got, hint=hint)
+        raise OutputError(folder / others[0], got="other labels that are there", hint=hint)
     copies = []
-    for name in foreign:
-        copy = next(path for i in count(1) if not lexists(path := folder / f"{name}.{i}"))
-        write_bytes(copy, (folder / name).read_bytes())
-        copies.append(copy)
+    for name in others:
+        copies.append(next(path for i in count(1) if not lexists(path := folder / f"{name}.{i}")))
+        write_bytes(copies[-1], (folder / name).read_bytes())
     for name, content in files.items():
         write_bytes(folder / name, content)
-    written = record | {name: _digest(content) for name, content in files.items()}
-    write_text(folder / RECORD, json.dumps(written, indent=1, sort_keys=True) + "\n")
     return tuple(copies)
-
-
-def _is_foreign(file: Path, content: bytes, written: str | None) -> bool:
-    if not file.is_file():  # a folder is refused when it is written
-        return False
-    return _digest(file.read_bytes()) not in {written, _digest(content)}
-
-
-def _record(folder: Path) -> dict[str, str]:
-    with suppress(OSError, ValueError):  # without a readable record everything is somebody's work
-        record = json.loads((folder / RECORD).read_bytes())
-        return record if isinstance(record, dict) else {}
-    return {}
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()

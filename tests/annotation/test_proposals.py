@@ -8,9 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.annotation import evaluate_proposals, proposal_scores, propose
-from bench.annotation.boxes import Box, guess_class
+from bench.annotation.boxes import Box, Motion, _visible_shift, guess_class
 from bench.annotation.proposals import is_own
-from bench.annotation.registration import Motion
 from bench.annotation.settings import ProposalSettings
 from bench.annotation.tracking import Fragment
 from bench.errors import DataError
@@ -18,17 +17,6 @@ from bench.geometry import RigidTransform
 from bench.recordings import NOT_ANNOTATED
 from tests.annotation.street import COARSE, annotated, street
 from tests.validation import drive
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    return street(tmp_path_factory.mktemp("proposals") / "street")
-
-
-@pytest.fixture(scope="module")
-def proposals(recording):
-    raw = replace(recording, tracks=(), annotated=NOT_ANNOTATED)
-    return propose(raw, settings=COARSE)
 
 
 def speeds(proposal):
@@ -218,3 +206,11 @@ def test_a_proposal_as_annotation(recording, proposals):
     np.testing.assert_allclose(centre, proposals[0].centres_m[3], atol=1e-9)
     velocity = world_from_vehicle.rotate(track.states[3].velocity_mps)
     np.testing.assert_allclose(velocity[:2], proposals[0].velocity_mps[3], atol=1e-9)
+
+
+@pytest.mark.parametrize("returns", [4, 40])
+def test_a_long_object_is_shifted_by_the_ends_that_both_sweeps_see(returns):
+    side = np.column_stack([np.linspace(0.0, 4.0, returns), np.zeros(returns), np.ones(returns)])
+    uncut = np.zeros(returns, dtype=bool)
+    moved = side + np.array([0.5, 0.0, 0.0])
+    np.testing.assert_allclose(_visible_shift((side, moved), (uncut, uncut), np.array([0.3, 0.0])), [0.5, 0.0])

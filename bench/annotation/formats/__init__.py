@@ -6,21 +6,7 @@ frames, units and classes that the files do not say are asked for. A format of a
 `bench.annotation.formats.contract.LabelFormat`.
 """
 
-from bench.annotation.formats.contract import LabelOptions, LabelSet
-from bench.annotation.formats.conversion import (
-    export_labels,
-    import_labels,
-    known_formats,
-    label_format,
-    writable_format,
-)
+from bench.annotation.formats.contract import LabelOptions
+from bench.annotation.formats.conversion import LabelSet, import_labels, known_formats, label_format
 
-__all__ = [
-    "LabelOptions",
-    "LabelSet",
-    "export_labels",
-    "import_labels",
-    "known_formats",
-    "label_format",
-    "writable_format",
-]
+__all__ = ["LabelOptions", "LabelSet", "import_labels", "known_formats", "label_format"]

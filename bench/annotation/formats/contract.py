@@ -1,19 +1,34 @@
-"""The contract of label formats: what one reads, what it writes, and what the user says about the files."""
+"""The contract of label formats, and how classes, frames and times of a tool's files become those of a recording.
+
+A frame is called as the file of its sweep, with or without leading zeros of a number, or as the sweep's time in
+nanoseconds; all frames of a source in the same way. Frames that a tool counts by itself pair with sweeps only where the
+user says which number the first sweep has, so that one sweep that is missing never shifts all others by one.
+"""
 
 from __future__ import annotations
 
-import re
-import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from bisect import bisect_left
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bench.errors import DataError, UsageError
-from bench.recordings import OBJECT_CLASSES, ObjectState, Recording, Track
+from bench.geometry import RigidTransform
+from bench.plain_text import listed
+from bench.recordings import (
+    OBJECT_CLASSES,
+    Cuboid,
+    GroundPolygon,
+    ObjectState,
+    PointIndices,
+    Recording,
+    SweepRef,
+    Track,
+)
 
 UNCLEAR = "unclear"  # in place of a class: nobody can tell what it is, so that its area is not scored
 OWN_FRAMES = ("vehicle", "lidar", "world")
@@ -26,14 +41,11 @@ WELL_KNOWN: dict[str, str | None] = {  # names that need no explanation, in lowe
     ),
     **dict.fromkeys(("dontcare", "don't care", "dont_care", "ignore"), UNCLEAR),
 }
-CLASS_HINTS = {  # whole words of names, for proposals; the first that fits
-    "none": ("ego", "egocar", "stop", "sign", "lane", "cone", "barrier"),
-    "cyclist": ("cyclist", "bicyclist", "motorcyclist", "bicycle", "motorcycle", "bike", "motorbike", "rider"),
-    "pedestrian": ("pedestrian", "person", "people", "human", "adult", "child", "walker"),
-    "vehicle": ("vehicle", "car", "truck", "lorry", "bus", "van", "tram", "trailer"),
-    "animal": ("animal", "dog", "deer", "horse", "cat"),
-}
-SHOWN_HINTS = 6
+SHOWN = 5  # names that a message lists
+LARGEST_BYTES = 500_000_000  # of one file
+LONGEST_NUMBER = 19  # digits of a time in nanoseconds
+NEAR_NS = 1_000_000  # a time so near to a sweep's is the sweep's: tools round
+BEYOND_NS = 1_000_000_000  # times may be so far outside of the recording
 Files = dict[str, bytes]  # name -> content
 
 
@@ -44,10 +56,9 @@ class Observation:
     Attributes:
         track: the object's id; empty where the files have none.
         label: the tool's class.
-        state: in the vehicle frame; without velocity where the files have none.
-        middle_m: (3,) float64, m, world frame, mean of the object's points; None for shapes, NaN without ego-motion.
+        state: a box or points, in the vehicle frame; without velocity where the files have none.
+        middle_m: (3,) float64, m, world frame, mean of the object's points; None for boxes, NaN without ego-motion.
         seen_ns: mean time of these points.
-        instance_id: the object's number in truth images, where the files have it.
     """
 
     track: str
@@ -55,7 +66,6 @@ class Observation:
     state: ObjectState
     middle_m: NDArray[np.float64] | None = None
     seen_ns: int = 0
-    instance_id: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,24 +78,9 @@ class ToolLabels:
         lost: one line for each thing that was not read.
     """
 
-    observations: tuple[Observation, ...]
-    timestamps_ns: tuple[int, ...]
-    lost: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LabelSet:
-    """Annotations of one recording, and when the scene was annotated.
-
-    Attributes:
-        tracks: objects; their states are in the vehicle frame at each state's time.
-        timestamps_ns: all annotated times, also those at which the scene held nothing, increasing.
-        lost: one line for each thing that the source does not hold or that was lost in the translation.
-    """
-
-    tracks: tuple[Track, ...]
-    timestamps_ns: tuple[int, ...]
-    lost: tuple[str, ...] = ()
+    observations: Sequence[Observation]
+    timestamps_ns: Sequence[int]
+    lost: Sequence[str] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,8 +114,8 @@ class LabelOptions:
                     raise UsageError(f"{kind} {name!r}: expected one of {named}, got {ours!r}")
 
 
-class LabelFormat(Protocol):
-    """Translates the files of a tool to observations; without state.
+class LabelFormat(ABC):
+    """Translates the files of a tool; without state.
 
     Attributes:
         name: as the registry knows it, for example "openlabel".
@@ -130,6 +125,7 @@ class LabelFormat(Protocol):
     name: str
     description: str
 
+    @abstractmethod
     def read(self, source: Path, recording: Recording, options: LabelOptions) -> ToolLabels:
         """Read labels.
 
@@ -141,26 +137,22 @@ class LabelFormat(Protocol):
         Raises:
             DataError: not what the format asks for, or frames that do not pair with the recording's.
         """
-        ...
 
-
-@runtime_checkable
-class WritableFormat(LabelFormat, Protocol):
-    """A format that can be written, too."""
-
-    def write(self, label_set: LabelSet, recording: Recording, options: LabelOptions) -> tuple[Files, tuple[str, ...]]:
-        """Return the files that hold a label set.
+    def write(self, recording: Recording, options: LabelOptions) -> tuple[Files, list[str]]:  # noqa: ARG002
+        """Return the annotations of a recording as a tool's files.
 
         Args:
-            label_set: the annotations.
-            recording: what they belong to.
-            options: what the files should look like.
+            recording: with its annotations; all its sweeps count as annotated.
+            options: names of classes.
 
         Returns:
             files: name -> content.
             lost: one line for each thing that the format cannot hold.
+
+        Raises:
+            UsageError: a format that is only read.
         """
-        ...
+        raise UsageError(f"format {self.name!r}: expected one that can be written, got one that is only read")
 
 
 def map_classes(labels: Iterable[str], options: LabelOptions, *, source: Path) -> dict[str, str | None]:
@@ -181,29 +173,16 @@ def map_classes(labels: Iterable[str], options: LabelOptions, *, source: Path) -
     classes = sorted(set(labels))
     unknown = [name for name in classes if name.casefold() not in table]
     if unknown:
+        known = ", ".join(OBJECT_CLASSES)
+        hint = f"map each of them, as --class '{unknown[0]}=CLASS'; CLASS is one of {known}, unclear (not scored "
         raise DataError(
             source,
             field="classes",
-            expected=f"classes that map to one of {', '.join(OBJECT_CLASSES)}",
+            expected=f"classes that map to one of {known}",
             got=", ".join(repr(name) for name in unknown),
-            hint=_class_hint(unknown),
+            hint=f"{hint}there), or none to leave the objects out",
         )
     return {name: table[name.casefold()] for name in classes}
-
-
-def _class_hint(unknown: Sequence[str]) -> str:
-    """Options that map the classes, with a proposal for those with a telling name."""
-    proposed = {name: _proposed_class(name) for name in unknown[:SHOWN_HINTS]}
-    options = " ".join(f"--class {shlex.quote(f'{name}={ours}')}" for name, ours in proposed.items())
-    more = " and so on" if len(unknown) > SHOWN_HINTS else ""
-    known = f"{', '.join(OBJECT_CLASSES)}, unclear (not scored there), or none to leave the objects out"
-    asked = f"; CLASS is one of {known}" if "CLASS" in proposed.values() or more else ""
-    return f"map each of them: {options}{more}{asked}"
-
-
-def _proposed_class(name: str) -> str:
-    words = {word.casefold() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)}
-    return next((ours for ours, known in CLASS_HINTS.items() if words & set(known)), "CLASS")
 
 
 def tool_class(object_class: str, options: LabelOptions, defaults: Mapping[str, str] | None = None) -> str:
@@ -216,3 +195,116 @@ def tool_class(object_class: str, options: LabelOptions, defaults: Mapping[str, 
     """
     default = object_class if defaults is None else defaults[object_class]
     return next((name for name, ours in options.classes.items() if ours == object_class), default)
+
+
+def pair_with_sweeps(
+    names: Collection[str], recording: Recording, options: LabelOptions, *, source: Path
+) -> dict[str, SweepRef]:
+    """The sweep of each frame.
+
+    Args:
+        names: of the tool's frames: stems of files, or numbers as text.
+        recording: what was annotated.
+        options: for `first_frame`.
+        source: the tool's file or folder, for messages.
+
+    Returns:
+        Name -> sweep, in the order of the sweeps.
+
+    Raises:
+        DataError: frames that fit no sweep, fit some only, or two frames of one sweep.
+    """
+    sweeps = recording.sweeps
+    if not sweeps:
+        raise DataError(source, expected=f"a recording with lidar sweeps, as {recording.name!r}", got="none")
+    stems = [sweep.path.stem for sweep in sweeps]
+    expected = f"frames named like the {len(sweeps)} sweeps, {stems[0]} to {stems[-1]}"
+    hint = "name frames after the sweeps; or, where they are counted, say with --first-frame which the first is"
+    ways = [stems, [_plain(stem) for stem in stems], [str(sweep.timestamp_ns) for sweep in sweeps]]
+    if (first := options.first_frame) is not None:
+        expected = f"frames from {first} to {first + len(sweeps) - 1}"
+        hint = "--first-frame is the number of the recording's first sweep"
+        ways = [[str(first + i) for i in range(len(sweeps))]]
+    keyed = [dict(zip(way, sweeps, strict=True)) for way in ways]
+    pairs = [{name: way[key] for name in names for key in (name, _plain(name)) if key in way} for way in keyed]
+    paired = max(pairs, key=len)
+    if unpaired := [name for name in names if name not in paired]:
+        raise DataError(source, field="frames", expected=expected, got=listed(unpaired, SHOWN), hint=hint)
+    frames: dict[int, str] = {}
+    for name, sweep in paired.items():
+        if (other := frames.setdefault(sweep.timestamp_ns, name)) != name:
+            got = f"{other!r} and {name!r} of {sweep.path.name}"
+            raise DataError(source, expected="one frame for each sweep", got=got)
+    return dict(sorted(paired.items(), key=lambda item: item[1].timestamp_ns))
+
+
+def _plain(name: str) -> str:
+    """A number without leading zeros; anything else as it is."""
+    return str(int(name)) if name.isascii() and name.isdigit() and len(name) <= LONGEST_NUMBER else name
+
+
+def recording_times(times_ns: Sequence[int], recording: Recording, *, source: Path, field: str) -> list[int]:
+    """Times of a file as times of the recording: within a millisecond of a sweep's they are the sweep's.
+
+    Args:
+        times_ns: int, since the epoch of the recording.
+        recording: what was annotated.
+        source: the file, for messages.
+        field: of the times.
+
+    Raises:
+        DataError: a time more than a second outside of the recording.
+    """
+    sweeps_ns = sorted(sweep.timestamp_ns for sweep in recording.sweeps)
+    images_ns = [image.timestamp_ns for images in recording.images.values() for image in images]
+    first_ns, last_ns = min([*sweeps_ns, *images_ns], default=0), max([*sweeps_ns, *images_ns], default=0)
+    paired = []
+    for time_ns in times_ns:
+        if not first_ns - BEYOND_NS <= time_ns <= last_ns + BEYOND_NS:
+            expected = f"times of the recording, {first_ns} to {last_ns} ns"
+            hint = "give the unit of the times with --time-unit, or the right recording"
+            raise DataError(source, field=field, expected=expected, got=f"{time_ns} ns", hint=hint)
+        place = bisect_left(sweeps_ns, time_ns)
+        near = [t for t in sweeps_ns[max(place - 1, 0) : place + 1] if abs(t - time_ns) <= NEAR_NS]
+        paired.append(min(near, key=lambda t: abs(t - time_ns), default=time_ns))
+    return paired
+
+
+def vehicle_from_own(frame: str, timestamp_ns: int, recording: Recording) -> RigidTransform:
+    """The vehicle frame at a time from one of `OWN_FRAMES`.
+
+    Raises:
+        DataError: "world" at a time without ego-motion.
+    """
+    if frame == "world":
+        return recording.trajectory.world_from_vehicle(timestamp_ns).inverse()
+    return recording.vehicle_from_lidar if frame == "lidar" else RigidTransform.identity()
+
+
+def box_state(
+    timestamp_ns: int, vehicle_from_box: RigidTransform, size_m: ArrayLike, velocity_mps: ArrayLike = (np.nan,) * 3
+) -> ObjectState:
+    """A box in the vehicle frame, its full size (3,), m, and its velocity over the ground (3,), m/s, where known."""
+    shape = Cuboid(vehicle_from_object=vehicle_from_box, size_m=np.asarray(size_m, dtype=np.float64))
+    velocity = np.asarray(velocity_mps, dtype=np.float64)
+    return ObjectState(timestamp_ns=timestamp_ns, shape=shape, velocity_mps=velocity)
+
+
+def data_lost(tracks: Sequence[Track], *, velocities: bool) -> list[str]:
+    """Lines for what boxes alone cannot hold.
+
+    Args:
+        tracks: that are written.
+        velocities: whether the format has a place for them.
+    """
+    states = [state for track in tracks for state in track.states]
+    counts = {
+        "ground outlines": sum(isinstance(state.shape, GroundPolygon) for state in states),
+        "places that are given by points": sum(isinstance(state.shape, PointIndices) for state in states),
+        "velocities": sum(bool(np.isfinite(state.velocity_mps).all()) for state in states if not velocities),
+        "yaw rates": sum(bool(state.yaw_rate_radps) for state in states),
+        "kinds of motion (category)": sum(state.category is not None for state in states),
+        "marks of unclear objects": sum(state.unclear for state in states),
+        "numbers in truth images (instance_id)": sum(track.instance_id is not None for track in tracks),
+    }
+    return [f"{count} {what}: no field for them" for what, count in counts.items() if count]

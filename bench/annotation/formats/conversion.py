@@ -1,4 +1,4 @@
-"""The registered label formats, and the conversion of a tool's files to tracks and back.
+"""The registered label formats, and the conversion of a tool's files to tracks.
 
 Velocities that files do not hold come from places; objects without ids are followed from time to time.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,20 +15,11 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from bench.annotation.formats.contract import (
-    UNCLEAR,
-    Files,
-    LabelFormat,
-    LabelOptions,
-    LabelSet,
-    Observation,
-    WritableFormat,
-    map_classes,
-)
+from bench.annotation.formats.contract import UNCLEAR, LabelFormat, LabelOptions, Observation, map_classes
 from bench.egomotion import Trajectory
-from bench.errors import DataError, UnknownNameError, UsageError
+from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_targets
-from bench.recordings import Cuboid, GroundPolygon, ObjectState, Recording, Track
+from bench.recordings import Cuboid, ObjectState, Recording, Track
 from bench.records.recording import world_velocities, world_yaw_rates
 from bench.times import SECOND_NS
 
@@ -38,13 +29,27 @@ LABEL_FORMATS = {
     "boxes": "bench.annotation.formats.table:BoxTable",
     "openlabel": "bench.annotation.formats.openlabel:OpenLabelFormat",
     "cvat": "bench.annotation.formats.tracklets:CvatTracklets",
-    "kitti-tracklets": "bench.annotation.formats.tracklets:KittiTracklets",
     "semantickitti": "bench.annotation.formats.semantickitti:SemanticKitti",
 }
 LONGEST_GAP_NS = SECOND_NS  # an object that was out of sight for longer says nothing of its speed
 WINDOW_NS = SECOND_NS  # the visible side of an object changes: shorter windows give its jitter, not its motion
 FASTEST_MPS = {"pedestrian": 5.0, "cyclist": 15.0, "animal": 15.0, "vehicle": 30.0, "unclear": 30.0}
 JITTER_M = 1.0  # of the middle of what is seen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LabelSet:
+    """Annotations of one recording, and when the scene was annotated.
+
+    Attributes:
+        tracks: objects; their states are in the vehicle frame at each state's time.
+        timestamps_ns: all annotated times, also those at which the scene held nothing, increasing.
+        lost: one line for each thing that the source does not hold or that was lost in the translation.
+    """
+
+    tracks: tuple[Track, ...]
+    timestamps_ns: tuple[int, ...]
+    lost: tuple[str, ...] = ()
 
 
 def known_formats() -> dict[str, str]:
@@ -63,19 +68,6 @@ def label_format(name: str) -> LabelFormat:
     if name not in known:
         raise UnknownNameError("label format", name, known)
     chosen: LabelFormat = imported(known[name], expected=f"format {name!r}: expected a class")()
-    return chosen
-
-
-def writable_format(name: str) -> WritableFormat:
-    """A format of labels that can be written.
-
-    Raises:
-        UnknownNameError: no such format.
-        UsageError: a format that is only read.
-    """
-    chosen = label_format(name)
-    if not isinstance(chosen, WritableFormat):
-        raise UsageError(f"format {name!r}: expected one that can be written, got one that is only read")
     return chosen
 
 
@@ -100,14 +92,13 @@ def import_labels(format_name: str, source: Path, recording: Recording, options:
     tracks = [_track(name, seen, classes, recording, source) for name, seen in by_track.items()]
     if single := sum(len(track.states) == 1 for track in tracks):
         lost.append(f"{single} objects are seen once, so that their speed is unknown where the files do not say it")
-    times_ns = sorted(set(labels.timestamps_ns))
-    missing = [sweep for sweep in recording.sweeps if sweep.timestamp_ns not in set(times_ns)]
-    if missing:
+    times_ns = set(labels.timestamps_ns)
+    if missing := [sweep for sweep in recording.sweeps if sweep.timestamp_ns not in times_ns]:
         lost.append(
             f"{len(missing)} of {len(recording.sweeps)} sweeps have no frame in the source, first "
             f"{missing[0].path.name}: their images count as annotated unless the card excludes them"
         )
-    return LabelSet(tracks=tuple(tracks), timestamps_ns=tuple(times_ns), lost=tuple(lost))
+    return LabelSet(tracks=tuple(tracks), timestamps_ns=tuple(sorted(times_ns)), lost=tuple(lost))
 
 
 def _by_track(
@@ -122,7 +113,7 @@ def _by_track(
         else:
             loose[observation.label][observation.state.timestamp_ns].append(observation)
     for label, by_time in loose.items():
-        places_m = [np.array([_place(o, recording) for o in together]) for together in by_time.values()]
+        places_m = [_places(together, recording.trajectory) for together in by_time.values()]
         numbers = followed(list(by_time), places_m, fastest_mps=FASTEST_MPS[classes[label] or UNCLEAR])
         for together, row in zip(by_time.values(), numbers, strict=True):
             for observation, number in zip(together, row, strict=True):
@@ -132,13 +123,16 @@ def _by_track(
     return tracks
 
 
-def _place(observation: Observation, recording: Recording) -> np.ndarray:
-    """(3,) m, world frame; NaN without ego-motion."""
-    if observation.middle_m is not None:
-        return observation.middle_m
-    rotations, positions_m, valid = recording.trajectory.at(np.array([observation.state.timestamp_ns]))
-    world_m = rotations[0] @ centre(observation.state) + positions_m[0]
-    return world_m if valid[0] else np.full(3, np.nan)
+def _places(seen: Sequence[Observation], trajectory: Trajectory) -> Floats:
+    """(N, 3) m, world frame, middles of boxes or points; NaN without ego-motion."""
+    rotations, positions_m, _ = trajectory.at(np.array([o.state.timestamp_ns for o in seen], dtype=np.int64))
+    places_m = np.empty((len(seen), 3))
+    for i, observation in enumerate(seen):
+        if isinstance(shape := observation.state.shape, Cuboid):
+            places_m[i] = rotations[i] @ shape.vehicle_from_object.translation_m + positions_m[i]
+        else:
+            places_m[i] = observation.middle_m
+    return places_m
 
 
 def _track(
@@ -153,103 +147,42 @@ def _track(
             raise DataError(source, field=field, expected="one place at each time", got=f"{count} at {time_ns}")
     ours = classes[seen[0].label]
     assert ours is not None
-    if (middles_m := [o.middle_m for o in seen if o.middle_m is not None]) and len(middles_m) == len(seen):
-        states = _with_point_motion(seen, np.array(middles_m), recording)
-    else:
-        states = with_motion([o.state for o in seen], recording.trajectory)
+    states = with_motion(seen, recording.trajectory)
     if ours == UNCLEAR:
         states = [replace(state, unclear=True) for state in states]
     object_class = "vehicle" if ours == UNCLEAR else ours  # of what is not scored it does not matter
-    return Track(track_id=name, object_class=object_class, states=tuple(states), instance_id=seen[0].instance_id)
+    return Track(track_id=name, object_class=object_class, states=tuple(states))
 
 
-def _with_point_motion(seen: Sequence[Observation], middles_m: np.ndarray, recording: Recording) -> list[ObjectState]:
-    """States of points, with the velocities of their middles."""
-    world_mps = middle_velocities(np.array([o.seen_ns for o in seen], dtype=np.int64), middles_m)
-    rotations, _, _ = recording.trajectory.at(np.array([o.state.timestamp_ns for o in seen], dtype=np.int64))
-    velocities = np.einsum("nji,nj->ni", rotations, world_mps)
-    return [replace(o.state, velocity_mps=velocity) for o, velocity in zip(seen, velocities, strict=True)]
+def with_motion(seen: Sequence[Observation], trajectory: Trajectory) -> list[ObjectState]:
+    """States with velocities, and of boxes with yaw rates, where they have none, from their places in the world.
 
-
-def export_labels(
-    format_name: str, recording: Recording, options: LabelOptions
-) -> tuple[LabelSet, Files, tuple[str, ...]]:
-    """Return a recording's annotations as a tool's files.
+    Velocities stay NaN where there is no ego-motion, and where an object is seen once in a second.
 
     Args:
-        format_name: of the files.
-        recording: with its annotations; all its sweeps count as looked at.
-        options: what the files should look like.
-
-    Returns:
-        label_set: what was handed to the format.
-        files: name -> content.
-        lost: one line for each thing that the format cannot hold.
-
-    Raises:
-        UnknownNameError: no such format.
-        UsageError: a format that is only read.
-        DataError: a recording without sweeps.
-    """
-    chosen = writable_format(format_name)
-    if not recording.sweeps:
-        raise DataError(recording.root, expected="lidar sweeps, which tools label", got=f"none in {recording.name!r}")
-    times_ns = {sweep.timestamp_ns for sweep in recording.sweeps}
-    times_ns |= {state.timestamp_ns for track in recording.tracks for state in track.states}
-    label_set = LabelSet(tracks=recording.tracks, timestamps_ns=tuple(sorted(times_ns)))
-    return label_set, *chosen.write(label_set, recording, options)
-
-
-def centre(state: ObjectState) -> Floats:
-    """Middle of a box or outline, (3,) m, vehicle frame."""
-    if isinstance(state.shape, Cuboid):
-        return state.shape.vehicle_from_object.translation_m
-    assert isinstance(state.shape, GroundPolygon)
-    return np.array([*state.shape.outline_m.mean(axis=0), (state.shape.bottom_m + state.shape.top_m) / 2.0])
-
-
-def with_motion(states: Sequence[ObjectState], trajectory: Trajectory) -> list[ObjectState]:
-    """States with velocities and yaw rates where they have none, from their places in the world.
-
-    States keep what they have where they have a velocity, where there is no ego-motion, and where an object is seen
-    once in a second; outlines give no yaw rate, and points named one by one neither.
-
-    Args:
-        states: of one object, by time.
+        seen: of one object, by time; boxes, or points.
         trajectory: of the ego vehicle.
     """
-    moved = list(states)
-    runs: list[list[int]] = []
-    for i, state in enumerate(states):
-        if isinstance(state.shape, Cuboid | GroundPolygon):
-            if not runs or state.timestamp_ns - states[runs[-1][-1]].timestamp_ns > LONGEST_GAP_NS:
-                runs.append([])
-            runs[-1].append(i)
-    for run in (run for run in runs if len(run) > 1):
-        for i, state in zip(run, _moved([states[i] for i in run], trajectory), strict=True):
-            moved[i] = state
-    return moved
-
-
-def _moved(states: Sequence[ObjectState], trajectory: Trajectory) -> list[ObjectState]:
+    states = [observation.state for observation in seen]
     times_ns = np.array([state.timestamp_ns for state in states], dtype=np.int64)
-    rotations, positions_m, valid = trajectory.at(times_ns)
-    world_m = np.einsum("nij,nj->ni", rotations, np.stack([centre(state) for state in states])) + positions_m
-    velocities = np.full_like(world_m, np.nan)
-    if valid.sum() > 1:
-        world_mps = world_velocities(times_ns[valid], world_m[valid])
-        velocities[valid] = np.einsum("nji,nj->ni", rotations[valid], world_mps)
-    turns = np.array([state.yaw_rate_radps for state in states])
-    boxes = [(i, state.shape) for i, state in enumerate(states) if valid[i] and isinstance(state.shape, Cuboid)]
-    if len(boxes) > 1:
-        rows = [i for i, _ in boxes]
-        headings = np.stack([box.vehicle_from_object.rotation for _, box in boxes])
-        turns[rows] = world_yaw_rates(times_ns[rows], rotations[rows] @ headings)
+    rotations, _, _ = trajectory.at(times_ns)
+    places_m, turns_radps = _places(seen, trajectory), np.zeros(len(seen))
+    boxes = [state.shape.vehicle_from_object.rotation for state in states if isinstance(state.shape, Cuboid)]
+    if boxes:
+        headings, world_mps = rotations @ np.stack(boxes), np.full(places_m.shape, np.nan)
+        for run in np.split(np.arange(len(seen)), np.flatnonzero(np.diff(times_ns) > LONGEST_GAP_NS) + 1):
+            known = run[np.isfinite(places_m[run]).all(axis=1)]
+            if len(known) > 1:
+                world_mps[known] = world_velocities(times_ns[known], places_m[known])
+                turns_radps[known] = world_yaw_rates(times_ns[known], headings[known])
+    else:
+        world_mps = middle_velocities(np.array([o.seen_ns for o in seen], dtype=np.int64), places_m)
+    velocities_mps = np.einsum("nji,nj->ni", rotations, world_mps)
     return [
-        replace(state, velocity_mps=velocities[i], yaw_rate_radps=state.yaw_rate_radps or float(turns[i]))
-        if np.isnan(state.velocity_mps).any() and valid[i]
+        replace(state, velocity_mps=velocity_mps, yaw_rate_radps=float(turn_radps))
+        if np.isnan(state.velocity_mps).any()
         else state
-        for i, state in enumerate(states)
+        for state, velocity_mps, turn_radps in zip(states, velocities_mps, turns_radps, strict=True)
     ]
 
 

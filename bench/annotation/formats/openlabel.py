@@ -1,8 +1,8 @@
-"""ASAM OpenLABEL 1.0 as other tools write it, translated into the part of it that annotation files use.
+"""Cuboids of ASAM OpenLABEL 1.0 as other tools write it, and annotations as files of the standard.
 
-Frames of coordinates: a system called "vehicle", "lidar" or "world" is ours of that name, and one with a stream of type
-lidar is the lidar; the user says by `--frame` which others are. Boxes in any other system follow the poses of the file
-to the nearest of these. Times are nanoseconds, or in the unit that the user gives; frames without times pair by number.
+Frames of coordinates: a system called "vehicle", "lidar" or "world" is ours of that name; the user says by `--frame`
+which others are. Boxes in any other system follow the poses of the file to the nearest of these. Times are nanoseconds,
+or in the unit that the user gives; frames without times pair by number.
 
 Source:
     ASAM OpenLABEL 1.0.0 and its JSON Schema.
@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from decimal import Decimal, InvalidOperation
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,130 +24,115 @@ from scipy.spatial.transform import Rotation
 from bench.annotation.formats.contract import (
     OWN_FRAMES,
     Files,
+    LabelFormat,
     LabelOptions,
-    LabelSet,
     Observation,
     ToolLabels,
+    box_state,
+    pair_with_sweeps,
+    recording_times,
     tool_class,
+    vehicle_from_own,
 )
-from bench.annotation.formats.sweeps import LARGEST, pair_with_sweeps, recording_times, refuse_large, vehicle_from_own
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings import MOTION_KINDS, Recording, openlabel
-from bench.recordings.annotations import annotation_document, read_state
-from bench.recordings.validation import LATEST_NS, FileModel, located, read_json, validated
+from bench.recordings import ObjectState, Recording, openlabel
+from bench.recordings.annotations import annotation_document
+from bench.recordings.validation import LATEST_NS, FileModel, Measured, located, read_json
 
 FILE = "openlabel.json"
-OWN_NAMES = {  # of data that annotation files have, too
-    "num": ("bottom_m", "top_m", "yaw_rate_radps", "sweep_timestamp_ns"),
-    "vec": ("velocity_mps", "point_indices"),
-    "text": ("category",),
-    "boolean": ("unclear",),
-    "poly2d": ("ground_outline",),
-}
-MOTION_DATA = ("yaw_rate_radps", "velocity_mps", "category", "unclear")  # what belongs to a box as well
 UPRIGHT = 0.5  # cosine to the vertical of a box's z, from which on the box is upright
 UNIT_ERROR = 1e-3  # of the length of a quaternion
 EULER_VALUES, QUATERNION_VALUES = 9, 10
-LONGEST_TIME = 64  # characters
+Time = Annotated[Decimal, Field(ge=-LATEST_NS, le=LATEST_NS)]  # nanoseconds have more digits than float
 
 
-class _Part(FileModel):
-    """Part of the file: keys that are not used are passed over."""
+class _Lenient(FileModel):
+    """Keys that are not read may be there."""
 
-    model_config = ConfigDict(extra="ignore")
+    model_config = ConfigDict(extra="allow")
 
 
-class _Pose(_Part):
+class _Pose(_Lenient):
     matrix4x4: list[float] | None = None
     quaternion: tuple[float, float, float, float] | None = None
     translation: tuple[float, float, float] | None = None
 
 
-class _System(_Part):
+class _System(_Lenient):
     parent: str = ""
     pose_wrt_parent: _Pose | None = None
 
 
-class _Transform(_Part):
+class _Transform(_Lenient):
     src: str
     dst: str
     transform_src_to_dst: _Pose
 
 
-class _Entry(_Part):
-    name: str = ""
-    val: Any = None
+class _Cuboid(_Lenient):
+    val: tuple[Measured, ...] = Field(min_length=EULER_VALUES, max_length=QUATERNION_VALUES)
     coordinate_system: str | None = None
-    mode: str = ""
-    closed: bool = False
-    attributes: dict[str, Any] = Field(default_factory=dict)
 
 
-class _Object(_Part):
+class _ObjectData(_Lenient):
+    cuboid: tuple[_Cuboid, ...] = ()
+
+
+class _Object(_Lenient):
     name: str = ""
     type: str = ""
     coordinate_system: str | None = None
-    object_data: dict[str, tuple[_Entry, ...]] = Field(default_factory=dict)  # by kind
+    object_data: _ObjectData = _ObjectData()
 
 
-class _Stream(_Part):
-    type: str = ""
-
-
-class _Properties(_Part):
-    timestamp: int | float | str | None = None  # whole numbers stay whole: nanoseconds have more digits than float
+class _Properties(_Lenient):
+    timestamp: Time | None = None
     transforms: dict[str, _Transform] = Field(default_factory=dict)
 
 
-class _Frame(_Part):
+class _Frame(_Lenient):
     frame_properties: _Properties = _Properties()
     objects: dict[str, _Object] = Field(default_factory=dict)
 
 
-class _Metadata(_Part):
+class _Metadata(_Lenient):
     schema_version: Annotated[str, Field(pattern=r"^1\.")]
 
 
-class _Root(_Part):
-    model_config = ConfigDict(extra="allow")  # to say what was not read
-
+class _Root(_Lenient):
     metadata: _Metadata
     coordinate_systems: dict[str, _System] = Field(default_factory=dict)
-    streams: dict[str, _Stream] = Field(default_factory=dict)
     objects: dict[str, _Object] = Field(default_factory=dict)
-    frames: dict[Annotated[str, Field(pattern=r"^[0-9]{1,18}$")], _Frame] = Field(default_factory=dict)
+    frames: dict[Annotated[str, Field(pattern=r"^[0-9]{1,18}$")], _Frame] = Field(default_factory=dict, min_length=1)
     frame_intervals: Any = None
 
 
-class _File(_Part):
+class _File(_Lenient):
     openlabel: _Root
 
 
-class OpenLabelFormat:
+class OpenLabelFormat(LabelFormat):
     """The standard's files."""
 
     name = "openlabel"
     description = "ASAM OpenLABEL 1.0 of any tool: cuboids in any coordinate system that the file places"
 
     def read(self, source: Path, recording: Recording, options: LabelOptions) -> ToolLabels:
-        """Read a file; arguments and errors as in `LabelFormat`."""
+        """Read the cuboids of a file; arguments and errors as in `LabelFormat`."""
         file = source / FILE if source.is_dir() else source
-        refuse_large(file)
-        content = read_json(_File, file).openlabel
-        reader = _Reader(content, recording, options, file)
-        observations = tuple(reader.observations())
+        reader = _Reader(read_json(_File, file).openlabel, recording, options, file)
+        observations = list(reader.observations())
         lost = [f"{count} {what}" for what, count in reader.lost.items()]
-        lost += [f"{name[:40]}: no field for them" for name in content.model_extra or ()]
-        return ToolLabels(observations=observations, timestamps_ns=tuple(reader.times_ns.values()), lost=tuple(lost))
+        return ToolLabels(observations=observations, timestamps_ns=list(reader.times_ns.values()), lost=lost)
 
-    def write(self, label_set: LabelSet, recording: Recording, options: LabelOptions) -> tuple[Files, tuple[str, ...]]:
+    def write(self, recording: Recording, options: LabelOptions) -> tuple[Files, list[str]]:
         """Write an annotation file whose objects have numbers, as the standard wants; arguments as in `LabelFormat`."""
-        document = annotation_document(label_set.tracks, label_set.timestamps_ns)
+        document = annotation_document(recording.tracks, [sweep.timestamp_ns for sweep in recording.sweeps])
         root = document["openlabel"]
-        uids = {track.track_id: str(i) for i, track in enumerate(label_set.tracks)}
-        for track in label_set.tracks:
+        for track in recording.tracks:
             root["objects"][track.track_id]["type"] = tool_class(track.object_class, options)
+        uids = {track.track_id: str(i) for i, track in enumerate(recording.tracks)}
         for part in (root, *root["frames"].values()):
             part["objects"] = {uids[name]: item for name, item in part["objects"].items()}
         w, *xyz = recording.vehicle_from_lidar.quaternion_wxyz.tolist()
@@ -157,18 +142,17 @@ class OpenLabelFormat:
         systems["lidar"] = {"type": "sensor_cs", "parent": vehicle, "children": [], "pose_wrt_parent": pose}
         if root["frames"]:
             root["frame_intervals"] = [{"frame_start": 0, "frame_end": len(root["frames"]) - 1}]
-        return {FILE: (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()}, ()
+        return {FILE: (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()}, []
 
 
 class _Reader:
-    """Translates objects, and counts in `lost` what has no field."""
+    """Translates cuboids, and counts in `lost` what is not read."""
 
     def __init__(self, content: _Root, recording: Recording, options: LabelOptions, file: Path) -> None:
         self._content, self._recording, self._file = content, recording, file
-        self.lost: Counter[str] = Counter()
+        self.lost: Counter[str] = Counter({f"{key[:40]}: no field for them": 1 for key in content.model_extra or ()})
         self.times_ns = self._frame_times(options)
-        lidars = {name: "lidar" for name, stream in content.streams.items() if stream.type == "lidar"}
-        self._own = {**{name: name for name in OWN_FRAMES}, **lidars, **options.frames}
+        self._own = {name: name for name in OWN_FRAMES} | dict(options.frames)
         self._edges = {
             (system.parent, name): self._pose(system.pose_wrt_parent, f"coordinate_systems.{name}.pose_wrt_parent")
             for name, system in content.coordinate_systems.items()
@@ -178,29 +162,17 @@ class _Reader:
     def _frame_times(self, options: LabelOptions) -> dict[str, int]:
         """The time of each frame: as it states, else of the sweep whose number it has."""
         frames = self._content.frames
-        if not frames:
-            hint = "an annotation needs times; export the labels with frames"
-            raise self._fault("openlabel.frames", "frames, to pair with sweeps", "none", hint)
         stamps = [frame.frame_properties.timestamp for frame in frames.values()]
         if options.first_frame is not None or all(stamp is None for stamp in stamps):
             sweeps = pair_with_sweeps(list(frames), self._recording, options, source=self._file)
             return {number: sweep.timestamp_ns for number, sweep in sweeps.items()}
         stated_ns = []
         for number, stamp in zip(frames, stamps, strict=True):
-            try:
-                value = Decimal(str(stamp)[:LONGEST_TIME].strip())
-            except InvalidOperation:
-                value = Decimal("nan")
-            if not value.is_finite() or value.copy_abs() > LATEST_NS:  # `abs` fails on exponents beyond its context
+            if stamp is None:
                 field = f"openlabel.frames.{number}.frame_properties.timestamp"
-                raise self._fault(field, "a number in each frame", repr(stamp)[:80])
-            stated_ns.append(round(value * options.unit_ns))
+                raise self._fault(field, "a time in each frame", "none")
+            stated_ns.append(round(stamp * options.unit_ns))
         times_ns = recording_times(stated_ns, self._recording, source=self._file, field="openlabel.frames: timestamp")
-        for time_ns, count in Counter(times_ns).items():
-            if count > 1:
-                hint = "--first-frame pairs frames by their numbers instead"
-                got = f"{count} frames of {time_ns} ns"
-                raise self._fault("openlabel.frames: timestamp", "one frame for each time", got, hint)
         return dict(zip(frames, times_ns, strict=True))
 
     def observations(self) -> Iterator[Observation]:
@@ -208,77 +180,48 @@ class _Reader:
         objects = self._content.objects
         names = [item.name for item in objects.values()]
         distinct = all(names) and len(set(names)) == len(names)
-        instances: dict[str, int | None] = dict.fromkeys(objects)
-        for uid, item in objects.items():
-            for kind, entries in item.object_data.items():
-                for entry in entries:
-                    if (kind, entry.name) == ("num", "instance_id"):
-                        values = {"name": entry.name, "val": entry.val}
-                        instances[uid] = validated(openlabel.InstanceData, values, file=self._file).val
-                    else:
-                        self.lost[f"{kind[:40]} {entry.name[:40]!r} of objects that no frame has: not read"] += 1
         seen = set()
+        for item in objects.values():
+            self._count_lost(item.object_data)
         for number, frame in self._content.frames.items():
             for uid, shown in frame.objects.items():
                 field = f"openlabel.frames.{number}.objects.{uid}"
                 if uid not in objects:
                     raise self._fault(field, "an object listed under openlabel.objects", repr(uid))
-                data = self._data(shown, objects[uid], number, f"{field}.object_data")
-                if not any(data[kind] for kind in ("cuboid", "poly2d", "vec")):
-                    continue
-                seen.add(uid)
-                place = f"{field}.object_data"
-                strict = validated(openlabel.FrameObjectData, _tupled(data), file=self._file, field=place)
-                yield Observation(
-                    track=objects[uid].name if distinct else uid,
-                    label=objects[uid].type,
-                    state=read_state(strict, self.times_ns[number], file=self._file, field=field),
-                    instance_id=instances[uid],
-                )
+                self._count_lost(shown.object_data)
+                for cuboid in shown.object_data.cuboid[:1]:
+                    system = cuboid.coordinate_system or shown.coordinate_system or objects[uid].coordinate_system
+                    seen.add(uid)
+                    yield Observation(
+                        track=objects[uid].name if distinct else uid,
+                        label=objects[uid].type,
+                        state=self._box(cuboid, system or "", number, f"{field}.object_data.cuboid"),
+                    )
         if unseen := len(objects) - len(seen):
-            self.lost["objects without any cuboid or outline in a frame, left out"] += unseen
+            self.lost["objects without any cuboid in a frame, left out"] += unseen
 
-    def _data(self, shown: _Object, item: _Object, number: str, field: str) -> dict[str, list[dict[str, Any]]]:
-        """Data of an object in a frame as annotation files have it; everything else is counted."""
-        data: dict[str, list[dict[str, Any]]] = {kind: [] for kind in ("cuboid", *OWN_NAMES)}
-        for kind, entries in shown.object_data.items():
-            for entry in entries:
-                for attribute in entry.attributes:
-                    self.lost[f"{attribute[:40]} attributes of {kind[:40]}: no field for them"] += 1
-                value = {"name": entry.name, "val": entry.val}
-                system = entry.coordinate_system or item.coordinate_system
-                if kind == "cuboid" and not data["cuboid"] and entry.val is not None:
-                    data["cuboid"].append(self._cuboid(entry.val, system or "", number, f"{field}.cuboid"))
-                elif entry.name not in OWN_NAMES.get(kind, ()):
-                    self.lost[f"{kind[:40]} {entry.name[:40]!r}: no field for it"] += 1
-                elif entry.name == "category" and entry.val not in MOTION_KINDS:
-                    self.lost["text 'category' that is no kind of motion: no field for it"] += 1
-                elif kind == "poly2d":
-                    more = {"mode": entry.mode, "closed": entry.closed}
-                    data[kind].append(value | more | {"coordinate_system": system or openlabel.COORDINATE_SYSTEM})
-                else:
-                    data[kind].append(value)
-        if data["cuboid"]:
-            for kind in OWN_NAMES:
-                data[kind] = [value for value in data[kind] if value["name"] in MOTION_DATA]
-        return data
+    def _count_lost(self, data: _ObjectData) -> None:
+        for kind, entries in (data.model_extra or {}).items():
+            self.lost[f"{kind[:40]}: no field for them"] += len(entries) if isinstance(entries, list) else 1
+        if len(data.cuboid) > 1:
+            self.lost["further cuboids of an object at one time"] += len(data.cuboid) - 1
+        if any("attributes" in (cuboid.model_extra or {}) for cuboid in data.cuboid):
+            self.lost["cuboids with attributes: no field for them"] += 1
 
-    def _cuboid(self, val: Any, system: str, number: str, field: str) -> dict[str, Any]:
+    def _box(self, cuboid: _Cuboid, system: str, number: str, field: str) -> ObjectState:
         """A box in the vehicle frame: nine values turn about the fixed x, y and z in turn, ten have a quaternion."""
-        listed = val if isinstance(val, list) and all(type(v) in {int, float} and abs(v) < LARGEST for v in val) else []
-        numbers = np.array(listed, dtype=np.float64)
-        if len(numbers) not in {EULER_VALUES, QUATERNION_VALUES}:
-            raise self._fault(f"{field}.val", "9 or 10 finite numbers", repr(val)[:80])
+        numbers = np.array(cuboid.val)
         if len(numbers) == EULER_VALUES:
             rotation = Rotation.from_euler("xyz", numbers[3:6])
         else:
-            rotation = self._rotation(numbers[3:7].tolist(), f"{field}.val")
+            rotation = self._rotation(cuboid.val[3:7], f"{field}.val")
         box = self._vehicle_from(system, number, field) @ RigidTransform(rotation.as_matrix(), numbers[:3])
         if box.rotation[2, 2] < UPRIGHT:
             got = f"one at {np.degrees(np.arccos(box.rotation[2, 2])):.0f} degrees"
             raise self._fault(f"{field}.val", "a box whose z points up", got)
-        w, *xyz = box.quaternion_wxyz.tolist()
-        return {"name": "shape", "val": [*box.translation_m.tolist(), *xyz, w, *numbers[-3:].tolist()]}
+        if min(size_m := cuboid.val[-3:]) <= 0:
+            raise self._fault(f"{field}.val", "sizes above 0", str(size_m))
+        return box_state(self.times_ns[number], box, size_m)
 
     def _vehicle_from(self, system: str, number: str, field: str) -> RigidTransform:
         """The vehicle frame from a system of the file, along the fewest poses to one that is ours."""
@@ -323,10 +266,3 @@ class _Reader:
 
     def _fault(self, field: str, expected: str, got: str, hint: str = "") -> DataError:
         return DataError(self._file, field=field, expected=expected, got=got, hint=hint)
-
-
-def _tupled(value: Any) -> Any:
-    """Lists as tuples, which is what models of values take."""
-    if isinstance(value, Mapping):
-        return {key: _tupled(part) for key, part in value.items()}
-    return tuple(_tupled(part) for part in value) if isinstance(value, list | tuple) else value

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bench.annotation.formats import LabelOptions, import_labels
+from bench.annotation.formats.semantickitti import near_groups
 from bench.errors import DataError
 from bench.lidar import LidarSweep, read_sweep
 from bench.recordings import PointIndices, SweepRef
@@ -99,29 +100,27 @@ def test_moving_points_without_instance_are_grouped_and_followed(tmp_path, drive
 
 
 def test_a_moving_mask_does_not_say_of_which_class(tmp_path, drive):
-    write_sequence(tmp_path / "predictions", {"car": (MOVING, 0), "walker": (300, 4)})
-    with pytest.raises(DataError, match=r"got 'moving'; map each of them: --class moving=CLASS"):
+    write_sequence(tmp_path / "predictions", {"car": (MOVING, 0)})
+    with pytest.raises(DataError, match=r"got 'moving'; map each of them, as --class 'moving=CLASS'"):
         read(tmp_path, drive)
-    count = street.POINTS * street.SWEEPS
-    label_set = read(tmp_path / "predictions", drive, LabelOptions(classes={"moving": "vehicle"}))
-    assert f"{count} points of label 300, which does not say moving" in label_set.lost
-    options = LabelOptions(classes={"moving": None, "300": "pedestrian"})
-    label_set = read(tmp_path, drive, options)
-    assert [(t.track_id, t.object_class) for t in label_set.tracks] == [("300-4", "pedestrian")]
-    assert any("places of class 'moving', left out as asked" in line for line in label_set.lost)
-    assert np.isfinite(label_set.tracks[0].states[0].velocity_mps).all()
-    assert np.abs(label_set.tracks[0].states[2].velocity_mps).max() > 0.5  # a number says nothing of standing
 
 
-def test_points_without_a_class_are_reported(tmp_path, drive):
-    write_sequence(tmp_path, {"car": (0, 0), "walker": (1, 0), "parked": (CAR, 0)})
+def test_a_chain_of_short_steps_is_one_group():
+    chain = [[0.4 * i, 0.0, 0.0] for i in range(10)]
+    apart = [[4.2, 0.0, 0.0], [4.2, 0.4, 0.0]]
+    assert near_groups(np.array(chain)).tolist() == [0] * 10
+    assert near_groups(np.array([*apart, *chain])).tolist() == [0, 0, *[1] * 10]
+    assert near_groups(np.array([[0.0, 0.0, 0.0], [0.0, 0.51, 0.0]])).tolist() == [0, 1]
+
+
+def test_points_of_other_labels_are_counted(tmp_path, drive):
+    write_sequence(tmp_path, {"car": (0, 0), "walker": (300, 0), "parked": (CAR, 0)})
     label_set = read(tmp_path, drive)
     count = street.POINTS * street.SWEEPS
     assert label_set.tracks == ()
     assert label_set.timestamps_ns == street.TIMES_NS
-    assert {f"{count} points of label {label}, which does not say moving" for label in (0, 1, CAR)} <= set(
-        label_set.lost
-    )
+    lost = {f"{count} points of label {label}, which does not say moving" for label in (0, 300, CAR)}
+    assert lost <= set(label_set.lost)
 
 
 def test_labels_count_in_the_sweep_as_it_is_stored(tmp_path, drive):
