@@ -342,7 +342,6 @@ def export_labels(
         bool,
         typer.Option("--annotated", help="With --format: write the annotations of the data set instead of reviews."),
     ] = False,
-    classes: Classes = None,
     overwrite: Overwrite = False,
 ) -> tuple[ConvertedLabels, ...]:
     """Write accepted tracks as annotations; refuse drives with undecided tracks or unwatched sweeps.
@@ -355,7 +354,6 @@ def export_labels(
         unreviewed: write what was proposed and not rejected instead; whatever uses it says so.
         format_name: of a tool's files; None for annotation files.
         annotated: write the annotations of the data set instead of reviews; asks for a format.
-        classes: as of `import_labels`.
         overwrite: replace other labels that are there, and keep a copy of them.
 
     Raises:
@@ -365,13 +363,12 @@ def export_labels(
         OutputError: other labels are there, or they cannot be written.
     """
     from bench.annotation.export import store_labels
-    from bench.annotation.formats import LabelOptions, LabelSet, label_format
+    from bench.annotation.formats import LabelSet, label_format
     from bench.recordings.writing import annotation_text
 
     if annotated and format_name is None:
         raise UsageError("annotated: expected a format to write annotations in, got none; name one with --format")
     tool = None if format_name is None else label_format(format_name)
-    options = LabelOptions(classes=classes or {})
     card, handles, folder = _open_drives(dataset, split, reviews)
     written: list[tuple[ConvertedLabels, dict[str, bytes]]] = []
     for handle in handles:
@@ -383,7 +380,7 @@ def export_labels(
             if tool is None:
                 files[place.name] = annotation_text(place, labels.tracks, timestamps_ns=labels.timestamps_ns).encode()
             else:
-                files, lost = tool.write(recording, options)
+                files, lost = tool.write(recording)
                 labels = replace(labels, lost=tuple(lost))
         written.append((ConvertedLabels(card=card, recording=recording, labels=labels, place=place), files))
     return tuple(

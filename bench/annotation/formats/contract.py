@@ -138,12 +138,11 @@ class LabelFormat(ABC):
             DataError: not what the format asks for, or frames that do not pair with the recording's.
         """
 
-    def write(self, recording: Recording, options: LabelOptions) -> tuple[Files, list[str]]:  # noqa: ARG002
+    def write(self, recording: Recording) -> tuple[Files, list[str]]:  # noqa: ARG002
         """Return the annotations of a recording as a tool's files.
 
         Args:
             recording: with its annotations; all its sweeps count as annotated.
-            options: names of classes.
 
         Returns:
             files: name -> content.
@@ -183,18 +182,6 @@ def map_classes(labels: Iterable[str], options: LabelOptions, *, source: Path) -
             hint=f"{hint}there), or none to leave the objects out",
         )
     return {name: table[name.casefold()] for name in classes}
-
-
-def tool_class(object_class: str, options: LabelOptions, defaults: Mapping[str, str] | None = None) -> str:
-    """Return a tool's name for one of our classes: as the user says, else as the format does.
-
-    Args:
-        object_class: one of `OBJECT_CLASSES`.
-        options: the first class that the user maps to ours.
-        defaults: ours -> the tool's; None where the tool takes any name, and so ours.
-    """
-    default = object_class if defaults is None else defaults[object_class]
-    return next((name for name, ours in options.classes.items() if ours == object_class), default)
 
 
 def pair_with_sweeps(
@@ -270,12 +257,29 @@ def recording_times(times_ns: Sequence[int], recording: Recording, *, source: Pa
     return paired
 
 
-def vehicle_from_own(frame: str, timestamp_ns: int, recording: Recording) -> RigidTransform:
-    """The vehicle frame at a time from one of `OWN_FRAMES`.
+def vehicle_from_tool(
+    name: str, timestamp_ns: int, recording: Recording, options: LabelOptions, source: Path, field: str
+) -> RigidTransform:
+    """The vehicle frame at a time from a frame of a tool, which the file or the user says is one of `OWN_FRAMES`.
+
+    Args:
+        name: of the frame; empty where the file names none.
+        timestamp_ns: of the boxes.
+        recording: what was annotated.
+        options: for `frames`.
+        source: the file, for messages.
+        field: of the frame.
 
     Raises:
-        DataError: "world" at a time without ego-motion.
+        DataError: nobody says which it is, or "world" at a time without ego-motion.
     """
+    frame = options.frames.get(name, name)
+    if frame not in OWN_FRAMES:
+        expected, hint = (
+            f"one of {', '.join(OWN_FRAMES)}",
+            f"say with --frame {f'{name}=' if name else ''}lidar (or vehicle, world)",
+        )
+        raise DataError(source, field=field, expected=expected, got=repr(name) if name else "none", hint=hint)
     if frame == "world":
         return recording.trajectory.world_from_vehicle(timestamp_ns).inverse()
     return recording.vehicle_from_lidar if frame == "lidar" else RigidTransform.identity()

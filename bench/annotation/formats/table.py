@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from bench.annotation.formats.contract import (
     LARGEST_BYTES,
-    OWN_FRAMES,
     Files,
     LabelFormat,
     LabelOptions,
@@ -27,8 +26,7 @@ from bench.annotation.formats.contract import (
     box_state,
     data_lost,
     recording_times,
-    tool_class,
-    vehicle_from_own,
+    vehicle_from_tool,
 )
 from bench.atomic import read_regular
 from bench.errors import DataError
@@ -59,15 +57,10 @@ class BoxTable(LabelFormat):
         velocities_mps = _numbers(table.assign(**unknown), VELOCITY, file, optional=True)
         times_ns = recording_times(_times(table, file), recording, source=file, field=TIME)
         observations = []
-        for row, (track, label, name) in enumerate(zip(*(table[word] for word in WORDS), strict=True)):
-            frame = options.frames.get(name, name)
-            if frame not in OWN_FRAMES:
-                expected, hint = f"one of {', '.join(OWN_FRAMES)}", f"say with --frame {name}=lidar (or vehicle, world)"
-                got = repr(name) if name else "none"
-                raise DataError(file, field=f"row {row}.frame", expected=expected, got=got, hint=hint)
+        for row, (track, label, frame) in enumerate(zip(*(table[word] for word in WORDS), strict=True)):
             if sizes_m[row].min() <= 0:
                 raise DataError(file, field=f"row {row}", expected="sizes above 0", got=str(sizes_m[row].tolist()))
-            vehicle_from_frame = vehicle_from_own(frame, times_ns[row], recording)
+            vehicle_from_frame = vehicle_from_tool(frame, times_ns[row], recording, options, file, f"row {row}.frame")
             box = vehicle_from_frame @ RigidTransform.from_yaw(yaws_rad[row, 0], centres_m[row])
             state = box_state(times_ns[row], box, sizes_m[row], vehicle_from_frame.rotate(velocities_mps[row]))
             observations.append(Observation(track=track, label=label, state=state))
@@ -76,7 +69,7 @@ class BoxTable(LabelFormat):
         ]
         return ToolLabels(observations=observations, timestamps_ns=times_ns, lost=lost)
 
-    def write(self, recording: Recording, options: LabelOptions) -> tuple[Files, list[str]]:
+    def write(self, recording: Recording) -> tuple[Files, list[str]]:
         """Write boxes in the vehicle frame; arguments as in `LabelFormat`."""
         rows = []
         leaning = 0
@@ -85,7 +78,7 @@ class BoxTable(LabelFormat):
                 if isinstance(state.shape, Cuboid):
                     box = state.shape.vehicle_from_object
                     leaning += bool(np.hypot(*box.rotation[2, :2]) > LEVEL)
-                    words = [track.track_id, tool_class(track.object_class, options), "vehicle"]
+                    words = [track.track_id, track.object_class, "vehicle"]
                     size_m, yaw_rad = np.asarray(state.shape.size_m), np.arctan2(box.rotation[1, 0], box.rotation[0, 0])
                     numbers = np.concatenate([box.translation_m, size_m, [yaw_rad], state.velocity_mps])
                     rows.append([state.timestamp_ns, *words, *numbers.tolist()])

@@ -41,7 +41,6 @@ from bench.annotation.formats.contract import (
     box_state,
     data_lost,
     pair_with_sweeps,
-    tool_class,
 )
 from bench.errors import DataError
 from bench.geometry import RigidTransform
@@ -93,7 +92,7 @@ class CvatTracklets(LabelFormat):
         times_ns = [sweep.timestamp_ns for sweep in looked_at]
         return ToolLabels(observations=observations, timestamps_ns=times_ns, lost=lost)
 
-    def write(self, recording: Recording, options: LabelOptions) -> tuple[Files, list[str]]:
+    def write(self, recording: Recording) -> tuple[Files, list[str]]:
         """Write both files; arguments as in `LabelFormat`."""
         numbers = {sweep.timestamp_ns: i for i, sweep in enumerate(recording.sweeps)}
         items: list[str] = []
@@ -111,8 +110,7 @@ class CvatTracklets(LabelFormat):
                 size_m = np.median(sizes_m, axis=0)
                 resized += bool(np.abs(sizes_m - size_m).max() > SAME_SIZE_M)
                 poses = [recording.vehicle_from_lidar.inverse() @ boxes[number].vehicle_from_object for number in run]
-                label = tool_class(track.object_class, options, WRITTEN)
-                items.append(_item(label, track.track_id, size_m, run[0], poses))
+                items.append(_item(WRITTEN[track.object_class], track.track_id, size_m, run[0], poses))
         lost = [f"{between} states at times at which there is no sweep"] if between else []
         lost += [f"{resized} objects change their size: each has its median one"] if resized else []
         names = [sweep.path.stem for sweep in recording.sweeps]

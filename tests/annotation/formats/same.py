@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import pytest
 
-from bench.annotation.formats import LabelOptions
 from bench.recordings import Cuboid
 
 
@@ -23,9 +22,9 @@ def assert_same_boxes(found, expected, *, within=1e-9):
             assert state.shape.size_m == pytest.approx(true.shape.size_m, abs=within)
 
 
-def written(format_, tracks, recording, folder, options=None):
+def written(format_, tracks, recording, folder):
     """Write tracks into a folder; what the format cannot hold."""
-    files, lost = format_.write(replace(recording, tracks=tuple(tracks)), options or LabelOptions())
+    files, lost = format_.write(replace(recording, tracks=tuple(tracks)))
     for name, content in files.items():
         folder.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)

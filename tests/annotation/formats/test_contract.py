@@ -44,7 +44,7 @@ def test_what_is_written_is_read_and_makes_an_annotation_file(name, tmp_path, dr
 @pytest.mark.parametrize("name", WRITABLE)
 def test_writing_twice_gives_the_same_bytes_and_a_drive_without_objects_comes_back_empty(name, tmp_path, drive):
     full = replace(drive, tracks=street.box_tracks())
-    first, second = (label_format(name).write(full, PLAIN) for _ in range(2))
+    first, second = (label_format(name).write(full) for _ in range(2))
     assert first == second
     written(label_format(name), (), drive, tmp_path / "out")
     assert import_labels(name, tmp_path / "out", drive, PLAIN).tracks == ()
@@ -66,5 +66,5 @@ def test_unknown_formats_are_told_with_the_nearest_and_some_are_only_read(drive)
     with pytest.raises(UnknownNameError, match="did you mean 'openlabel'"):
         label_format("openlable")
     with pytest.raises(UsageError, match="'semantickitti': expected one that can be written"):
-        label_format("semantickitti").write(drive, PLAIN)
+        label_format("semantickitti").write(drive)
     assert set(LABEL_FORMATS) <= set(known_formats())

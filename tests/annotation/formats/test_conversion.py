@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.annotation.formats import LabelOptions, import_labels
-from bench.annotation.formats.contract import Observation, ToolLabels, map_classes, tool_class
+from bench.annotation.formats.contract import Observation, ToolLabels, map_classes
 from bench.annotation.formats.conversion import LONGEST_GAP_NS, followed, middle_velocities, with_motion
 from bench.annotation.formats.openlabel import OpenLabelFormat
 from bench.errors import DataError, UsageError
@@ -83,8 +83,6 @@ def test_classes_are_known_in_any_case_and_the_user_goes_first(tmp_path):
     labels = ["Car", "PEDESTRIAN", "rider", "Misc", "DontCare"]
     ours = ["vehicle", "pedestrian", "pedestrian", None, "unclear"]
     assert map_classes(labels, options, source=tmp_path) == dict(zip(labels, ours, strict=True))
-    assert tool_class("vehicle", LabelOptions(classes={"Misc": None, "Van": "vehicle"}), {"vehicle": "Car"}) == "Van"
-    assert tool_class("vehicle", PLAIN, {"vehicle": "Car"}) == "Car"
 
 
 def test_all_unknown_classes_are_named_at_once(tmp_path):

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from bench.annotation.formats import LabelOptions, import_labels, label_format
 from bench.errors import DataError
@@ -34,14 +33,11 @@ def entry(val, system=None, name="box3D", **more):
     return {"name": name, "val": val, **({} if system is None else {"coordinate_system": system}), **more}
 
 
-def document(frames, *, objects=None, systems=None, version="1.0.0", **more):
+def document(frames, *, objects=None, version="1.0.0", **more):
     root = {
         "metadata": {"schema_version": version, "tagged_file": "../x"},
         "objects": objects or {"0": {"name": "a", "type": "Car"}},
         "frames": frames,
-        "coordinate_systems": {"vehicle": {"type": "local_cs", "parent": "", "children": []}}
-        if systems is None
-        else systems,
         **more,
     }
     return {"openlabel": root}
@@ -86,56 +82,23 @@ def test_nine_values_turn_about_x_then_y_then_z_as_they_stand(tmp_path, drive):
     assert pose(state).rotation == pytest.approx(about_z @ about_y @ about_x, abs=1e-12)
 
 
-def poses(rotation, translation_m):
-    """The same pose in the two ways of the standard."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation.as_matrix(), translation_m
-    return [
-        {"matrix4x4": matrix.ravel().tolist()},
-        {"quaternion": rotation.as_quat().tolist(), "translation": list(translation_m)},
-    ]
+@pytest.mark.parametrize(("system", "frames"), [("lidar", {}), ("VELO", {"VELO": "lidar"}), (None, {"": "lidar"})])
+def test_boxes_of_the_lidar_by_whatever_name(tmp_path, drive, system, frames):
+    content = document({"0": frame(entry(BOX, system))})
+    state = only(read(tmp_path, drive, content, LabelOptions(frames=frames)))
+    assert pose(state).translation_m == pytest.approx(drive.vehicle_from_lidar.apply(np.array(BOX[:3])))
+    if frames:
+        got = repr(system) if system else "none"
+        with pytest.raises(DataError, match=f"coordinate_system: expected one of .* got {got}; say with --frame"):
+            read(tmp_path, drive, content)
 
 
-TOP = RigidTransform(Rotation.from_euler("xyz", [0.02, 0.1, -1.6]).as_matrix(), np.array([0.3, 0.1, -0.2]))
-
-
-@pytest.mark.parametrize("way", range(2))
-def test_boxes_in_another_sensor_reach_the_vehicle_over_the_lidar(tmp_path, drive, way):
-    """The recording says where its lidar is; the file says where the sensor is on the lidar, the user which that is."""
-    on_lidar = poses(Rotation.from_matrix(TOP.rotation), TOP.translation_m)[way]
-    on_base = poses(Rotation.identity(), [9, 9, 9])[0]
-    systems = {
-        "base": {"type": "local_cs", "parent": "", "children": ["VELO_TOP"]},
-        "VELO_TOP": {"type": "sensor_cs", "parent": "base", "pose_wrt_parent": on_base},
-        "RADAR": {"type": "sensor_cs", "parent": "VELO_TOP", "pose_wrt_parent": on_lidar},
-    }
-    sensor_from_box = RigidTransform(Rotation.from_euler("z", 0.4).as_matrix(), np.array([3.0, 1.0, 0.5]))
-    w, x, y, z = sensor_from_box.quaternion_wxyz.tolist()
-    content = document({"0": frame(entry([3.0, 1.0, 0.5, x, y, z, w, 4.0, 1.5, 1.75], "RADAR"))}, systems=systems)
-    state = only(read(tmp_path, drive, content, LabelOptions(frames={"VELO_TOP": "lidar"})))
-    expected = drive.vehicle_from_lidar @ TOP @ sensor_from_box
-    assert pose(state).matrix == pytest.approx(expected.matrix, abs=1e-9)
-    assert state.shape.size_m.tolist() == [4.0, 1.5, 1.75]
-    with pytest.raises(DataError, match=r"cuboid.coordinate_system: expected a system that is, .* got 'RADAR'; say"):
-        read(tmp_path, drive, content)
-
-
-def test_boxes_in_the_world_follow_the_pose_of_their_frame(tmp_path, drive):
-    systems = {
-        "odom": {"type": "scene_cs", "parent": "", "children": ["base"]},
-        "base": {"type": "local_cs", "parent": "odom", "children": []},
-    }
-    frames = {}
-    for i in range(3):
-        moved = {
-            "src": "base",
-            "dst": "odom",
-            "transform_src_to_dst": poses(Rotation.identity(), [float(i), 0.0, 0.0])[0],
-        }
-        frames[str(i)] = frame(entry(BOX, "odom"), time=street.TIMES_NS[i], transforms={"any name": moved})
-    options = LabelOptions(frames={"base": "vehicle"})
-    (track,) = read(tmp_path, drive, document(frames, systems=systems), options).tracks
-    assert [pose(state).translation_m[0] for state in track.states] == pytest.approx([10.0, 9.0, 8.0])
+def test_boxes_of_the_world(tmp_path, drive):
+    frames = {str(i): frame(entry(BOX, "world"), time=street.TIMES_NS[i]) for i in range(3)}
+    (track,) = read(tmp_path, drive, document(frames)).tracks
+    for state in track.states:
+        world = drive.trajectory.world_from_vehicle(state.timestamp_ns).apply(pose(state).translation_m)
+        assert world == pytest.approx(BOX[:3])
 
 
 SECOND_TIME = street.TIMES_NS[1]
@@ -161,14 +124,6 @@ def test_frames_without_times_pair_by_their_numbers(tmp_path, drive):
     assert only(read(tmp_path, drive, plain)).timestamp_ns == street.TIMES_NS[3]  # 000003.npz
     plain = document({"12": frame(entry(BOX, "vehicle"), time=5)})
     assert only(read(tmp_path, drive, plain, LabelOptions(first_frame=10))).timestamp_ns == street.TIMES_NS[2]
-
-
-def test_boxes_without_a_frame_are_asked_for(tmp_path, drive):
-    content = document({"0": frame(entry(BOX))}, systems={})
-    with pytest.raises(DataError, match=r"coordinate_system: expected .* got none; say what it is with --frame"):
-        read(tmp_path, drive, content)
-    state = only(read(tmp_path, drive, content, LabelOptions(frames={"": "lidar"})))
-    assert pose(state).translation_m == pytest.approx(drive.vehicle_from_lidar.apply(np.array(BOX[:3])))
 
 
 def test_boxes_whose_height_is_not_along_z_are_refused(tmp_path, drive):
@@ -247,12 +202,12 @@ def test_a_file_holds_everything_and_its_boxes_come_back(tmp_path, drive):
 
 
 def test_the_written_file_keeps_to_the_standard(tmp_path, drive):
-    written(OPENLABEL, full_tracks(), drive, tmp_path / "out", LabelOptions(classes={"Car": "vehicle"}))
+    written(OPENLABEL, full_tracks(), drive, tmp_path / "out")
     root = json.loads((tmp_path / "out/openlabel.json").read_text())["openlabel"]
     assert set(root) <= {"metadata", "coordinate_systems", "objects", "frames", "frame_intervals"}
     assert all(uid.isdigit() for uid in root["objects"])
     assert {item["name"]: item["type"] for item in root["objects"].values()} == {
-        "car": "Car",
+        "car": "vehicle",
         "the walker": "pedestrian",
     }
     for item in root["objects"].values():
@@ -273,18 +228,6 @@ def test_boxes_of_our_own_annotation_files_are_read(tmp_path, drive):
 
 
 ONE = {"0": frame(entry(BOX, "vehicle"))}
-LOOP = {
-    "a": {"type": "scene_cs", "parent": "b", "pose_wrt_parent": {"matrix4x4": np.eye(4).ravel().tolist()}},
-    "b": {"type": "scene_cs", "parent": "a", "pose_wrt_parent": {"matrix4x4": np.eye(4).ravel().tolist()}},
-    "vehicle": {"type": "local_cs", "parent": ""},
-}
-
-
-def systems(posed):
-    return {
-        "vehicle": {"type": "local_cs", "parent": ""},
-        "c": {"type": "sensor_cs", "parent": "vehicle", "pose_wrt_parent": posed},
-    }
 
 
 def changed(*values, at=-1):
@@ -307,13 +250,6 @@ FAULTS = [
     (document(changed(-1.0)), "cuboid.val: expected sizes above 0"),
     (document(changed(2.0, at=6)), "quaternion x, y, z, w of length 1"),
     (document({"0": frame(entry(BOX, "moon"))}), "cuboid.coordinate_system: expected .*, got 'moon'"),
-    (document({"0": frame(entry(BOX, "a"))}, systems=LOOP), "one of vehicle, lidar, world, got 'a'"),
-    (document(ONE, systems=systems({"matrix4x4": [1.0] * 15})), "matrix4x4: expected 16 numbers, the last"),
-    (document(ONE, systems=systems({"matrix4x4": [1.0] * 16})), "matrix4x4: expected 16 numbers, the last"),
-    (document(ONE, systems=systems({"matrix4x4": [10**400] * 16})), "matrix4x4.0: expected a finite number"),
-    (document(ONE, systems=systems({"quaternion": [0, 0, 0, 0], "translation": [0, 0, 0]})), "of length 1"),
-    (document(ONE, systems=systems({"quaternion": [0, 0, 0, 1]})), "or a quaternion with a translation"),
-    (document(ONE, systems=systems({"euler_angles": [0, 0, 0], "translation": [0, 0, 0]})), "got neither"),
     (document({"0": frame(entry(BOX), time=5)}), "expected times of the recording, .* got 5"),
     *[
         (document({"0": frame(entry(BOX), time=time)}), "frames.0.frame_properties.timestamp: expected")

@@ -140,9 +140,9 @@ def test_lists_that_cannot_be_paired_are_refused(tmp_path, drive, lines, first_f
         read(file, drive, first_frame=first_frame)
 
 
-def by_cvat(tracks, drive, folder, **options):
+def by_cvat(tracks, drive, folder):
     """What does not come back."""
-    return written(label_format("cvat"), tracks, drive, folder, LabelOptions(**options))
+    return written(label_format("cvat"), tracks, drive, folder)
 
 
 def test_what_the_format_cannot_hold_is_told(tmp_path, drive):
@@ -174,21 +174,21 @@ def test_what_the_format_cannot_hold_is_told(tmp_path, drive):
 
 def test_frames_are_counted_and_named_in_the_list(tmp_path):
     drive = street.recording(tmp_path / "drive", names=tuple(f"{5 * i + 3:010d}" for i in range(street.SWEEPS)))
-    by_cvat(street.box_tracks("parked"), drive, tmp_path / "out", classes={"Van": "vehicle"})
+    by_cvat(street.box_tracks("parked"), drive, tmp_path / "out")
     (tracklet,) = read_tracklets(tmp_path / "out/tracklet_labels.xml")
     assert [pose.number for pose in tracklet.poses] == list(range(street.SWEEPS))
-    assert tracklet.label == "Van"
+    assert tracklet.label == "Car"
     assert (tmp_path / "out/frame_list.txt").read_text().startswith("0 0000000003\n")
     assert_same_boxes(read(tmp_path / "out", drive).tracks, street.box_tracks("parked"))
     (tmp_path / "out/frame_list.txt").unlink()  # the user says by --first-frame which frames these are
     assert_same_boxes(read(tmp_path / "out", drive, first_frame=0).tracks, street.box_tracks("parked"))
 
 
-def test_names_and_classes_may_hold_anything(tmp_path, drive):
+def test_names_may_hold_anything(tmp_path, drive):
     odd = replace(street.box_track("parked"), track_id="<&>'\"é")
-    by_cvat([odd], drive, tmp_path / "out", classes={"A<&>": "vehicle"})
+    by_cvat([odd], drive, tmp_path / "out")
     (tracklet,) = read_tracklets(tmp_path / "out/tracklet_labels.xml")
-    assert (tracklet.name, tracklet.label) == (odd.track_id, "A<&>")
+    assert tracklet.name == odd.track_id
 
 
 def test_ids_in_attributes_join_what_is_one_object(tmp_path, drive):
