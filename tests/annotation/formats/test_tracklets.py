@@ -75,27 +75,19 @@ def test_gaps_that_cvat_fills_stay_gaps(tmp_path, drive):
 
 
 def test_what_has_no_place_is_told(tmp_path, drive):
-    poses = (pose(state=1, occlusion=2), pose(state=0), pose(truncation=99))
-    file = put(tmp_path, document(item(*poses), item(pose(), kind="Misc")))
-    label_set = read(file, drive, classes={"Misc": None})
-    told = "\n".join(label_set.lost)
-    for line in (
+    """Counts that are wrong or missing, as in examples of parsers, and a share of truncation, are no matter."""
+    poses = (pose(state=1, occlusion=2), pose(state=0), pose(truncation=99), pose(truncation=0.1))
+    text = document(item(*poses, count=9), item(pose(), kind="Misc"), item(), count=7).replace("<count>1</count>", "")
+    label_set = read(put(tmp_path, text), drive, classes={"Misc": None})
+    assert {
         "1 places of class 'Misc', left out as asked",
+        "1 tracklets without poses, left out",
         "1 poses that are unset or outside, left out",
-        "1 marks of occlusion",
-        "1 marks of truncation",
-        "all 6 sweeps count as annotated",
-    ):
-        assert line in told
-    assert [len(track.states) for track in label_set.tracks] == [2]
-
-
-def test_counts_and_shares_of_truncation_as_in_parsers_examples(tmp_path, drive):
-    """No counts, wrong counts, a share of truncation, and a tracklet without poses."""
-    bare = document(item(pose(truncation=0.1)), item(pose(), count=3), item()).replace("<count>1</count>", "")
-    label_set = read(put(tmp_path, bare.replace("<count>3</count><item_v", "<item_v", 1)), drive)
-    assert [len(track.states) for track in label_set.tracks] == [1, 1]
-    assert {"1 tracklets without poses, left out", "1 marks of truncation: no field for them"} <= set(label_set.lost)
+        "1 marks of occlusion: no field for them",
+        "2 marks of truncation: no field for them",
+        "frames without objects: without frame_list.txt all 6 sweeps count as annotated",
+    } <= set(label_set.lost)
+    assert [len(track.states) for track in label_set.tracks] == [3]
 
 
 def listed(tmp_path, *lines):
@@ -112,27 +104,24 @@ def test_frames_of_a_list_pair_by_name_and_never_by_number(tmp_path, drive):
     assert not any("all 6 sweeps" in line for line in label_set.lost)
 
 
+NAMED, EACH_ONCE = (
+    "expected frames named like the 6 sweeps, 000000 to 000005, got",
+    "number and name of a frame, each once",
+)
+
+
 @pytest.mark.parametrize(
     ("lines", "first_frame", "told"),
     [
         (["0 000000"], None, r"frame_list\.txt: expected a line for each frame that tracklets have, got none for 1"),
-        (
-            ["0 cloud_000", "1 cloud_001"],
-            None,
-            "expected frames named like the 6 sweeps, 000000 to 000005, got cloud_000",
-        ),
-        (
-            ["0 000000", "1 1000001"],
-            None,
-            "expected frames named like the 6 sweeps, 000000 to 000005, got 1000001; name",
-        ),
-        (["0 000000", "1 000000"], None, "line 2: expected number and name of a frame, each once, got '1 000000'"),
+        (["0 cloud_000", "1 cloud_001"], None, f"{NAMED} cloud_000"),
+        (["0 000000", "1 1000001"], None, f"{NAMED} 1000001; name"),
         (["0 000000", "1 0"], None, "expected one frame for each sweep, got '000000' and '0'"),
-        (["0 000000", "000001"], None, "line 2: expected number and name of a frame, each once, got '000001'"),
-        (["0 000000", "0 000001"], None, "line 2: expected number and name of a frame, each once, got '0 000001'"),
+        *((["0 000000", line], None, f"line 2: expected {EACH_ONCE}, got '{line}'")
+          for line in ("1 000000", "000001", "0 000001")),
         (["0 000000", "1 000001"], 1, "expected frames by name or by number, got --first-frame 1 as well"),
     ],
-)
+)  # fmt: skip
 def test_lists_that_cannot_be_paired_are_refused(tmp_path, drive, lines, first_frame, told):
     file = put(tmp_path, document(item(pose(), pose())))
     listed(tmp_path, *lines)
@@ -232,38 +221,39 @@ def test_every_fault_has_its_place(tmp_path, drive, text, told):
         read(put(tmp_path, text), drive)
 
 
-def test_a_billion_laughs_are_not_told(tmp_path, drive):
-    entities = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10))
-    head = f'<?xml version="1.0"?><!DOCTYPE boost_serialization [<!ENTITY a0 "ha">{entities}]>'
+LAUGHS = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10))
+
+
+@pytest.mark.parametrize(
+    "entities",
+    [
+        f'<!ENTITY a0 "ha">{LAUGHS}',
+        '<!ENTITY a9 SYSTEM "file:///etc/hostname">',
+        '<!ENTITY a9 SYSTEM "http://127.0.0.1:9/x">',
+    ],
+    ids=["a billion laughs", "a file", "an address"],
+)
+def test_entities_are_not_followed(tmp_path, drive, entities):
+    head = f'<?xml version="1.0"?><!DOCTYPE boost_serialization [{entities}]>'
     with pytest.raises(DataError, match="expected XML without entities"):
         read(put(tmp_path, document(item(pose(), kind="&a9;"), head=head)), drive)
 
 
-@pytest.mark.parametrize("where", ["file:///etc/hostname", "http://127.0.0.1:9/x"])
-def test_nothing_outside_is_read(tmp_path, drive, where):
-    head = f'<?xml version="1.0"?><!DOCTYPE boost_serialization [<!ENTITY out SYSTEM "{where}">]>'
-    with pytest.raises(DataError, match="expected XML without entities"):
-        read(put(tmp_path, document(item(pose(), kind="&out;"), head=head)), drive)
-
-
-def test_deep_nesting_ends_early(tmp_path, drive):
-    """A hundred megabytes of opened elements; the file is put aside after a dozen."""
+@pytest.mark.parametrize(
+    ("begin", "part", "count", "told"),
+    [
+        ("", "<item>" * 170_000, 100, f"at most {DEEPEST} levels"),
+        ("<item><poses>", "<item></item>" * 80_000, 10, "tracklets of at most 8000000 bytes"),
+    ],
+    ids=["deep nesting", "an item without end"],
+)
+def test_a_hundred_megabytes_are_put_aside_early(tmp_path, drive, begin, part, count, told):
     file = tmp_path / "tracklet_labels.xml"
     with file.open("w") as out:
-        out.write("<boost_serialization><tracklets>")
-        for _ in range(100):
-            out.write("<item>" * 170_000)
-    with pytest.raises(DataError, match=f"at most {DEEPEST} levels"):
-        read(file, drive)
-
-
-def test_an_item_without_end_is_put_aside(tmp_path, drive):
-    file = tmp_path / "tracklet_labels.xml"
-    with file.open("w") as out:
-        out.write("<boost_serialization><tracklets><item><poses>")
-        for _ in range(10):
-            out.write("<item></item>" * 80_000)
-    with pytest.raises(DataError, match="tracklets of at most 8000000 bytes"):
+        out.write(f"<boost_serialization><tracklets>{begin}")
+        for _ in range(count):
+            out.write(part)
+    with pytest.raises(DataError, match=told):
         read(file, drive)
 
 
