@@ -14,9 +14,8 @@ import pandas as pd
 from scipy.optimize import linear_sum_assignment
 from shapely.geometry import Polygon
 
-from bench.annotation.decisions import Motion, ReviewedTrack, State, applied, history, opening, undecided
+from bench.annotation.decisions import Motion, ReviewedTrack, State, applied, history, opening, to_tracks, undecided
 from bench.annotation.evaluate import evaluate_proposals
-from bench.annotation.export import to_tracks
 from bench.annotation.proposals import Proposal, propose
 from bench.annotation.store import (
     Decision,

@@ -85,7 +85,7 @@ def evaluate_proposals(
 
     Args:
         recording: annotated.
-        proposed: tracks of boxes at the times of sweeps; see `bench.annotation.export.to_tracks`.
+        proposed: tracks of boxes at the times of sweeps; see `bench.annotation.decisions.to_tracks`.
         progress: called with the share of sweeps that are read.
 
     Returns:

@@ -18,9 +18,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.annotation.decisions import ReviewedTrack, State, after, applied, history
+from bench.annotation.decisions import ReviewedTrack, State, after, applied, history, to_track
 from bench.annotation.drawing import Lasso, draw_track, sweep_points_world
-from bench.annotation.export import to_track
 from bench.annotation.proposals import EXPLAINED
 from bench.annotation.store import (
     Decision,

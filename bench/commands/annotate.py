@@ -292,9 +292,9 @@ def import_labels(
         DataError: files that the format refuses, an object of two classes, or twice at one time.
         OutputError: other annotations are there, or they cannot be written.
     """
-    from bench.annotation.export import store_labels
     from bench.annotation.formats import LabelOptions, label_format
     from bench.annotation.formats import import_labels as read_labels
+    from bench.annotation.formats.conversion import store_labels
     from bench.commands.data import as_card
     from bench.recordings.writing import annotation_text
 
@@ -362,8 +362,8 @@ def export_labels(
         DataError: a review is missing, damaged or of another drive, or leaves something undecided or not watched.
         OutputError: other labels are there, or they cannot be written.
     """
-    from bench.annotation.export import store_labels
     from bench.annotation.formats import LabelSet, label_format
+    from bench.annotation.formats.conversion import store_labels
     from bench.recordings.writing import annotation_text
 
     if annotated and format_name is None:
@@ -445,7 +445,7 @@ def _annotations_folder(card: DatasetCard, folder: Folder) -> Path:
 
 def _reviewed(card: DatasetCard, name: str, folder: Path, *, unreviewed: bool) -> Recording:
     """A recording with the tracks that were accepted, or those that were proposed and not rejected."""
-    from bench.annotation.export import refuse_unfinished, to_tracks
+    from bench.annotation.decisions import refuse_unfinished, to_tracks
     from bench.annotation.store import read_review, review_file
 
     file = review_file(folder, name)

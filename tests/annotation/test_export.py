@@ -16,8 +16,8 @@ import pandas as pd
 import pytest
 
 from bench.annotation import store
-from bench.annotation.decisions import applied
-from bench.annotation.export import store_labels, to_tracks
+from bench.annotation.decisions import applied, to_tracks
+from bench.annotation.formats.conversion import store_labels
 from bench.errors import OutputError
 from bench.harness import read_run
 from bench.recordings import open_native, read_annotations

@@ -4,14 +4,13 @@ import time
 
 import numpy as np
 import pytest
-from selenium.common.exceptions import WebDriverException
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
 from bench.annotation.decisions import applied
 from bench.annotation.store import read_review, review_file, write_review
-from tests.support.browser import accessibility_faults, headless_chromium, opened
+from tests.support.browser import accessibility_faults, opened
 from tests.support.reviews import DRIVE
 
 
@@ -382,24 +381,6 @@ def test_a_missing_object_is_drawn_from_its_points(browser, server, reviews, way
     assert decision.action == "draw"
     until(browser, f"return chosen === '{decision.drawn.id}'")
     no_complaints(browser)
-
-
-@pytest.mark.slow
-def test_a_browser_that_dies_loses_the_edit_it_was_in_at_most(server, reviews, tmp_path):
-    browser = page(headless_chromium(tmp_path / "chromium"), server)
-    press(browser, "a")
-    wait_for_decisions(reviews, 1)
-    press(browser, "iii")  # a key frame is sent when no key comes for a while
-    with pytest.raises(WebDriverException):
-        browser.execute_cdp_cmd("Browser.crash", {})
-    browser.service.stop()
-    left = stored(reviews).decisions
-    assert [decision.action for decision in left] in (["accept"], ["accept", "set_box"])
-    assert [file.name for file in reviews.iterdir()] == [f"{DRIVE}.review.json"]
-    again = page(headless_chromium(tmp_path / "again"), server)
-    press(again, "z")
-    assert wait_for_decisions(reviews, len(left) + 1)[-1].action == "undo"
-    again.quit()
 
 
 def test_a_page_whose_command_has_ended_shows_what_is_stored(browser, server, reviews):

@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.annotation.decisions import applied
-from bench.annotation.export import to_tracks
+from bench.annotation.decisions import applied, to_tracks
 from bench.annotation.store import read_review, review_file
 from bench.evaluation import load_protocol
 from bench.reference import ReferenceBuilder

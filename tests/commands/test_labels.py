@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from bench.annotation.formats import label_format
-from bench.annotation.formats.contract import LabelFormat
-from bench.annotation.formats.conversion import LABEL_FORMATS
-from bench.lidar import read_sweep
+from bench.annotation.formats.conversion import LABEL_FORMATS, LabelFormat
 from bench.recordings import read_annotations
 from tests.support import tiny
 from tests.support.commands import call, error_line
@@ -134,23 +132,6 @@ def test_classes_frames_units_and_the_first_frame_reach_the_format(monkeypatch, 
     source = ("annotate", "import", "openlabel", labels, *words(card, "--out", tmp_path / "seconds"))
     assert "--time-unit" in error_line(monkeypatch, capsys, *source)
     assert call(monkeypatch, *source, "--time-unit", "s") == 0
-
-
-def test_moving_points_become_objects(monkeypatch, capsys, card, tmp_path):
-    (tmp_path / "predictions").mkdir()
-    sweeps = sorted((card.parent / "data/drive/lidar").glob("*.npz"))
-    for sweep in sweeps:
-        points = len(read_sweep(sweep, int(sweep.stem)).points_lidar)
-        labels = np.full(points, 9, dtype="<u4")
-        labels[[1, 3]] = 253 | 1 << 16
-        (tmp_path / f"predictions/{sweep.stem}.label").write_bytes(labels.tobytes())
-    given = ("annotate", "import", "semantickitti", tmp_path, *words(card, "--out", tmp_path / "in"))
-    assert call(monkeypatch, *given) == 0
-    (bike,) = read_annotations(tmp_path / "in/drive.json")
-    assert (bike.track_id, bike.object_class) == ("moving-bicyclist-1", "cyclist")
-    assert [sorted(state.shape.indices.tolist()) for state in bike.states] == [[1, 3]] * len(sweeps)
-    (tmp_path / f"predictions/{sweeps[0].stem}.label").write_bytes(b"123")
-    assert ".label: expected" in error_line(monkeypatch, capsys, *given)
 
 
 @pytest.mark.parametrize(

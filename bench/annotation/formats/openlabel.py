@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import ConfigDict, Field
 from scipy.spatial.transform import Rotation
 
-from bench.annotation.formats.contract import (
+from bench.annotation.formats.conversion import (
     Files,
     LabelFormat,
     LabelOptions,

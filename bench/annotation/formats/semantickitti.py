@@ -20,7 +20,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from bench.annotation.formats.contract import LabelFormat, LabelOptions, Observation, ToolLabels, pair_with_sweeps
+from bench.annotation.formats.conversion import LabelFormat, LabelOptions, Observation, ToolLabels, pair_with_sweeps
 from bench.atomic import read_regular, refuse_escape
 from bench.errors import DataError
 from bench.recordings import ObjectState, PointIndices, Recording, SweepRef

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.annotation.formats.contract import (
+from bench.annotation.formats.conversion import (
     LARGEST_BYTES,
     Files,
     LabelFormat,

@@ -31,7 +31,7 @@ from bench.adapters.kitti_raw.tracklets import (
     TrackletPose,
     read_tracklets,
 )
-from bench.annotation.formats.contract import (
+from bench.annotation.formats.conversion import (
     SHOWN,
     Files,
     LabelFormat,

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from bench.annotation.formats import LabelOptions, import_labels, known_formats, label_format
-from bench.annotation.formats.contract import LabelFormat
-from bench.annotation.formats.conversion import LABEL_FORMATS
+from bench.annotation.formats.conversion import LABEL_FORMATS, LabelFormat
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.recordings import read_annotations, write_annotations
 from tests.annotation.formats import street

@@ -8,8 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.annotation.formats import LabelOptions, import_labels
-from bench.annotation.formats.contract import Observation, ToolLabels, map_classes
-from bench.annotation.formats.conversion import LONGEST_GAP_NS, followed, middle_velocities, with_motion
+from bench.annotation.formats.conversion import (
+    LONGEST_GAP_NS,
+    Observation,
+    ToolLabels,
+    followed,
+    map_classes,
+    middle_velocities,
+    with_motion,
+)
 from bench.annotation.formats.openlabel import OpenLabelFormat
 from bench.errors import DataError, UsageError
 from tests.annotation.formats import street

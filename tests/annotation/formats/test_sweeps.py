@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.annotation.formats import LabelOptions
-from bench.annotation.formats.contract import pair_with_sweeps, recording_times
+from bench.annotation.formats.conversion import pair_with_sweeps, recording_times
 from bench.errors import DataError
 from bench.lidar import read_sweep
 from bench.recordings import SweepRef
