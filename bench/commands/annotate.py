@@ -311,17 +311,6 @@ def import_labels(
     return ConvertedLabels(card=card, recording=opened, labels=labels, place=file, copies=copies)
 
 
-def show_import(labels: ConvertedLabels) -> None:
-    """Print the labels, and the line of the card by which they are used."""
-    _print_labels(labels)
-    card, place = labels.card, labels.place
-    assert place is not None
-    if card.annotations is None or card.annotations.resolve() != place.parent.resolve():
-        folder = os.path.relpath(place.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
-        also = ", in place of `annotated: none`" if card.content.annotated == "none" else ""
-        say(f"to use it, give the card {card.file} this line: annotations: {folder}{also}")
-
-
 def export_labels(
     dataset: Dataset,
     out: Annotated[
@@ -391,18 +380,22 @@ def export_labels(
     )
 
 
-def show_export(written: Sequence[ConvertedLabels]) -> None:
-    """Print the labels of each drive, and the line of the card by which annotations are used."""
-    for labels in written:
-        if labels.place is None:
+def show_labels(written: ConvertedLabels | Sequence[ConvertedLabels]) -> None:
+    """Print the labels of each recording, and the line of the card by which annotations are used."""
+    unused = {}
+    for labels in [written] if isinstance(written, ConvertedLabels) else written:
+        card, place = labels.card, labels.place
+        if place is None:
             nothing = "nothing was proposed, and nobody has looked: no annotations are written"
             say(f"{labels.recording.name}: {nothing}", style="yellow")
-        else:
-            _print_labels(labels)
-    for folder in {labels.place.parent for labels in written if labels.place is not None and labels.place.suffix}:
-        say(
-            f"To score by them, the card says where they are, `annotations: {folder}`, and no longer `annotated: none`."
-        )
+            continue
+        _print_labels(labels)
+        if place.suffix and (card.annotations is None or card.annotations.resolve() != place.parent.resolve()):
+            folder = os.path.relpath(place.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
+            also = ", in place of `annotated: none`" if card.content.annotated == "none" else ""
+            unused[folder] = f"to use it, give the card {card.file} this line: annotations: {folder}{also}"
+    for line in unused.values():
+        say(line)
 
 
 def open_unannotated(card: DatasetCard, name: str) -> Recording:
@@ -514,5 +507,5 @@ def _print_labels(written: ConvertedLabels) -> None:
 app.command("propose")(command_line(propose, show_proposals))
 app.command("evaluate")(command_line(evaluate_proposals, show_scores))
 app.command("review")(command_line(review, print_nothing))
-app.command("import")(command_line(import_labels, show_import))
-app.command("export")(command_line(export_labels, show_export))
+app.command("import")(command_line(import_labels, show_labels))
+app.command("export")(command_line(export_labels, show_labels))
