@@ -45,7 +45,7 @@ ABOVE_THE_LIMIT = {  # tests that may take longer, and run with `make test` neve
     "tests/harness/test_stages.py::test_a_method_is_asked_once_for_any_number_of_protocols",
     "tests/methods/test_predictions.py::test_an_image_is_named_by_its_file_or_its_time_below_recording_and_camera",
     "tests/reporting/page/test_page.py::test_every_section_opens_with_a_sentence",
-    "tests/validation/test_cameras.py::test_a_planted_fault_is_named",
+    "tests/validation/test_cameras.py::test_a_planted_mistake_is_named",
     "tests/validation/test_faults.py::test_a_clean_recording_has_no_findings",
     "tests/validation/test_units.py::test_speed_and_yaw_rate_of_the_bus_are_tried_against_the_lidar",
 }

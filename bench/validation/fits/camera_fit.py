@@ -20,16 +20,16 @@ from scipy.spatial.transform import Rotation
 from bench.egomotion import Trajectory
 from bench.recordings import MountedCamera
 from bench.times import SECOND_NS
-from bench.validation.findings import DEGREE
-from bench.validation.scan_matching import MeasuredMotion
-from bench.validation.static_flow import FARTHEST_PX, SECTORS, SeenFlow
+from bench.validation.fits.flow import FARTHEST_PX, SECTORS, SeenFlow
+from bench.validation.fits.readings import DEGREE
+from bench.validation.fits.scan_matching import MeasuredMotion
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
-    """Numbers of the calibration that are wrong together.
+class Unknown:
+    """Numbers of the calibration that are wrong together, or what the ego-motion does not know.
 
     Attributes:
         numbers: how many.
@@ -42,9 +42,9 @@ class Part:
         measured: as `narrow`, where the lidar measures the motion.
     """
 
-    numbers: int
+    numbers: int = 1
     narrow: float
-    wide: float
+    wide: float = 0.0
     step: float
     starts: tuple[float, ...] = ()
     smallest: float = np.inf
@@ -52,32 +52,32 @@ class Part:
     measured: float | None = None
 
 
-TURNS = tuple(sign * size * DEGREE for sign in (-1, 1) for size in (1.0, 2.0, 3.5, 5.0))
-PARTS = {
+def _either_way(*sizes: float) -> tuple[float, ...]:
+    return (*(-size for size in sizes), *sizes)
+
+
+UNKNOWNS = {
     # rad, camera axes; the flow cannot tell less from springs of the body and slip of the tyres
-    "rotation": Part(numbers=3, narrow=0.15 * DEGREE, wide=5.0 * DEGREE, step=0.005, starts=TURNS,
-                     smallest=0.6 * DEGREE),
+    "rotation": Unknown(numbers=3, narrow=0.15 * DEGREE, wide=5.0 * DEGREE, step=0.005, smallest=0.6 * DEGREE,
+                        starts=_either_way(*(size * DEGREE for size in (1.0, 2.0, 3.5, 5.0)))),
     # logarithm of the scale
-    "focal": Part(numbers=1, narrow=0.003, wide=0.2, step=0.005, starts=(-0.2, -0.1, -0.05, 0.05, 0.1, 0.2),
-                  smallest=0.012),
+    "focal": Unknown(narrow=0.003, wide=0.2, step=0.005, smallest=0.012, starts=_either_way(0.05, 0.1, 0.2)),
     # px, right and down
-    "centre": Part(numbers=2, narrow=0.5, wide=20.0, step=1.0, starts=(-20.0, -10.0, -5.0, 5.0, 10.0, 20.0),
-                   smallest=5.0),
+    "centre": Unknown(numbers=2, narrow=0.5, wide=20.0, step=1.0, smallest=5.0, starts=_either_way(5.0, 10.0, 20.0)),
     # m, vehicle axes; clean slow drives were fitted by up to 16 cm, one at night by 26 cm at a gain of 14
-    "position": Part(numbers=3, narrow=0.02, wide=0.3, step=0.02, starts=(-0.5, -0.3, -0.15, 0.15, 0.3, 0.5),
-                     smallest=0.2, gain=20.0),
+    "position": Unknown(numbers=3, narrow=0.02, wide=0.3, step=0.02, smallest=0.2, gain=20.0,
+                        starts=_either_way(0.15, 0.3, 0.5)),
     # s, that the stated times are early
-    "clock": Part(numbers=1, narrow=0.001, wide=0.1, step=0.004, starts=(-0.1, -0.05, -0.02, 0.02, 0.05, 0.1),
-                  smallest=0.004),
+    "clock": Unknown(narrow=0.001, wide=0.1, step=0.004, smallest=0.004, starts=_either_way(0.02, 0.05, 0.1)),
     # What the ego-motion gets wrong, the same in the whole drive; never the cause here.
-    "yaw bias": Part(numbers=1, narrow=0.2 * DEGREE, measured=0.05 * DEGREE, wide=0.0, step=0.01),  # rad/s
-    "speed scale": Part(numbers=1, narrow=0.01, measured=0.003, wide=0.0, step=0.01),
-    "direction": Part(numbers=2, narrow=0.3 * DEGREE, measured=0.08 * DEGREE, wide=0.0, step=0.01),  # rad, left and up
+    "yaw bias": Unknown(narrow=0.2 * DEGREE, measured=0.05 * DEGREE, step=0.01),  # rad/s
+    "speed scale": Unknown(narrow=0.01, measured=0.003, step=0.01),
+    "direction": Unknown(numbers=2, narrow=0.3 * DEGREE, measured=0.08 * DEGREE, step=0.01),  # rad, left and up
 }  # fmt: skip
-CAUSES = tuple(name for name, part in PARTS.items() if part.starts)
-_FIRST = np.cumsum([0, *(part.numbers for part in PARTS.values())])
-SLICES = {name: slice(int(a), int(b)) for name, a, b in zip(PARTS, _FIRST[:-1], _FIRST[1:], strict=True)}
-STEPS = np.concatenate([np.full(part.numbers, part.step) for part in PARTS.values()])
+CAUSES = tuple(name for name, unknown in UNKNOWNS.items() if unknown.starts)
+_FIRST = np.cumsum([0, *(unknown.numbers for unknown in UNKNOWNS.values())])
+SLICES = {name: slice(int(a), int(b)) for name, a, b in zip(UNKNOWNS, _FIRST[:-1], _FIRST[1:], strict=True)}
+STEPS = np.concatenate([np.full(unknown.numbers, unknown.step) for unknown in UNKNOWNS.values()])
 # Of each pair: rotation about the vehicle's axes, rad/s; speed to the front, to the left and up, parts of the speed.
 # Braking from 30 km/h lets a nose dive by 1 degree in half a second; bumps are slower.
 PAIR_SIGMAS = np.array([1.5 * DEGREE, 1.5 * DEGREE, 0.2 * DEGREE, 0.01, 0.005, 0.015])
@@ -99,7 +99,7 @@ class Fit:
     """A calibration that fits the flow.
 
     Attributes:
-        values: (14,) float64, as `PARTS`: true minus stated.
+        values: (14,) float64, as `UNKNOWNS`: true minus stated.
         sigmas: (14,) float64, standard deviations.
         pair_errors: (pairs, 6) float64, as `PAIR_SIGMAS`.
         losses: (N,) float64, of each point, minus the logarithm of its likelihood; where its flow is not seen, that of
@@ -233,7 +233,7 @@ class CameraFit:
         """Gauss-Newton with Cauchy's weights, as long as its steps, or half or a quarter of them, lead downhill.
 
         Args:
-            causes: parts that may be wrong.
+            causes: of `UNKNOWNS`, those that may be wrong.
             beside: a fit of fewer causes to begin with; by how much the cost falls from there is what the causes
                 explain.
 
@@ -242,7 +242,9 @@ class CameraFit:
         """
         if not self.enough:
             return None
-        sigmas = np.concatenate([np.full(part.numbers, self._sigma(name, causes)) for name, part in PARTS.items()])
+        sigmas = np.concatenate([
+            np.full(unknown.numbers, self._sigma(unknown, name in causes)) for name, unknown in UNKNOWNS.items()
+        ])  # fmt: skip
         if beside is None:
             best = self._at(np.zeros(len(STEPS)), self._errors, sigmas, None)
         else:
@@ -260,12 +262,11 @@ class CameraFit:
             best = replace(step, sigmas=deviations)
         return best
 
-    def _sigma(self, name: str, causes: Collection[str]) -> float:
-        """Standard deviation of a part's numbers where these causes may be wrong."""
-        part = PARTS[name]
-        if name in causes:
-            return part.wide
-        return part.measured if self._measured and part.measured is not None else part.narrow
+    def _sigma(self, unknown: Unknown, wrong: bool) -> float:
+        """Standard deviation of numbers that may be wrong, or may not."""
+        if wrong:
+            return unknown.wide
+        return unknown.measured if self._measured and unknown.measured is not None else unknown.narrow
 
     def share(self) -> float:
         """Share of the points whose flow is as predicted, without any fit."""
@@ -275,7 +276,7 @@ class CameraFit:
         """The fit beside, and others with one number of a cause changed: flow is not smooth over many pixels."""
         yield self._at(beside.values, beside.pair_errors, sigmas, beside)
         for cause in causes:
-            for index, value in product(range(PARTS[cause].numbers), PARTS[cause].starts):
+            for index, value in product(range(UNKNOWNS[cause].numbers), UNKNOWNS[cause].starts):
                 values = beside.values.copy()
                 values[SLICES[cause].start + index] += value
                 yield self._at(values, beside.pair_errors, sigmas, beside)

@@ -18,7 +18,6 @@ from bench.recordings import Cuboid, Recording, Track
 from bench.reference.sweeps import pose_sweep
 from bench.times import SECOND_NS
 from bench.validation.drive import box_of
-from bench.validation.findings import Finding, Severity
 
 RING_M = 0.4  # around the box in which returns count as outside
 SLACK_M = 0.03  # scatter of ranges
@@ -27,8 +26,6 @@ ROAD_M = 0.25  # lower returns are the road's
 POROUS = 3.0  # beams that pass between legs, arms and spokes for each that ends there
 MARGINS_M = np.arange(11) / 100  # around the box
 ROUNDED_M = 0.001  # coordinates are stored to about as much
-LEAST_RETURNS = 40  # of an object in all its sweeps
-TIGHT, HELD = 0.9, 0.98  # shares of the returns within the largest margin: too few inside, and enough
 MOST_RETURNS, MOST_BEAMS = 300, 100  # of each box and sweep; more are thinned out
 Vectors = NDArray[np.floating]
 
@@ -105,36 +102,6 @@ def returns_held(outside_m: Vectors) -> NDArray[np.float64]:
     return np.asarray((outside_m[:, None] <= MARGINS_M + ROUNDED_M).sum(axis=0), dtype=np.float64)
 
 
-def tight_boxes(held: NDArray[np.float64]) -> Finding | None:
-    """The finding that boxes leave out returns of their objects by centimetres, with the margin that holds them.
-
-    Args:
-        held: (objects, 11) float64, sums of `returns_held`.
-
-    Returns:
-        None where half of the objects have their returns inside, or where even the largest margin seems too small.
-    """
-    told = held[held[:, -1] >= LEAST_RETURNS]
-    if not len(told):
-        return None
-    shares = np.median(told / told[:, -1:], axis=0)
-    fitting = int(np.argmax(shares >= HELD))
-    if shares[0] >= TIGHT or fitting == len(MARGINS_M) - 1:
-        return None
-    margin_cm = round(100 * MARGINS_M[fitting])
-    return Finding(
-        check="tight-boxes",
-        severity=Severity.WARNING,
-        field="cuboid, sizes",
-        expected=f"the lidar points of an object in its box, not only within {100 * MARGINS_M[-1]:.0f} cm of it",
-        got=f"{shares[0]:.0%} of them inside, median of {len(told)} objects; {shares[fitting]:.0%} with {margin_cm} cm "
-        "more on each side",
-        hint=f"make the boxes {2 * margin_cm} cm longer and wider and {margin_cm} cm higher, or score with "
-        f"shape_margin_m: {MARGINS_M[fitting]:.2f} (surface-v1 has 0.05)",
-        times=len(told),
-    )
-
-
 def _local(points_m: Vectors, boxes: Boxes) -> Vectors:
     """(H, N, 3), points in the frame of each box."""
     return np.asarray(np.einsum("hni,hij->hnj", points_m[None] - boxes.centres_m[:, None], boxes.rotations))
@@ -174,24 +141,26 @@ class Beams:
         order = np.argsort(bearing)
         self._bearing, self._ends, self._starts = bearing[order], ends[order], starts[rows][order]
         self._times_ns, self._time_ns = posed.times_ns[order], sweep.timestamp_ns
-        self._trajectory, self._road_m = recording.trajectory, recording.ground_m
+        self._road_m = recording.ground_m
 
-    def near(self, box: Cuboid, *, time_ns: int, velocity_mps: Vectors, reach_m: float) -> Near | None:
+    def near(
+        self,
+        box: Cuboid,
+        *,
+        time_ns: int,
+        vehicle_from_world: RigidTransform,
+        velocity_mps: Vectors,
+        reach_m: float,
+    ) -> Near:
         """Beams around a box.
 
         Args:
             box: vehicle frame at `time_ns`.
             time_ns: of the annotation.
+            vehicle_from_world: then.
             velocity_mps: (3,), of the object over the ground, world axes.
             reach_m: how far around the box returns are looked for.
-
-        Returns:
-            None where there is no ego-motion.
         """
-        rotations, positions_m, valid = self._trajectory.at(np.array([time_ns], dtype=np.int64))
-        if not valid[0]:
-            return None
-        vehicle_from_world = RigidTransform(rotations[0], positions_m[0]).inverse()
         now_from_sweep = vehicle_from_world @ self._world_from_vehicle
         centre = now_from_sweep.inverse().apply(box.vehicle_from_object.translation_m)
         rows = self._towards(centre, float(np.hypot(*box.size_m[:2])) / 2 + reach_m)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.recordings import NOT_ANNOTATED, Recording
 from bench.times import SECOND_NS
-from bench.validation.drive import annotation_file, box_of
-from bench.validation.findings import Finding, Severity
+from bench.validation.drive import box_of
+from bench.validation.findings import Finding, new_finding
 
 if TYPE_CHECKING:
     from bench.annotation.proposals import Proposal
@@ -43,9 +43,7 @@ class Unboxed:
 
 
 UNBOXED = Unboxed()
-HARMLESS = frozenset(
-    {"fragments joined", "seen from one end", "top not seen"}
-)  # doubts about a box, not its being there
+HARMLESS = {"fragments joined", "seen from one end", "top not seen"}  # doubts about a box, not its being there
 
 
 def check_unboxed(recording: Recording) -> Iterator[Finding]:
@@ -66,21 +64,10 @@ def check_unboxed(recording: Recording) -> Iterator[Finding]:
         if sure and len(without) > max(UNBOXED.least_sweeps - 1, len(rows) / 2):
             unboxed.append((proposal, without))
     if unboxed:
-        unboxed.sort(key=lambda entry: -len(entry[1]))
-        proposal, without = unboxed[0]
+        proposal, without = max(unboxed, key=lambda entry: len(entry[1]))
         more = f"; {len(unboxed) - 1} more objects like that" if len(unboxed) > 1 else ""
-        yield Finding(
-            check="object-without-box",
-            severity=Severity.WARNING,
-            file=annotation_file(recording),
-            field="objects",
-            expected="a box around everything that moves",
-            got=_described(proposal, without, recording) + more,
-            hint="annotate the object (`fisheye-bench annotate propose` finds such), or state when and where the "
-            "recording is annotated",
-            times=len(unboxed),
-            timestamp_ns=int(proposal.timestamps_ns[without[0]]),
-        )
+        got, first_ns = _described(proposal, without, recording) + more, int(proposal.timestamps_ns[without[0]])
+        yield new_finding("object-without-box", got, field="objects", times=len(unboxed), timestamp_ns=first_ns)
 
 
 def _described(proposal: Proposal, without: NDArray[np.intp], recording: Recording) -> str:

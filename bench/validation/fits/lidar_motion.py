@@ -8,7 +8,7 @@ heave of the body are measured but not compared: odometry is planar.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ from scipy.optimize import least_squares
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform, twist_between
 from bench.times import SECOND_NS
-from bench.validation.findings import DEGREE
-from bench.validation.scan_matching import Step
+from bench.validation.fits.readings import DEGREE
+from bench.validation.fits.scan_matching import Step
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class Quantity:
         small: what is off by more is another sign, unit or axis.
         known: standard deviation up to which a value counts as known; the report says of others that it cannot tell.
         field: of a finding.
-        expected: of a finding.
+        kind: of a finding, in findings.yaml.
         unit: in which it is reported.
         scale: of these units in one.
         why: what the drive may lack where it is not known, beside sweeps that match; "" for nothing.
@@ -46,31 +46,36 @@ class Quantity:
     small: float
     known: float
     field: str
-    expected: str
+    kind: str
     unit: str
     scale: float
     why: str
+
+    def interval(self, value: float, sigma: float) -> str:
+        """A fitted value less the stated one, with its interval of 95 %."""
+        off, half = self.scale * (value - self.stated), 1.96 * self.scale * sigma
+        return f"{off:+.3g} [{off - half:+.3g}, {off + half:+.3g}] {self.unit}"
 
 
 QUANTITIES = {
     "late_s": Quantity(
         usual=0.001, tolerated=0.004, small=0.3, known=0.005, unit="ms", scale=1e3,
-        field="clock of lidar sweeps against ego-motion", expected="sweeps and ego-motion on one clock",
+        field="clock of lidar sweeps against ego-motion", kind="clock-offset",
         why="it hardly brakes, speeds up or turns in and out"),
     "speed": Quantity(
         stated=1.0, usual=0.01, tolerated=0.03, small=0.2, known=0.01, unit="%", scale=1e2,
-        field="scale of the speed", expected="the speed at which neighbouring sweeps meet",
+        field="scale of the speed", kind="ego-motion-scale: speed",
         why="it hardly drives, or sees little across its way"),
     "turn": Quantity(
         stated=1.0, usual=0.02, tolerated=0.06, small=0.5, known=0.03, unit="%", scale=1e2,
-        field="scale of the yaw rate", expected="the yaw rate with which neighbouring sweeps meet",
+        field="scale of the yaw rate", kind="ego-motion-scale: yaw rate",
         why="it hardly turns"),
     "bias_radps": Quantity(
         usual=0.0017, tolerated=0.007, small=0.09, known=0.005, unit="deg/s", scale=1 / DEGREE,
-        field="bias of the yaw rate", expected="no yaw rate when driving straight", why=""),
+        field="bias of the yaw rate", kind="ego-motion-scale: bias", why=""),
     "yaw_rad": Quantity(
         usual=0.009, tolerated=0.021, small=0.5, known=0.009, unit="degrees", scale=1 / DEGREE,
-        field="lidar.vehicle_from_lidar, yaw", expected="a lidar that is mounted as its motion says",
+        field="lidar.vehicle_from_lidar, yaw", kind="lidar-pose: yaw",
         why="it hardly moves"),
 }  # fmt: skip
 PARAMETERS = tuple(QUANTITIES)
@@ -98,6 +103,7 @@ class Fitting:
 
 
 FITTING = Fitting()
+STEP = float(np.finfo(np.float64).eps ** 0.5)  # of numeric derivatives, part of a value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,10 +118,11 @@ class Mounting:
     level_from_vehicle: Array
     lever_m: Array
 
-    def turned(self, yaw_rad: float) -> Mounting:
-        """With the lidar turned to the left on the vehicle."""
+    def axes(self, yaw_rad: Array | float) -> Array:
+        """(..., 2, 2) float64, `level_from_vehicle` with the lidar turned to the left on the vehicle by (...) rad."""
         cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
-        return replace(self, level_from_vehicle=self.level_from_vehicle @ np.array([[cosine, sine], [-sine, cosine]]))
+        turn = np.stack([np.stack([cosine, sine], axis=-1), np.stack([-sine, cosine], axis=-1)], axis=-2)
+        return np.asarray(self.level_from_vehicle @ turn)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -204,12 +211,14 @@ class Odometry:
         )
 
     def between(self, first_s: Array, last_s: Array) -> Array:
-        """(K, 3) float64, motion between times; NaN beyond the ends."""
-        at = [
-            [np.interp(times, self.seconds, column, left=np.nan, right=np.nan) for column in self.travelled.T]
-            for times in (first_s, last_s)
-        ]
-        return np.asarray(np.transpose(at[1]) - np.transpose(at[0]))
+        """(..., 3) float64, motion between times (...); NaN beyond the ends."""
+        first, last = (
+            np.stack(
+                [np.interp(at_s, self.seconds, way, left=np.nan, right=np.nan) for way in self.travelled.T], axis=-1
+            )
+            for at_s in (first_s, last_s)
+        )
+        return np.asarray(last - first)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -248,19 +257,21 @@ class Comparison:
     odometry: Odometry
 
     def predicted(self, mounting: Mounting, values: Array) -> Array:
-        """(K, 3) float64, motion of the lidar in the level frame under a hypothesis."""
-        late_s, speed, turn, bias_radps, yaw_rad = values
+        """(..., K, 3) float64, motion of the lidar in the level frame by values (..., 5), as in `Fit`."""
+        late_s, speed, turn, bias_radps, yaw_rad = np.moveaxis(values[..., None], -2, 0)
         steps = self.steps
         moved = self.odometry.between(steps.first_s - late_s, steps.last_s - late_s)
-        turned = turn * moved[:, 2] + bias_radps * (steps.last_s - steps.first_s)
-        path = speed * moved[:, :2] + np.outer(turned, [-mounting.lever_m[1], mounting.lever_m[0]])
-        level_from_vehicle = mounting.turned(yaw_rad).level_from_vehicle
-        return np.column_stack([path @ level_from_vehicle.T, turned * np.linalg.det(level_from_vehicle)])
+        turned = turn * moved[..., 2] + bias_radps * (steps.last_s - steps.first_s)
+        sideways = np.array([-mounting.lever_m[1], mounting.lever_m[0]])
+        path = speed[..., None] * moved[..., :2] + turned[..., None] * sideways
+        level_from_vehicle = mounting.axes(yaw_rad[..., 0])
+        mirror = np.linalg.det(mounting.level_from_vehicle)
+        return np.concatenate([path @ level_from_vehicle.swapaxes(-1, -2), turned[..., None] * mirror], axis=-1)
 
     def errors(self, mounting: Mounting, values: Array) -> Array:
-        """(K, 3) float64, distances in m that a hypothesis leaves between sweeps; 0 where odometry is missing."""
+        """(..., K, 3) float64, distances in m that values (..., 5) leave between sweeps; 0 without odometry."""
         error = self.predicted(mounting, values) - self.steps.motion
-        return np.asarray(np.nan_to_num(np.einsum("kij,kj->ki", self.steps.root, error)))
+        return np.asarray(np.nan_to_num(np.einsum("kij,...kj->...ki", self.steps.root, error)))
 
     def fit(self, mounting: Mounting, *, free: Sequence[str] = (), starts: Sequence[Array] = (STATED,)) -> Fit:
         """Fit all parameters, those that are not free close to their usual values."""
@@ -271,15 +282,24 @@ class Comparison:
 
         def residuals(scaled: Array) -> Array:
             errors = self.errors(mounting, STATED + scaled * USUAL)
-            size = np.linalg.norm(errors, axis=1) / FITTING.soft_m
+            size = np.linalg.norm(errors, axis=-1, keepdims=True) / FITTING.soft_m
             less = np.sqrt(np.log1p(size**2)) / np.maximum(size, 1e-9)  # Cauchy
-            return np.concatenate([(errors * less[:, None] / FITTING.step_m).ravel(), prior * scaled])
+            weighed = (errors * less / FITTING.step_m).reshape(*scaled.shape[:-1], -1)
+            return np.concatenate([weighed, prior * scaled], axis=-1)
+
+        def slopes(scaled: Array) -> Array:
+            """By forward differences, all in one call, into the bounds."""
+            step = STEP * np.where(scaled < 0.0, -1.0, 1.0) * np.maximum(1.0, np.abs(scaled))
+            step = np.where(np.abs(scaled + step) > limit, -step, step)
+            moved = scaled + np.diag(step)
+            at, *beside = residuals(np.vstack([scaled, moved]))
+            return np.asarray((np.array(beside) - at).T / (np.diag(moved) - scaled))
 
         fits = [
-            least_squares(residuals, (start - STATED) / USUAL, bounds=(-limit, limit), x_scale="jac")
+            least_squares(residuals, (start - STATED) / USUAL, jac=slopes, bounds=(-limit, limit), x_scale="jac")
             for start in starts
         ]
-        best = min(fits, key=lambda one: one.cost)
+        best = min(fits, key=lambda fit: fit.cost)
         values = STATED + best.x * USUAL
         errors = self.errors(mounting, values)
         excess = max(1.0, 2.0 * best.cost / max(errors.size - len(USUAL), 1))

@@ -11,7 +11,7 @@ no motion. After Levinson and Thrun, "Automatic online calibration of cameras an
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -27,7 +27,7 @@ from bench.recordings import MountedCamera, Recording, read_image
 from bench.reference.grid import DOWN, LEFT, RIGHT, UP, find_grid
 from bench.reference.sweeps import PosedSweep, pose_sweep
 from bench.validation.drive import distance_to, on_objects, sweep_times, times_of
-from bench.validation.scan_matching import MeasuredMotion
+from bench.validation.fits.scan_matching import MeasuredMotion
 
 JUMP_M, JUMP = 0.7, 0.05  # in range from a return to its neighbour behind: in m, and as a part of its range
 SPAN_M = (1.5, 30.0)  # of the lidar; the edges of what is further are few and small
@@ -202,6 +202,19 @@ class SeenFlow:
     flow: NDArray[np.float32]
     points_world: NDArray[np.float64]
     edges: Edges
+
+
+def mirrored(flows: Sequence[SeenFlow]) -> list[SeenFlow]:
+    """Flow and edges as images show them that are mirrored left to right."""
+    mirror = np.array([-1, 1])
+    return [
+        replace(
+            seen,
+            flow=seen.flow[:, ::-1] * mirror.astype(np.float32),
+            edges=replace(seen.edges, offsets=seen.edges.offsets[[0, 3, 2, 1], :, ::-1] * mirror.astype(np.int16)),
+        )
+        for seen in flows
+    ]
 
 
 def reduced(camera: MountedCamera) -> MountedCamera:

@@ -21,11 +21,10 @@ from scipy.spatial.transform import Rotation
 
 from bench.errors import DataError
 from bench.geometry import advance_twist, twist_between
-from bench.lidar import LidarSweep
 from bench.recordings import Recording
 from bench.times import SECOND_NS
 from bench.validation.drive import distance_to, on_objects, sweep_times
-from bench.validation.findings import DEGREE
+from bench.validation.fits.readings import DEGREE
 
 Array = NDArray[np.float64]
 
@@ -90,7 +89,6 @@ class Step:
         path_m: (3,) float64, m, path of the lidar's origin in its own axes over the whole step.
         information: (6, 6) float64, for an error (rotation, translation) x of the step x @ information @ x is the mean
             square of the distance that it puts between returns and surfaces, m2.
-        apart_m: root mean square of the distances that are left, m.
     """
 
     first_ns: int
@@ -98,12 +96,6 @@ class Step:
     turn_rad: Array
     path_m: Array
     information: Array
-    apart_m: float
-
-    @property
-    def seconds(self) -> float:
-        """Time between the sweeps, s."""
-        return (self.last_ns - self.first_ns) / SECOND_NS
 
     @property
     def tells_all(self) -> bool:
@@ -113,7 +105,7 @@ class Step:
     @property
     def twist(self) -> Array:
         """(6,) float64, rotation vector and path per second."""
-        return np.concatenate([self.turn_rad, self.path_m]) / self.seconds
+        return np.concatenate([self.turn_rad, self.path_m]) / ((self.last_ns - self.first_ns) / SECOND_NS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -150,7 +142,7 @@ def scan_steps(recording: Recording) -> tuple[Step, ...]:
         before: _Scan | None = None
         twist: Array | None = None
         for row in run:
-            returns = _read(recording, row)
+            returns = _static_returns(recording, row)
             if returns is None:
                 before = twist = None
                 continue
@@ -195,16 +187,12 @@ def _runs(recording: Recording) -> Iterator[Sequence[int]]:
         yield run
 
 
-def _read(recording: Recording, row: int) -> _Returns | None:
+def _static_returns(recording: Recording, row: int) -> _Returns | None:
+    """Returns within reach that lie on no annotated object, averaged in cells; None for too few or an unread sweep."""
     try:
         sweep = recording.sweeps[row].read()
     except DataError:
         return None  # reported by the check of the sweeps
-    return static_returns(sweep, recording)
-
-
-def static_returns(sweep: LidarSweep, recording: Recording) -> _Returns | None:
-    """Returns within reach that lie on no annotated object, averaged in cells."""
     points = sweep.points_lidar.astype(np.float64)
     away_m = np.linalg.norm(points - recording.lidar_from_sensor.translation_m, axis=1)
     rows = np.flatnonzero((away_m > MATCHING.span_m[0]) & (away_m < MATCHING.span_m[1]))
@@ -261,17 +249,10 @@ def _match(scan: _Scan, before: _Scan, twist: Array) -> Step | None:
     moved = _moved(scan, before, twist, MATCHING.source_points, MATCHING.reach_m)
     if moved is None or moved[2] < MATCHING.least_near:
         return None
-    twist, information, _, apart_m = moved
+    twist, information, _ = moved
     first_ns, last_ns = before.returns.time_ns, scan.returns.time_ns
     whole = twist * (last_ns - first_ns) / SECOND_NS
-    return Step(
-        first_ns=first_ns,
-        last_ns=last_ns,
-        turn_rad=whole[:3],
-        path_m=whole[3:],
-        information=information,
-        apart_m=apart_m,
-    )
+    return Step(first_ns=first_ns, last_ns=last_ns, turn_rad=whole[:3], path_m=whole[3:], information=information)
 
 
 def _sample(normals: Array, most: int) -> NDArray[np.intp]:
@@ -283,12 +264,12 @@ def _sample(normals: Array, most: int) -> NDArray[np.intp]:
 
 def _moved(
     scan: _Scan, before: _Scan, twist: Array, most: int, reaches_m: Sequence[float]
-) -> tuple[Array, Array, float, float] | None:
+) -> tuple[Array, Array, float] | None:
     """Gauss-Newton on the distances of returns to before.
 
     Returns:
-        Twist per second, information of the step, share of the returns that are near, and their distance in m; None
-        where too few surfaces are met.
+        Twist per second, information of the step, and share of the returns that are near; None where too few surfaces
+        are met.
     """
     rows = _sample(scan.normals, most)
     seconds = (scan.returns.time_ns - before.returns.time_ns) / SECOND_NS
@@ -318,10 +299,9 @@ def _moved(
         )
         twist = np.concatenate([turn[0], path_m[0]]) / seconds
     near = np.abs(away_m) < MATCHING.soft_m
-    rms_m = float(np.sqrt(np.average(away_m**2, weights=weights)))
     scaled = known * np.repeat([MATCHING.arm_m, 1.0], 3)[:, None]
     information = scaled * sizes[sizes > MATCHING.least_information] @ scaled.T
-    return twist, information, float(near.sum() / len(placed)), rms_m
+    return twist, information, float(near.sum() / len(placed))
 
 
 NEAR_NS = 60_000_000  # of the middle of a step to that of a pair

@@ -12,120 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.cameras import CameraModel, KannalaBrandtCamera, PinholeCamera
-from bench.errors import ShapeError
-from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera, Recording
-from bench.validation.camera_fit import CAUSES, PARTS, SLICES, CameraFit, Fit
-from bench.validation.drive import calibration_file
-from bench.validation.findings import DEGREE, Finding, Severity, Undecided
-from bench.validation.scan_matching import MeasuredMotion, measured_motion, scan_steps
-from bench.validation.static_flow import SeenFlow, reduced, seen_flows
-from bench.validation.static_readings import signed_axes
-
-HALF_TURN = np.diag([-1.0, -1.0, 1.0])
-OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # vehicle axes from camera axes
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Reading:
-    """A calibration that may have been meant.
-
-    Attributes:
-        field: of the camera in the calibration, or "images".
-        description: what was confused, as in "with ..."
-        camera: so.
-        mirrored: the images are.
-    """
-
-    field: str
-    description: str
-    camera: MountedCamera
-    mirrored: bool = False
-
-    def flows(self, flows: Sequence[SeenFlow]) -> list[SeenFlow]:
-        """Flow as this reading sees it."""
-        if not self.mirrored:
-            return list(flows)
-        mirror = np.array([-1, 1])
-        return [
-            replace(
-                one,
-                flow=one.flow[:, ::-1] * mirror.astype(np.float32),
-                edges=replace(one.edges, offsets=one.edges.offsets[[0, 3, 2, 1], :, ::-1] * mirror.astype(np.int16)),
-            )
-            for one in flows
-        ]
-
-
-def readings(camera: MountedCamera, others: Sequence[MountedCamera]) -> Iterator[Reading]:
-    """All that are tried.
-
-    Args:
-        camera: as stated.
-        others: cameras whose images may be taken for those of this one, all at one size.
-    """
-    model, mounting = camera.model, camera.vehicle_from_camera
-    rotation, place_m = mounting.rotation, mounting.translation_m
-
-    def lens_of(description: str, model: CameraModel) -> Reading:
-        return Reading(field="model", description=description, camera=replace(camera, model=model))
-
-    def mounted(field: str, description: str, vehicle_from_camera: RigidTransform) -> Reading:
-        there = replace(camera, vehicle_from_camera=vehicle_from_camera)
-        return Reading(field=field, description=description, camera=there)
-
-    def turned(description: str, matrix: np.ndarray) -> Reading:
-        return mounted("vehicle_from_camera.quaternion_wxyz", description, RigidTransform(matrix, place_m))
-
-    for factor in (0.5, 2.0):
-        yield lens_of(f"the focal length times {factor:g}", zoomed(model, factor))
-    for name, other_lens in _other_lenses(model):
-        yield lens_of(name, other_lens)
-    yield mounted("vehicle_from_camera", "the inverse of the mounting", mounting.inverse())
-    w, x, y, z = mounting.quaternion_wxyz
-    for order, numbers in (("x, y, z, w", (z, w, x, y)), ("w, x, y, z, given as x, y, z, w,", (x, y, z, w))):
-        yield turned(f"the quaternion read as {order}", RigidTransform.from_quaternion(numbers, place_m).rotation)
-    yield turned("the inverse of the rotation", rotation.T)
-    yield turned("the camera frame read as x forward, y left, z up", rotation @ OPTICAL)
-    yield turned("the camera frame read as x right, y down, z forward twice", rotation @ OPTICAL.T)
-    yield turned("the images upside down", rotation @ HALF_TURN)
-    yield Reading(field="images", description="the images mirrored", camera=camera, mirrored=True)
-    for other in others:
-        yield Reading(field="images", description=f"the images of {other.name}", camera=other)
-    for matrix in signed_axes():
-        if np.linalg.det(matrix) < 0 or np.array_equal(matrix, np.eye(3)):
-            continue
-        axes = ", ".join("{}{}".format("-" if row.sum() < 0 else "", "xyz"[int(np.abs(row).argmax())])
-                         for row in matrix)  # fmt: skip
-        yield turned(f"the camera's axes as {axes}", rotation @ matrix)
-
-
-def zoomed(model: CameraModel, factor: float) -> CameraModel:
-    """The lens with another focal length, in an image of the same size."""
-    size = round(model.width * factor), round(model.height * factor)
-    return replace(model.scaled(*size), width=model.width, height=model.height, principal_point=model.principal_point)
-
-
-def _other_lenses(model: CameraModel) -> Iterator[tuple[str, CameraModel]]:
-    """A pinhole for what is no pinhole and a fisheye for what is none, of the same focal length at the middle."""
-    ray = np.array([[1e-4, 0.0, 1.0]])
-    try:
-        focal = float(np.abs(model.project(ray)[0][0, 0] - model.principal_point[0]) / 1e-4)
-        if not isinstance(model, PinholeCamera):
-            yield (
-                "a pinhole lens",
-                PinholeCamera(
-                    width=model.width, height=model.height, principal_point=model.principal_point, focal=(focal, focal)
-                ),
-            )
-        if not isinstance(model, KannalaBrandtCamera):
-            yield "a fisheye lens", KannalaBrandtCamera(
-                width=model.width, height=model.height, principal_point=model.principal_point,
-                focal=(focal, focal), coefficients=(),
-            )  # fmt: skip
-    except ShapeError:
-        return
+from bench.validation.findings import Finding, Severity, Undecided, new_finding
+from bench.validation.fits.camera_fit import CAUSES, SLICES, UNKNOWNS, CameraFit, Fit
+from bench.validation.fits.flow import SeenFlow, mirrored, reduced, seen_flows
+from bench.validation.fits.readings import DEGREE, Reading, camera_readings
+from bench.validation.fits.scan_matching import MeasuredMotion, measured_motion, scan_steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,7 +91,7 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     clean = stated.fit(())
     wrong = clean is None or clean.share < LIMITS.predicted
     if (better := _best_reading(recording, seen, flows, measured, clean, all_readings=wrong)) is not None:
-        return _misread(recording, camera, clean, *better)
+        return _misread(camera, clean, *better)
     if clean is None:
         return undecided("too few lidar returns on texture in the image")
     causes = [cause for cause in CAUSES if cause != "clock" or _motion_changes(recording, flows)]
@@ -207,7 +99,7 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     best = min(fits.values(), key=lambda fit: fit.cost)
     told = {cause: fit for cause, fit in fits.items() if _explains(cause, fit, clean) and _is_large(cause, fit)}
     if best.share < LIMITS.least:
-        return _unlike(recording, camera, clean, best)
+        return _unlike(camera, clean, best)
     if best.share < LIMITS.sure:
         doubt = f"only {100 * best.share:.0f} % of the flow is that of a static world"
         cause = next((cause for cause in TOLD_AS_DOUBT if _stands_out(cause, told, fits)), None)
@@ -218,7 +110,7 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     if not told:
         return _unknown_clock(camera, fits.get("clock"))
     if (better := _best_reading(recording, seen, flows, measured, best, all_readings=True, better=0.0)) is not None:
-        return _misread(recording, camera, clean, *better)
+        return _misread(camera, clean, *better)
     ranked = sorted(told.items(), key=lambda entry: entry[1].cost)
     enough = ranked[0][1].cost + LIMITS.as_well
     first, *others = (_deviation(recording, camera, cause, clean, fit) for cause, fit in ranked if fit.cost < enough)
@@ -242,7 +134,7 @@ def _unknown_clock(camera: MountedCamera, fit: Fit | None) -> Undecided | None:
 def _explains(cause: str, fit: Fit, clean: Fit) -> bool:
     """A fit is clearly better, and not by edges against flow: a fence has many, all wrong in one way."""
     gain, of_flow = clean.cost - fit.cost, float((clean.losses - fit.losses).sum())
-    return gain > PARTS[cause].gain and of_flow > -LIMITS.against * gain
+    return gain > UNKNOWNS[cause].gain and of_flow > -LIMITS.against * gain
 
 
 def _stands_out(cause: str, told: Mapping[str, Fit], fits: Mapping[str, Fit]) -> bool:
@@ -274,7 +166,7 @@ def _best_reading(
     *,
     all_readings: bool,
     better: float = LIMITS.better,
-) -> tuple[Reading, Fit] | None:
+) -> tuple[Reading[MountedCamera], Fit] | None:
     """The reading that predicts clearly more of the flow than the stated calibration; None without one.
 
     Args:
@@ -289,10 +181,11 @@ def _best_reading(
     others = [reduced(other) for other in recording.cameras.values() if other.name != camera.name]
     same_size = [o for o in others if (o.model.width, o.model.height) == (camera.model.width, camera.model.height)]
     share = 0.0 if stated is None else stated.share
-    tried: list[tuple[float, Reading, CameraFit]] = []
-    for reading in readings(camera, same_size):
-        if all_readings or reading.mirrored:
-            fit = CameraFit(reading.flows(flows), recording.trajectory, reading.camera, measured)
+    tried: list[tuple[float, Reading[MountedCamera], CameraFit]] = []
+    for reading in camera_readings(camera, same_size):
+        if all_readings or reading.elsewhere:
+            seen = mirrored(flows) if reading.elsewhere else flows
+            fit = CameraFit(seen, recording.trajectory, reading.undo, measured)
             if fit.enough and (all_readings or fit.share() > share + LIMITS.mirrored):
                 tried.append((fit.share(), reading, fit))
     most = max((fit.points for _, _, fit in tried), default=0)
@@ -305,93 +198,90 @@ def _best_reading(
     return (reading, fitting) if fitting.share > enough else None
 
 
-def _unlike(recording: Recording, camera: MountedCamera, clean: Fit, best: Fit) -> Finding:
-    return Finding(
-        check="camera-flow",
-        severity=Severity.WARNING,
-        file=calibration_file(recording),
-        field=f"cameras.{camera.name}, images of {camera.name}",
-        expected=EXPECTED.format(camera.name) + f", of which at least {100 * LIMITS.least:.0f} % fits, at night too",
-        got=f"{100 * clean.share:.0f} % of it; {100 * best.share:.0f} % by the calibration or clock that fits best",
-        hint="another lens model or mounting, images of another drive or camera, or clocks that are tenths of a second "
-        "apart; look at it by `view --calibration`",
-    )
+def _unlike(camera: MountedCamera, clean: Fit, best: Fit) -> Finding:
+    got = f"{100 * clean.share:.0f} % of it; {100 * best.share:.0f} % by the calibration or clock that fits best"
+    field, flow = f"cameras.{camera.name}, images of {camera.name}", EXPECTED.format(camera.name)
+    return new_finding("camera-flow", got, field=field, flow=flow, least=100 * LIMITS.least)
 
 
-def _misread(recording: Recording, camera: MountedCamera, clean: Fit | None, reading: Reading, best: Fit) -> Finding:
-    field = f"images of {camera.name}" if reading.field == "images" else f"cameras.{camera.name}.{reading.field}"
+def _misread(camera: MountedCamera, clean: Fit | None, reading: Reading[MountedCamera], best: Fit) -> Finding:
     before = "none of it is in the image" if clean is None else f"{clean.residual_px:.1f} px off"
-    return Finding(
-        check="camera-calibration",
-        file=calibration_file(recording),
-        field=field,
-        expected=EXPECTED.format(camera.name),
-        got=f"flow {before}; {best.residual_px:.1f} px with {reading.description}",
+    return new_finding(
+        "camera-calibration",
+        f"flow {before}; {best.residual_px:.1f} px with {reading.description}",
+        field=f"images of {camera.name}" if reading.field == "images" else f"cameras.{camera.name}.{reading.field}",
         hint=f"the camera's calibration fits with {reading.description}: correct it",
+        flow=EXPECTED.format(camera.name),
     )
 
 
 def _is_large(cause: str, fit: Fit) -> bool:
     """A number of a cause is large, and certainly not small."""
-    sizes, sigmas, smallest = np.abs(fit.values[SLICES[cause]]), fit.sigmas[SLICES[cause]], PARTS[cause].smallest
+    sizes, sigmas, smallest = np.abs(fit.values[SLICES[cause]]), fit.sigmas[SLICES[cause]], UNKNOWNS[cause].smallest
     large = sizes > np.maximum(smallest, LIMITS.deviations * sigmas)
     return bool((large & (sizes - INTERVAL * sigmas > smallest / 2)).any())
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Words:
+    """How a finding tells of a cause.
+
+    Attributes:
+        says: of the camera; braces are the numbers with their intervals of 95 %.
+        ways: of each number, if it is positive.
+        scale: of a number, for its unit.
+        digits: after the point.
+        field: of the camera.
+        hint: remedy.
+    """
+
+    says: str
+    ways: tuple[str, ...]
+    scale: float = 1.0
+    digits: int = 1
+    field: str
+    hint: str
+
+
+WORDS = {
+    "rotation": Words(
+        says="a camera that is turned against its stated mounting: {}", scale=1 / DEGREE,
+        ways=("degrees up", "degrees to its right", "degrees clockwise"),
+        field="vehicle_from_camera.quaternion_wxyz", hint="turn the stated mounting so, about the camera's own axes"),
+    "focal": Words(
+        says="a focal length {} than stated", ways=("% longer",), scale=100.0,
+        field="model", hint="multiply the lens's scale (focal or coefficients) by {:.3f}"),
+    "centre": Words(
+        says="a centre {}", ways=("px to the right", "px down"),
+        field="model.principal_point", hint="add that to the principal point (the image as evaluated)"),
+    "position": Words(
+        says="a camera {}", ways=("m to the front", "m to the left", "m up"), digits=2,
+        field="vehicle_from_camera.translation_m", hint="add that to the stated position of the camera"),
+}  # fmt: skip
+
+
 def _deviation(recording: Recording, camera: MountedCamera, cause: str, clean: Fit, best: Fit) -> Finding:
     values, half = best.values[SLICES[cause]], INTERVAL * best.sigmas[SLICES[cause]]
-    field = f"cameras.{camera.name}"
-    mounting = f"{field}.vehicle_from_camera"
+    fall = f"with that the residual of the flow falls from {clean.residual_px:.2f} to {best.residual_px:.2f} px"
     if cause == "clock":
-        milliseconds, interval = -1e3 * values[0], 1e3 * half[0]
-        late = "late" if milliseconds > 0 else "early"
-        return Finding(
-            check="image-clock",
-            file=str(recording.root / "images"),
-            field=f"images of {camera.name}",
-            expected="image times in the clock of the ego-motion",
-            got=f"images {abs(milliseconds):.0f} ms {late} (95 % interval +- {interval:.0f} ms); {_fall(clean, best)}",
-            hint=f"{'subtract' if milliseconds > 0 else 'add'} {abs(milliseconds):.0f} ms; or the clock of the sweeps "
-            f"is as much {'early' if milliseconds > 0 else 'late'}, if boxes disagree with it alike, or that of the "
-            "ego-motion, if the lidar does",
-        )
-    if cause == "rotation":
-        degrees, interval = values / DEGREE, half / DEGREE
-        text = ", ".join(
-            f"{abs(value):.1f} +- {around:.1f} degrees {ways[int(value < 0)]}"
-            for value, around, ways in zip(
-                degrees,
-                interval,
-                (("up", "down"), ("to its right", "to its left"), ("clockwise", "anticlockwise")),
-                strict=True,
-            )
-        )
-        got, field = f"a camera that is turned against its stated mounting: {text}", f"{mounting}.quaternion_wxyz"
-        hint = "turn the stated mounting so, about the camera's own axes"
-    elif cause == "focal":
-        percent, interval_percent = 100.0 * float(np.expm1(values[0])), 100.0 * float(half[0])
-        way = "longer" if percent > 0 else "shorter"
-        got = f"a focal length {abs(percent):.1f} +- {interval_percent:.1f} % {way} than stated"
-        field, hint = f"{field}.model", f"multiply the lens's scale (focal or coefficients) by {np.exp(values[0]):.3f}"
-    elif cause == "centre":
-        got = (
-            f"a centre {values[0]:+.1f} +- {half[0]:.1f} px to the right and {values[1]:+.1f} +- {half[1]:.1f} px down"
-        )
-        field, hint = f"{field}.model.principal_point", "add that to the principal point (the image as evaluated)"
-    else:
-        got = "a camera {:+.2f} m to the front, {:+.2f} m to the left, {:+.2f} m up".format(*values)
-        got += " (95 % intervals +- {:.2f}, {:.2f}, {:.2f} m)".format(*half)
-        field, hint = f"{mounting}.translation_m", "add that to the stated position of the camera"
-    return Finding(
-        check="camera-calibration",
-        severity=Severity.WARNING,
-        file=calibration_file(recording),
-        field=field,
-        expected=EXPECTED.format(camera.name),
-        got=f"{got}; {_fall(clean, best)}",
-        hint=hint,
+        late, interval = -1e3 * float(values[0]), 1e3 * float(half[0])
+        word, change, other = ("late", "subtract", "early") if late > 0 else ("early", "add", "late")
+        got = f"images {abs(late):.0f} ms {word} (95 % interval +- {interval:.0f} ms); {fall}"
+        hint = f"{change} {abs(late):.0f} ms; or the clock of the sweeps is as much {other}, if boxes disagree with it "
+        hint += "alike, or that of the ego-motion, if the lidar does"
+        file = recording.root / "images"
+        return new_finding("image-clock", got, file=file, field=f"images of {camera.name}", hint=hint)
+    words = WORDS[cause]
+    scaled = 100.0 * np.expm1(values) if cause == "focal" else words.scale * values
+    numbers = ", ".join(
+        f"{value:+.{words.digits}f} +- {around:.{words.digits}f} {way}"
+        for value, around, way in zip(scaled, words.scale * half, words.ways, strict=True)
     )
-
-
-def _fall(clean: Fit, best: Fit) -> str:
-    return f"with that the residual of the flow falls from {clean.residual_px:.2f} to {best.residual_px:.2f} px"
+    return new_finding(
+        "camera-calibration",
+        f"{words.says.format(numbers)}; {fall}",
+        field=f"cameras.{camera.name}.{words.field}",
+        severity=Severity.WARNING,
+        hint=words.hint.format(float(np.exp(values[0]))),
+        flow=EXPECTED.format(camera.name),
+    )
