@@ -55,28 +55,22 @@ def test_a_comparison_takes_folders_and_runs_and_writes_where_it_is_told(runs, t
 
 def test_a_verdict_is_that_of_the_command(runs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(bench.MissingBaselineError, match="no baseline there"):
-        bench.judge(runs[0])
-    made = bench.update_baseline(runs[0], allow_dirty=True)
-    assert (made.difference, made.replaced) == (None, "the first baseline of this name")
-    assert made.why_few == ": 3 recordings, 6 needed"
-    verdict, same = bench.judge(runs[1]), bench.judge(bench.load_run(runs[1]), made.folder)
-    assert repr(verdict) == repr(same)
-    assert repr(verdict.rows) == repr(bench.judge(runs[1], runs[0]).rows)
+    none = bench.judge(runs[0])
+    assert (none.passed, none.dataset) == (False, "tiny")
+    assert "no baseline there" in none.why_none
+    assert bench.judge(tmp_path / "none").run is None
+    made = bench.judge(runs[0], update=True, allow_dirty=True)
+    assert made.stored.endswith("metrics can be judged: cases of both in 3 recordings, 6 are needed")
+    verdict, same = bench.judge(runs[1]), bench.judge(bench.load_run(runs[1]), made.baseline_folder)
+    assert repr(verdict.rows) == repr(same.rows) == repr(bench.judge(runs[1], runs[0]).rows)
     assert not verdict.passed
-    again = bench.update_baseline(runs[0], allow_dirty=True)
-    assert repr(again.difference) == repr(bench.judge(runs[0]))
-    with pytest.raises(UnknownNameError, match="tolerances"):
-        bench.judge(runs[0], tolerances="strict")
-
-
-def test_a_ci_server_is_told_why_there_is_no_verdict(runs, tmp_path):
-    refused = bench.refused_verdict(runs[0], reason="no baseline there")
-    assert (refused.passed, refused.why_none, refused.dataset) == (False, "no baseline there", "tiny")
-    assert bench.refused_verdict(tmp_path / "none", reason="damaged").run is None
-    bench.write_verdict(refused, junit=str(tmp_path / "gate.xml"), json=tmp_path / "gate.json")
+    again = bench.judge(runs[0], update=True, allow_dirty=True)
+    assert repr(again.rows) == repr(bench.judge(runs[0]).rows)
+    bench.write_verdict(none, junit=str(tmp_path / "gate.xml"), json=tmp_path / "gate.json")
     assert "no baseline there" in (tmp_path / "gate.xml").read_text()
     assert json.loads((tmp_path / "gate.json").read_text())["passed"] is False
+    with pytest.raises(UnknownNameError, match="tolerances"):
+        bench.judge(runs[0], tolerances="strict")
 
 
 def test_a_run_is_verified(runs, tiny_card, tmp_path):
