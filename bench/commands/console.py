@@ -83,16 +83,6 @@ def say(line: str, *, style: str = "", to_errors: bool = False) -> None:
     _print(Text(harmless(line), style=style), to_errors=to_errors)
 
 
-def say_damaged(damaged: Iterable[tuple[str, str]]) -> None:
-    """Print which runs of a folder are not listed, and why.
-
-    Args:
-        damaged: folder and fault of each that cannot be read.
-    """
-    for run, fault in damaged:
-        say(f"damaged: {run}: {fault}", style="red")
-
-
 def note(line: str) -> None:
     """Print what is no result: cost, files, where something lies; nothing for those who want to read little."""
     if verbosity() >= Verbosity.USUAL:

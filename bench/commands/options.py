@@ -129,7 +129,6 @@ Split = Annotated[
         "of each camera; default: everything.",
     ),
 ]
-Recording = Annotated[str | None, typer.Option(help="Name of a recording; default: all.")]
 Workers = Annotated[
     "int | Executor | TaskExecutor",
     typer.Option(

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from bench.harness.run import Finish
     from bench.methods import Scorable
     from bench.recordings import DatasetCard
-    from bench.validation import ValidationReport
 
 RUNS = Path("reports/runs")
 PROTOCOLS = "paper-v1,surface-v1"  # that a run is scored by where none is named
@@ -258,7 +257,6 @@ def score(
     *,
     executor: TaskExecutor,
     pictures: bool,
-    validation: ValidationReport | None = None,
     finish: Finish | None = None,
     remarks: Sequence[str] = (),
     progress: Report | None = None,
@@ -269,7 +267,6 @@ def score(
         request: the run.
         executor: computes.
         pictures: also draw an example frame of every category.
-        validation: of the data; None where they were not validated.
         finish: as of `run_benchmark`, before the report.
         remarks: on the data.
         progress: as of `run`.
@@ -280,7 +277,6 @@ def score(
     Raises:
         DataError: nothing of the data set could be used, or the folder holds another run.
     """
-    from bench.atomic import write_text
     from bench.harness import run_benchmark
     from bench.reporting.frame_pictures import write_example_pictures
     from bench.reporting.run_tables import write_report_files
@@ -295,11 +291,6 @@ def score(
             with progress_bar("drawing", "pictures") as drawing:
                 drawn, missing = write_example_pictures(stored, card=request.card, progress=drawing)
             files += drawn
-        if validation is not None:
-            from bench.reporting.findings import VALIDATION  # it loads all checks
-
-            write_text(stored.folder / VALIDATION, validation.as_json())
-            files.append(stored.folder / VALIDATION)
         files.sort(key=lambda file: file.name not in READ_FIRST)
         missing = [f"no picture: {reason}" for reason in missing]
         runs.append(Run(folder=stored.folder, files=tuple(files), remarks=(*remarks, *missing)))
