@@ -9,8 +9,7 @@ import pytest
 import bench
 from bench.commands.app import COMMANDS
 from bench.commands.examples import EXAMPLES
-from bench.errors import UnknownNameError, UsageError
-from bench.methods.settings import parse_settings
+from bench.errors import UnknownNameError
 from bench.reporting.charts import draw_run_maps
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call, error_line
@@ -198,15 +197,6 @@ def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
     assert "Traceback" in capsys.readouterr().err
     assert call(monkeypatch, "--version") == 0
     assert capsys.readouterr().out == f"fisheye-bench {bench.__version__}\n"
-
-
-def test_settings_nest_and_numbers_are_numbers():
-    parsed = parse_settings(["weights.anti_parallel=0", "threshold=6e-4", "flow=dis", "root_sum=true"])
-    assert parsed == {"weights": {"anti_parallel": 0}, "threshold": 6e-4, "flow": "dis", "root_sum": True}
-    with pytest.raises(UsageError, match="already has the value"):
-        parse_settings(["weights=1", "weights.epipolar=2"])
-    with pytest.raises(UsageError, match="a YAML value"):
-        parse_settings(["flow=["])
 
 
 def test_python_m_bench_is_the_same_command():
