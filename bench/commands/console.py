@@ -25,6 +25,7 @@ from bench.plain_text import counted, plain
 if TYPE_CHECKING:
     from bench.reporting.document import Block
 
+FAILURES = 2  # exit status where single images, units or recordings could not be used, as for usage and data errors
 TABLE_COLUMNS = 110  # of tables that go into a file or a log
 SHOWN_FAILURES = 10
 SHOWN_FILES, MOST_FILES = 4, 6

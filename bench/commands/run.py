@@ -11,9 +11,7 @@ from bench.commands import options
 from bench.commands.command import TEXT
 from bench.commands.console import print_failures, say
 from bench.commands.progress import Report, progress_bar, resumable
-from bench.commands.runs import PROTOCOLS, Run, print_cost, print_runs, say_next, score
-
-LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # as `make leaderboard` wrote it; else the one that ships
+from bench.commands.runs import PROTOCOLS, Run, print_cost, print_runs, score
 
 
 def run(
@@ -95,19 +93,8 @@ def run(
 
 
 def show(scored: Run) -> int:
-    """Print the run, how it compares with the best known, and the next command."""
-    if scored.part is not None:
-        return _show_part(scored)
-    from bench.recordings.cards import shipped_folder
-    from bench.reporting.leaderboard import best_line
-
-    passed = print_runs(scored)
-    board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
-    manifest = scored.last.manifest
-    if best := best_line(board, dataset=manifest.dataset.name, beside=manifest.protocol.name):
-        say(best)
-    say_next(scored)
-    return 0 if passed else options.FAILURES
+    """Print the run, or what was done of a part of one."""
+    return print_runs(scored) if scored.part is None else _show_part(scored)
 
 
 def _show_part(scored: Run) -> int:

@@ -11,9 +11,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.commands.console import note, note_files, print_blocks, print_failures, say
+from bench.commands.console import FAILURES, note, note_files, print_blocks, print_failures, say
 from bench.commands.progress import Report, progress_bar, resumable
 from bench.errors import BenchError, UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 RUNS = Path("reports/runs")
 PROTOCOLS = "paper-v1,surface-v1"  # that a run is scored by where none is named
 PURPOSES = {"paper-v1": "the paper's rules", "surface-v1": "the rules of the leaderboard"}
+LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # as `make leaderboard` wrote it; else the one that ships
 READ_FIRST = ("summary.json", "table.md", "range_map.png")
 LONGEST_NAME = 120  # characters of a folder's name
 
@@ -301,12 +303,16 @@ def score(
     return replace(runs[0], others=tuple(runs[1:]))
 
 
-def print_runs(first: Run) -> bool:
-    """Print for each protocol the table and what became of the images, then the cost, failures and files.
+def print_runs(first: Run) -> int:
+    """Print for each protocol the table and what became of the images, then cost, failures, files and what comes next.
+
+    Of a method that failed on every image one line says so.
 
     Returns:
-        True where nothing failed.
+        The exit status.
     """
+    from bench.recordings.cards import shipped_folder
+    from bench.reporting.leaderboard import best_line
     from bench.reporting.run_tables import (
         is_rendered,
         nothing_scored,
@@ -316,7 +322,15 @@ def print_runs(first: Run) -> bool:
         total_lines,
     )
 
-    runs = (first, *first.others)
+    runs, images, manifest = (first, *first.others), first.summary.images, first.manifest
+    if images.failed and images.failed == images.images - images.skipped:
+        say(f"{manifest.method.name} failed on all {counted(images.failed, 'image')}", style="bold red")
+        print_failures(first.summary.failures[:1], all_in="summary.json")
+        row = first.frames[first.frames["status"] == "failed"].iloc[0]
+        place = ["--recording", row["recording"], "--camera", row["camera"], "--time-ns", str(row["timestamp_ns"])]
+        words = ["fisheye-bench", "-v", "view", manifest.dataset.card, *manifest.method.options(), *place]
+        say(f"next, its traceback: {shlex.join(words)}")
+        return FAILURES
     for run in runs:
         summary, manifest = run.summary, run.manifest
         for warning in filter(None, (nothing_scored(summary), odd_masks(run.stored), *manifest.dataset.same_data)):
@@ -335,12 +349,11 @@ def print_runs(first: Run) -> bool:
         note_files(run.files)
     for remark in dict.fromkeys(remark for run in runs for remark in run.remarks):
         say(remark, style="yellow")
-    return not failures
-
-
-def say_next(first: Run) -> None:
-    """Print the command that writes the page of a run."""
+    board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
+    if best := best_line(board, dataset=manifest.dataset.name, beside=manifest.protocol.name):
+        say(best)
     say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(first.last.folder)])}")
+    return FAILURES if failures else 0
 
 
 def print_cost(made: Provenance) -> None:

@@ -73,7 +73,7 @@ class Scorable:
             again only as long as settings, code and the content of these files are the same.
     """
 
-    name: str
+    name: str = ""
     history: int = 1
     longest_history: int = 1
     colour: bool = False
@@ -125,7 +125,10 @@ class Method(Scorable, ABC):
 
 
 _KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
-    "name": ("some text", lambda value: isinstance(value, str) and bool(value.strip())),
+    "name": (
+        'some text, as `name = "my-method"` in the class',
+        lambda value: isinstance(value, str) and bool(value.strip()),
+    ),
     "history": ("a whole number of images", lambda value: type(value) is int and value >= 0),
     "longest_history": ("a whole number of images", lambda value: type(value) is int and value >= 0),
     "colour": ("True or False", lambda value: isinstance(value, bool)),

@@ -1,5 +1,6 @@
 """Every command once: exit status, what it prints, which files it leaves."""
 
+import shlex
 import shutil
 import subprocess
 import sys
@@ -110,11 +111,40 @@ def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_ca
     assert (tmp_path / "run" / "paper-v1" / "summary.json").exists()
 
 
+FAILING = """
+from bench.methods import Method
+
+
+class Failing(Method):
+    name = "failing"
+
+    def segment(self, frame):
+        raise ValueError("no such thing")
+"""
+
+
+def test_a_method_that_fails_everywhere_is_told_in_one_line_with_the_way_to_its_traceback(
+    monkeypatch, capsys, tiny_card, tmp_path
+):
+    (tmp_path / "failing_everywhere.py").write_text(FAILING)
+    monkeypatch.syspath_prepend(tmp_path)
+    method = ("--method", "failing_everywhere:Failing")
+    assert call(monkeypatch, "run", tiny_card, *method, "--no-pictures", "--out", tmp_path / "run") == 2
+    *_, told, first, following = capsys.readouterr().out.splitlines()
+    assert told == "failing failed on all 12 images"
+    assert "ValueError: no such thing" in first
+    words = shlex.split(following.partition("fisheye-bench ")[2])
+    assert words[:2] == ["-v", "view"]
+    assert call(monkeypatch, *words, "--out", tmp_path / "view") == 2
+    assert "Traceback" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (("run", "nowhere.yaml"), "nowhere"),
         (("run", "CARD", "--method", "sperical"), "did you mean 'spherical'"),
+        (("run", "CARD", "--method", "../x:Y"), "expected a class at MODULE:NAME, as my_method:MyMethod, got '../x:Y'"),
         (("run", "CARD", "--protocol", "paper-v9"), "known are extended-v1, masks-v1, paper-v1"),
         (("run", "CARD", "--protocol", "paper-v1,paper-v1"), "expected each protocol once"),
         (("run", "CARD", "--split", "test"), "known are all, crossing, moving"),

@@ -210,8 +210,11 @@ def _raise():
 
 
 UNFIT = {
-    "name": (("name", 7), "method 7 of class Unfit: name: expected some text, got 7"),
-    "no name": (("name", ""), "method '' of class Unfit: name: expected some text, got ''"),
+    "name": (("name", 7), "method 7 of class Unfit: name: expected some text, as .* in the class, got 7"),
+    "no name": (
+        ("name", Method.name),
+        "method '' of class Unfit: name: expected some text, as .* in the class, got ''",
+    ),
     "history": (("history", 1.5), "history: expected a whole number of images, got 1.5"),
     "negative history": (("history", -1), "history: expected a whole number of images, got -1"),
     "history as text": (("longest_history", "2"), "longest_history: expected a whole number of images, got '2'"),
