@@ -41,7 +41,7 @@ PIXELS = 0.001  # share of a recording's reference pixels that may differ
 REBINNED = 0.01  # share of all object-frames that may lie in another bin
 BINNED = ("points", "range_m", "speed_mps", "class_and_speed", "ego_speed_mps")  # breakdowns by what is measured
 
-WHOLE = (ALL_MOVING, FRAMES)
+STATUS = "status"  # the breakdown of all annotated objects and all images
 _UNITS = {  # of counts, and the term that holds each
     "tracks": (("object-frames", TERMS[1]), ("tracks", TERMS[0])),
     "annotated": (("annotated objects", TERMS[0]),),
@@ -135,9 +135,10 @@ def _count_differences(pairs: pd.DataFrame) -> Iterator[str]:
     Of the numbers that the reference alone decides: objects by slice and by status, images by status.
     """
     terms = [f"{term}{side}" for term in TERMS for side in SIDES]
-    totals = pairs[pairs["metric"].isin(COUNTS)].groupby(SLICE)[terms].sum().astype(int)
-    rows = _records(totals)
-    for row in [row for row in rows if row["slice"] in WHOLE] + [row for row in rows if row["slice"] not in WHOLE]:
+    of_all = pairs["breakdown"].isin([ALL_MOVING, STATUS])
+    counted = (pairs["metric"] == "tracks") | ((pairs["breakdown"] == STATUS) & pairs["metric"].isin(COUNTS))
+    chosen = [pairs[counted & of_all], pairs[counted & ~of_all]]
+    for row in [row for part in chosen for row in _records(part.groupby(SLICE)[terms].sum().astype(int))]:
         for unit, term in _UNITS[row["metric"]]:
             was, now = (row[f"{term}{side}"] for side in SIDES)
             if was != now:
