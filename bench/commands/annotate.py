@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bench.commands.command import PATH, TEXT, Words, command_line, print_nothing
+from bench.commands.command import PATH, TEXT, Place, Words, command_line, print_nothing
 from bench.commands.console import print_blocks, print_failures, say
 from bench.commands.options import FAILURES, Dataset, Workers, group
 from bench.commands.progress import Report, progress_bar, resumable
@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 app = group("Propose and review moving objects in drives without labels; convert labels of other tools.")
 
 Reviews = Annotated[
-    str | Path | None,
-    typer.Option(help="Folder of reviews; default: the card's annotations, or annotations/<data set>."),
-    PATH,
+    Place, typer.Option(help="Folder of reviews; default: the card's annotations, or annotations/<data set>."), PATH
 ]
 FORMATS = "boxes, openlabel, cvat, kitti-tracklets or semantickitti"
 LEFT_OUT = "none"
@@ -195,17 +193,17 @@ def evaluate_proposals(
     workers: Workers = 1,
     reviews: Reviews = None,
     against: Annotated[
-        str | Path | None,
+        Place,
         typer.Option(help="Another reviewer's folder of reviews, to compare with in place of the annotations."),
         PATH,
     ] = None,
     merged: Annotated[
-        str | Path | None,
+        Place,
         typer.Option(help="With --against: folder of both reviews as one; where they differ, tracks are undecided."),
         PATH,
     ] = None,
     out: Annotated[
-        str | Path | None, typer.Option(help="Folder of evaluate.html, .md and .csv files; default: none."), PATH
+        Place, typer.Option(help="Folder of evaluate.html, .md and .csv files; default: none."), PATH
     ] = None,
     progress: Report | None = None,
 ) -> ProposalScores:
@@ -270,9 +268,7 @@ def import_labels(
     recording: Annotated[str, typer.Option(help="Name of the recording.")],
     *,
     out: Annotated[
-        str | Path | None,
-        typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>."),
-        PATH,
+        Place, typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>."), PATH
     ] = None,
     classes: Classes = None,
     frames: Annotated[

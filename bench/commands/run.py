@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bench.commands import options
-from bench.commands.command import TEXT
+from bench.commands.command import TEXT, Place
 from bench.commands.console import print_failures, say
 from bench.commands.progress import Report, progress_bar, resumable
 from bench.commands.runs import PROTOCOLS, Run, print_cost, print_runs, score
@@ -23,7 +22,7 @@ def run(
     protocol: options.Protocols = PROTOCOLS,
     split: options.Split = None,
     out: Annotated[
-        str | Path | None,
+        Place,
         typer.Option(metavar="FOLDER", help="Folder of the run; default: reports/runs/<data set>-<method>."),
         TEXT,
     ] = None,

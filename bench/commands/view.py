@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH, TEXT
+from bench.commands.command import PATH, TEXT, Place
 from bench.commands.console import note_files, say
 from bench.commands.progress import Report, progress_bar
 from bench.errors import UnknownNameError, UsageError
@@ -63,19 +63,17 @@ def view(
     settings: options.Settings = None,
     protocol: options.ProtocolName = "paper-v1",
     out: Annotated[
-        str | Path | None,
+        Place,
         typer.Option(
             help="Folder of pictures; default: reports/runs/view/<camera>/<image>; none with --video or --rrd."
         ),
         PATH,
     ] = None,
     video: Annotated[
-        str | Path | None, typer.Option(help="Write a video (.mp4, .webm, .avi) of right and wrong areas."), PATH
+        Place, typer.Option(help="Write a video (.mp4, .webm, .avi) of right and wrong areas."), PATH
     ] = None,
     rrd: Annotated[
-        str | Path | None,
-        typer.Option(help="Write a log for the rerun viewer (extra `viewer`), with lidar and boxes."),
-        PATH,
+        Place, typer.Option(help="Write a log for the rerun viewer (extra `viewer`), with lidar and boxes."), PATH
     ] = None,
     calibration: Annotated[
         bool,
