@@ -36,32 +36,21 @@ TimeUnit = Literal["ns", "us", "ms", "s"]
 UNITS_NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
 
-def parse_classes(pairs: Sequence[str] | None) -> dict[str, str | None]:
-    """Parse `--class Tram=vehicle`; `--class Misc=none` leaves objects out.
+def _pairs(option: str, *, name_may_lack: bool = False) -> Words:
+    """TOOL=OURS of an option that may be repeated; OURS is None where it is "none"."""
 
-    Raises:
-        UsageError: no `=`, or a class twice.
-    """
-    parsed: dict[str, str | None] = {}
-    for name, ours in (_named(pair, "--class") for pair in pairs or ()):
-        if not name:
-            raise UsageError(f"--class: expected TOOL'S=OURS, got {f'={ours}'!r}")
-        if name in parsed:
-            raise UsageError(f"--class {name}: expected once, got twice")
-        parsed[name] = None if ours == LEFT_OUT else ours
-    return parsed
+    def parse(texts: list[str] | None) -> dict[str, str | None]:
+        pairs: dict[str, str | None] = {}
+        for text in texts or ():
+            name, _, ours = text.rpartition("=")
+            if not name and not name_may_lack:
+                raise UsageError(f"{option}: expected TOOL'S=OURS, got {text!r}")
+            if name in pairs:
+                raise UsageError(f"{option} {name}: expected once, got twice")
+            pairs[name] = None if ours == LEFT_OUT else ours
+        return pairs
 
-
-def _named(pair: str, option: str) -> tuple[str, str]:
-    name, equals, ours = pair.rpartition("=")
-    if not equals:
-        raise UsageError(f"{option}: expected TOOL'S=OURS, got {pair!r}")
-    return name, ours
-
-
-def _frames(pairs: Sequence[str] | None) -> dict[str, str]:
-    """Parse `--frame TOOL=OURS`; without `TOOL=` the frame of boxes that name none."""
-    return dict(_named(pair if "=" in pair else f"={pair}", "--frame") for pair in pairs or ())
+    return Words(list[str] | None, parse)
 
 
 Classes = Annotated[
@@ -71,7 +60,7 @@ Classes = Annotated[
         metavar="TOOL=OURS",
         help="Map a class of the tool to ours; =unclear leaves it unscored, =none drops it; repeatable.",
     ),
-    Words(list[str] | None, parse_classes),
+    _pairs("--class"),
 ]
 FirstFrame = Annotated[
     int | None,
@@ -279,7 +268,7 @@ def import_labels(
             help="Map a coordinate system of the tool to vehicle, lidar or world; without TOOL= for boxes that name "
             "none; repeatable.",
         ),
-        Words(list[str] | None, _frames),
+        _pairs("--frame", name_may_lack=True),
     ] = None,
     first_frame: FirstFrame = None,
     time_unit: Annotated[TimeUnit, typer.Option(help="Unit of times that do not state it.")] = "ns",
