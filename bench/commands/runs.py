@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
@@ -33,7 +32,6 @@ PROTOCOLS = "paper-v1,surface-v1"  # that a run is scored by where none is named
 PURPOSES = {"paper-v1": "the paper's rules", "surface-v1": "the rules of the leaderboard"}
 LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # as `make leaderboard` wrote it; else the one that ships
 READ_FIRST = ("summary.json", "table.md", "range_map.png")
-LONGEST_NAME = 120  # characters of a folder's name
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,19 +142,8 @@ def load_run(folder: str | Path) -> Run:
 
 
 def run_folder(place: str | Path | Run) -> Path:
-    """The folder of a run that a user names.
-
-    Raises:
-        UsageError: an empty name, or an address.
-    """
-    if isinstance(place, Run):
-        return place.folder
-    if not str(place):
-        raise UsageError("expected a folder, got an empty name")
-    if "://" in str(place):
-        hint = "copy the run's folder with the storage's own tool (docs/large-runs.md)"
-        raise UsageError(f"expected a folder of this machine, got an address; {hint}")
-    return Path(place)
+    """The folder of a run that a user names."""
+    return place.folder if isinstance(place, Run) else Path(place)
 
 
 def run_request(
@@ -237,10 +224,7 @@ def default_folder(card: DatasetCard, method: str, settings: Iterable[tuple[str,
     """
     words = [card.name, method, *(f"{name}-{value}" for name, value in settings)]
     words += [split] if split is not None else []
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", "-".join(words))
-    if len(name) > LONGEST_NAME:
-        name = f"{name[:LONGEST_NAME]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
-    return RUNS / name
+    return RUNS / re.sub(r"[^A-Za-z0-9_.-]+", "_", "-".join(words))
 
 
 def _non_default_settings(method: Scorable, named: str) -> list[tuple[str, object]]:
