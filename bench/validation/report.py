@@ -102,7 +102,8 @@ def validate_recording(
     try:
         recording = handle.open()
     except DataError as error:
-        return RecordingReport(name=handle.name, findings=_ordered(_file_by_file(handle, error), handle.name))
+        faults = (unusable(each) for each in (error, *error.others))
+        return RecordingReport(name=handle.name, findings=_ordered(faults, handle.name))
     findings: list[Finding] = []
     undecided: list[Undecided] = []
 
@@ -147,17 +148,6 @@ def validate_recording(
         images=images,
         sweeps=Count(read=len(sweep_rows), all=len(recording.sweeps)),
     )
-
-
-def _file_by_file(handle: RecordingHandle, error: DataError) -> Iterator[Finding]:
-    """The error that opening raised, and those of every file that can be read by itself."""
-    errors = {str(each): each for each in (error, *error.others)}
-    for read in handle.parts():
-        try:
-            read()
-        except DataError as other:
-            errors |= {str(each): each for each in (other, *other.others)}
-    return (unusable(each) for each in errors.values())
 
 
 def _ordered(findings: Iterable[Finding], recording: str) -> tuple[Finding, ...]:
