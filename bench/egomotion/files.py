@@ -113,7 +113,11 @@ def _times(path: Path, table: pd.DataFrame, name: str, faults: list[DataError]) 
     for row in unfit:
         expected, field = "a whole number of nanoseconds", f"{name}, row {row + 1}"
         faults.append(DataError(path, field=field, expected=expected, got=repr(texts[row]), hint=hint))
-    return np.array([int(text) for text in texts] if not unfit else [], dtype=np.int64)
+    times_ns = np.array([int(text) for text in texts] if not unfit else [], dtype=np.int64)
+    if np.any(np.diff(times_ns) <= 0) and (hint := unit_hint(times_ns)):  # whole seconds stand several times
+        got = f"{', '.join(texts[:3])} ..."
+        faults.append(DataError(path, field=name, expected="nanoseconds that increase", got=got, hint=hint))
+    return times_ns
 
 
 def _is_time(text: str) -> bool:
