@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from bench.evaluation import load_protocol, rows, sum_run, summary_of, write_sums
@@ -29,7 +29,6 @@ from bench.reporting.run_tables import write_report_files
 from benchmarks.drawn_tables import write_run_tables
 
 OUTLINE_M = ((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9))
-SPREAD = "  {:<8} {:>8} {:>8} {:>8}"
 MB = 1024 if sys.platform == "linux" else 1024 * 1024  # `ru_maxrss` counts kilobytes there, bytes on macOS
 
 
@@ -104,11 +103,6 @@ def _run_step(step: str, runs: tuple[Path, Path]) -> Spent:
     )
 
 
-def _say(line: str) -> None:
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
-
-
 def main() -> None:
     """Measure all steps and print them, or run one."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -120,17 +114,15 @@ def main() -> None:
     rows.ROWS_AT_ONCE = asked.rows_at_once
     if asked.step:
         spent = _run_step(asked.step, tuple(asked.runs))
-        _say(json.dumps({name: getattr(spent, name) for name in Spent.__slots__}))
+        sys.stdout.write(json.dumps(asdict(spent)))
         return
     with tempfile.TemporaryDirectory() as folder:
         runs = tuple(asked.runs) or write_runs(Path(folder), object_frames=asked.object_frames)
         objects, frames = open_tables(runs[0])
-        _say(f"{len(objects):,} object-frames, {len(frames):,} images, {len(frames.recordings()):,} recordings")
-        _say(SPREAD.format("", "s", "cpu s", "peak MB"))
+        told = f"{len(objects):,} object-frames, {len(frames):,} images, {len(frames.recordings()):,} recordings\n"
+        sys.stdout.write(told)
         for step in STEPS:
-            spent = measure(step, runs, rows_at_once=asked.rows_at_once)
-            numbers = (f"{n:.0f}" for n in (spent.seconds, spent.cpu_seconds, spent.peak_mb))
-            _say(SPREAD.format(step, *numbers))
+            sys.stdout.write(f"{step}: {measure(step, runs, rows_at_once=asked.rows_at_once)}\n")
 
 
 if __name__ == "__main__":

@@ -8,15 +8,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
 from bench.recordings.native import native_recordings
 from tests.support import planting
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,46 +52,34 @@ def _axes(matrix: Sequence[Sequence[float]], root: Path) -> None:
     planting.change_sweeps(root, lambda sweep: replace(sweep, points_lidar=sweep.points_lidar @ turned.T))
 
 
-def _turned_mounting(axis: str, degrees: float, root: Path, camera: str = "front") -> None:
-    """Turn a camera about an axis of the vehicle."""
-
-    def turn(head: planting.Json) -> None:
-        mounting = head["cameras"][camera]["vehicle_from_camera"]
-        w, x, y, z = mounting["quaternion_wxyz"]
-        turned = Rotation.from_euler(axis, degrees, degrees=True) * Rotation.from_quat([x, y, z, w])
-        x, y, z, w = turned.as_quat()
-        mounting["quaternion_wxyz"] = [w, x, y, z]
-
-    planting.change_head(root, turn)
+Mounting = Callable[[RigidTransform], RigidTransform]
 
 
-def _turned_lidar(degrees: float, root: Path) -> None:
-    """Turn the lidar about the vehicle's z."""
+def _mounted(sensor: str, change: Mounting, root: Path) -> None:
+    """Change the mounting of the lidar, or of a camera."""
 
-    def turn(head: planting.Json) -> None:
-        mounting = head["lidar"]["vehicle_from_lidar"]
-        w, x, y, z = mounting["quaternion_wxyz"]
-        x, y, z, w = (Rotation.from_euler("z", degrees, degrees=True) * Rotation.from_quat([x, y, z, w])).as_quat()
-        mounting["quaternion_wxyz"] = [w, x, y, z]
+    def each(head: planting.Json) -> None:
+        place = _place(head, sensor)
+        changed = change(RigidTransform.from_quaternion(place["quaternion_wxyz"], place["translation_m"]))
+        place.update(quaternion_wxyz=changed.quaternion_wxyz.tolist(), translation_m=changed.translation_m.tolist())
 
-    planting.change_head(root, turn)
-
-
-def _raised_lidar(metres: float, root: Path) -> None:
-    def raise_it(head: planting.Json) -> None:
-        head["lidar"]["vehicle_from_lidar"]["translation_m"][2] += metres
-
-    planting.change_head(root, raise_it)
+    planting.change_head(root, each)
 
 
-def _inverse_lidar(root: Path) -> None:
-    def invert(head: planting.Json) -> None:
-        mounting = head["lidar"]["vehicle_from_lidar"]
-        inverse = RigidTransform.from_quaternion(mounting["quaternion_wxyz"], mounting["translation_m"]).inverse()
-        mounting["quaternion_wxyz"] = inverse.quaternion_wxyz.tolist()
-        mounting["translation_m"] = inverse.translation_m.tolist()
+def _place(head: planting.Json, sensor: str) -> planting.Json:
+    of_lidar = sensor == "lidar"
+    place: planting.Json = head["lidar" if of_lidar else "cameras"]["vehicle_from_lidar" if of_lidar else sensor]
+    return place if of_lidar else place["vehicle_from_camera"]
 
-    planting.change_head(root, invert)
+
+def _turned_by(axis: str, degrees: float) -> Mounting:
+    """About an axis of the vehicle."""
+    turn = Rotation.from_euler(axis, degrees, degrees=True).as_matrix()
+    return lambda mounting: RigidTransform(turn @ mounting.rotation, mounting.translation_m)
+
+
+def _moved_by(*way_m: float) -> Mounting:
+    return lambda mounting: RigidTransform(mounting.rotation, mounting.translation_m + np.array(way_m))
 
 
 def _biased_bus(degps: float, root: Path) -> None:
@@ -124,70 +116,23 @@ OF_LIDAR: tuple[Mistake, ...] = (
     Mistake(name="lidar mirrored in z", part="lidar", plant=partial(_axes, MIRROR_Z), lead="lidar.*z reversed.*mirror"),
     Mistake(name="lidar x and y swapped", part="lidar", plant=partial(_axes, SWAPPED), lead="lidar.*x and y swapped"),
     Mistake(name="lidar axes rotated", part="lidar", plant=partial(_axes, ROTATED), lead="lidar.*axes permuted"),
-    Mistake(
-        name="lidar mounting inverse", part="lidar", plant=_inverse_lidar, lead="lidar.*(inverse|direction of the)"
-    ),
-    *(
-        Mistake(
-            name=f"lidar turned by {degrees} degrees",
-            part="lidar",
-            plant=partial(_turned_lidar, degrees),
-            lead="lidar.*(yaw|turned by)",
-        )
-        for degrees in (2, 5, 180)
-    ),
-    *(
-        Mistake(
-            name=f"lidar {centimetres} cm too high",
-            part="lidar",
-            plant=partial(_raised_lidar, centimetres / 100),
-            lead="road.*height",
-        )
-        for centimetres in (10, 30)
-    ),
-    *(
-        Mistake(
-            name=f"sweeps {abs(late)} ms {'late' if late > 0 else 'early'}",
-            part="clocks",
-            plant=partial(_shift_sweeps, late),
-            lead=SWEEP_CLOCK,
-            drives=TURNING,
-        )
-        for late in (10, -10, 50, -50, 100, -100)
-    ),
-    *(
-        Mistake(
-            name=f"odometry {abs(late)} ms {'late' if late > 0 else 'early'}",
-            part="clocks",
-            plant=partial(_shift_bus, late),
-            lead=EGO_CLOCK,
-            drives=TURNING,
-        )
-        for late in (10, -10, 50, -50, 100, -100)
-    ),
-    *(
-        Mistake(
-            name=f"speed {percent} % too high",
-            part="ego-motion",
-            plant=partial(_scaled_bus, "speed_mps", 1 + percent / 100),
-            lead="scale of the speed",
-        )
-        for percent in (2, 5)
-    ),
-    Mistake(
-        name="yaw rate positive to the right",
-        part="ego-motion",
-        plant=partial(_scaled_bus, "yaw_rate_radps", -1.0),
-        lead="sign of the yaw rate",
-        drives=TURNING,
-    ),
-    Mistake(
-        name="yaw rate off by 1 degree per second",
-        part="ego-motion",
-        plant=partial(_biased_bus, 1.0),
-        lead="bias of the yaw rate",
-    ),
-)
+    Mistake(name="lidar mounting inverse", part="lidar", plant=partial(_mounted, "lidar", RigidTransform.inverse),
+            lead="lidar.*(inverse|direction of the)"),
+    *(Mistake(name=f"lidar turned by {degrees} degrees", part="lidar", lead="lidar.*(yaw|turned by)",
+              plant=partial(_mounted, "lidar", _turned_by("z", degrees))) for degrees in (2, 5, 180)),
+    *(Mistake(name=f"lidar {centimetres} cm too high", part="lidar", lead="road.*height",
+              plant=partial(_mounted, "lidar", _moved_by(0, 0, centimetres / 100))) for centimetres in (10, 30)),
+    *(Mistake(name=f"{who} {abs(late)} ms {'late' if late > 0 else 'early'}", part="clocks", plant=partial(shift, late),
+              lead=lead, drives=TURNING)
+      for who, shift, lead in (("sweeps", _shift_sweeps, SWEEP_CLOCK), ("odometry", _shift_bus, EGO_CLOCK))
+      for late in (10, -10, 50, -50, 100, -100)),
+    *(Mistake(name=f"speed {percent} % too high", part="ego-motion", lead="scale of the speed",
+              plant=partial(_scaled_bus, "speed_mps", 1 + percent / 100)) for percent in (2, 5)),
+    Mistake(name="yaw rate positive to the right", part="ego-motion", lead="sign of the yaw rate", drives=TURNING,
+            plant=partial(_scaled_bus, "yaw_rate_radps", -1.0)),
+    Mistake(name="yaw rate off by 1 degree per second", part="ego-motion", lead="bias of the yaw rate",
+            plant=partial(_biased_bus, 1.0)),
+)  # fmt: skip
 
 
 def _each_box(change: Callable[[list[float]], object], root: Path, only: str | None = None) -> None:
@@ -229,10 +174,7 @@ def _raised(heights: float, val: list[float]) -> None:
 
 def _into_frame(sensor: str, root: Path) -> None:
     """Move boxes from the vehicle frame into a sensor's."""
-    head = json.loads((root / "recording.json").read_text())
-    mounting = (
-        head["lidar"]["vehicle_from_lidar"] if sensor == "lidar" else head["cameras"][sensor]["vehicle_from_camera"]
-    )
+    mounting = _place(json.loads((root / "recording.json").read_text()), sensor)
     rotation = Rotation.from_quat(mounting["quaternion_wxyz"], scalar_first=True)
 
     def move(val: list[float]) -> None:
@@ -242,12 +184,17 @@ def _into_frame(sensor: str, root: Path) -> None:
     _each_box(move, root)
 
 
-def _into_world(root: Path) -> None:
-    """Move boxes from the vehicle frame into the frame of the path."""
+def _at_frames(root: Path, of: Callable[[Trajectory, int], Value]) -> dict[int, Value]:
+    """A value of the path at the time of each annotated frame."""
     (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
     path = handle.open().trajectory
     frames = json.loads((root / "annotations.json").read_text())["openlabel"]["frames"]
-    poses = {int(i): path.world_from_vehicle(one["frame_properties"]["timestamp"]) for i, one in frames.items()}
+    return {int(i): of(path, frame["frame_properties"]["timestamp"]) for i, frame in frames.items()}
+
+
+def _into_world(root: Path) -> None:
+    """Move boxes from the vehicle frame into the frame of the path."""
+    poses = _at_frames(root, Trajectory.world_from_vehicle)
 
     def move(_name: str, i: int, data: planting.Json) -> None:
         val = data["cuboid"][0]["val"]
@@ -267,10 +214,7 @@ def _shift_boxes(milliseconds: float, root: Path) -> None:
 
 def _velocities(change: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]], root: Path) -> None:
     """Change velocities, given those of the ego vehicle."""
-    (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
-    path = handle.open().trajectory
-    frames = json.loads((root / "annotations.json").read_text())["openlabel"]["frames"]
-    ego = {int(i): path.velocity_vehicle_mps(one["frame_properties"]["timestamp"]) for i, one in frames.items()}
+    ego = _at_frames(root, Trajectory.velocity_vehicle_mps)
 
     def each(_name: str, i: int, data: planting.Json) -> None:
         for entry in data["vec"]:
@@ -351,23 +295,14 @@ OF_BOXES = (
 
 
 # ---- cameras: mounting, lens, images, and their clock
-def _mounting(
-    change: Callable[[list[float], list[float]], tuple[Sequence[float], Sequence[float]]], root: Path
-) -> None:
-    """Change quaternion (w, x, y, z) and translation of the front camera."""
+def _reordered(root: Path) -> None:
+    """The front camera's quaternion as x, y, z, w."""
 
-    def each(head: planting.Json) -> None:
-        mounting = head["cameras"]["front"]["vehicle_from_camera"]
-        quaternion, translation_m = change(mounting["quaternion_wxyz"], mounting["translation_m"])
-        mounting.update(quaternion_wxyz=list(quaternion), translation_m=list(translation_m))
+    def reorder(head: planting.Json) -> None:
+        place = _place(head, "front")
+        place["quaternion_wxyz"] = [*place["quaternion_wxyz"][1:], place["quaternion_wxyz"][0]]
 
-    planting.change_head(root, each)
-
-
-def _inverse(quaternion: list[float], translation_m: list[float]) -> tuple[Sequence[float], Sequence[float]]:
-    w, x, y, z = quaternion
-    inverse = Rotation.from_quat([x, y, z, w]).inv()
-    return (w, -x, -y, -z), (-inverse.apply(translation_m)).tolist()
+    planting.change_head(root, reorder)
 
 
 def _lens(change: Callable[[planting.Json], object], root: Path) -> None:
@@ -410,14 +345,12 @@ OF_CAMERAS: tuple[Mistake, ...] = (
         _camera(f"front camera turned {degrees:g} deg about the vehicle's {axis}", plant, "camera.*turned against")
         for axis in "xyz"
         for degrees in (1.0, 2.0, -5.0)
-        for plant in (partial(_turned_mounting, axis, degrees),)
+        for plant in (partial(_mounted, "front", _turned_by(axis, degrees)),)
     ),
-    _camera("inverse mounting", partial(_mounting, _inverse), "inverse"),
-    _camera(
-        "quaternion as x, y, z, w", partial(_mounting, lambda q, t: ((*q[1:], q[0]), t)), "quaternion|mounting.*order"
-    ),
-    _camera("30 cm to the left", partial(_mounting, lambda q, t: (q, (t[0], t[1] + 0.3, t[2]))), "translation_m.*left"),
-    _camera("30 cm up", partial(_mounting, lambda q, t: (q, (t[0], t[1], t[2] + 0.3))), "translation_m.*up"),
+    _camera("inverse mounting", partial(_mounted, "front", RigidTransform.inverse), "inverse"),
+    _camera("quaternion as x, y, z, w", _reordered, "quaternion|mounting.*order"),
+    _camera("30 cm to the left", partial(_mounted, "front", _moved_by(0, 0.3, 0)), "translation_m.*left"),
+    _camera("30 cm up", partial(_mounted, "front", _moved_by(0, 0, 0.3)), "translation_m.*up"),
     *(
         _camera(f"focal length times {factor:g}", partial(_lens, partial(_zoom, factor)), "focal length")
         for factor in (0.5, 0.95, 0.98, 1.02, 1.05, 2.0)

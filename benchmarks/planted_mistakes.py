@@ -199,7 +199,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=HERE.parent / "datasets" / "data" / "planted")
     parser.add_argument("--only", default="", help="regular expression of mistakes' names or parts; other rows stay")
-    parser.add_argument("--drives", default="", help="regular expression of drives' names; writes no docs")
     parser.add_argument("--clean", metavar="CARD", help="validate a data set without mistakes instead")
     parser.add_argument("--scores", action="store_true", help="print by how much each mistake changes scores instead")
     parser.add_argument("--workers", type=int, default=2)
@@ -216,7 +215,6 @@ def main() -> None:
         for index, mistake in enumerate(MISTAKES)
         if re.search(asked.only, f"{mistake.part} {mistake.name}")
         for name in mistake.drives or sorted(drives)
-        if re.search(asked.drives, name)
     ]
     if asked.scores:
         for line in effects(tasks):
@@ -230,13 +228,12 @@ def main() -> None:
             lines = [f"{outcome.mistake} in {outcome.drive}: {outcome.verdict}", *outcome.findings]
             sys.stdout.write("\n    ".join(lines) + "\n")
             sys.stdout.flush()
-    if not asked.drives:
-        page, counts = DOCS.read_text("utf-8"), counted(outcomes)
-        names = [mistake.name for mistake in MISTAKES]
-        before = written(page)
-        counts = pd.concat([counts, before[~before.index.isin(counts.index)]]).loc[lambda rows: rows.index.isin(names)]
-        counts = counts.reindex([name for name in names if name in counts.index])
-        DOCS.write_text(with_table(page, list(table(counts, sorted(drives))), MARKERS), "utf-8")
+    page, counts = DOCS.read_text("utf-8"), counted(outcomes)
+    names = [mistake.name for mistake in MISTAKES]
+    before = written(page)
+    counts = pd.concat([counts, before[~before.index.isin(counts.index)]]).loc[lambda rows: rows.index.isin(names)]
+    counts = counts.reindex([name for name in names if name in counts.index])
+    DOCS.write_text(with_table(page, list(table(counts, sorted(drives))), MARKERS), "utf-8")
 
 
 if __name__ == "__main__":
