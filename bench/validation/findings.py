@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from typing import TypedDict
 
 import numpy as np
 import yaml
@@ -92,7 +91,7 @@ def causes() -> tuple[Cause, ...]:
 
 def new_finding(
     kind: str,
-    got: str,
+    got: str | None = None,
     *,
     file: object = "",
     field: str | None = None,
@@ -100,30 +99,36 @@ def new_finding(
     hint: str | None = None,
     times: int = 1,
     timestamp_ns: int | None = None,
+    at: NDArray[np.bool_] | None = None,
+    at_ns: NDArray[np.int64] | None = None,
     **values: object,
 ) -> Finding:
     """A finding with the texts of findings.yaml.
 
     Args:
         kind: key there, the name of the check, or "check: variant".
-        got: what was found.
+        got: what was found; None where its text stands there.
         file: as in `Finding`.
         field: as in `Finding`.
         severity: where it is not the one that stands there.
         hint: the same.
         times: as in `Finding`.
         timestamp_ns: as in `Finding`.
-        values: named in braces in the text of what is expected.
+        at: (N,) bool, where it was found, at least once: gives `times` and `timestamp_ns`.
+        at_ns: (N,) int64, times of `at`.
+        values: named in braces in the texts.
     """
     text = _texts()[0][kind]
+    if at is not None and at_ns is not None:
+        times, timestamp_ns = int(at.sum()), int(at_ns[np.argmax(at)])
     return Finding(
         check=kind.split(":")[0],
         severity=severity or Severity(text.get("severity", "error")),
         file=str(file),
         field=field,
         expected=text["expected"].format(**values),
-        got=got,
-        hint=text.get("hint", "") if hint is None else hint,
+        got=text["got"].format(**values) if got is None else got,
+        hint=text.get("hint", "").format(**values) if hint is None else hint,
         times=times,
         timestamp_ns=timestamp_ns,
     )
@@ -133,15 +138,3 @@ def unusable(error: DataError, *, check: str = "file", timestamp_ns: int | None 
     """Finding of a file that cannot be read, from its reader's error."""
     fields = {name: getattr(error, name) for name in ("file", "field", "expected", "got", "hint")}
     return Finding(check=check, timestamp_ns=timestamp_ns, **fields)
-
-
-class Occurrences(TypedDict):
-    """Number of times that something was found, and the first time, as `Finding` takes it."""
-
-    times: int
-    timestamp_ns: int | None
-
-
-def occurrences(at: NDArray[np.bool_], times_ns: NDArray[np.int64]) -> Occurrences:
-    """Number of elements that are True, at least one, and the time of the first."""
-    return {"times": int(at.sum()), "timestamp_ns": int(times_ns[np.argmax(at)])}

@@ -99,7 +99,8 @@ def test_every_text_belongs_to_a_check(pytestconfig):
     package = pytestconfig.rootpath / "bench" / "validation"
     code = "\n".join(path.read_text() for path in package.rglob("*.py"))
     kinds = findings._texts()[0]
-    assert [kind for kind in kinds if f'"{kind}"' not in code] == []
+    composed = {kind for kind in kinds if kind.startswith("camera-calibration: ")}
+    assert [kind for kind in kinds.keys() - composed if f'"{kind}"' not in code] == []
     checks = {kind.partition(":")[0] for kind in kinds}
     named = {check for cause in findings.causes() for check in (*cause.known_by, *cause.following)}
     assert named <= checks
@@ -403,7 +404,7 @@ def bus(**columns):
         (bus(speed_mps="120"), ERROR, "ego-speed", "at most 75 m/s up to 120 m/s"),
         (retimed("images/front", arriving), WARNING, "irregular-times", "images of front"),
         (copied(3, 4, sweep_files), ERROR, "same-sweep", ""),
-        (packed_sweeps, WARNING, "not-read", r"lidar/\*.PCD.gz .*5 that are passed over: no .npz or .bin.* 5 times"),
+        (packed_sweeps, WARNING, "not-read", r"lidar/\*.*gz .*5 that are passed over: no .npz or .bin.* 5 times"),
         (retimed("lidar", lambda _: 100 * 10**9), ERROR, "sensor-overlap", "same epoch"),
         (retimed("lidar", lambda _: 100 * 10**9), ERROR, "ego-motion-missing", "lidar sweeps"),
         (lidar_at(1.3), ERROR, "road-height", "-0.50 m"),

@@ -348,16 +348,11 @@ def _look_at_indices(tally: _Tally, shape: PointIndices, sweep: LidarSweep) -> N
 
 
 def _index_findings(tally: _Tally, sweeps_ns: set[int]) -> Iterator[Finding]:
-    field = f"object {tally.track.track_id!r}"
     lost = [
-        state.timestamp_ns
+        (state.timestamp_ns, "a time at which there is no sweep")
         for state in tally.track.states
         if isinstance(state.shape, PointIndices) and state.shape.sweep_timestamp_ns not in sweeps_ns
     ]
-    if lost:
-        got, times = f"{len(lost)} states without such a sweep", len(lost)
-        yield new_finding("point-indices: time", got, field=field, times=times, timestamp_ns=lost[0])
-    if tally.wrong_indices:
-        time_ns, got = tally.wrong_indices[0]
-        times = len(tally.wrong_indices)
-        yield new_finding("point-indices", got, field=field, times=times, timestamp_ns=time_ns)
+    for wrong in filter(None, (lost, tally.wrong_indices)):
+        (time_ns, got), field = wrong[0], f"object {tally.track.track_id!r}"
+        yield new_finding("point-indices", got, field=field, times=len(wrong), timestamp_ns=time_ns)

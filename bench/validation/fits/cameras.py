@@ -222,42 +222,13 @@ def _is_large(cause: str, fit: Fit) -> bool:
     return bool((large & (sizes - INTERVAL * sigmas > smallest / 2)).any())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Words:
-    """How a finding tells of a cause.
-
-    Attributes:
-        says: of the camera; braces are the numbers with their intervals of 95 %.
-        ways: of each number, if it is positive.
-        scale: of a number, for its unit.
-        digits: after the point.
-        field: of the camera.
-        hint: remedy.
-    """
-
-    says: str
-    ways: tuple[str, ...]
-    scale: float = 1.0
-    digits: int = 1
-    field: str
-    hint: str
-
-
-WORDS = {
-    "rotation": Words(
-        says="a camera that is turned against its stated mounting: {}", scale=1 / DEGREE,
-        ways=("degrees up", "degrees to its right", "degrees clockwise"),
-        field="vehicle_from_camera.quaternion_wxyz", hint="turn the stated mounting so, about the camera's own axes"),
-    "focal": Words(
-        says="a focal length {} than stated", ways=("% longer",), scale=100.0,
-        field="model", hint="multiply the lens's scale (focal or coefficients) by {:.3f}"),
-    "centre": Words(
-        says="a centre {}", ways=("px to the right", "px down"),
-        field="model.principal_point", hint="add that to the principal point (the image as evaluated)"),
-    "position": Words(
-        says="a camera {}", ways=("m to the front", "m to the left", "m up"), digits=2,
-        field="vehicle_from_camera.translation_m", hint="add that to the stated position of the camera"),
-}  # fmt: skip
+# Field of the camera that a cause is in, units in one of its numbers, and digits that are told.
+DEVIATIONS = {
+    "rotation": ("vehicle_from_camera.quaternion_wxyz", 1 / DEGREE, 1),
+    "focal": ("model", 100.0, 1),
+    "centre": ("model.principal_point", 1.0, 1),
+    "position": ("vehicle_from_camera.translation_m", 1.0, 2),
+}
 
 
 def _deviation(recording: Recording, camera: MountedCamera, cause: str, clean: Fit, best: Fit) -> Finding:
@@ -271,17 +242,15 @@ def _deviation(recording: Recording, camera: MountedCamera, cause: str, clean: F
         hint += "alike, or that of the ego-motion, if the lidar does"
         file = recording.root / "images"
         return new_finding("image-clock", got, file=file, field=f"images of {camera.name}", hint=hint)
-    words = WORDS[cause]
-    scaled = 100.0 * np.expm1(values) if cause == "focal" else words.scale * values
-    numbers = ", ".join(
-        f"{value:+.{words.digits}f} +- {around:.{words.digits}f} {way}"
-        for value, around, way in zip(scaled, words.scale * half, words.ways, strict=True)
-    )
+    field, scale, digits = DEVIATIONS[cause]
+    scaled = 100.0 * np.expm1(values) if cause == "focal" else scale * values
     return new_finding(
-        "camera-calibration",
-        f"{words.says.format(numbers)}; {fall}",
-        field=f"cameras.{camera.name}.{words.field}",
-        severity=Severity.WARNING,
-        hint=words.hint.format(float(np.exp(values[0]))),
+        f"camera-calibration: {cause}",
+        field=f"cameras.{camera.name}.{field}",
+        numbers=[
+            f"{value:+.{digits}f} +- {around:.{digits}f}" for value, around in zip(scaled, scale * half, strict=True)
+        ],
+        factor=float(np.exp(values[0])),
+        fall=fall,
         flow=EXPECTED.format(camera.name),
     )

@@ -17,7 +17,7 @@ from bench.recordings import COMPLETELY, NOT_ANNOTATED, Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice
 from bench.records.reference import Category
 from bench.validation.drive import annotation_file, boxes_of, object_field
-from bench.validation.findings import Finding, Severity, new_finding, occurrences, unusable
+from bench.validation.findings import Finding, Severity, new_finding, unusable
 
 Span = tuple[float, float]
 
@@ -147,8 +147,7 @@ def _sizes(track: Track, limits: BodyLimits) -> Iterator[Finding]:
         if off.any():
             worst = values[off][np.argmax(np.maximum(low / values[off], values[off] / high))]
             span = f"{low} to {high} m for a {track.object_class}"
-            once = occurrences(off, times_ns)
-            yield new_finding("box-size", f"{worst:.2f} m", field=f"{field}: {side}", span=span, **once)
+            yield new_finding("box-size", f"{worst:.2f} m", field=f"{field}: {side}", span=span, at=off, at_ns=times_ns)
     rigid = sizes_m[[isinstance(state.shape, Cuboid) for state, _ in boxed]]
     if track.object_class == "vehicle" and len(rigid) > 1:
         spread = rigid.max(axis=0) / rigid.min(axis=0)
@@ -166,8 +165,7 @@ def _tilt(track: Track) -> Iterator[Finding]:
     if tilted.any():
         severity = Severity.ERROR if tilt_rad.max() > TILTED_RAD else Severity.WARNING
         got = f"one tilted by up to {np.degrees(tilt_rad.max()):.0f} degrees"
-        once = occurrences(tilted, times_ns)
-        yield new_finding("box-tilt", got, field=object_field(track), severity=severity, **once)
+        yield new_finding("box-tilt", got, field=object_field(track), severity=severity, at=tilted, at_ns=times_ns)
 
 
 def _above_road(recording: Recording) -> Iterator[Finding]:

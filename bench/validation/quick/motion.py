@@ -16,7 +16,7 @@ from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
 from bench.times import SECOND_NS
 from bench.validation.drive import annotated_times, boxes_of, object_field
-from bench.validation.findings import Finding, Severity, new_finding, occurrences
+from bench.validation.findings import Finding, Severity, new_finding
 from bench.validation.quick.boxes import BODIES, BodyLimits
 
 Array = NDArray[np.float64]
@@ -48,8 +48,8 @@ def check_ego_limits(recording: Recording) -> Iterator[Finding]:
         ("ego-cornering", "speed times yaw rate", speed * turn, EGO_SIDEWAYS_MPS2, "m/s2"),
     ):
         if (beyond := values > limit).any():
-            once = occurrences(beyond, times_ns[before])
-            yield new_finding(kind, f"up to {values.max():.3g} {unit}", field=field, limit=limit, **once)
+            got = f"up to {values.max():.3g} {unit}"
+            yield new_finding(kind, got, field=field, limit=limit, at=beyond, at_ns=times_ns[before])
             return  # consequences of a wrong unit are not reported again
     yield from _ego_jumps(path)
 
@@ -66,7 +66,7 @@ def _ego_jumps(path: Trajectory) -> Iterator[Finding]:
     jumps = (change_mps / span_s > EGO_JUMP_MPS2) & (away_m > 0.3)
     if jumps.any():
         got = f"{int(jumps.sum())} places where it leaves its line, by up to {away_m[jumps].max():.2f} m"
-        yield new_finding("ego-jump", got, field="position", **occurrences(jumps, path.timestamps_ns[1:-1]))
+        yield new_finding("ego-jump", got, field="position", at=jumps, at_ns=path.timestamps_ns[1:-1])
 
 
 LONGEST_STEP_S = 1.0
@@ -251,17 +251,14 @@ def _labels_that_come_and_go(recording: Recording) -> Iterator[Finding]:
     if gaps.any():
         longest_ms = np.diff(times_ns)[gaps].max() / 1e6
         got = f"none for up to {longest_ms:.1f} ms, {int(gaps.sum())} times, between labels of one object"
-        once = occurrences(gaps, times_ns[1:])
-        yield new_finding("label-gaps", got, field="frames", usual_ms=usual_ns / 1e6, **once)
+        usual_ms = usual_ns / 1e6
+        yield new_finding("label-gaps", got, field="frames", usual_ms=usual_ms, at=gaps, at_ns=times_ns[1:])
     for track, row in zip(recording.tracks, rows, strict=True):
         missing = np.diff(row) - 1
         flickers = (missing > 0) & (missing <= FLICKER_STEPS)
         if flickers.sum() >= FLICKERS:
-            got, once = (
-                f"none for one or two times, {int(flickers.sum())} times",
-                occurrences(flickers, times_ns[row[1:]]),
-            )
-            yield new_finding("label-gaps: flicker", got, field=object_field(track), **once)
+            got, at_ns = f"none for one or two times, {int(flickers.sum())} times", times_ns[row[1:]]
+            yield new_finding("label-gaps: flicker", got, field=object_field(track), at=flickers, at_ns=at_ns)
 
 
 def _jumps(path: TrackPath, field: str) -> Iterator[Finding]:
@@ -278,7 +275,7 @@ def _jumps(path: TrackPath, field: str) -> Iterator[Finding]:
     jumps = (off_m > allowed_m) & (seconds <= LONGEST_STEP_S)
     if jumps.any():
         got = f"{int(jumps.sum())} steps off their line by up to {off_m[jumps].max():.1f} m"
-        yield new_finding("object-jump", got, field=field, **occurrences(jumps, path.times_ns[1:]))
+        yield new_finding("object-jump", got, field=field, at=jumps, at_ns=path.times_ns[1:])
 
 
 def _too_fast(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Finding]:

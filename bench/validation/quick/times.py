@@ -21,7 +21,7 @@ from bench.validation.drive import (
     sweep_times,
     times_of,
 )
-from bench.validation.findings import Finding, new_finding, occurrences
+from bench.validation.findings import Finding, new_finding
 
 OFF_RATE = 0.02  # of the stated time between images
 JITTER = 0.25  # of an interval
@@ -96,8 +96,8 @@ def _gaps(kind: str, seen: Sequence[ImageRef | SweepRef], interval_ns: float, fi
     gaps = steps_ns > NEAR_INTERVALS * interval_ns
     if 0 < gaps.sum() <= len(steps_ns) / 2:  # with more it is the stated interval that is wrong
         got = f"{int(gaps.sum())} gaps, the longest {steps_ns[gaps].max() / 1e6:.1f} ms"
-        file, once = seen[int(np.argmax(gaps)) + 1].path, occurrences(gaps, times_ns[1:])
-        yield new_finding(kind, got, file=file, field=field, interval_ms=interval_ns / 1e6, **once)
+        file, interval_ms = seen[int(np.argmax(gaps)) + 1].path, interval_ns / 1e6
+        yield new_finding(kind, got, file=file, field=field, interval_ms=interval_ms, at=gaps, at_ns=times_ns[1:])
 
 
 def _jitter(times_ns: NDArray[np.int64], what: str) -> Iterator[Finding]:
@@ -108,8 +108,8 @@ def _jitter(times_ns: NDArray[np.int64], what: str) -> Iterator[Finding]:
     unsteady = np.abs(steps_ns - _whole(steps_ns) * middle_ns) > JITTER * middle_ns
     if unsteady.mean() > MOST_JITTERY:
         got = f"{int(unsteady.sum())} of {len(steps_ns)} more than a quarter off"
-        once = occurrences(unsteady, times_ns[1:])
-        yield new_finding("irregular-times", got, field=what, middle_ms=middle_ns / 1e6, **once)
+        middle_ms = middle_ns / 1e6
+        yield new_finding("irregular-times", got, field=what, middle_ms=middle_ms, at=unsteady, at_ns=times_ns[1:])
 
 
 def _whole(steps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -161,15 +161,14 @@ def check_coverage(recording: Recording) -> Iterator[Finding]:
         if not valid.all():
             first_ns, last_ns = (int(path.timestamps_ns[i]) for i in (0, -1))
             got = f"none at {int((~valid).sum())} of {len(times_ns)}; it runs from {first_ns} to {last_ns}"
-            once = occurrences(~valid, times_ns)
-            yield new_finding("ego-motion-missing", got, file=path.source, field=what, **once)
+            yield new_finding("ego-motion-missing", got, file=path.source, field=what, at=~valid, at_ns=times_ns)
         if not len(sweeps_ns):
             continue
         alone = distance_to(times_ns, sweeps_ns) > NEAR_SWEEP_NS
         if alone.any():
             kind = "sensor-overlap" if alone.all() else "sensor-overlap: partly"
             got = f"none for {int(alone.sum())} of {len(times_ns)} images"
-            yield new_finding(kind, got, field=what, **occurrences(alone, times_ns))
+            yield new_finding(kind, got, field=what, at=alone, at_ns=times_ns)
 
 
 def check_annotation_times(recording: Recording) -> Iterator[Finding]:
@@ -183,20 +182,21 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
     unseen = (distance_to(annotated_ns, sensors_ns) > MATCHED_NS) & ~outside
     alone = distance_to(annotated_ns, sweeps_ns) > MATCHED_NS if len(sweeps_ns) else np.zeros_like(outside)
     lost = alone & ~outside & ~unseen & (alone.mean() < MOST_WITHOUT_SWEEP)
-    for kind, at, where, hint in (
-        ("annotation-outside", outside, "outside", None),
-        ("annotation-time", unseen, "at neither", _apart(annotated_ns[~outside], sweeps_ns)),
-        ("annotation-sweep", lost, "without one", None),
+    for kind, at, where in (
+        ("annotation-outside", outside, "outside"),
+        ("annotation-time", unseen, "at neither"),
+        ("annotation-sweep", lost, "without one"),
     ):
         if at.any():
             yield new_finding(
                 kind,
                 f"{int(at.sum())} of {len(annotated_ns)} annotated times {where}",
                 field="timestamp",
-                hint=hint,
+                hint=_apart(annotated_ns[~outside], sweeps_ns) if at is unseen else None,
                 first_ns=sensors_ns[0],
                 last_ns=sensors_ns[-1],
-                **occurrences(at, annotated_ns),
+                at=at,
+                at_ns=annotated_ns,
             )
 
 
