@@ -392,7 +392,8 @@ class _Verdict:
 
     def _small(self, one: Tried) -> Finding:
         quantity, (value, sigma) = one.cause.quantity, one.fit.of(one.cause.free[0])
-        file, hint = self._late_clock(value) if quantity is QUANTITIES["late_s"] else ("", None)
+        late, path = quantity is QUANTITIES["late_s"], self._recording.trajectory
+        file, hint = self._late_clock(value) if late else (path.source, None)
         return new_finding(
             quantity.kind,
             f"{quantity.interval(value, sigma)}, as lidar sweeps meet best",
