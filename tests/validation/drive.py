@@ -14,6 +14,7 @@ from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings, open_native
 from bench.validation import Depth, report, validate_recording
+from bench.validation.fits import box_fit
 from bench.validation.fits.box_fit import BoxFit
 from bench.validation.fits.cameras import check_cameras
 from bench.validation.fits.static_world import check_static_world
@@ -158,7 +159,11 @@ def found(root, depth=Depth.SAMPLED, *, static_world=False, returns=False):
     checks = [check for check in report.CHECKS if static_world or check[0] not in STATIC_WORLD]
     blind = SimpleNamespace(add=lambda _: None, findings=lambda: ())
     (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
-    with patch.object(report, "CHECKS", checks), ExitStack() as without:
+    with (
+        patch.object(report, "CHECKS", checks),
+        patch.object(box_fit, "MOST_TRIED", 2),  # in every reading, of the four objects in a sweep
+        ExitStack() as without,
+    ):
         if not returns:
             without.enter_context(patch.multiple(report, BoxFit=lambda _: blind, check_unboxed=lambda _: ()))
         return list(validate_recording(handle, depth=depth).findings)

@@ -114,7 +114,7 @@ def test_a_right_camera_passes(monkeypatch, street, flows):
     [
         "quaternion as x, y, z, w",
         "front camera turned 2 deg about the vehicle's z",
-        "30 cm up",
+        pytest.param("30 cm up", marks=pytest.mark.slow),
         "focal length times 0.95",
         "focal length times 2",
         pytest.param("principal point 20 px off", marks=pytest.mark.slow),

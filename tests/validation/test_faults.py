@@ -236,6 +236,12 @@ def unread_field(root):
         path.unlink()
 
 
+def broken_bus(root):
+    rows = (root / "egomotion.csv").read_text().splitlines()
+    rows[5], rows[9] = rows[5].replace("8.0", "fast"), rows[9].replace("0.2", "nan")
+    (root / "egomotion.csv").write_text("\n".join(rows) + "\n")
+
+
 def short_egomotion(root):
     lines = (root / "egomotion.csv").read_text().splitlines()
     (root / "egomotion.csv").write_text("\n".join(lines[:140]) + "\n")
@@ -271,6 +277,7 @@ UPSIDE_DOWN = drive.quaternion_wxyz(tiny.FRONT, Rotation.from_euler("z", 180, de
         (sweeps(without_times), {("point-times-missing", WARNING)}, "16 times"),
         (sweeps(turning), set(), ""),
         (sweeps(partial(turning, mixed=True)), {("mixed-times", WARNING)}, "16 times"),
+        (broken_bus, {("file", ERROR)}, "speed_mps, row 5 & yaw_rate_radps, row 9"),
         (unread_field, {("point-times-missing", WARNING)}, "fields that are not read: azimuth"),
         (sweeps(in_microseconds), {("time-unit", ERROR), ("point-times", WARNING)},
          "multiply them by 1000"),
@@ -487,7 +494,7 @@ def test_a_road_that_the_calibration_puts_8_cm_off(root):
 @pytest.mark.parametrize("ground_height_m", [-0.03, 0.03])
 def test_a_road_3_cm_off_is_within_suspension_travel(root, ground_height_m):
     change_head(root, lambda head: head["vehicle"].update(ground_height_m=ground_height_m))
-    assert "road-height" not in {finding.check for finding in found(root)}
+    assert found(root) == []
 
 
 def test_neither_pavements_nor_scatter_nor_the_car_ahead_move_the_lane():
@@ -532,10 +539,7 @@ def test_many_boxes_at_one_place_are_told_in_bounded_work(monkeypatch, tiny_reco
     told = found(tiny_recording, depth=Depth.DEEP, returns=True)
     same = [finding for finding in told if finding.check == "same-object"]
     assert len(same) == boxes.MOST_PAIRS_LISTED + 1
-    assert (
-        same[-1].got
-        == f"boxes that overlap by more than half in {1770 - boxes.MOST_PAIRS_LISTED} more pairs of objects"
-    )
+    assert f" in {1770 - boxes.MOST_PAIRS_LISTED} more pairs" in same[-1].got
     assert {finding.times for finding in same[:-1]} == {2}  # of 230 pairs that were looked at twice
     crowded = [finding for finding in told if finding.check == "crowded-boxes"]
     assert [finding.severity for finding in crowded] == [Severity.WARNING] * 2
@@ -558,28 +562,13 @@ def test_boxes_that_touch_are_not_one_object(tiny_recording):
 
 def write_heap(root, *, objects, apart_m=0.0):
     """Cars of 5.2 x 2 m beside each other, or all at one place."""
-    writer = RecordingWriter(root)
-    size_m = np.array([5.2, 2.0, 2.1])
-    writer.annotations(
-        [
-            Track(
-                track_id=f"car {i}",
-                object_class="vehicle",
-                states=tuple(
-                    ObjectState(
-                        timestamp_ns=time_ns,
-                        shape=Cuboid(
-                            vehicle_from_object=RigidTransform.from_yaw(0.0, (9.0, 4.0 + apart_m * i, 1.05)),
-                            size_m=size_m,
-                        ),
-                        velocity_mps=np.zeros(3),
-                    )
-                    for time_ns in tiny.TIMES_NS
-                ),
-            )
-            for i in range(objects)
-        ]
-    )
+    tracks = []
+    for i in range(objects):
+        place = RigidTransform.from_yaw(0.0, (9.0, 4.0 + apart_m * i, 1.05))
+        box = Cuboid(vehicle_from_object=place, size_m=np.array([5.2, 2.0, 2.1]))
+        states = [ObjectState(timestamp_ns=t, shape=box, velocity_mps=np.zeros(3)) for t in tiny.TIMES_NS]
+        tracks.append(Track(track_id=f"car {i}", object_class="vehicle", states=tuple(states)))
+    RecordingWriter(root).annotations(tracks)
 
 
 @pytest.fixture
@@ -608,15 +597,6 @@ def test_point_indices_beyond_the_sweep(root):
 
 
 # ---------------------------------------------------------------- files that do not open
-
-
-def test_every_fault_of_the_bus_signals_is_told(root):
-    rows = (root / "egomotion.csv").read_text().splitlines()
-    rows[5], rows[9] = rows[5].replace("8.0", "fast"), rows[9].replace("0.2", "nan")
-    (root / "egomotion.csv").write_text("\n".join(rows) + "\n")
-    told = [f"{finding.file}: {finding.field}" for finding in found(root, static_world=True, returns=True)]
-    for part in ("speed_mps, row 5", "yaw_rate_radps, row 9"):
-        assert any(part in line for line in told), part
 
 
 def test_images_and_sweeps_are_read_file_by_file(root):
