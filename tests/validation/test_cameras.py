@@ -132,10 +132,8 @@ def test_mirrored_images(monkeypatch, street, flows):
     assert "with the images mirrored" in verdict(monkeypatch, street, mirrored(flows)).got
 
 
-@pytest.mark.parametrize(
-    ("milliseconds", "got", "hint"),
-    [(50, "5. ms late", "subtract"), pytest.param(-20, "early", "add", marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("milliseconds", "got", "hint"), [(50, "5. ms late", "subtract"), (-20, "early", "add")])
 def test_images_on_another_clock(monkeypatch, street, flows, milliseconds, got, hint):
     finding = verdict(monkeypatch, street, late(flows, milliseconds))
     assert finding.check == "image-clock"
@@ -150,7 +148,8 @@ def test_where_little_of_the_flow_fits_images_that_are_clearly_late_are_told_as_
     assert "of the flow is that of a static world" in clean.why
     finding = verdict(monkeypatch, street, late(flows, 50))
     assert (finding.check, finding.severity) == ("image-clock", Severity.WARNING)
-    assert re.match(r"perhaps images \d+ ms late .*of the flow is that of a static world", finding.got)
+    assert re.match(r"perhaps images [45]\d ms late .*of the flow is that of a static world", finding.got)
+    assert finding.hint.startswith("subtract")
 
 
 def test_flow_that_no_calibration_predicts_is_a_warning(monkeypatch, street, flows):

@@ -459,7 +459,7 @@ def test_images_that_are_out_of_order(name):
 # ---------------------------------------------------------------- ego-motion
 
 
-@pytest.mark.parametrize("stated_mps", [4.0, 4.0 * 3.6])
+@pytest.mark.parametrize("stated_mps", [4.0 * 3.6, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_between_plain_walls_the_lidar_cannot_tell_the_speed(monkeypatch, tmp_path, stated_mps):
     """Where beams of a vehicle that stands would hit the same places again, though it drives at 4 m/s."""
     walls = [(RigidTransform.from_yaw(0.0, (0.0, y, 1.5)), np.array([400.0, 0.2, 3.0])) for y in (-9.1, 9.1)]
