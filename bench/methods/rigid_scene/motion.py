@@ -17,12 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from bench.cameras import CameraModel
 from bench.errors import UsageError
-from bench.geometry import RigidTransform, RoadPlane, cross, dot, normalise
+from bench.geometry import Floats, RigidTransform, RoadPlane, cross, dot, normalise
 from bench.methods.rigid_scene.evidence import LEAST_NOISE, flow_information, gradients, noise_of, structure_tensor
 from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, pixel_positions
 from bench.methods.two_views import seen_before
 
-Floats = NDArray[np.float64]
 CORRECTIONS = 8  # about and along down, ahead and right; tilt of the road about ahead and right
 CUTS_SIGMA = (12.0, 5.0, 3.0)  # of Tukey's weights, round by round
 INDEPENDENT = 0.1  # neighbouring vectors share the flow's windows: they count as a tenth as many

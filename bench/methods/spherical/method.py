@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
 from bench.flow import cell_mean, dense_flow
-from bench.geometry import RigidTransform
+from bench.geometry import Bools, RigidTransform
 from bench.methods.contract import FlowMethod, MethodInput
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene, guided_flow
@@ -81,7 +81,7 @@ class SphericalMethod(SphericalSettings, FlowMethod):
         return cell_mean(found.flow, self.cell_size_px)
 
     def _refined(
-        self, frame: MethodInput, flow: NDArray[np.float32], *, seen: NDArray[np.bool_], motion: RigidTransform
+        self, frame: MethodInput, flow: NDArray[np.float32], *, seen: Bools, motion: RigidTransform
     ) -> RigidScene:
         """Motion and road, corrected by the flow of every second cell."""
         cells, every = ray_grid(frame.camera, self.cell_size_px), (slice(None, None, 2),) * 2

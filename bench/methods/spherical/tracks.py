@@ -14,7 +14,7 @@ from bench.cameras import RayGrid, ray_grid
 from bench.egomotion import VisualOdometry
 from bench.errors import UsageError
 from bench.flow import LucasKanadeTracker, Tracks
-from bench.geometry import RigidTransform
+from bench.geometry import Bools, Floats, RigidTransform
 from bench.methods.contract import Method, MethodInput
 from bench.methods.spherical.constraints import three_view_deviation
 from bench.methods.spherical.likelihood import (
@@ -108,7 +108,7 @@ class SparseSphericalMethod(SphericalSettings, Method):
             threshold=self.threshold_of(found),
         )
 
-    def _three_view(self, frame: MethodInput, rays: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _three_view(self, frame: MethodInput, rays: Floats) -> Floats:
         """xi_3v of each track; 0 where it is not defined."""
         motions = frame.current_from_previous[-2:]
         lengths_m = [float(np.linalg.norm(motion.translation_m)) for motion in motions]
@@ -129,16 +129,14 @@ class ThreeViewOnly(SparseSphericalMethod):
     threshold: float = _ALONE[1]
 
 
-def _rays(frame: MethodInput, tracks: Tracks) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _rays(frame: MethodInput, tracks: Tracks) -> tuple[Floats, Bools]:
     """Rays of all tracks in all images, (K, N, 3), and where there are any, (K, N)."""
     count, number = tracks.followed.shape
     rays, valid = frame.camera.unproject(tracks.pixels.reshape(-1, 2))
     return rays.reshape(count, number, 3), valid.reshape(count, number) & tracks.followed
 
 
-def _nearest(
-    pixels: NDArray[np.float64], cells: RayGrid, *, reach_px: int
-) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+def _nearest(pixels: Floats, cells: RayGrid, *, reach_px: int) -> tuple[NDArray[np.intp], Bools]:
     """For every cell the nearest track, and whether its window covers the cell's centre; both (rows, columns)."""
     shape = cells.valid.shape
     if not len(pixels):
