@@ -125,6 +125,8 @@ def spoil(folder, images) -> None:
     write_map(folder, missing.place, 77, missing.moving)
     write_map(folder, "crosing/front", missing.timestamp_ns, missing.moving)
     (folder / "notes.txt").write_text("by hand")
+    (folder / ".cache").mkdir()  # what is hidden is passed over
+    (folder / ".cache" / "1.png").write_bytes(b"")
 
 
 def test_everything_wrong_is_listed_at_once_and_nothing_scored(evaluate, images, masks, tmp_path, capsys):

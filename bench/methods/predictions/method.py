@@ -87,8 +87,8 @@ class PredictedMotion(Method):
         index = self._index
         assert index is not None, "the folder was gone through"
         key = ImageKey(frame.recording, frame.camera_name, frame.timestamps_ns[-1])
-        prediction = index.usable.get(key) or index.faulty.get(key)
-        if prediction is not None:
+        prediction = index.predictions.get(key)
+        if prediction is not None and prediction.files:
             cells, cell_px = prediction.sizes.on_cells(prediction.values(prediction.content()))
         elif self.missing == "empty":
             cells, cell_px = np.zeros(frame.valid.shape, dtype=np.float32), 1
