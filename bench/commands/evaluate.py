@@ -13,7 +13,7 @@ from bench.commands import options
 from bench.commands.command import PATH, TEXT
 from bench.commands.console import note, note_blocks
 from bench.commands.progress import Report, progress_bar
-from bench.commands.runs import PROTOCOLS, Run, print_runs, say_next, score
+from bench.commands.runs import PROTOCOLS, Run, print_runs, score
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
@@ -118,7 +118,5 @@ def evaluate(
 
 
 def show(evaluation: Evaluation) -> int:
-    """Print the run, and the next command."""
-    passed = print_runs(evaluation.run)
-    say_next(evaluation.run)
-    return 0 if passed else options.FAILURES
+    """Print the run."""
+    return print_runs(evaluation.run)

@@ -14,7 +14,7 @@ from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
 
 from bench.cameras import CameraModel, RollingShutter
 from bench.errors import BenchError, DataError, UsageError
@@ -74,7 +74,7 @@ class Scorable:
             again only as long as settings, code and the content of these files are the same.
     """
 
-    name: str
+    name: str = ""
     history: int = 1
     longest_history: int = 1
     colour: bool = False
@@ -126,7 +126,7 @@ class Method(Scorable, ABC):
 
 
 _ATTRIBUTES = {
-    "name": Annotated[str, Field(pattern=r"\S")],
+    "name": Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)],
     "history": Annotated[int, Field(ge=0)],
     "longest_history": Annotated[int, Field(ge=0)],
     "colour": bool,

@@ -211,7 +211,7 @@ def _raise():
 
 UNFIT = {
     "name": (("name", 7), "method 7 of class Unfit: name: expected a valid string, got 7"),
-    "no name": (("name", ""), "method '' of class Unfit: name: expected text to match pattern .*, got ''"),
+    "no name": (("name", ""), "method '' of class Unfit: name: expected text to have at least 1 character, got ''"),
     "history": (("history", 1.5), "history: expected a valid integer, got 1.5"),
     "negative history": (("history", -1), "history: expected greater than or equal to 0, got -1"),
     "history as text": (("longest_history", "2"), "longest_history: expected a valid integer, got '2'"),
