@@ -125,8 +125,8 @@ class BackgroundSubtraction(Method):
         )
         for image in earlier:
             model.apply(image)
-        found = np.asarray(model.apply(current, learningRate=0))
-        return Segmentation(cell_size_px=1, mask=(found == MOG2_FOREGROUND) & frame.valid)
+        classes = np.asarray(model.apply(current, learningRate=0))
+        return Segmentation(cell_size_px=1, mask=(classes == MOG2_FOREGROUND) & frame.valid)
 
 
 @dataclass(frozen=True, kw_only=True)

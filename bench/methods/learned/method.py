@@ -129,8 +129,8 @@ class LearnedMethod(Method):
         height, width = channels.fine.shape[1:]
         whole = padded(channels)
         session = _session(self.files[0], self.trained.sha256)
-        (found,) = session.run(None, {"coarse": whole.coarse[None], "fine": whole.fine[None]})
-        return np.asarray(found[0, :height, :width], dtype=np.float32)
+        (scores,) = session.run(None, {"coarse": whole.coarse[None], "fine": whole.fine[None]})
+        return np.asarray(scores[0, :height, :width], dtype=np.float32)
 
     @cached_property
     def trained(self) -> NetworkCard:

@@ -87,25 +87,25 @@ class Correspondences:
     information: Floats
 
 
-def correspondences(found: GuidedFlow, current: NDArray[np.uint8], camera: CameraModel) -> Correspondences:
+def correspondences(guided: GuidedFlow, current: NDArray[np.uint8], camera: CameraModel) -> Correspondences:
     """Flow vectors with their accuracy, of every eighth pixel that both images show.
 
     Args:
-        found: dense flow.
+        guided: dense flow.
         current: (H, W) uint8, grey, the image that it starts from.
         camera: the lens at the image's size.
     """
     every = (slice(EVERY_PX // 2, None, EVERY_PX),) * 2
     now = current.astype(np.float32)
-    noise = noise_of(now - found.warped.astype(np.float32), ~found.neutral, least=LEAST_NOISE)
+    noise = noise_of(now - guided.warped.astype(np.float32), ~guided.neutral, least=LEAST_NOISE)
     tensor = structure_tensor(*gradients(now), side_px=TENSOR_PX, noise=noise)
     information = flow_information(
         (tensor[0][every], tensor[1][every], tensor[2][every]), noise=noise, floor_px=FLOOR_PX
     )
     positions = pixel_positions(camera.width, camera.height)[every].astype(np.float64)
-    ends = positions + found.flow[every]
+    ends = positions + guided.flow[every]
     rays, seen = camera.unproject(positions.reshape(-1, 2))
-    used = seen & camera.contains(ends.reshape(-1, 2)) & ~found.neutral[every].reshape(-1)
+    used = seen & camera.contains(ends.reshape(-1, 2)) & ~guided.neutral[every].reshape(-1)
     entries = [information.uu, information.uv, information.uv, information.vv]
     matrices = np.stack(entries, axis=-1).reshape(-1, 2, 2).astype(np.float64)
     return Correspondences(rays=rays[used], pixels=ends.reshape(-1, 2)[used], information=matrices[used])
@@ -200,10 +200,10 @@ def _points_by_rows(
     """The points of `_seen_before`, (2, K, N, 3), at the rows that see them by the first of the K motions: the others
     differ too little from it to change rows."""
     points = np.empty((*depths.shape, 3))
-    for sought, found in zip(depths, points, strict=True):
+    for sought, of_depth in zip(depths, points, strict=True):
         extra = scene.extra_motion(rays, sought[0])
         for k, motion in enumerate(RigidTransform.each(rotations, translations_m)):
-            found[k] = seen_before(rays, sought[k], current_from_previous=motion, extra_motion=extra)
+            of_depth[k] = seen_before(rays, sought[k], current_from_previous=motion, extra_motion=extra)
     return points
 
 

@@ -172,8 +172,8 @@ def remapped(
     """
     border, value = (cv2.BORDER_REPLICATE, 0.0) if outside is None else (cv2.BORDER_CONSTANT, outside)
     no_second_map: Any = None
-    found = cv2.remap(image, positions, no_second_map, cv2.INTER_LINEAR, borderMode=border, borderValue=value)
-    return np.asarray(found, dtype=np.float32)
+    moved = cv2.remap(image, positions, no_second_map, cv2.INTER_LINEAR, borderMode=border, borderValue=value)
+    return np.asarray(moved, dtype=np.float32)
 
 
 def sampled(image: NDArray[np.float32], flow: NDArray[np.float32], *, outside: float = 0.0) -> NDArray[np.float32]:

@@ -227,7 +227,7 @@ class SphericalSettings:
             return LikelihoodMap(
                 likelihood=deviation, cause=cause, seen=seen, defined=defined, stationary=np.asarray(True)
             )
-        found = deviations(
+        measured = deviations(
             rays_previous,
             rays_current,
             current_from_previous=current_from_previous,
@@ -238,16 +238,16 @@ class SphericalSettings:
             min_epipole_sine=self.min_epipole_sine,
             variants=self.variants,
         )
-        by_name = {name: getattr(found, name) for name in CONSTRAINTS}
+        by_name = {name: getattr(measured, name) for name in CONSTRAINTS}
         return LikelihoodMap(
-            likelihood=motion_likelihood(found, self.weights, three_view=three_view, root_sum=self.root_sum),
-            cause=largest_contribution(found, self.weights, three_view=three_view),
+            likelihood=motion_likelihood(measured, self.weights, three_view=three_view, root_sum=self.root_sum),
+            cause=largest_contribution(measured, self.weights, three_view=three_view),
             seen=seen,
-            defined=found.defined,
+            defined=measured.defined,
             stationary=np.asarray(False),
             deviations=by_name if three_view is None else by_name | {THREE_VIEW: three_view},
         )
 
-    def threshold_of(self, found: LikelihoodMap) -> float:
+    def threshold_of(self, likelihoods: LikelihoodMap) -> float:
         """The likelihood above which a cell moves."""
-        return self.static_threshold if found.stationary else self.threshold
+        return self.static_threshold if likelihoods.stationary else self.threshold
