@@ -22,6 +22,15 @@ Image = NDArray[np.float32]
 GRADIENT_NOISE = 2 * (3**2 + 10**2 + 3**2) / 32**2  # variance of Scharr's gradient, for pixels of variance 1
 MAD_TO_SIGMA = 1.4826
 LEAST_NOISE = 0.7  # grey values, of the difference of two images of whole numbers
+CELL = (slice(1, None, 2), slice(1, None, 2))  # curves are compared with the flow on every second pixel
+WINDOW_PX = 3  # over which grey values are compared
+TENSOR_PX = 5  # of the structure tensor; about the patch of the flow
+TEXTURE_PX = 9  # over which the road's texture is recognised
+SEARCHED = 10  # depths, denser towards the far end
+CURVE_POINTS = 6
+STILL_M = 0.01  # with less translation, all depths look the same
+UNTESTED = 1e3  # misfit that stands for "the flow is believed"
+BELOW_HORIZON = 0.02  # cosine to straight down from which a ray counts as meeting the road
 
 
 def gradients(image: Image) -> tuple[Image, Image]:
@@ -145,18 +154,6 @@ def nearest_on_curve(
         ):
             np.copyto(kept, candidate, where=nearer)
     return best, np.stack([point_u, point_v], axis=-1), place
-
-
-CELL = (slice(1, None, 2), slice(1, None, 2))  # curves are compared with the flow on every second pixel
-
-WINDOW_PX = 3  # over which grey values are compared
-TENSOR_PX = 5  # of the structure tensor; about the patch of the flow
-TEXTURE_PX = 9  # over which the road's texture is recognised
-SEARCHED = 10  # depths, denser towards the far end
-CURVE_POINTS = 6
-STILL_M = 0.01  # with less translation, all depths look the same
-UNTESTED = 1e3  # misfit that stands for "the flow is believed"
-BELOW_HORIZON = 0.02  # cosine to straight down from which a ray counts as meeting the road
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -18,7 +18,14 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import CameraModel
 from bench.errors import UsageError
 from bench.geometry import Floats, RigidTransform, RoadPlane, cross, dot, normalise
-from bench.methods.rigid_scene.evidence import LEAST_NOISE, flow_information, gradients, noise_of, structure_tensor
+from bench.methods.rigid_scene.evidence import (
+    LEAST_NOISE,
+    TENSOR_PX,
+    flow_information,
+    gradients,
+    noise_of,
+    structure_tensor,
+)
 from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, pixel_positions
 from bench.methods.two_views import seen_before
 
@@ -29,7 +36,6 @@ LEAST_AGREEING = 0.3
 LEAST_VECTORS = 100
 CREDIBLE_SIGMA = 4.0  # a larger correction is no correction
 EVERY_PX = 8
-TENSOR_PX = 5
 FLOOR_PX = 0.15  # of the flow's accuracy
 ROAD_COSINE = 0.03  # rays that point down by this cosine may meet the road
 STILL_M = 0.005
