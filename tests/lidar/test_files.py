@@ -93,7 +93,7 @@ def test_arrays_that_do_not_fit_are_named(tmp_path, arrays, message):
 def test_pickles_are_refused(tmp_path):
     path = tmp_path / "1.npz"
     np.savez(path, points_lidar=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(DataError, match="numbers, got Python objects"):
+    with pytest.raises(DataError, match="plain arrays, got Object arrays cannot be loaded"):
         read_points(path)
 
 
