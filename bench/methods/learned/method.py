@@ -137,12 +137,6 @@ class LearnedMethod(Method):
         """The network's card: what it is shown, and its threshold."""
         return read_card(self.files[0])
 
-    def __getstate__(self) -> dict[str, object]:
-        return self.settings()  # a session cannot travel to other processes; they open their own
-
-    def __setstate__(self, settings: dict[str, object]) -> None:
-        self.__dict__.update(settings)
-
 
 def padded(channels: Channels) -> Channels:
     """Channels of sides that the network takes: zeros are added below and on the right."""
