@@ -267,6 +267,13 @@ def test_fields_that_pad_a_point_are_passed_over(tmp_path):
     assert arrays["ring"].tolist() == [7, 7]
 
 
+def test_points_of_text_may_be_lost_and_lines_end_as_on_windows(tmp_path):
+    body = b"1 2 3 \r\n-nan nan -inf\r\n 4 5e-1 6\r\n"
+    sweep = read_sweep(pcd(tmp_path / "1.pcd", XYZ, 3, body, "ascii"), 0)
+    assert sweep.points_lidar.tolist() == [[1, 2, 3], [4, 0.5, 6]]
+    assert sweep.stored_rows.tolist() == [0, 2]
+
+
 def test_compressed_points_are_refused_with_the_remedy(tmp_path):
     path = pcd(tmp_path / "1.pcd", XYZ, 3, bytes(40), "binary_compressed")
     with pytest.raises(DataError, match=r"DATA: expected ascii or binary, got binary_compressed; pcl_convert_pcd_asc"):
