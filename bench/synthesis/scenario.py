@@ -25,7 +25,7 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from bench.cameras import camera_from_parameters
 from bench.errors import BenchError, UnknownNameError
@@ -193,12 +193,12 @@ def refuse_twice(names: list[str], field: str) -> None:
         raise ValueError(f"{field}: names that occur once; {', '.join(twice)} does not")
 
 
-def refuse_misfit(times_s: tuple[float, ...], **profiles: tuple[float, ...] | float) -> None:
+def refuse_misfit(times_s: tuple[float, ...], **profiles: tuple[float, ...]) -> None:
     """Raise ValueError unless times increase and every profile has one value, or one for each time."""
     if any(b <= a for a, b in pairwise(times_s)):
         raise ValueError("times_s that increase")
     for name, values in profiles.items():
-        if isinstance(values, tuple) and (len(values) not in {1, len(times_s)} or not values):
+        if len(values) not in {1, len(times_s)}:
             raise ValueError(f"{name}: one value, or one for each of the {len(times_s)} times")
 
 
@@ -266,6 +266,7 @@ class CameraSpec(FileModel):
 
 
 Speed = Annotated[float, Field(ge=0, le=150)]
+OneOrMore = BeforeValidator(lambda values: values if isinstance(values, list | tuple) else (values,))
 
 
 def _known_body(kind: str) -> str:
@@ -296,8 +297,8 @@ class ActorSpec(FileModel):
     position_m: tuple[Number, Number]
     heading_deg: Number = 0.0
     times_s: tuple[Number, ...] = (0.0,)
-    speed_mps: tuple[Speed, ...] | Speed = 0.0
-    yaw_rate_degps: tuple[Number, ...] | Number = 0.0
+    speed_mps: Annotated[tuple[Speed, ...], OneOrMore] = (0.0,)
+    yaw_rate_degps: Annotated[tuple[Number, ...], OneOrMore] = (0.0,)
     gear: Literal["forward", "reverse"] = "forward"
     floor_m: float = Field(default=0.0, ge=0, le=0.3)
 
