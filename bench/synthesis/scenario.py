@@ -29,7 +29,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from bench.cameras import camera_from_parameters
 from bench.errors import BenchError, UnknownNameError
-from bench.recordings.schema import RollingShutterHead
+from bench.recordings.mounting import RollingShutterHead
 from bench.recordings.validation import FileModel
 from bench.synthesis.bodies import BODIES
 

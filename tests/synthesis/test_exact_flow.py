@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from bench.cameras import ray_grid
-from bench.methods.spherical import deviations
+from bench.methods.spherical.constraints import deviations
 from bench.recordings import MountedCamera, Recording, open_native, read_truth
 from bench.reference import visible_region
 from bench.synthesis import read_scenario, synthesize
