@@ -231,9 +231,9 @@ def _digests(folder: Path) -> dict[str, str]:
 
 def _is_rendered(folder: Path, scenario: Scenario, spec: RecordingSpec) -> bool:
     """Return True where a recording made from the same lines is there, with all of its files."""
-    found = _read_manifest(folder)
-    complete = bool(found["files"]) and all((folder / name).is_file() for name in found["files"])
-    return complete and _origin(scenario, spec).items() <= found.items()
+    manifest = _read_manifest(folder)
+    complete = bool(manifest["files"]) and all((folder / name).is_file() for name in manifest["files"])
+    return complete and _origin(scenario, spec).items() <= manifest.items()
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:

@@ -634,9 +634,9 @@ class SeriesSpec(FileModel):
         actors: list[Any] = []
         origins: list[int] = []
         for k, node in enumerate(self.actors if isinstance(self.actors, list | tuple) else []):
-            found = _actors(node, sampler, f"actors.{k}")
-            actors += found
-            origins += [k] * len(found)
+            repeats = _actors(node, sampler, f"actors.{k}")
+            actors += repeats
+            origins += [k] * len(repeats)
         drawn = {key: sampler.drawn(getattr(self, key), key) for key in ("frames", "host", "street", "light")}
         name = f"{self.name}-{index + 1:0{max(2, len(str(self.count)))}d}"
         return {"name": name, "about": self.about, **drawn, "actors": actors}, origins
@@ -650,11 +650,11 @@ def _actors(node: Any, sampler: Sampler, path: str) -> list[Any]:
     if isinstance(repeat, bool) or not isinstance(repeat, int) or not 0 <= repeat <= LARGEST_REPEAT:
         raise DrawError(f"{path}.repeat", f"a whole number from 0 to {LARGEST_REPEAT}", repeat)
     template = {key: part for key, part in node.items() if key != "repeat"}
-    found = []
+    repeats = []
     for k in range(repeat):
         actor = sampler.drawn(template, path, repeat=k)
-        found.append({**actor, "name": f"{actor.get('name')}-{k + 1}"})
-    return found
+        repeats.append({**actor, "name": f"{actor.get('name')}-{k + 1}"})
+    return repeats
 
 
 class RecordingSpec(FileModel):

@@ -158,8 +158,8 @@ def _hull_positions(hull: Hull) -> NDArray[np.float64]:
     positions += [x + sign * SEAM_M for x in hull.seams_x_m for sign in (-1, 1)]
     positions += [*hull.headlamps_x_m, *hull.tail_lamps_x_m]
     first, last = hull.top_xz_m[0][0], hull.top_xz_m[-1][0]
-    found = np.unique(np.round([x for x in positions if first <= x <= last], 4))
-    return np.asarray(found[np.append(True, np.diff(found) > 1e-3)])
+    distinct = np.unique(np.round([x for x in positions if first <= x <= last], 4))
+    return np.asarray(distinct[np.append(True, np.diff(distinct) > 1e-3)])
 
 
 def _between(positions: NDArray[np.float64], start: float, end: float) -> slice:
