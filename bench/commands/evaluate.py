@@ -11,7 +11,7 @@ import typer
 
 from bench.commands import options
 from bench.commands.command import PATH, TEXT
-from bench.commands.console import note, note_blocks
+from bench.commands.console import Verbosity, note, note_blocks, verbosity
 from bench.commands.progress import Report, progress_bar
 from bench.commands.runs import PROTOCOLS, Run, print_runs, score
 from bench.errors import UsageError
@@ -78,8 +78,7 @@ def evaluate(
     Raises:
         UnknownNameError: no data set, protocol or split of this name.
         UsageError: the name of a method, or a threshold for masks.
-        DataError: a prediction is missing, damaged or extra where all are asked for; the error names a file that lists
-            all of them; or `out` holds another run.
+        DataError: a prediction is missing, damaged or extra where all are asked for; or `out` holds another run.
     """
     from bench.commands.data import as_card, as_executor, rendered_card
     from bench.commands.runs import run_request
@@ -103,10 +102,10 @@ def evaluate(
     rendered_card(card, split, executor=executor, as_it_is=True)
     with progress_bar(f"reading {predictions}", "recordings") as report:
         found = check_predictions(card, method=method, progress=report)
-    if (table := prediction_table(found)) is not None:
+    if (table := prediction_table(found, whole=verbosity() is Verbosity.VERBOSE)) is not None:
         note_blocks([table])
     note(prediction_line(found, threshold=method.threshold))
-    refuse_faults(card, method, found)
+    refuse_faults(method, found)
     scored = score(
         request,
         executor=executor,
