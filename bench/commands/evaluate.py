@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -81,7 +80,7 @@ def evaluate(
         DataError: a prediction is missing, damaged or extra where all are asked for; or `out` holds another run.
     """
     from bench.commands.data import as_card, as_executor, rendered_card
-    from bench.commands.runs import run_request
+    from bench.commands.runs import default_folder, run_request
     from bench.harness.stored import PREDICTIONS
     from bench.methods import known_methods
     from bench.methods.predictions import PredictedMotion
@@ -93,11 +92,18 @@ def evaluate(
     card, called = as_card(dataset), name or f"predictions-{Path(predictions).resolve().name}"
     if called in known_methods():
         raise UsageError(f"--name: expected another name than those of methods, got {called!r}")
-    named = partial(PredictedMotion, name=called, folder=str(predictions), dataset=str(card.file), split=split)
-    usual = named().settings()
-    method = named(threshold=threshold, missing=missing)
-    chosen = [(option, value) for option, value in method.settings().items() if value != usual[option]]
-    request = run_request(card, method, protocol=protocol, split=split, out=out, overwrite=overwrite, named_by=chosen)
+    method = PredictedMotion(
+        name=called,
+        folder=str(predictions),
+        dataset=str(card.file),
+        split=split,
+        threshold=threshold,
+        missing=missing,
+    )
+    given = (("threshold", threshold, None), ("missing", missing, "error"))
+    chosen = [(option, value) for option, value, usual in given if value != usual]
+    place = default_folder(card, called, chosen, split) if out is None else out
+    request = run_request(card, method, protocol=protocol, split=split, out=place, overwrite=overwrite)
     executor = as_executor(workers)
     rendered_card(card, split, executor=executor, as_it_is=True)
     with progress_bar(f"reading {predictions}", "recordings") as report:

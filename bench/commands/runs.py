@@ -156,7 +156,6 @@ def run_request(
     input_errors: Mapping[str, object] | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
-    named_by: Iterable[tuple[str, object]] | None = None,
 ) -> RunRequest:
     """The run that is asked for, by names; nothing is rendered or computed yet.
 
@@ -169,7 +168,6 @@ def run_request(
         input_errors: as of `run`.
         out: folder of the run; None for the usual one.
         overwrite: as of `run`.
-        named_by: settings that name the usual folder; None for those that are not the default.
 
     Raises:
         UnknownNameError, UsageError, DataError: as `run`; a protocol twice, or a folder of something else.
@@ -193,7 +191,7 @@ def run_request(
         chosen = require_scorable(method)
         named = chosen.name
     errors = named_input_errors(input_errors or {})
-    changed = [*(_non_default_settings(chosen, named) if named_by is None else named_by), *errors.named.items()]
+    changed = [*_non_default_settings(chosen, named), *errors.named.items()]
     folder = default_folder(card, chosen.name, changed, split) if out is None else run_folder(out)
     refuse_foreign(folder)
     return RunRequest(
