@@ -24,7 +24,7 @@ from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
 from bench.harness.method_of_run import MethodOfRun
 from bench.harness.stored import SUMS, write_run
 from bench.methods import build_method
-from bench.reporting.compare_page import write_comparison
+from bench.reporting.compare import write_comparison
 from bench.reporting.run_page import write_page
 from bench.reporting.run_tables import write_report_files
 from benchmarks.drawn_tables import write_run_tables

@@ -56,7 +56,7 @@ def audit_reference(
         int | None, typer.Option(help="Number of recordings, spread over the split; default: all.")
     ] = None,
     workers: options.Workers = 1,
-    pictures: Annotated[bool, typer.Option(help="Draw median and worst examples of every class.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw why cells are missed and falsely marked.")] = True,
     progress: Report | None = None,
 ) -> Audit:
     """Compare lidar polygons with exact masks of a rendered data set, and find why a method errs.
@@ -85,8 +85,7 @@ def audit_reference(
     from bench.commands.data import as_card, as_executor, rendered_card
     from bench.evaluation import load_protocol
     from bench.methods import FlowMethod, build_method
-    from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
-    from bench.reporting.audit_tables import audit_tables
+    from bench.reporting.audit import audit_tables, write_audit_files, write_cause_pictures
 
     if settings and not isinstance(method, str):
         raise UsageError("settings: expected none beside a method that is built already")
@@ -106,14 +105,10 @@ def audit_reference(
                 executor=executor,
                 progress=report,
             )
-    polygons, misses = rows.tables["polygons"], rows.tables["misses"]
-    files = list(write_audit_files(folder, found, polygons))
-    if pictures:
+    files = list(write_audit_files(folder, found, rows.tables["polygons"]))
+    if pictures and isinstance(built, FlowMethod):
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
-        handles = {name: source.recorded for name, source in sources.items()}
-        files += write_examples(folder, found, polygons, handles=handles, protocol=rules)
-        if isinstance(built, FlowMethod):
-            files += write_cause_pictures(folder, misses, sources=sources, method=built, protocol=rules)
+        files += write_cause_pictures(folder, rows.tables["misses"], sources=sources, method=built, protocol=rules)
     remarks = (f"without exact flow: {found.left_out}",) if found.left_out else ()
     return Audit(folder=folder, summary=found, tables=audit_tables(found), files=tuple(files), remarks=remarks)
 
@@ -125,7 +120,7 @@ def audit_folder(card: DatasetCard, out: str | Path | None) -> Path:
 
 def show(found: Audit) -> int:
     """Print the tables, the cost, failures and files."""
-    from bench.reporting.audit_tables import for_terminal
+    from bench.reporting.audit import for_terminal
     from bench.reporting.run_tables import stage_times
 
     print_blocks(for_terminal(found.tables))

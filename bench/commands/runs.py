@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 RUNS = Path("reports/runs")
 PROTOCOLS = "paper-v1,surface-v1"  # that a run is scored by where none is named
 PURPOSES = {"paper-v1": "the paper's rules", "surface-v1": "the rules of the leaderboard"}
-READ_FIRST = ("summary.json", "table.md", "range_map.png")
+READ_FIRST = ("summary.json", "table.md")
 LONGEST_NAME = 120  # characters of a folder's name
 
 
@@ -316,8 +316,10 @@ def print_runs(first: Run) -> bool:
     Returns:
         True where nothing failed.
     """
+    from bench.reporting.document import Paragraph
     from bench.reporting.run_tables import (
         is_rendered,
+        legend,
         nothing_scored,
         odd_masks,
         table_rows,
@@ -337,6 +339,7 @@ def print_runs(first: Run) -> bool:
         print_blocks(terminal_report(rows, title=f"{told}{beside}, in percent"))
         for line in total_lines(summary, run.stored.protocol):
             note(line)
+    print_blocks([Paragraph(legend(rows), "dim")])
     print_cost(first.summary.provenance)
     failures = [*dict.fromkeys(failure for run in runs for failure in run.summary.failures)]
     print_failures(failures, all_in="summary.json")

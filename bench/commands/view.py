@@ -112,8 +112,7 @@ def view(
     """
     from bench.evaluation import load_protocol
     from bench.harness import build_scorable
-    from bench.reporting.calibration import write_calibration
-    from bench.reporting.film import refuse_other_files
+    from bench.reporting.film import refuse_other_files, write_calibration
 
     # mistakes are told before anything is rendered
     if settings and not isinstance(method, str):

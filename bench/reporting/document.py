@@ -484,13 +484,13 @@ class Report:
     Attributes:
         title: above the blocks; "" for none.
         blocks: what people read.
-        numbers: lines of the CSV file.
+        numbers: lines of the CSV file; None for none.
         page: also write the blocks as a page.
     """
 
     title: str
     blocks: Sequence[Block]
-    numbers: Iterable[Mapping[str, object]] | pd.DataFrame
+    numbers: Iterable[Mapping[str, object]] | pd.DataFrame | None = None
     page: bool = False
 
     def write(self, folder: Path, name: str) -> tuple[Path, ...]:
@@ -503,10 +503,11 @@ class Report:
         texts = {
             "html": to_page(self.title, self.blocks, folder=folder) if self.page else "",
             "md": to_markdown([*heading, *self.blocks]),
-            "csv": to_csv(self.numbers),
+            "csv": "" if self.numbers is None else to_csv(self.numbers),
         }
         files = {folder / f"{name}.{ending}": text for ending, text in texts.items() if text}
-        beside = (folder / f"{name}.csv").is_file()  # numbers are always among the files, and show what they are
+        # Markdown shows nothing of its kind: it is ours where numbers lie beside it.
+        beside = any((folder / f"{name}.{ending}").is_file() for ending in ("csv", "json"))
         for file, text in files.items():
             if file.suffix != ".md":
                 refuse_foreign(file, text)

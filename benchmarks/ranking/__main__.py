@@ -14,7 +14,7 @@ from bench.commands.console import print_blocks, print_failures, say, take_verbo
 from bench.commands.data import rendered_card
 from bench.commands.progress import progress_bar
 from bench.execution import local_executor, usable_cores
-from bench.reporting.audit_tables import for_terminal
+from bench.reporting.audit import for_terminal
 from benchmarks.ranking.agreement import run_ranking
 from benchmarks.ranking.beams import parse_beams, run_beams
 from benchmarks.ranking.beams_report import beams_tables, write_beams_files

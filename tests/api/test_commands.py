@@ -90,7 +90,7 @@ def test_runs_are_ranked(folder, tmp_path):
     ((first, second),) = [group.entries for group in ranked.found.groups]
     assert (first.method, second.method) == ("frame-difference", "nothing")
     assert ranked.files == ()
-    written = bench.leaderboard(str(folder), out=tmp_path / "board", pictures=False)
+    written = bench.leaderboard(str(folder), out=tmp_path / "board")
     assert written.files[0] == tmp_path / "board" / "index.html"
 
 

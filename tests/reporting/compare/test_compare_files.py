@@ -6,13 +6,12 @@ from urllib.parse import unquote
 import pandas as pd
 import pytest
 
-from bench.reporting.compare import compare_runs, read_comparable
-from bench.reporting.compare_page import terminal_report, write_comparison
+from bench.reporting.compare import compare_runs, read_comparable, terminal_report, write_comparison
 from bench.reporting.formats import points
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed
 
-NAMES = ["compare.html", "compare.md", "compare.csv", "object_changes.csv"]
+NAMES = ["compare.html", "compare.md", "compare.csv"]
 
 
 @pytest.fixture(scope="module")
@@ -47,10 +46,7 @@ def test_all_forms_carry_the_same_numbers(folders, tmp_path):
         f"| TPR, all | Crossing | worse | 8 | 50.0 | {50 + 100 * difference:.1f} | {points(difference)} |"
         in (tmp_path / "compare.md").read_text()
     )
-    changed = list(csv.DictReader(io.StringIO((tmp_path / "object_changes.csv").read_text())))
-    lost = [r for r in changed if r["after_run"] == "new" and r["change"] == "lost"]
-    assert len(lost) == comparisons[0].detections.iloc[-1].lost == 7 + 3
-    assert {r["coverage_after"] for r in lost} == {"0.0"}
+    assert comparisons[0].detections.loc["all_moving"].lost == 7 + 3
 
 
 def test_recordings_are_set_beside_each_other(folders, tmp_path):

@@ -15,8 +15,7 @@ from bench.gate import judge, load_tolerances, read_run_sums
 from bench.harness import open_tables, read_run, read_tables
 from bench.methods import Method, Segmentation
 from bench.recordings import load_card
-from bench.reporting.compare import compare_runs, read_comparable
-from bench.reporting.compare_page import write_comparison
+from bench.reporting.compare import compare_runs, read_comparable, write_comparison
 from bench.reporting.leaderboard import read_leaderboard
 from tests.support.counts import change_table
 from tests.support.runs import run_one
@@ -156,8 +155,9 @@ def test_another_annotation_is_refused_with_what_differs(runs, tiny_card, tmp_pa
     told = str(refused.value)
     places = f"{runs['one']}/paper-v1 and {other}/paper-v1"
     assert told.startswith(f"{places} do not compare: their references differ on the 9 images")
-    assert "3 object-frames only in the first, the first crossing front" in told
-    assert "walker; 3 object-frames only in the second, the first crossing front" in told
+    assert "3 object-frames as only the first has them, the first: recording crossing, camera front" in told
+    assert "3 object-frames as only the second has them, the first: recording crossing, camera front" in told
+    assert "track_id stranger" in told
     assert "\n" not in told
     groups = read_leaderboard(tmp_path).groups
     assert [[entry.run for entry in group.entries] for group in groups] == [["other"]]

