@@ -40,7 +40,7 @@ paper: $(INSTALLED) ## rebuild reports/paper: the simulated experiment with both
 	$(BIN)/fisheye-bench report reports/runs/range-maps-spherical/extended-v1 --no-pictures
 	cp reports/runs/range-maps-spherical/extended-v1/figures/range_map.png reports/paper/range_map.png
 	cp reports/runs/range-maps-spherical/extended-v1/table.md reports/paper/table-range-maps.md
-	cp reports/audit/paper/audit.md reports/audit/paper/fit.png reports/audit/paper/causes-crossing.png reports/paper/
+	cp reports/audit/paper/audit.md reports/audit/paper/causes-crossing.png reports/paper/
 	cp reports/audit/paper/ranking.md reports/audit/paper/ranking.png reports/paper/
 
 gate: benchmark ## score, then judge by the baselines (BASELINE= and its -surface-v1) and TOLERANCES=

@@ -81,11 +81,11 @@ def audit_reference(
         DataError: nothing of the data set could be audited, above all where it has no rendered masks.
     """
     from bench.atomic import output_folder
-    from bench.audit import audit_sources, run_audit
+    from bench.audit import AUDIT, audit_sources, run_audit
     from bench.commands.data import as_card, as_executor, rendered_card
     from bench.evaluation import load_protocol
     from bench.methods import FlowMethod, build_method
-    from bench.reporting.audit import audit_tables, write_audit_files, write_cause_pictures
+    from bench.reporting.audit import audit_tables, write_cause_pictures, write_tables
 
     if settings and not isinstance(method, str):
         raise UsageError("settings: expected none beside a method that is built already")
@@ -105,7 +105,7 @@ def audit_reference(
                 executor=executor,
                 progress=report,
             )
-    files = list(write_audit_files(folder, found, rows.tables["polygons"]))
+    files = [folder / AUDIT, write_tables(folder, found)]
     if pictures and isinstance(built, FlowMethod):
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
         files += write_cause_pictures(folder, rows.tables["misses"], sources=sources, method=built, protocol=rules)
@@ -120,10 +120,9 @@ def audit_folder(card: DatasetCard, out: str | Path | None) -> Path:
 
 def show(found: Audit) -> int:
     """Print the tables, the cost, failures and files."""
-    from bench.reporting.audit import for_terminal
     from bench.reporting.run_tables import stage_times
 
-    print_blocks(for_terminal(found.tables))
+    print_blocks(found.tables)
     summary, made = found.summary, found.summary.provenance
     stages = stage_times(made.stage_seconds)
     say(f"{made.images} images of {summary.recordings} recordings in {made.seconds:.1f} s ({stages})")

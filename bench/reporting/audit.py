@@ -1,4 +1,4 @@
-"""An audit for people: its tables for terminal and Markdown, the fit of polygons by distance, pictures of causes.
+"""An audit for people: its tables for terminal and Markdown, and pictures of causes.
 
 Each table has a note that says how to read it.
 """
@@ -8,20 +8,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from itertools import cycle
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from bench.atomic import write_text
 from bench.audit import (
     ALL,
-    AUDIT,
     AuditSource,
     AuditSummary,
     Compensation,
@@ -35,22 +32,8 @@ from bench.audit import (
 )
 from bench.evaluation import Metric, Protocol, find_metric
 from bench.methods import Method
-from bench.reporting.document import Block, Column, Heading, Paragraph, Report, Table
-from bench.reporting.figures import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    LIGHT_GREY,
-    ORANGE,
-    PURPLE,
-    SKY_BLUE,
-    VERMILION,
-    YELLOW,
-    new_figure,
-    styled,
-    write_picture,
-)
+from bench.reporting import figures
+from bench.reporting.document import Block, Column, Heading, Paragraph, Table, to_markdown
 from bench.reporting.formats import INTERVALS, LABELS, hundredths, short_interval
 from bench.reporting.frame import faded, overlay_areas, show_image
 from bench.reporting.run_tables import COVERAGES
@@ -169,21 +152,21 @@ def _interval(metric: Metric) -> str:
 
 # Each cause with its name and its colour in pictures.
 MISSES = {
-    MissCause.NEAR_EPIPOLE: ("blind: at the epipole", BLACK),
-    MissCause.ENTERED: ("blind: just entered", GREY),
-    MissCause.ABOVE_HORIZON: ("blind: above horizon", BLUE),
-    MissCause.BELOW_THRESHOLD: ("blind: below threshold", SKY_BLUE),
-    MissCause.UNCOVERED: ("flow: hidden before", ORANGE),
-    MissCause.FLOW: ("flow", VERMILION),
-    MissCause.EGO_MOTION: ("ego-motion, calibration", PURPLE),
+    MissCause.NEAR_EPIPOLE: ("blind: at the epipole", figures.BLACK),
+    MissCause.ENTERED: ("blind: just entered", figures.GREY),
+    MissCause.ABOVE_HORIZON: ("blind: above horizon", figures.BLUE),
+    MissCause.BELOW_THRESHOLD: ("blind: below threshold", figures.SKY_BLUE),
+    MissCause.UNCOVERED: ("flow: hidden before", figures.ORANGE),
+    MissCause.FLOW: ("flow", figures.VERMILION),
+    MissCause.EGO_MOTION: ("ego-motion, calibration", figures.PURPLE),
 }
 FALSE_ALARMS = {
-    FalseCause.ANTI_PARALLEL: ("method: anti-parallel", YELLOW),
-    FalseCause.OTHER_CONSTRAINT: ("method: other constraint", SKY_BLUE),
-    FalseCause.UNCOVERED: ("flow: hidden before", GREY),
-    FalseCause.BESIDE_OBJECT: ("flow: beside a moving object", ORANGE),
-    FalseCause.FLOW: ("flow: elsewhere", VERMILION),
-    FalseCause.EGO_MOTION: ("ego-motion, calibration", PURPLE),
+    FalseCause.ANTI_PARALLEL: ("method: anti-parallel", figures.YELLOW),
+    FalseCause.OTHER_CONSTRAINT: ("method: other constraint", figures.SKY_BLUE),
+    FalseCause.UNCOVERED: ("flow: hidden before", figures.GREY),
+    FalseCause.BESIDE_OBJECT: ("flow: beside a moving object", figures.ORANGE),
+    FalseCause.FLOW: ("flow: elsewhere", figures.VERMILION),
+    FalseCause.EGO_MOTION: ("ego-motion, calibration", figures.PURPLE),
 }
 
 
@@ -235,14 +218,6 @@ def audit_tables(audit: AuditSummary) -> tuple[Table, ...]:
     return tuple(tables)
 
 
-_WIDEST = 8  # columns of a table that a terminal holds
-
-
-def for_terminal(tables: Iterable[Table]) -> list[Table]:
-    """Tables for a console of at least 110 columns, with rows for columns where there are too many."""
-    return [table.transposed() if table.words < 2 and len(table.columns) > _WIDEST else table for table in tables]
-
-
 def sections(tables: Iterable[Table]) -> Iterator[Block]:
     """Each table below its title as a heading."""
     for table in tables:
@@ -250,72 +225,20 @@ def sections(tables: Iterable[Table]) -> Iterator[Block]:
         yield replace(table, title="")
 
 
-def report(audit: AuditSummary) -> Report:
-    """All tables with their notes; the numbers are in `audit.json`."""
+def write_tables(folder: Path, audit: AuditSummary) -> Path:
+    """Write all tables with their notes as `audit.md` beside `audit.json`, which has the numbers."""
     method = audit.method.name
     about = (
         f"{audit.recordings} recordings, protocol {audit.protocol.name}, method {method}. {audit.not_seen} evaluated "
         "object-frames of which the camera sees no pixel are in none of the metrics."
     )
     left_out = [Paragraph(f"Without exact flow: {audit.left_out}.")] if audit.left_out else []
-    title = f"Audit of {audit.dataset}: lidar reference and {method}"
-    return Report(title=title, blocks=[Paragraph(about), *left_out, *sections(audit_tables(audit))])
+    title = Heading(f"Audit of {audit.dataset}: lidar reference and {method}", 1)
+    write_text(folder / "audit.md", to_markdown([title, Paragraph(about), *left_out, *sections(audit_tables(audit))]))
+    return folder / "audit.md"
 
 
 # The pictures.
-
-COLOURS = (ORANGE, BLUE, GREEN, PURPLE)
-BIN_M = 1.0
-FEWEST = 3  # object-frames of a point; fewer say nothing about quartiles
-_PANEL_IN, _HEIGHT_IN = 2.6, 3.0
-
-
-@styled
-def draw_fit_by_distance(audit: AuditSummary, polygons: pa.Table) -> Figure:
-    """Draw median and quartiles of the IoU over the distance, each kind of polygon in its colour.
-
-    Args:
-        audit: for names.
-        polygons: the rows behind them.
-    """
-    rows = polygons.to_pandas()
-    rows = rows[rows["compensation"] == Compensation.FULL.value]
-    classes = sorted(set(rows["object_class"])) or ["none"]
-    figure = new_figure(max(len(classes) * _PANEL_IN, 4.0), _HEIGHT_IN, layout="constrained")
-    figure.suptitle(f"Reference polygons of {audit.dataset}: median and quartiles", x=0.01, ha="left", fontsize=8)
-    panels = figure.subplots(1, len(classes), sharey=True, squeeze=False)[0]
-    for axes, name in zip(panels, classes, strict=True):
-        of_class = rows[rows["object_class"] == name]
-        for kind, colour in zip(audit.polygon_kinds, cycle(COLOURS), strict=False):
-            _draw_kind(axes, of_class[of_class["kind"] == kind], kind=kind, colour=colour)
-        frames = len(of_class[of_class["kind"] == audit.polygon_kinds[0]])
-        axes.set(xlabel="distance (m)", ylim=(0.3, 1.0), xlim=(0, max(float(rows["range_m"].max()), 8.0)))
-        axes.set_title(f"{name}, {frames} object-frames", pad=3)
-        axes.grid(color=LIGHT_GREY, linewidth=0.4)
-    panels[0].set_ylabel("IoU with the exact mask")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(COLOURS), frameon=False)
-    return figure
-
-
-def _draw_kind(axes: Axes, rows: pd.DataFrame, *, kind: str, colour: str) -> None:
-    by_bin = rows.groupby(np.floor(rows["range_m"] / BIN_M))["iou"]
-    low, median, high = (by_bin.quantile(share)[by_bin.size() >= FEWEST] for share in (0.25, 0.5, 0.75))
-    middles_m = (median.index.to_numpy(dtype=np.float64) + 0.5) * BIN_M
-    axes.fill_between(middles_m, low, high, color=colour, alpha=0.15, linewidth=0)
-    axes.plot(middles_m, median, color=colour, marker="o", markersize=3, linewidth=1.2, label=kind)
-
-
-def write_audit_files(folder: Path, audit: AuditSummary, polygons: pa.Table) -> tuple[Path, ...]:
-    """Write `audit.md`, `fit.png` and `fit.svg` beside `audit.json`; all of their paths.
-
-    Args:
-        folder: of the audit.
-        audit: its summary.
-        polygons: its rows.
-    """
-    tables = report(audit).write(folder, "audit")
-    return (folder / AUDIT, *tables, *write_picture(folder / "fit", draw_fit_by_distance(audit, polygons)))
-
 
 _CAUSE_IN, _CAUSE_BELOW_IN, _TINT = 3.6, 0.75, 0.65
 
@@ -343,7 +266,7 @@ def write_cause_pictures(
             sources[recording], camera=camera, timestamp_ns=timestamp_ns, method=method, protocol=protocol
         )
         title = f"{category.replace('_', ' ')}: {recording}, {timestamp_ns / 1e9:.3f} s"
-        files += write_picture(folder / f"causes-{category}", draw_causes(explained, title=title))
+        files += figures.write_picture(folder / f"causes-{category}", draw_causes(explained, title=title))
     return tuple(files)
 
 
@@ -358,12 +281,12 @@ def worst_images(misses: pa.Table) -> dict[str, tuple[str, str, int]]:
     return {str(name): (str(recording), str(camera), int(time_ns)) for name, recording, camera, time_ns in keys}
 
 
-@styled
+@figures.styled
 def draw_causes(explained: ExplainedImage, *, title: str) -> Figure:
     """Draw the moving objects' cells on the left, the false alarms on the right, each in the colour of its cause."""
     height, width = explained.pixels.shape[:2]
-    figure = new_figure(2 * _CAUSE_IN, _CAUSE_IN * height / width + _CAUSE_BELOW_IN, layout="constrained")
-    left = [("found", GREEN, explained.hit)]
+    figure = figures.new_figure(2 * _CAUSE_IN, _CAUSE_IN * height / width + _CAUSE_BELOW_IN, layout="constrained")
+    left = [("found", figures.GREEN, explained.hit)]
     left += [(*shown, explained.missed[cause]) for cause, shown in MISSES.items()]
     right = [(*shown, explained.flagged[cause]) for cause, shown in FALSE_ALARMS.items()]
     panels = figure.subplots(1, 2)
@@ -372,7 +295,7 @@ def draw_causes(explained: ExplainedImage, *, title: str) -> Figure:
         show_image(axes, overlay_areas(faded(explained.pixels, 0.8), areas, strength=_TINT))
         axes.set_title(f"{title}, {heading}", pad=3, fontsize=7)
         handles = [
-            Patch(facecolor=colour, edgecolor=BLACK, linewidth=0.3, label=f"{name} ({np.count_nonzero(cells)})")
+            Patch(facecolor=colour, edgecolor=figures.BLACK, linewidth=0.3, label=f"{name} ({np.count_nonzero(cells)})")
             for name, colour, cells in layers
             if cells.any()
         ]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
@@ -35,7 +35,6 @@ from bench.evaluation.rows import (
     merge_rows,
     pick,
 )
-from bench.evaluation.summary import take_ratios
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, recording_values
 from bench.harness import FramePipeline, ProcessedFrame, StoredRun, read_run
 from bench.harness.digests import short_digest
@@ -59,9 +58,7 @@ from bench.reporting.document import (
     Tags,
 )
 from bench.reporting.formats import (
-    CEILING,
     LABELS,
-    chance_of,
     found_by,
     found_level,
     hundredths,
@@ -258,8 +255,7 @@ def metric_changes(before: StoredRun, after: StoredRun) -> pd.DataFrame:
 
     Returns:
         The rows and columns of `compare_sums`, also those without cases, with the p-value NaN where there is none, and
-        beside them `label` of the slice, `p_holm` and `verdict` (missing for what is no headline), `chance_before`,
-        `chance_after` and `ceiling` (of the exact masks on the same images), NaN where not known.
+        beside them `label` of the slice, `p_holm` and `verdict` (missing for what is no headline).
     """
     protocol = before.protocol
     sides = [run.sums[run.sums["breakdown"].isin([CATEGORY, ALL_MOVING, FRAMES])] for run in (before, after)]
@@ -276,19 +272,6 @@ def metric_changes(before: StoredRun, after: StoredRun) -> pd.DataFrame:
     records = zip(keys, table.to_dict("records"), strict=True)
     table["verdict"] = [what_is_shown(row) if key[2] in HEADLINES else None for key, row in records]
     table["label"] = [LABELS[name] for _, name, _ in keys]
-    ratios = [take_ratios(sums) for sums in sides]
-
-    def bounds(side: int, name: Callable[[str], str]) -> list[float]:
-        """Values of what bounds each metric, in its slice."""
-        bounding = [ratios[side].get((*key[:2], name(key[2]))) for key in keys]
-        return [math.nan if metric is None else metric.value for metric in bounding]
-
-    for side, number in (("before", 0), ("after", 1)):
-        table[f"chance_{side}"] = bounds(
-            number, lambda metric: chance_of(metric) if metric != chance_of(metric) else ""
-        )
-    ceilings = [bounds(side, "ceiling_{}".format) for side in (0, 1)]  # equal where known
-    table["ceiling"] = np.where(np.isnan(ceilings).any(axis=0), math.nan, ceilings[0])
     return table
 
 
@@ -491,12 +474,11 @@ NOTE = (
     "Better or worse is said only if the interval excludes 0 and the corrected p-value is at most 5 %; both "
     f"need {FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
     "chance. Recordings: with cases of both runs. TPR and IoU over detected object-frames are taken over other "
-    "object-frames in each run where detection differs; TPR and IoU over all are not. Chance: the same objects on the "
-    f"mask of another frame. Ceiling: on the same images, {CEILING}."
+    "object-frames in each run where detection differs; TPR and IoU over all are not."
 )
 _TERMINAL_NOTE = (
     "Differences in percentage points, with 95 % intervals by recording, in pairs; p: corrected over the rows of a "
-    f"metric; a verdict needs {FEWEST_RECORDINGS} recordings (recs). All metrics, chance and ceiling: compare.html."
+    f"metric; a verdict needs {FEWEST_RECORDINGS} recordings (recs). All metrics: compare.html."
 )
 STYLES: dict[str, Style] = {Shown.BETTER: "good", Shown.WORSE: "bad"}
 
@@ -523,9 +505,6 @@ _COLUMNS: dict[str, Heads] = {
     "difference": Column("change", points),
     "ci95": Column("95 %", points_interval),
     "p_holm": Column("p (Holm)", p_text),
-    "chance_before": Column("chance before", _bound),
-    "chance_after": Column("after", _bound),
-    "ceiling": Column("ceiling", _bound),
 }
 _CHANGE = ["recordings", "before", "after", "difference", "ci95"]
 FILTERS = (Choice("motion", "Kind of motion"), Choice("recording", "Recording"))
@@ -627,11 +606,8 @@ def _headline_table(comparison: RunComparison) -> Table:
 
 
 def _further_table(comparison: RunComparison) -> Table:
-    """The other metrics, and what bounds all of them: the chance level of detection, the score of the exact masks."""
-    title = "All metrics, percent, with chance levels and the ceiling"
-    numbers = ["frames_before", *_CHANGE, "chance_before", "chance_after", "ceiling"]
-    changes = comparison.changes
-    return _change_table(changes, changes.index.unique("metric"), title, ["metric", "label"], numbers)
+    changes, numbers = comparison.changes, ["frames_before", *_CHANGE]
+    return _change_table(changes, changes.index.unique("metric"), "All metrics, percent", ["metric", "label"], numbers)
 
 
 def _change_table(
@@ -732,8 +708,7 @@ def _numbers(comparison: RunComparison) -> pd.DataFrame:
     table[["images_before", "images_after", "images_compared"]] = comparison.images
     counts = ["p_value", "cases_before", "cases_after", "recordings"]
     shown = ["row", "frames", "metric", "verdict", "before", "after", "difference", *counts, "ci95_low", "ci95_high"]
-    bounds = ["p_holm", "chance_before", "chance_after", "ceiling"]
-    return table[[*shown, *bounds, "images_before", "images_after", "images_compared"]]
+    return table[[*shown, "p_holm", "images_before", "images_after", "images_compared"]]
 
 
 PICTURED = 2  # frames of each kind

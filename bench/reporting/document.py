@@ -125,13 +125,6 @@ class Table:
             rows = shown.itertuples(index=False)
         return [[_as_cell(value, form) for value, form in zip(row, forms, strict=True)] for row in rows]
 
-    def transposed(self) -> Table:
-        """Return the table with rows for columns, for few rows and many columns; the first one becomes the headings."""
-        first, *rows = zip(self.headings(), *self.cells(), strict=True)
-        if not self.words:
-            first, rows = (Cell(""),) * len(first), [first, *rows]
-        return replace(self, columns=[Cell(""), *first[1:]], rows=rows, words=1)
-
     def _columns(self) -> Sequence[Heads]:
         return [*self.columns.values()] if isinstance(self.columns, Mapping) else self.columns
 
@@ -484,13 +477,13 @@ class Report:
     Attributes:
         title: above the blocks; "" for none.
         blocks: what people read.
-        numbers: lines of the CSV file; None for none.
+        numbers: lines of the CSV file.
         page: also write the blocks as a page.
     """
 
     title: str
     blocks: Sequence[Block]
-    numbers: Iterable[Mapping[str, object]] | pd.DataFrame | None = None
+    numbers: Iterable[Mapping[str, object]] | pd.DataFrame
     page: bool = False
 
     def write(self, folder: Path, name: str) -> tuple[Path, ...]:
@@ -503,11 +496,10 @@ class Report:
         texts = {
             "html": to_page(self.title, self.blocks, folder=folder) if self.page else "",
             "md": to_markdown([*heading, *self.blocks]),
-            "csv": "" if self.numbers is None else to_csv(self.numbers),
+            "csv": to_csv(self.numbers),
         }
         files = {folder / f"{name}.{ending}": text for ending, text in texts.items() if text}
-        # Markdown shows nothing of its kind: it is ours where numbers lie beside it.
-        beside = any((folder / f"{name}.{ending}").is_file() for ending in ("csv", "json"))
+        beside = (folder / f"{name}.csv").is_file()  # numbers are always among the files, and show what they are
         for file, text in files.items():
             if file.suffix != ".md":
                 refuse_foreign(file, text)

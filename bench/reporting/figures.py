@@ -1,4 +1,4 @@
-"""Figures: the basis of every picture, and the charts of runs, leaderboards and sweeps.
+"""Figures: the basis of every picture, and the charts of runs and sweeps.
 
 A chart is a figure of matplotlib, for a file or, as SVG in the colours of its page, for a page. The colours are Okabe
 and Ito's, which stay apart for colour-blind readers.
@@ -12,7 +12,6 @@ from __future__ import annotations
 import io
 import math
 import re
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +30,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
 from matplotlib.patches import Polygon as PolygonPatch
 from matplotlib.text import Text
-from matplotlib.ticker import FuncFormatter, MultipleLocator
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from bench.atomic import write_bytes
@@ -402,67 +401,6 @@ def write_figures(folder: Path) -> tuple[Path, ...]:
         write_picture(run.folder / "figures" / chart.name, chart.figure, formats=("pdf", "png")) for chart in charts
     ]
     return tuple(file for pair in files for file in pair)
-
-
-# The chart of a leaderboard.
-
-LEAST_MS = 1.0  # what takes less stands here, or the axis would be one of trifles
-_COST_IN, _COST_COLUMNS = (6.2, 3.6), 2
-_LABEL_PT, _LINE_LETTERS, _BESIDE_PT = 6.0, 34, 4
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CostPanel:
-    """Quality against cost on one data set.
-
-    Attributes:
-        title: names the data.
-        methods: by rank, name, time for an image in ms, and IoU.
-        bounds: IoU in [0, 1] of what bounds them, by name.
-    """
-
-    title: str
-    methods: Mapping[int, tuple[str, float, Metric]]
-    bounds: Mapping[str, float]
-
-
-@styled
-def draw_quality_and_cost(panels: Sequence[CostPanel]) -> Figure:
-    """Draw IoU over all moving object-frames against the time for an image, a panel for each data set."""
-    columns = min(len(panels), _COST_COLUMNS)
-    rows = -(-len(panels) // columns)
-    figure = new_figure(_COST_IN[0] * columns, _COST_IN[1] * rows, layout="constrained")
-    for number, panel in enumerate(panels, start=1):
-        _draw_costs(figure.add_subplot(rows, columns, number, xscale="log"), panel)
-    return figure
-
-
-def _draw_costs(axes: Axes, panel: CostPanel) -> None:
-    longest_ms = LEAST_MS
-    for rank, (name, cost_ms, iou) in panel.methods.items():
-        at_ms, value = max(cost_ms, LEAST_MS), 100 * iou.value
-        longest_ms = max(longest_ms, at_ms)
-        if iou.ci95 is not None:
-            axes.plot([at_ms] * 2, [100 * end for end in iou.ci95], color=GREY, linewidth=0.8, zorder=2)
-        first = rank == 1
-        label = textwrap.fill(f"{rank} {name}", _LINE_LETTERS, break_on_hyphens=False)
-        axes.plot([at_ms], [value], "D" if first else "o", markersize=6 if first else 4.5, zorder=3, label=label,
-                  color=VERMILION if first else BLUE)  # fmt: skip
-        side = 1 if rank % 2 else -1  # numbers of neighbours stand on different sides
-        axes.annotate(str(rank), xy=(at_ms, value), xytext=(side * _BESIDE_PT, 0), textcoords="offset points",
-                      fontsize=_LABEL_PT, va="center", ha="left" if side > 0 else "right")  # fmt: skip
-    axes.set(xlim=(LEAST_MS / 1.5, 1.5 * longest_ms), ylim=(0, 100))
-    for name, bound in panel.bounds.items():
-        axes.axhline(100 * bound, color=BLACK, linewidth=0.7, linestyle="--", zorder=1)
-        axes.text(LEAST_MS / 1.4, 100 * bound + 0.6, name, fontsize=_LABEL_PT, color="#303030", va="bottom")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False, fontsize=_LABEL_PT, handletextpad=0.3)
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda ms, _: f"{ms:g}"))
-    axes.set_xlabel("time of the method for an image, one thread (ms)")
-    axes.set_ylabel("IoU over all moving object-frames (%)")
-    axes.set_title(panel.title, pad=4)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(color=LIGHT_GREY, linewidth=0.4)
-    axes.set_axisbelow(True)
 
 
 # The chart of a sweep.

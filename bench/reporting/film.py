@@ -27,17 +27,7 @@ from bench.harness.frames import UnscorableFrame
 from bench.harness.stages import Progress
 from bench.recordings import Cuboid, ImageRef, read_image
 from bench.records.recording import MountedCamera, Recording
-from bench.reporting.figures import (
-    GREEN,
-    SKY_BLUE,
-    VERMILION,
-    YELLOW,
-    axes_at,
-    figure_bytes,
-    figure_pixels,
-    new_figure,
-    styled,
-)
+from bench.reporting import figures
 from bench.reporting.formats import file_name, image_name
 from bench.reporting.frame import (
     FARTHEST_M,
@@ -319,7 +309,7 @@ def write_film(
                 pixels = read_image(image, camera)
                 layers = Layers(pixels=pixels, reference=None, label=made_by, note=f"no score: {reason}")
             figure = draw_frames([layers], name=image_name(recording.name, camera.name, image.timestamp_ns))
-            picture = figure_pixels(figure)
+            picture = figures.figure_pixels(figure)
             if film is not None:
                 film.add(picture)
             if log is not None:
@@ -371,15 +361,15 @@ def write_calibration(
             image = recording.images[name][index]
             figure = draw_calibration(recording, name, index, sweeps[name])
             if log is not None:
-                log.add(image, figure_pixels(figure), sweeps[name].see(image))
+                log.add(image, figures.figure_pixels(figure), sweeps[name].see(image))
             folder = out / f"{file_name(recording.name)}-{file_name(name)}"
             files.append(folder / f"{index:06d}-{file_name(image.path.stem)}" / "calibration.png")
-            write_bytes(files[-1], figure_bytes(figure, "png"))
+            write_bytes(files[-1], figures.figure_bytes(figure, "png"))
             progress(number, len(tasks))
     return [*files, *([] if rrd is None else [rrd])]
 
 
-@styled
+@figures.styled
 def draw_calibration(recording: Recording, camera_name: str, index: int, sweeps: SweepViewer) -> Figure:
     """Draw four panels of an image.
 
@@ -400,13 +390,13 @@ def draw_calibration(recording: Recording, camera_name: str, index: int, sweeps:
     grey = faded(read_image(image, camera), _FADE)
     height_in = _WIDTH_IN * grey.shape[0] / grey.shape[1]
     full_in = 2 * (height_in + _TOP_IN) + _FOOT_IN
-    figure = new_figure(2 * _WIDTH_IN + 3 * _GAP_IN, full_in)
+    figure = figures.new_figure(2 * _WIDTH_IN + 3 * _GAP_IN, full_in)
     axes = []
     for row in (0, 1):
         for column in (0, 1):
             left_in = _GAP_IN + column * (_WIDTH_IN + _GAP_IN)
             bottom_in = full_in - _TOP_IN - height_in - row * (height_in + _TOP_IN)
-            panel = axes_at(figure, left_in, bottom_in, _WIDTH_IN, height_in)
+            panel = figures.axes_at(figure, left_in, bottom_in, _WIDTH_IN, height_in)
             show_image(panel, grey)
             axes.append(panel)
     _draw_points(axes[0], "(a) lidar at the exposure, by range", sweeps.see(image))
@@ -439,7 +429,7 @@ def _draw_flow(axes: Axes, recording: Recording, camera: MountedCamera, index: i
         current, predicted, seen = arrows
         told = f"; they differ by {np.median(np.linalg.norm(predicted - seen, axis=1)):.1f} px"
         times = max(1, round(ARROW_PX / max(float(np.median(np.linalg.norm(seen - current, axis=1))), 0.1)))
-        for ends, colour, width in ((predicted, VERMILION, 0.9), (seen, SKY_BLUE, 0.5)):
+        for ends, colour, width in ((predicted, figures.VERMILION, 0.9), (seen, figures.SKY_BLUE, 0.5)):
             axes.quiver(
                 *(current - times * (current - ends)).T, *times * (current - ends).T, color=colour, angles="xy",
                 scale_units="xy", scale=1.0, width=width / 72 / _WIDTH_IN, headwidth=4, headlength=5, zorder=4,
@@ -485,7 +475,7 @@ def _draw_geometry(axes: Axes, camera: MountedCamera) -> None:
     ahead /= np.linalg.norm(ahead)
     left = np.cross(up, ahead)
     turn = np.linspace(0.0, 2 * np.pi, HORIZON_POINTS)[:, None]
-    _draw_line(axes, np.cos(turn) * ahead + np.sin(turn) * left, camera, colour=YELLOW, width=1.1)
+    _draw_line(axes, np.cos(turn) * ahead + np.sin(turn) * left, camera, colour=figures.YELLOW, width=1.1)
     foot = road.down * road.height_m - (camera.vehicle_from_camera.translation_m[:2] @ np.eye(2, 3)) @ np.stack(
         [ahead, left, up]
     )
@@ -493,12 +483,12 @@ def _draw_geometry(axes: Axes, camera: MountedCamera) -> None:
     for across in np.arange(-GRID_M, GRID_M + GRID_STEP_M / 2, GRID_STEP_M):
         for points in (foot + along * ahead + across * left, foot + across * ahead + along * left):
             fifth = round(across / GRID_STEP_M) % 5 == 0
-            _draw_line(axes, points, camera, colour=SKY_BLUE, width=0.9 if fifth else 0.35)
+            _draw_line(axes, points, camera, colour=figures.SKY_BLUE, width=0.9 if fifth else 0.35)
     valid = ray_grid(camera.model).valid
     if not valid.all():
-        axes.contour(valid, levels=[0.5], colors=[GREEN], linewidths=1.0)
+        axes.contour(valid, levels=[0.5], colors=[figures.GREEN], linewidths=1.0)
     if camera.ego_body is not None and camera.ego_body.any():
-        axes.contour(camera.ego_body, levels=[0.5], colors=[VERMILION], linewidths=1.0)
+        axes.contour(camera.ego_body, levels=[0.5], colors=[figures.VERMILION], linewidths=1.0)
     axes.set_title("(d) horizon yellow, road by metres blue, lens green, own body red", pad=3)
 
 

@@ -29,18 +29,7 @@ from bench.recordings import ImageRef, MountedCamera, Recording
 from bench.records.reference import Category, IgnoreReason, Outline, ReferenceFrame, ReferenceObject, Status
 from bench.reference.exposure import Readout
 from bench.reference.sweeps import SweepCache
-from bench.reporting.figures import (
-    DARK_GREY,
-    DPI,
-    GREEN,
-    LIGHT_GREY,
-    SKY_BLUE,
-    VERMILION,
-    YELLOW,
-    axes_at,
-    new_figure,
-    styled,
-)
+from bench.reporting import figures
 
 # An image on axes.
 
@@ -116,7 +105,9 @@ def draw_outline(axes: Axes, polygon: Outline, *, colour: str, style: str = "-",
 
 def fit_text(text: Text, width_in: float) -> None:
     """Make a text as small as it must be to be no wider."""
-    while (share := width_in * DPI / max(text.get_window_extent().width, 1.0)) < 1.0:  # hinted letters shrink in steps
+    while (
+        share := width_in * figures.DPI / max(text.get_window_extent().width, 1.0)
+    ) < 1.0:  # hinted letters shrink in steps
         text.set_fontsize(float(text.get_fontsize()) * min(share, 0.97))
 
 
@@ -171,12 +162,12 @@ class PixelClass(IntEnum):
 
 
 AREA_COLOURS = {
-    PixelClass.TRUE_POSITIVE: GREEN,
-    PixelClass.FALSE_NEGATIVE: SKY_BLUE,
-    PixelClass.FALSE_POSITIVE: VERMILION,
-    PixelClass.UNKNOWN: YELLOW,
-    PixelClass.IGNORED: LIGHT_GREY,
-    PixelClass.LEFT_OUT: DARK_GREY,
+    PixelClass.TRUE_POSITIVE: figures.GREEN,
+    PixelClass.FALSE_NEGATIVE: figures.SKY_BLUE,
+    PixelClass.FALSE_POSITIVE: figures.VERMILION,
+    PixelClass.UNKNOWN: figures.YELLOW,
+    PixelClass.IGNORED: figures.LIGHT_GREY,
+    PixelClass.LEFT_OUT: figures.DARK_GREY,
 }
 AREA_NAMES = {
     PixelClass.TRUE_POSITIVE: "found",
@@ -390,7 +381,7 @@ LEGEND_IN, LEAST_WIDTH_IN = 0.36, 3.2  # at most two rows; a column of a paper
 _MARGIN_IN, _LINE_IN, _NAME_IN = 0.04, 0.13, 0.18
 
 
-@styled
+@figures.styled
 def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figure:
     """Draw an image with one or several sets of layers, two in a row, under one name and above one legend.
 
@@ -409,12 +400,12 @@ def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figu
     columns = min(COLUMNS, len(layers))
     rows = -(-len(layers) // columns)
     height, width = layers[0].pixels.shape[:2]
-    scale = -(-int(LEAST_WIDTH_IN * DPI) // width)
-    width_in, height_in = scale * width / DPI, scale * height / DPI
+    scale = -(-int(LEAST_WIDTH_IN * figures.DPI) // width)
+    width_in, height_in = scale * width / figures.DPI, scale * height / figures.DPI
     head_in = any(side.label for side in layers) * _LINE_IN + any(side.note for side in layers) * _LINE_IN + _MARGIN_IN
     full_in = _NAME_IN * (1 + bool(title)) + rows * (head_in + height_in) + LEGEND_IN
     across_in = columns * (width_in + _MARGIN_IN) + _MARGIN_IN
-    figure = new_figure(across_in, full_in)
+    figure = figures.new_figure(across_in, full_in)
     for number, line in enumerate(filter(None, (title, name))):
         at_in = full_in - 0.03 - number * _NAME_IN
         text = figure.text(0.5, at_in / full_in, line, ha="center", va="top", fontsize=8)
@@ -423,7 +414,7 @@ def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figu
         row, column = divmod(number, columns)
         bottom_in = LEGEND_IN + (rows - 1 - row) * (head_in + height_in)
         left_in = _MARGIN_IN + column * (width_in + _MARGIN_IN)
-        axes = axes_at(figure, left_in, bottom_in, width_in, height_in)
+        axes = figures.axes_at(figure, left_in, bottom_in, width_in, height_in)
         draw_layers(axes, side)
         axes.set_title("\n".join(filter(None, (side.label, side.note))), pad=2, fontsize=7)
         fit_text(axes.title, width_in)
@@ -438,13 +429,13 @@ def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figu
 CLOSE_UP_IN = 2.4, 1.8
 
 
-@styled
+@figures.styled
 def draw_close_up(layers: Layers, target: ReferenceObject, *, name: str) -> Figure:
     """Draw an evaluated object with as much around it as it is large, above the name of the image."""
     assert target.polygon is not None, "an evaluated object has a polygon"
     width_in, height_in = CLOSE_UP_IN
-    figure = new_figure(width_in, height_in + _LINE_IN)
-    axes = axes_at(figure, 0.0, _LINE_IN, width_in, height_in)
+    figure = figures.new_figure(width_in, height_in + _LINE_IN)
+    axes = figures.axes_at(figure, 0.0, _LINE_IN, width_in, height_in)
     draw_layers(axes, layers, names=False)
     height, width = layers.pixels.shape[:2]
     zoom_on(axes, target.polygon, size=(width, height), aspect=width_in / height_in)

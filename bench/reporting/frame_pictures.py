@@ -28,19 +28,7 @@ from bench.harness.stored import StoredRun
 from bench.recordings import DatasetCard, ImageRef, read_image
 from bench.records.reference import Category, ObjectGeometry, Outline, ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
-from bench.reporting.figures import (
-    DPI,
-    LIGHT_GREY,
-    ORANGE,
-    SKY_BLUE,
-    VERMILION,
-    axes_at,
-    draw_vehicle,
-    new_figure,
-    plan_axes,
-    styled,
-    write_picture,
-)
+from bench.reporting import figures
 from bench.reporting.formats import file_name, frame_name, made_by
 from bench.reporting.frame import (
     LEGEND_IN,
@@ -84,7 +72,7 @@ class _Panel:
     unit: str = ""
 
 
-@styled
+@figures.styled
 def draw_panels(processed: ProcessedFrame, *, made_by: str = "") -> Figure:
     """Draw a frame as a column of panels, one for everything that the method shows of its work, its areas last.
 
@@ -99,10 +87,10 @@ def draw_panels(processed: ProcessedFrame, *, made_by: str = "") -> Figure:
     height, width = processed.reference.valid.shape
     height_in, top_in = _PANEL_IN * height / width, _TOP_IN + bool(made_by) * _LINE_IN
     full_in = top_in + len(panels) * (height_in + _GAP_IN) + LEGEND_IN
-    figure = new_figure(_LEFT_IN + _PANEL_IN + _RIGHT_IN, full_in)
+    figure = figures.new_figure(_LEFT_IN + _PANEL_IN + _RIGHT_IN, full_in)
     for number, (panel, numeral) in enumerate(zip(panels, _NUMERALS, strict=False)):
         bottom_in = full_in - top_in - height_in - number * (height_in + _GAP_IN)
-        axes = axes_at(figure, _LEFT_IN, bottom_in, _PANEL_IN, height_in)
+        axes = figures.axes_at(figure, _LEFT_IN, bottom_in, _PANEL_IN, height_in)
         panel.draw(axes)
         axes.set_ylabel(f"({numeral}) {panel.label}", fontsize=7, labelpad=3)
         if panel.saturation is not None:
@@ -179,7 +167,7 @@ def _draw_cells(
     if segmentation.undefined is not None:
         hidden |= segmentation.undefined
     shown = np.ma.masked_array(values, mask=hidden | ~np.isfinite(values))
-    axes.set_facecolor(LIGHT_GREY)
+    axes.set_facecolor(figures.LIGHT_GREY)
     axes.imshow(
         shown, cmap=COLOUR_MAP, norm=Normalize(vmin=0.0, vmax=saturation, clip=True), interpolation="nearest",
         extent=(-0.5, columns * cell - 0.5, rows * cell - 0.5, -0.5),
@@ -193,7 +181,7 @@ _CLOUD = "#777777"
 _DOT_SHARE, _DOT_SIZES = 0.3, (0.05, 3.0)
 
 
-@styled
+@figures.styled
 def draw_cluster(
     geometry: ObjectGeometry,
     *,
@@ -220,9 +208,11 @@ def draw_cluster(
     # The square plan and the image share one height and fill the width.
     side_in = (_CLUSTER_IN - _PLAN_LEFT_IN - _BETWEEN_IN - _EDGE_IN) / (1 + width / height)
     full_in = side_in + _PLAN_BOTTOM_IN + _TITLE_IN
-    figure = new_figure(_CLUSTER_IN, full_in)
-    plan = axes_at(figure, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, side_in, side_in)
-    picture = axes_at(figure, _PLAN_LEFT_IN + side_in + _BETWEEN_IN, _PLAN_BOTTOM_IN, side_in * width / height, side_in)
+    figure = figures.new_figure(_CLUSTER_IN, full_in)
+    plan = figures.axes_at(figure, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, side_in, side_in)
+    picture = figures.axes_at(
+        figure, _PLAN_LEFT_IN + side_in + _BETWEEN_IN, _PLAN_BOTTOM_IN, side_in * width / height, side_in
+    )
     _draw_plan(plan, geometry, vehicle_outline_m)
     show_image(picture, image)
     zoom_on(picture, polygon, size=(width, height), aspect=width / height)
@@ -236,28 +226,28 @@ def draw_cluster(
 def _draw_plan(axes: Axes, geometry: ObjectGeometry, vehicle_outline_m: NDArray[np.float64]) -> None:
     around, cluster, outline_m = geometry.surroundings_vehicle, geometry.cluster_vehicle, geometry.outline_m
     axes.scatter(around[:, 1], around[:, 0], s=0.4, c=_CLOUD, linewidths=0, rasterized=True)
-    axes.scatter(cluster[:, 1], cluster[:, 0], s=2.5, c=SKY_BLUE, linewidths=0, zorder=4.5, rasterized=True)
+    axes.scatter(cluster[:, 1], cluster[:, 0], s=2.5, c=figures.SKY_BLUE, linewidths=0, zorder=4.5, rasterized=True)
     if len(outline_m):
-        axes.add_patch(PolygonPatch(outline_m[:, ::-1], fill=False, edgecolor=ORANGE, linewidth=1.3, zorder=4))
-    draw_vehicle(axes, vehicle_outline_m)
+        axes.add_patch(PolygonPatch(outline_m[:, ::-1], fill=False, edgecolor=figures.ORANGE, linewidth=1.3, zorder=4))
+    figures.draw_vehicle(axes, vehicle_outline_m)
     corners = np.concatenate([part for part in (cluster[:, :2], outline_m, vehicle_outline_m) if len(part)])
     low, high = corners.min(axis=0), corners.max(axis=0)
     half_m = (high - low).max() / 2 + _SURROUNDINGS_M
     (x, y) = (low + high) / 2
-    plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
+    figures.plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
 
 
 def _draw_cluster_pixels(axes: Axes, geometry: ObjectGeometry, polygon: Outline) -> None:
     seen = geometry.pixels[np.isfinite(geometry.pixels).all(axis=1)]
     size = _dot_size(axes, polygon, len(seen))
-    axes.scatter(seen[:, 0], seen[:, 1], s=size, c=SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
-    draw_outline(axes, polygon, colour=VERMILION, width=1.1).set_zorder(3.5)
+    axes.scatter(seen[:, 0], seen[:, 1], s=size, c=figures.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
+    draw_outline(axes, polygon, colour=figures.VERMILION, width=1.1).set_zorder(3.5)
 
 
 def _dot_size(axes: Axes, polygon: Outline, dots: int) -> float:
     """Area of a dot, points squared, so that the dots leave most of the object to be seen."""
     origin, corner = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
-    points_per_px = abs(corner[0] - origin[0]) * 72.0 / DPI
+    points_per_px = abs(corner[0] - origin[0]) * 72.0 / figures.DPI
     return float(np.clip(_DOT_SHARE * polygon.area * points_per_px**2 / max(dots, 1), *_DOT_SIZES))
 
 
@@ -276,9 +266,9 @@ def write_frame_pictures(
         The files.
     """
     areas = draw_frames([scored_layers(processed, label=made_by)], name=frame_name(processed.reference))
-    figures = {"panels": draw_panels(processed, made_by=made_by), "areas": areas}
-    figures |= _clusters(processed.reference, processed.image, processed.pixels, pipeline)
-    return _write(figures, folder)
+    drawn = {"panels": draw_panels(processed, made_by=made_by), "areas": areas}
+    drawn |= _clusters(processed.reference, processed.image, processed.pixels, pipeline)
+    return _write(drawn, folder)
 
 
 def write_reference_pictures(pipeline: FramePipeline, index: int, folder: Path, *, made_by: str) -> tuple[Path, ...]:
@@ -322,9 +312,9 @@ def _clusters(
     }
 
 
-def _write(figures: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
+def _write(drawn: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
     return tuple(
-        file for name, figure in figures.items() for file in write_picture(folder / name, figure, formats=["png"])
+        file for name, figure in drawn.items() for file in figures.write_picture(folder / name, figure, formats=["png"])
     )
 
 

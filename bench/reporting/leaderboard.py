@@ -16,7 +16,7 @@ from urllib.parse import quote
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from bench.atomic import refuse_foreign, write_output, write_text
+from bench.atomic import refuse_foreign, write_text
 from bench.errors import BenchError, DataError
 from bench.evaluation import Metric, find_metric, load_protocol
 from bench.evaluation.sums import ALL_MOVING
@@ -46,23 +46,21 @@ from bench.reporting.document import (
     Column,
     Filters,
     Group,
+    Heading,
     Heads,
     Items,
     Paragraph,
-    Picture,
-    Report,
     Table,
+    to_markdown,
     to_page,
 )
 from bench.reporting.formats import (
     CEILING,
     INTERVALS,
     LABELS,
-    annotations_field,
     chance_of,
     detection_levels,
     metric_cell,
-    metric_record,
     percent,
     with_interval,
 )
@@ -607,20 +605,6 @@ def _methods(board: Leaderboard) -> Group:
     return Group(look="section", name="methods", title="The methods", blocks=[table])
 
 
-def _numbers(board: Leaderboard) -> Iterator[dict[str, object]]:
-    """One line per run, row and metric, ratios in [0, 1]."""
-    for group in board.groups:
-        of_group = group.model_dump(include={"dataset", "split", "protocol", "protocol_digest", "reference_digest"})
-        for entry in group.entries:
-            of_entry = of_group | {"images_compared": group.images} | entry.model_dump(exclude={"values"})
-            for row, values in entry.values.items():
-                for name, metric in values.items():
-                    yield of_entry | {
-                        "row": row, "metric": name, **metric_record(metric),
-                        "ceiling": group.ceilings[row].get(name), **annotations_field(group.unreviewed),
-                    }  # fmt: skip
-
-
 def _leaders(board: Leaderboard) -> Iterator[Paragraph]:
     """For each data set the method that leads, "best" where it is shown to be better than every other one."""
     for group in best_groups(board):
@@ -634,11 +618,8 @@ def _leaders(board: Leaderboard) -> Iterator[Paragraph]:
         )
 
 
-CHART = "quality-and-cost"
-
-
 def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
-    """Write `index.html`, `leaderboard.md`, `.csv`, `.json` and the chart, each file whole or not at all.
+    """Write `index.html`, `leaderboard.md` and `.json`, each file whole or not at all.
 
     Args:
         board: the runs.
@@ -647,40 +628,10 @@ def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
     Returns:
         The files, the page first.
     """
-    from bench.reporting import figures  # matplotlib, which a line about the best method need not wait for
-
-    panels = {
-        group.data: figures.CostPanel(
-            title=f"{group.dataset}, {group.protocol}: {group.images} images, {group.cases[ALL_MOVING][1]} recordings",
-            methods={
-                e.rank: (e.method, e.cost_ms, e.metrics[ORDERED_BY])
-                for e in group.methods
-                if e.cost_ms is not None and e.rank is not None
-            },
-            bounds=_bounds(group),
-        )
-        for group in board.groups
-        if group.judged and any(entry.cost_ms is not None for entry in group.methods)
-    }
-    about = "Up is better, left is cheaper. The diamond is the first method; dashed lines bound all of them."
-    charts = [
-        Group(
-            blocks=[
-                figures.Chart(
-                    name=f"{CHART}-{number}",
-                    figure=figures.draw_quality_and_cost([panel]),
-                    label=f"Time of each method for an image against its IoU on {name}",
-                ).drawing()
-            ],
-            tags={"dataset": name},
-        )
-        for number, (name, panel) in enumerate(panels.items(), start=1)
-    ]
     faults = Items([f"{run}: {fault}" for run, fault in board.damaged])
     damaged = Group(look="section", name="damaged", title="Runs that cannot be read", blocks=[faults])
     unread = [damaged] if board.damaged else []
     notes = [Paragraph(note, "dim") for note in NOTES]
-    cost = Group(look="section", name="cost", title="Quality against cost", blocks=[Paragraph(about), *charts])
     first = board.groups[0] if board.groups else None
     choices = [
         Choice("dataset", "Data set", "" if first is None else first.data),
@@ -691,27 +642,20 @@ def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
         Paragraph(ABOUT),
         *_leaders(board),
         Group(look="section", name="table", title="All runs", blocks=[Filters(choices), *tables]),
-        *([cost] if charts else []),
         _methods(board),
         Group(look="section", name="enter", title="How to enter", blocks=[Paragraph(ENTER), Code(ENTER_COMMAND)]),
         Group(look="section", name="how", title="How to read it", blocks=notes),
         *unread,
     ]
-    picture = Picture(
-        f"{CHART}.png", f"IoU of each method under {RANKING_PROTOCOL} against its time for an image", about
-    )
     sections = [Group(look="section", title=group_title(g), blocks=_group(g, {}).blocks) for g in board.groups]
-    blocks: list[Block] = [*notes, *([picture] if charts else []), *sections, _methods(board), *unread]
-    content, text = out / "leaderboard.json", board.model_copy(update={"groups": _own(board)}).model_dump_json() + "\n"
-    refuse_foreign(content, text)
-    write_output(out / "index.html", to_page(TITLE, page, folder=out))
-    files = (
-        out / "index.html",
-        *Report(title="Leaderboard", blocks=blocks, numbers=_numbers(board)).write(out, "leaderboard"),
-    )
-    write_text(content, text)
-    drawn = figures.write_picture(out / CHART, figures.draw_quality_and_cost([*panels.values()])) if panels else ()
-    return (*files, content, *drawn)
+    text = to_markdown([Heading("Leaderboard", 1), *notes, *sections, _methods(board), *unread])
+    own = board.model_copy(update={"groups": _own(board)}).model_dump_json() + "\n"
+    files = {"index.html": to_page(TITLE, page, folder=out), "leaderboard.json": own, "leaderboard.md": text}
+    for name in ("index.html", "leaderboard.json"):  # Markdown shows nothing of its kind: it is ours beside these
+        refuse_foreign(out / name, files[name])
+    for name, content in files.items():
+        write_text(out / name, content)
+    return tuple(out / name for name in files)
 
 
 def _own(board: Leaderboard) -> tuple[RankedGroup, ...]:
@@ -720,14 +664,6 @@ def _own(board: Leaderboard) -> tuple[RankedGroup, ...]:
         group.model_copy(update={"entries": tuple(entry for entry in group.entries if not entry.shipped)})
         for group in board.groups
     )
-
-
-def _bounds(group: RankedGroup) -> dict[str, float]:
-    """IoU of what is no method, and of the exact masks where no run of them is there."""
-    bounds = {entry.method: entry.metrics[ORDERED_BY].value for entry in group.entries if entry.kind is not Kind.METHOD}
-    if not any(entry.kind is Kind.CEILING for entry in group.entries):
-        bounds["ceiling"] = group.ceilings[ALL_MOVING].get(ORDERED_BY, math.nan)
-    return {name: value for name, value in bounds.items() if not math.isnan(value)}
 
 
 def _pages(group: RankedGroup, out: Path) -> dict[str, str]:

@@ -6,7 +6,6 @@ without the data the page is complete but for them.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +20,6 @@ from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.rows import EVALUATED
 from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
 from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
-from bench.harness.digests import short_digest
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun, read_run
 from bench.reporting.document import (
@@ -298,72 +296,32 @@ def _cause_table(metrics: Summary) -> Table | None:
 def _time_table(stage_seconds: Mapping[str, float], *, images: int) -> Table:
     """The stages of a run, the longest first."""
     total = sum(stage_seconds.values()) or 1.0
-    rows = [
-        [name, Cell(f"{1000 * seconds / max(images, 1):.1f} ms per image ({seconds:.1f} s)",
-                    bar=Bar(share=seconds / total))]
-        for name, seconds in sorted(stage_seconds.items(), key=lambda item: -item[1])
-    ]  # fmt: skip
+    rows = []
+    for name, seconds in sorted(stage_seconds.items(), key=lambda item: -item[1]):
+        text = f"{1000 * seconds / max(images, 1):.1f} ms per image ({seconds:.1f} s)"
+        rows.append([name, Cell(text, bar=Bar(share=seconds / total))])
     return Table(title="Share of the time by stage", columns=["stage", "share"], rows=rows, look="narrow")
-
-
-def _origin_table(run: StoredRun) -> Table:
-    """Data, method, protocol and code that made a run."""
-    manifest, made = run.manifest, run.summary.provenance
-    data, method, protocol, code = manifest.dataset, manifest.method, manifest.protocol, manifest.code
-    return _about_table(
-        {
-            "data set": f"{data.name} ({data.card}){f', split {data.split}' if data.split else ''}",
-            "its recordings": ", ".join(f"{name} {digest}" for name, digest in data.recordings.items()),
-            "method": method.name,
-            "its settings": json.dumps(method.settings),
-            "protocol": f"{protocol.name}, version {protocol.version}, digest {short_digest(protocol.digest)}",
-            "reference": f"digest {short_digest(str(manifest.reference))}",
-            "version": code.version,
-            "code": code.text,
-            "Python and libraries": ", ".join(f"{name} {version}" for name, version in code.libraries.items()),
-            "started": made.started_utc,
-            "took": f"{made.seconds:.1f} s for {made.images} images, at most {made.peak_memory_mb:.0f} MB",
-        }
-    )
 
 
 def _about_table(rows: Mapping[str, str]) -> Table:
     return Table(columns=["", ""], rows=list(rows.items()), words=2, look="about")
 
 
-REASONS = {
-    "unclear": "flagged as unclear by the annotation",
-    "class_not_in_protocol": "a class that the protocol does not score",
-    "motion_unknown": "no velocity is known",
-    "category_not_in_protocol": "a kind of motion that the protocol does not score",
-    "out_of_view": "outside of the lens's view",
-    "no_sweep": "no lidar sweep near the image",
-    "beyond_range": "farther away than the protocol's range limit",
-    "too_few_points": "fewer lidar points than the protocol asks for",
-    "polygon_too_small": "a reference polygon below the protocol's area",
-    "occluded": "wholly behind nearer objects",
-}
-
-
 def _ledger_tables(metrics: Summary) -> list[Table]:
     """The outcome of every annotated object-frame and of every image."""
     objects, images = metrics.objects, metrics.images
-    of_objects = [
-        ["evaluated", objects.evaluated, "scored above"],
-        ["static", objects.static, "does not move, so it is neither searched for nor ignored"],
-        *([f"ignored: {reason.replace('_', ' ')}", number, REASONS.get(reason, "")]
-          for reason, number in objects.ignored.items()),
-        ["annotated, the sum", objects.annotated, "every annotated object in every image, once"],
-    ]  # fmt: skip
-    of_images = [
-        ["scored", images.evaluated, ""],
-        ["skipped", images.skipped, "no image before it to compare with, at the time that is due"],
-        ["failed", images.failed, "could not be used"],
-        *([["not annotated", images.not_annotated, "masks without scores"]] if images.not_annotated else []),
-        ["all, the sum", images.images, "but the first of each recording, which have no history"],
+    of_objects = {"evaluated": objects.evaluated, "static": objects.static}
+    of_objects |= {f"ignored: {reason.replace('_', ' ')}": number for reason, number in objects.ignored.items()}
+    of_images = {"scored": images.evaluated, "skipped, without an image before": images.skipped}
+    of_images |= {"failed": images.failed, "not annotated": images.not_annotated}
+    ledgers = {
+        "Annotated object-frames": of_objects | {"annotated, the sum": objects.annotated},
+        "Images": of_images | {"all, the sum": images.images},
+    }
+    return [
+        Table(title=title, columns=["outcome", "number"], rows=list(rows.items()), look="narrow")
+        for title, rows in ledgers.items()
     ]
-    titles = {"Annotated object-frames": of_objects, "Images": of_images}
-    return [Table(title=title, columns=["outcome", "number", "why"], rows=rows) for title, rows in titles.items()]
 
 
 def _object_section(run: StoredRun, cards: Sequence[Card]) -> Group:
@@ -425,16 +383,13 @@ def _head(run: StoredRun) -> list[Block]:
     manifest, summary = run.manifest, run.summary
     data, method = manifest.dataset, manifest.method
     settings = ", ".join(f"{name} = {value}" for name, value in method.changed_settings().items())
-    place = f" ({method.place})" if method.place else ""
     split = f", split {data.split}" if data.split else ""
-    recordings = summary.false_positives.recordings
+    images = f"{summary.images.evaluated} images of {summary.false_positives.recordings} recordings"
     about = {
-        "Data": f"{data.name} ({data.card}){split}: {summary.images.evaluated} images of {recordings} recordings. "
-        f"{summary.caveats}".rstrip(),
-        "Method": f"{method.name}{place}; {f'settings: {settings}' if settings else 'all settings as by default'}.",
+        "Data": f"{data.name} ({data.card}){split}: {images}. {summary.caveats}".rstrip(),
+        "Method": f"{method.name} ({method.place}); {settings or 'all settings as by default'}.",
         "Protocol": f"{manifest.protocol.name}, version {manifest.protocol.version}",
-        "Run": f"{run.label}, {summary.provenance.started_utc[:16].replace('T', ' ')} UTC, fisheye-bench "
-        f"{manifest.code.version}",
+        "Run": f"{run.label}, {summary.provenance.started_utc[:16]} UTC, fisheye-bench {manifest.code.version}",
     }
     if is_rendered(data.card):
         about["Paper"] = f"{published.SOURCE}. Its values stand beside as “paper”: same form, not the same data."
@@ -493,8 +448,10 @@ def _sections(
         Paragraph("Time of every stage of the run, per image, for all protocols of its pass; the whole took "
                   f"{made.seconds:.1f} s{rate}."), _time_table(made.stage_seconds, images=made.images)])  # fmt: skip
     yield section(name="origin", title="Origin of the values", blocks=[
-        Paragraph("What made this run; the same code, settings and data give the same values."),
-        _origin_table(run)])  # fmt: skip
+        Paragraph(f"What made this run, started {made.started_utc}; the same code, settings and data give the same "
+                  f"values. At most {made.peak_memory_mb:.0f} MB of memory."),
+        Group(look="folded", title="manifest.json", blocks=[Code(run.manifest.model_dump_json(indent=1))]),
+    ])  # fmt: skip
     messages = [f"{number} x {problem}" for problem, number in summary.images.problems.items()]
     yield section(name="ledger", title="What was left out, and why", count=f"{len(summary.failures)} failures", blocks=[
         Paragraph("Every annotated object in every image ends in exactly one of these lines; detections on ignored "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pandas as pd
@@ -109,49 +109,24 @@ def _percent(share: float) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrameView:
-    """Pictures of an image, as `data:` addresses.
-
-    Attributes:
-        areas: what was found, missed and wrongly marked.
-        panels: what the method saw.
-        close_ups: by track, an evaluated object enlarged.
-    """
-
-    areas: str
-    panels: str
-    close_ups: dict[str, str]
-
-
-def _view(processed: ProcessedFrame) -> FrameView:
-    reference, name, layers = processed.reference, frame_name(processed.reference), scored_layers(processed)
-    evaluated = [target for target in reference.objects if target.status is Status.EVALUATED]
-    return FrameView(
-        areas=figure_uri(draw_frames([layers], name=name)),
-        panels=figure_uri(draw_panels(processed)),
-        close_ups={target.track_id: figure_uri(draw_close_up(layers, target, name=name)) for target in evaluated},
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Card:
     """One object-frame or image.
 
     Attributes:
         element: id of its element.
         key: its image.
+        track: of the object; "" for an image.
         title: what it shows.
         facts: what was measured, by heading.
-        view: pictures; None without the data.
-        track: of the object; "" for an image.
+        pictures: of it; none without the data.
     """
 
     element: str
     key: ImageKey
+    track: str = ""
     title: str
     facts: Mapping[str, str]
-    view: FrameView | None
-    track: str = ""
+    pictures: Sequence[Block] = ()
 
 
 def worst_cases(
@@ -170,13 +145,21 @@ def worst_cases(
         problems: why pictures are missing, one line each.
     """
     objects, images = worst_objects(run.objects, most=most), worst_frames(run.frames, most=most)
-    keys = {_image_key(row) for row in (*objects, *images)} if pictures else set()
-    views, problems = draw_images([run], keys, lambda _, frames, __: _view(frames[0]), progress=progress)
-    galleries = {}
-    for category in run.protocol.reference.categories:
-        rows = [row for row in objects if row["category"] == category]
-        galleries[LABELS[category]] = [_card(f"worst-{category}-{n}", row, views) for n, row in enumerate(rows)]
-    galleries["Most false marks"] = [_card(f"false-{n}", row, views) for n, row in enumerate(images)]
+    cards: dict[str, list[Card]] = {LABELS[category]: [] for category in run.protocol.reference.categories}
+    for row in objects:
+        key, track, of_kind = _image_key(row), row["track_id"], cards[LABELS[row["category"]]]
+        title, element = f"{row['object_class']} “{track}”, {image_name(*key)}", f"{row['category']}-{len(of_kind)}"
+        of_kind.append(Card(element=element, key=key, track=track, title=title, facts=object_facts(row)))
+    cards["Most false marks"] = [
+        Card(element=f"false-{n}", key=_image_key(row), title=image_name(*_image_key(row)), facts=image_facts(row))
+        for n, row in enumerate(images)
+    ]
+    keys = {card.key for of_kind in cards.values() for card in of_kind} if pictures else set()
+    drawn, problems = draw_images([run], keys, lambda _, frames, __: _pictures(frames[0]), progress=progress)
+    galleries = {
+        title: [replace(card, pictures=_shown(card, drawn.get(card.key, {}))) for card in of_kind]
+        for title, of_kind in cards.items()
+    }
     return galleries, problems
 
 
@@ -184,11 +167,28 @@ def _image_key(row: Row) -> ImageKey:
     return row["recording"], row["camera"], row["timestamp_ns"]
 
 
-def _card(element: str, row: Row, views: Mapping[ImageKey, FrameView]) -> Card:
-    key, track = _image_key(row), row.get("track_id", "")
-    facts = object_facts(row) if track else image_facts(row)
-    title = f"{row['object_class']} “{track}”, {image_name(*key)}" if track else image_name(*key)
-    return Card(element=element, key=key, title=title, facts=facts, view=views.get(key), track=track)
+def _pictures(processed: ProcessedFrame) -> dict[str, str]:
+    """Addresses of the "areas", of the "panels", and of each evaluated object enlarged, "track <id>"."""
+    reference, name, layers = processed.reference, frame_name(processed.reference), scored_layers(processed)
+    drawn = {
+        f"track {target.track_id}": figure_uri(draw_close_up(layers, target, name=name))
+        for target in reference.objects
+        if target.status is Status.EVALUATED
+    }
+    return drawn | {
+        "areas": figure_uri(draw_frames([layers], name=name)),
+        "panels": figure_uri(draw_panels(processed)),
+    }
+
+
+def _shown(card: Card, drawn: Mapping[str, str]) -> list[Block]:
+    """The picture of a card, the object enlarged, and what each step saw."""
+    if not drawn:
+        return []
+    areas = Picture(drawn["areas"], f"Camera image of {card.title}: green found, blue missed, orange wrong")
+    close = [Picture(drawn[f"track {card.track}"], f"{card.title}, enlarged")] if card.track else []
+    panels = Picture(drawn["panels"], f"Flow, deviations, likelihood and segmentation of {card.title}")
+    return [areas, *close, Group(look="folded", title="Panels: what each step saw", blocks=[panels])]
 
 
 def gallery(title: str, cards: Sequence[Card], *, missing: str) -> Iterator[Block]:
@@ -203,21 +203,9 @@ def gallery(title: str, cards: Sequence[Card], *, missing: str) -> Iterator[Bloc
         rows = [[Cell(card.title, link=f"#{card.element}"), *card.facts.values()] for card in cards]
         yield Heading(title, 3)
         yield Table(title=f"{title}, the worst first", columns=["", *cards[0].facts], rows=rows)
-        yield Group(look="boxes", blocks=[_box(card, missing) for card in cards])
-
-
-def _box(card: Card, missing: str) -> Group:
-    """The picture of a card, the object enlarged, and what each step saw."""
-    blocks: list[Block] = []
-    if card.view is None:
-        blocks.append(Paragraph(f"No picture: {missing}.", "warn"))
-    else:
-        blocks.append(Picture(card.view.areas, f"Camera image of {card.title}: green found, blue missed, orange wrong"))
-        if card.track:
-            blocks.append(Picture(card.view.close_ups[card.track], f"{card.title}, enlarged"))
-        panels = Picture(card.view.panels, f"Flow, deviations, likelihood and segmentation of {card.title}")
-        blocks.append(Group(look="folded", title="Panels: what each step saw", blocks=[panels]))
-    return Group(look="box", name=card.element, title=card.title, blocks=blocks)
+        none = [Paragraph(f"No picture: {missing}.", "warn")]
+        boxes = [Group(look="box", name=card.element, title=card.title, blocks=card.pictures or none) for card in cards]
+        yield Group(look="boxes", blocks=boxes)
 
 
 # The table of object-frames.
@@ -275,7 +263,7 @@ def object_table(run: StoredRun, cards: Sequence[Card] = (), *, most: int = LIST
 
     rows = first(pick(parts(), first))
     status, reason, kind = (rows[name].astype(object).fillna("") for name in ("status", "reason", "category"))
-    links = {(*card.key, card.track): f"#{card.element}" for card in reversed(cards) if card.view}
+    links = {(*card.key, card.track): f"#{card.element}" for card in reversed(cards) if card.pictures}
     keys = rows[OBJECT].itertuples(index=False, name=None)
     shown = rows.rename(columns={"object_class": "class"}).assign(
         object=pd.Series([Cell(key[3], link=links.get(key, "")) for key in keys], rows.index, dtype=object),

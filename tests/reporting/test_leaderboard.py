@@ -1,15 +1,11 @@
 """A leaderboard: which runs stand in one table, who is best, what bounds them; its files, chart and page."""
 
-import csv
-import io
 import json
 
 import pytest
-from matplotlib.text import Annotation
 
 from bench.errors import DataError
-from bench.evaluation import Metric, load_protocol
-from bench.reporting.figures import CostPanel, draw_quality_and_cost
+from bench.evaluation import load_protocol
 from bench.reporting.leaderboard import (
     best_line,
     leaderboard_tables,
@@ -77,10 +73,7 @@ def test_the_files_carry_the_same_numbers_and_the_same_bytes(folder, tmp_path):
     files = write_leaderboard(read_leaderboard(folder), tmp_path / "one")
     again = write_leaderboard(read_leaderboard(folder), tmp_path / "two")
     assert [file.read_bytes() for file in files] == [file.read_bytes() for file in again]
-    page, markdown, table, content = (file.read_text() for file in files)
-    rows = list(csv.DictReader(io.StringIO(table)))
-    (row,) = [r for r in rows if (r["run"], r["row"], r["metric"]) == ("weak", "all_moving", "tpr_all")]
-    assert float(row["value"]) == 0.2
+    page, content, markdown = (file.read_text() for file in files)
     groups = json.loads(content)["groups"]
     assert 0.8 in [group["entries"][0]["values"]["crossing"]["tpr_all"]["value"] for group in groups]
     assert markdown.count("\n## demo, all recordings, ") == 3
@@ -117,9 +110,8 @@ def test_what_sees_the_truth_is_no_method_and_bounds_them(judged):
     assert [entry.cost_ms for entry in group.methods] == pytest.approx([80.0, 2.0])
 
 
-def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, tmp_path):
-    page, *files = write_leaderboard(read_leaderboard(judged), tmp_path)
-    assert {file.name for file in files} >= {"quality-and-cost.png", "quality-and-cost.svg"}
+def test_the_best_method_is_told_in_one_line(judged, tmp_path):
+    page, *_ = write_leaderboard(read_leaderboard(judged), tmp_path)
     line = best_line(tmp_path / "leaderboard.json", dataset="demo")
     assert line is not None
     assert line.startswith("best of 2 methods on all of demo by surface-v1: good, IoU 63.6 % [")
@@ -132,26 +124,6 @@ def test_the_best_method_is_told_in_one_line_and_drawn_beside_its_cost(judged, t
     assert "surface-v1/index.html" not in text, "runs elsewhere do not travel with the page"
     beside, *_ = write_leaderboard(read_leaderboard(judged), judged)
     assert '<a href="exact/surface-v1/index.html">truth (cell_size_px=1), ceiling<' in beside.read_text()
-
-
-@pytest.mark.parametrize("ms", [2, 80, 3000])
-def test_every_dot_has_a_number_and_its_name_beside_the_chart_is_never_cut(ms):
-    iou = Metric(value=0.5, ci95=(0.4, 0.6), cases=9, recordings=9)
-    names = ("wide (first=1, second=22222, third=3)", 120 * "o")
-    methods = {rank: (name, ms, iou) for rank, name in enumerate(names, start=1)}
-    figure = draw_quality_and_cost([CostPanel(title="demo", methods=methods, bounds={"ceiling": 0.9})])
-    figure.canvas.draw()
-    (axes,) = figure.axes
-    numbers = [text.get_text() for text in axes.texts if isinstance(text, Annotation)]
-    assert numbers == ["1", "2"]
-    labels = axes.get_legend().get_texts()
-    assert ["".join(text.get_text().split()) for text in labels] == [
-        "".join(f"{k} {name}".split()) for k, name in zip(numbers, names, strict=True)
-    ]
-    second, first = sorted((text.get_window_extent() for text in labels), key=lambda box: box.y0)
-    assert second.y1 <= first.y0
-    frame = figure.bbox
-    assert all(axes.bbox.x1 <= box.x0 and box.x1 <= frame.x1 for box in (first, second))
 
 
 def test_no_best_method_is_named_of_another_state_of_the_protocol_or_too_few_recordings(judged, tmp_path):
@@ -229,7 +201,7 @@ def test_shipped_rows_stand_beside_what_compares_with_them(judged, tmp_path):
     again = write_leaderboard(board, tmp_path / "again")
     groups = json.loads((tmp_path / "again" / "leaderboard.json").read_text())["groups"]
     assert {entry["method"] for group in groups for entry in group["entries"]} == {"mine"}, "it is of own runs"
-    assert "good, shipped" in again[1].read_text()
+    assert "good, shipped" in again[0].read_text()
     (tmp_path / "leaderboard.json").write_text('{"schema_version": 2}')
     alone = with_shipped(read_leaderboard(own), tmp_path / "leaderboard.json")
     assert not any(entry.shipped for group in alone.groups for entry in group.entries)

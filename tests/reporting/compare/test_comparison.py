@@ -108,14 +108,6 @@ def test_holm_runs_over_the_rows_of_one_metric_with_a_p_value(half, tmp_path):
     assert extras[["p_holm", "verdict"]].isna().all(axis=None)
 
 
-def test_chance_stands_beside_detection_only(half):
-    (found,) = compared(half, half)
-    crossing = found.changes.xs("crossing", level="slice").droplevel("breakdown")
-    chances = crossing["chance_before"].dropna()
-    assert set(chances.index) == {"detection_rate", "detection_rate_10", "detection_rate_50"}
-    assert chances["detection_rate"] == crossing["chance_after"]["detection_rate"] == 1, "5 pixels of the other mask"
-
-
 @pytest.mark.parametrize(
     ("changed", "message"),
     [

@@ -8,10 +8,10 @@ import pytest
 
 from bench.errors import DataError
 from bench.harness import read_run, read_tables
-from bench.reporting.document import environment
+from bench.reporting.document import Paragraph, environment
 from bench.reporting.figures import write_figures
 from bench.reporting.run_page import write_page
-from bench.reporting.worst_cases import Card, FrameView, object_table
+from bench.reporting.worst_cases import Card, object_table
 from tests.support.counts import change_table
 from tests.support.stored_files import change_manifest
 
@@ -48,7 +48,7 @@ def test_it_holds_everything_itself(tiny_page):
 def test_it_names_paper_data_and_method_with_its_settings(tiny_page):
     about = re.search(r'<table class="about">.*?</table>', tiny_page.read_text(), flags=re.DOTALL)[0]
     assert "Spherical formulation of geometric motion segmentation constraints in fisheye cameras" in about
-    assert "settings: threshold = 0.0005." in about
+    assert "(bench.methods.spherical.method:SphericalMethod); threshold = 0.0005." in about
     assert "12 images of 3 recordings" in about
 
 
@@ -109,11 +109,8 @@ def test_every_annotated_object_is_a_row_the_least_covered_first(tiny_run):
 
 def test_a_row_leads_to_its_own_card(tiny_run):
     first, *_ = read_tables(tiny_run / "paper-v1")[0].to_pylist()
-    key, view = (
-        (first["recording"], first["camera"], first["timestamp_ns"]),
-        FrameView(areas="", panels="", close_ups={}),
-    )
-    cards = [Card(element="own", key=key, title="", facts={}, view=view, track=first["track_id"])]
+    key, picture = (first["recording"], first["camera"], first["timestamp_ns"]), Paragraph("")
+    cards = [Card(element="own", key=key, title="", facts={}, pictures=[picture], track=first["track_id"])]
     table, _ = object_table(read_run(tiny_run), cards)
     assert {row[0].text: row[0].link for row in table.cells() if row[0].link} == {first["track_id"]: "#own"}
 
@@ -142,7 +139,7 @@ def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     assert "No picture: the data set was not available." in text
     assert "<img" not in text
     assert [name for name, _ in sections(text)] == SECTIONS
-    assert re.search(r'<a href="#worst-crossing-0">', text)
+    assert re.search(r'<a href="#crossing-0">', text)
 
 
 @pytest.mark.usefixtures("without_charts")

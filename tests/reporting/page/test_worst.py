@@ -74,7 +74,7 @@ def test_what_was_measured_is_said():
 
 def test_the_worst_stand_in_one_table_that_leads_to_their_pictures():
     cards = [
-        Card(element=f"worst-{n}", key=("a", "front", n), title=f"car {n}", view=None, facts=object_facts(row))
+        Card(element=f"worst-{n}", key=("a", "front", n), title=f"car {n}", facts=object_facts(row))
         for n, row in enumerate([ROW, ROW | {"coverage": 0.4}])
     ]
     _, table, _ = gallery("Crossing", cards, missing="no data")
