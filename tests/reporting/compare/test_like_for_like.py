@@ -128,7 +128,7 @@ def test_the_leaderboard_ranks_both_on_their_common_images(runs, tiny_card, tmp_
         rows = [rows_on_both(runs, name, t) for t in ("objects", "frames")]
         expected = summarise(*rows, protocol=PROTOCOL)
         assert values[name] == pytest.approx(expected.all_moving.tpr_all.value)
-        assert group.rows["all_moving"].object_frames == expected.all_moving.object_frames
+        assert group.cases["all_moving"][0] == expected.all_moving.object_frames
     assert values["again"] == values["one"]
 
 
