@@ -80,10 +80,9 @@ def polygon_table(audit: AuditSummary) -> Table:
         title="How well the reference polygons cover what the camera sees",
         columns=["Class", "Range m", "Frames", *columns, Column("Filled IoU %", "{:.0f}".format)],
         rows=rows,
-        note="IoU of each polygon, within V and less the nearer polygons, with the exact mask of its object: median "
-        "(quartiles). Area: how much too large (+) or too small (-), median. Filled: IoU of the exact mask with its "
-        "own filled outline, median: a polygon without holes does hardly better, and one sees through a bicycle. The "
-        "object-frames are those that the protocol evaluates.",
+        note="IoU of each polygon with the exact mask of its object: median (quartiles). Area: how much too large (+) "
+        "or too small (-), median. Filled: IoU of the exact mask with its own filled outline, median: a polygon "
+        "without holes does hardly better.",
         words=2,
     )
 
@@ -137,11 +136,10 @@ def score_table(audit: AuditSummary) -> Table:
         title="What the reference, the ego-motion and the flow do to the score, in percent",
         columns=["Type", "Scored", "Recordings", "Frames", *(Column(text, _interval) for text in shown.values())],
         rows=rows,
-        note="The same object-frames in all lines of a type; types without any are left out. Lidar polygons: the "
-        "benchmark. Exact masks: the same detections. Exact motion: ego-motion, calibration and road are exact, the "
-        "flow is estimated. Exact flow: nothing is estimated, the method's own limit; the flow is that of each cell's "
-        "centre. Perfect cells: every cell whose centre shows a moving object and no other, the limit of the grid. "
-        f"False positives: area of the image. {INTERVALS}",
+        note="The same object-frames in all lines of a type. Lidar polygons: the benchmark. Exact masks: the same "
+        "detections. Exact motion: ego-motion, calibration and road are exact. Exact flow: nothing is estimated, the "
+        "method's own limit. Perfect cells: those whose centre shows a moving object, the limit of the grid. False "
+        f"positives: area of the image. {INTERVALS}",
         words=2,
     )
 
@@ -185,10 +183,8 @@ def miss_table(audit: AuditSummary) -> Table:
         columns=[*head, Column("flow error px", decimal)],
         rows=rows,
         note="Cells of the exact masks. By error: share of all cells that are found although the exact flow fires "
-        "nothing there. Blind: the exact flow with exact ego-motion fires nothing either, since the motion lies in the "
-        "epipolar plane or the deviation stays below the threshold; above the horizon no height constraint can help. "
-        "Flow: it would have fired by the exact flow. Ego-motion: it would have fired by the exact ego-motion. Each "
-        "cell has one cause, so a line adds up to 100. Flow error: median over object-frames.",
+        "nothing there. Blind: the exact flow with exact ego-motion fires nothing either. Flow, ego-motion: it would "
+        "have fired by the exact one. Each cell has one cause, so a line adds up to 100. Flow error: median.",
         words=1,
     )
 
@@ -203,9 +199,8 @@ def false_alarm_table(audit: AuditSummary) -> Table:
         title="Why cells of the static world are flagged, in percent of the flagged ones",
         columns=[*head, Column("flow error px", decimal)],
         rows=[[row.frames, row.cells, share(row.wrong, row.cells), *shares, row.flow_error_px.median]],
-        note="Method: the exact flow with exact ego-motion flags them as well; anti-parallel is the paper's own, "
-        "static points between the road and the camera's height. Flow: only the estimated flow flags them. Ego-motion: "
-        "only the recorded ego-motion and calibration do.",
+        note="Method: the exact flow with exact ego-motion flags them as well. Flow: only the estimated flow flags "
+        "them. Ego-motion: only the recorded ego-motion and calibration do.",
         words=0,
     )
 

@@ -466,15 +466,13 @@ def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) ->
 # For people.
 
 NOTE = (
-    "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs: the "
-    "difference is taken again without each recording (jackknife). p: two-sided, of no difference, corrected after "
-    "Holm over the rows of one metric that have a p-value (the categories and all moving objects; false-positive "
-    "coverage has one row), for each pair of runs by itself. Only IoU and TPR over all object-frames, detection at "
-    "50 % and false-positive coverage are judged; other metrics are shown with their interval and without a p-value. "
-    "Better or worse is said only if the interval excludes 0 and the corrected p-value is at most 5 %; both "
-    f"need {FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
-    "chance. Recordings: with cases of both runs. TPR and IoU over detected object-frames are taken over other "
-    "object-frames in each run where detection differs; TPR and IoU over all are not."
+    "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs (jackknife). "
+    "p: two-sided, of no difference, corrected after Holm over the rows of one metric (the categories and all moving "
+    "objects), for each pair of runs by itself. Better or worse is said of the four headlines only, and only if the "
+    "interval excludes 0 and the corrected p-value is at most 5 %; both need "
+    f"{FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
+    "chance. TPR and IoU over detected object-frames are taken over other object-frames in each run where detection "
+    "differs; TPR and IoU over all are not."
 )
 _TERMINAL_NOTE = (
     "Differences in percentage points, with 95 % intervals by recording, in pairs; p: corrected over the rows of a "

@@ -27,6 +27,7 @@ from bench.harness.stored import SUMMARY, StoredRun, read_run, reference_digest,
 from bench.harness.verify import is_verified
 from bench.methods import known_methods
 from bench.methods.registry import describe_method
+from bench.reporting import formats
 from bench.reporting.compare import (
     LEAST_COMMON,
     Shown,
@@ -38,7 +39,6 @@ from bench.reporting.compare import (
     why_apart,
 )
 from bench.reporting.document import (
-    Bar,
     Block,
     Cell,
     Choice,
@@ -53,16 +53,6 @@ from bench.reporting.document import (
     Table,
     to_markdown,
     to_page,
-)
-from bench.reporting.formats import (
-    CEILING,
-    INTERVALS,
-    LABELS,
-    chance_of,
-    detection_levels,
-    metric_cell,
-    percent,
-    with_interval,
 )
 from bench.reporting.run_tables import SWEEP
 
@@ -297,8 +287,8 @@ def rank_runs(runs: Sequence[StoredRun]) -> RankedGroup:
     judged = first.protocol.name == RANKING_PROTOCOL
     rows = {name: row for name, row in metrics.categories.items() if row.object_frames}
     rows = {ALL_MOVING: metrics.all_moving} | rows
-    highest = ["detection_rate", *detection_levels(metrics.all_moving.metric_names())][-1]
-    shown = (ORDERED_BY, "tpr_all", highest, chance_of(highest), "iou_detected")
+    highest = ["detection_rate", *formats.detection_levels(metrics.all_moving.metric_names())][-1]
+    shown = (ORDERED_BY, "tpr_all", highest, formats.chance_of(highest), "iou_detected")
     differing = differing_settings([run.manifest for run in runs], hidden=HIDDEN_SETTINGS)
     entries = [_entry(run, own, rows=tuple(rows), shown=shown) for run, own in zip(compared, differing, strict=True)]
     pairs = sorted(zip(entries, compared, strict=True), key=lambda pair: _best_first(pair[0]))
@@ -446,12 +436,12 @@ def _leader(group: RankedGroup) -> str:
     first, ceiling = group.methods[0], group.ceilings[ALL_MOVING].get(ORDERED_BY)
     iou = first.metrics[ORDERED_BY]
     few = "" if iou.ci95 else " (too few recordings for an interval)"
-    of = "" if ceiling is None else f", ceiling {percent(ceiling)}"
-    false = percent(first.metrics[FALSE_POSITIVES].value)
+    of = "" if ceiling is None else f", ceiling {formats.percent(ceiling)}"
+    false = formats.percent(first.metrics[FALSE_POSITIVES].value)
     unreviewed = f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
     return (
-        f"{first.method}, IoU {with_interval(iou)}{few} over all moving object-frames{of}, false positives {false} of "
-        f"the image{unreviewed}"
+        f"{first.method}, IoU {formats.with_interval(iou)}{few} over all moving object-frames{of}, false positives "
+        f"{false} of the image{unreviewed}"
     )
 
 
@@ -486,18 +476,14 @@ ABOUT = (
     "carried along."
 )
 NOTES = (
-    "Of the images that all runs of a table scored, in percent. Runs stand in one table if they have at least "
-    f"{100 * LEAST_COMMON:.0f} % of their images in common and the same reference on these. {INTERVALS}",
+    "In formats.percent, of the images that all runs of a table scored: at least "
+    f"{100 * LEAST_COMMON:.0f} % of those of each, with the same reference. {formats.INTERVALS}",
     "Ranked by IoU over all moving object-frames, an undetected one having 0. Best is a method only where `compare` "
-    "shows it better than each of the others; else it is the first, and ranks below may be chance. Chance: detection "
-    "at the same level on the mask of another frame. False positives: share of the image. The IoU of an object counts "
-    "the false positives that touch it, so specks apart from it cost nothing; the IoU of pixels counts all of them, "
-    "over all images.",
-    f"No methods: the exact masks of rendered data are the ceiling, {CEILING}; oracles are given what no method may "
-    "know: the exact masks on cells, or the exact flow and ego-motion.",
-    "Cost: median time of the method alone for an image, in one thread, in ms, where it was scored. Verified: `verify` "
-    "counted the run again from its masks and the data, on this machine. Shipped: a row of the leaderboard that comes "
-    "with the package; it is not compared in pairs.",
+    "shows it better than each of the others; else it is the first, and ranks below may be chance. Specks apart from "
+    "objects cost no IoU of objects; the IoU of pixels counts them.",
+    f"Ceiling: {formats.CEILING}. Oracles are given what no method may know. Cost: median time of the method alone for "
+    "an image, in one thread. Verified: `verify` counted the run again on this machine. Shipped: a row that comes with "
+    "the package, not compared in pairs.",
 )
 ENTER = (
     "A method is a class in a Python file, or a folder of masks. This scores it on the same images and puts it beside "
@@ -531,27 +517,28 @@ def _table(group: RankedGroup, names: Sequence[str], pages: Mapping[str, str]) -
     """Metrics over all moving objects, with a bar, the interval across it, and a tick at its ceiling."""
     ceilings = group.ceilings[ALL_MOVING]
 
-    def bar(name: str, metric: Metric) -> Cell:
-        cell = metric_cell(metric)
-        if math.isnan(metric.value) or name.startswith("chance"):
-            return cell
-        return replace(cell, bar=Bar(share=metric.value, interval=metric.ci95, tick=ceilings.get(name)), style="strong")
+    def cell(name: str, metric: Metric) -> Cell:
+        return (
+            formats.metric_cell(metric)
+            if name.startswith("chance")
+            else formats.bar_cell(metric, tick=ceilings.get(name))
+        )
 
     rows: list[list[object]] = [
-        [_rank(group, e), _named(e, pages), *(bar(name, e.metrics[name]) for name in names), e.cost_ms]
+        [_rank(group, e), _named(e, pages), *(cell(name, e.metrics[name]) for name in names), e.cost_ms]
         for e in group.entries
     ]
     headings = [find_metric(name).label for name in names]
     columns: list[Heads] = ["Rank", "Method, run", *headings, Column("ms per image", "{:.1f}".format)]
     lines = _ceiling_line(group, [(ALL_MOVING, name) for name in names], more=1)
-    return Table(title=LABELS[ALL_MOVING], columns=columns, rows=[*lines, *rows], words=2)
+    return Table(title=formats.LABELS[ALL_MOVING], columns=columns, rows=[*lines, *rows], words=2)
 
 
 def _kinds_table(group: RankedGroup) -> Table:
     """IoU of each kind of motion."""
     kinds = [row for row in group.cases if row != ALL_MOVING]
-    headings = [f"{LABELS[name]} ({group.cases[name][0]}, {group.cases[name][1]})" for name in kinds]
-    columns: list[Heads] = ["Rank", "Method", *(Column(heading, metric_cell) for heading in headings)]
+    headings = [f"{formats.LABELS[name]} ({group.cases[name][0]}, {group.cases[name][1]})" for name in kinds]
+    columns: list[Heads] = ["Rank", "Method", *(Column(heading, formats.metric_cell) for heading in headings)]
     rows: list[list[object]] = [
         [_rank(group, e), _named(e, {}), *(e.values[name][ORDERED_BY] for name in kinds)] for e in group.entries
     ]
@@ -587,7 +574,7 @@ def _ceiling_line(group: RankedGroup, keys: Sequence[tuple[str, str]], *, more: 
     values = [group.ceilings[row].get(name) for row, name in keys]
     if any(entry.kind is Kind.CEILING for entry in group.entries) or not any(values):
         return []
-    cells = [None if value is None else Cell(percent(value)) for value in values]
+    cells = [None if value is None else Cell(formats.percent(value)) for value in values]
     return [["", Cell("ceiling: the exact masks", style="dim"), *cells, *[None] * more]]
 
 

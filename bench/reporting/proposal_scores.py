@@ -41,12 +41,10 @@ HOW = (
     "the returns in both boxes have an IoU of at least 0.5; a second proposal for one object is false. What a reviewer "
     "rejected is left out, and corrections count. Proposals at rest and unclear objects are neither right nor wrong.",
     "A switch is a change from one proposal to another on one object. A track is false with more false object-frames "
-    "than others. Class right: of object-frames that were found. Errors are of the same, median and 90th percentile: "
-    "of the velocity, of the box's centre seen from above, of its size (the largest difference of length, width and "
-    "height) and of its heading, from 0 to 180 degrees. n/a: nothing to count.",
-    "The worst tracks are those with the most object-frames that are missed, false, of another class, or whose box has "
-    "a side that is off by more than 1 m or a heading that is off by more than 20 degrees. evaluate-tracks.csv has "
-    "them all. What is false is named as proposed, all else as annotated.",
+    "than others. Class right and errors: of object-frames that were found, median and 90th percentile. n/a: nothing "
+    "to count.",
+    "The worst tracks are those with the most object-frames that are missed, false, of another class, or whose box is "
+    "off by more than 1 m or 20 degrees; evaluate-tracks.csv has them all.",
 )
 
 

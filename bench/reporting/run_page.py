@@ -14,7 +14,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from bench.atomic import write_output
-from bench.evaluation import Metric, find_metric, published
+from bench.evaluation import find_metric, published
 from bench.evaluation.definitions import IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.rows import EVALUATED
@@ -39,7 +39,7 @@ from bench.reporting.document import (
 )
 from bench.reporting.figures import Chart, draw_charts, figure_uri
 from bench.reporting.findings import run_findings
-from bench.reporting.formats import LABELS, chance_of, headline_metrics, image_name, metric_cell, percent
+from bench.reporting.formats import LABELS, bar_cell, chance_of, headline_metrics, image_name, metric_cell, percent
 from bench.reporting.frame import draw_frames, scored_layers
 from bench.reporting.frame_pictures import draw_images, example_frames
 from bench.reporting.run_tables import (
@@ -178,16 +178,6 @@ def breakdown_table(caption: str, heading: str, rows: Mapping[str, ObjectMetrics
             for key, row in rows.items()
         ],
     )  # fmt: skip
-
-
-def bar_cell(metric: Metric, *notes: str, lowest: bool = False) -> Cell:
-    """A metric with its bar, and its interval and notes below."""
-    cell = metric_cell(metric)
-    if math.isnan(metric.value):
-        return cell
-    below = tuple(filter(None, ("lowest" if lowest else "", *cell.below, *notes)))
-    bar = Bar(share=metric.value, interval=metric.ci95)
-    return replace(cell, below=below, style="bad" if lowest else "strong", bar=bar)
 
 
 def remarks(metrics: Summary) -> Iterator[Paragraph]:

@@ -51,22 +51,17 @@ COVERAGES = {name: find_metric(name).label for name in ("iou", "tpr_all", "iou_d
 FURTHER = {name: find_metric(name).label for name in ("ceiling_iou", "unknown_share")}  # of some data and protocols
 CASES_NOTE = "Cases: object-frames; in the last row images, and the area of the image."
 BESIDE_NOTE = (
-    "TPR and IoU beside the paper's are averages over the detected object-frames. Differences in percentage points. "
-    "The paper's recordings are private: same form, not the same data."
+    "TPR and IoU beside the paper's are over the detected object-frames. Differences in percentage points. The paper's "
+    "recordings are private: same form, not the same data."
 )
 CHANCE_NOTE = (
-    "Chance: the same objects on the mask of another frame; none where the recordings are shorter than the protocol's "
-    "chance_lag_s."
+    "Chance: the same objects on the mask of another frame; none where recordings are shorter than chance_lag_s."
 )
 COVERAGE_NOTE = (
-    "TPR is the mean coverage, IoU the mean intersection over union: over the detected object-frames, or over all, an "
-    f"undetected one having 0. Ceiling: {CEILING}. Unknown: share of the pixels of an object and its unknown band that "
-    "lie in the band, where nothing counts."
+    "TPR: mean coverage, IoU: mean intersection over union, of the detected object-frames or of all. Ceiling: "
+    f"{CEILING}. Unknown: share of an object's pixels in its unknown band, where nothing counts."
 )
-FALSE_POSITIVE_NOTE = (
-    "False-positive coverage: what is marked outside of all moving objects, as a share of the image and of its valid "
-    "pixels. A large false positive has more pixels than the protocol states."
-)
+FALSE_POSITIVE_NOTE = "False-positive coverage: what is marked outside of all moving objects, as a share of the image."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
