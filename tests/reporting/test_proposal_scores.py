@@ -5,7 +5,6 @@ import pandas as pd
 import pytest
 
 from bench.reporting.proposal_scores import COUNTS, ERRORS, WHERE, write_proposal_scores
-from tests.support.browser import accessibility_faults, headless_chromium, opened
 
 
 @pytest.fixture
@@ -46,17 +45,3 @@ def test_all_files_tell_the_same(files):
     assert "a &amp; b" in page
     assert len(table.splitlines()) == 5
     assert "nan" not in page + text
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing(files, tmp_path, width, scheme):
-    browser = headless_chromium(tmp_path / "chromium")
-    try:
-        opened(browser, files[".html"], width=width, scheme=scheme)
-        assert accessibility_faults(browser) == []
-        assert browser.execute_script("return document.documentElement.scrollWidth") <= width
-        assert browser.get_log("browser") == []
-    finally:
-        browser.quit()
