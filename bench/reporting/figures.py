@@ -370,7 +370,7 @@ def _threshold_charts(run: StoredRun) -> list[Chart]:
     if sweep is None:
         return []
     of_run = run.metrics.false_positives.coverage.value, run.metrics.segmentation.recall.value
-    figure = draw_threshold_sweep(sweep.tpr, sweep.false_positive_coverage, of_run=of_run)
+    figure = draw_threshold_sweep(sweep.recall, sweep.false_positive_coverage, of_run=of_run)
     return [Chart(name="threshold_sweep", figure=figure, label="Pixels found against image wrongly marked")]
 
 

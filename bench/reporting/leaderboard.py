@@ -638,7 +638,9 @@ def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
     text = to_markdown([Heading("Leaderboard", 1), *notes, *sections, _methods(board), *unread])
     own = board.model_copy(update={"groups": _own(board)}).model_dump_json() + "\n"
     files = {"index.html": to_page(TITLE, page, folder=out), "leaderboard.json": own, "leaderboard.md": text}
-    for name in ("index.html", "leaderboard.json"):  # Markdown shows nothing of its kind: it is ours beside these
+    if not (out / "leaderboard.json").is_file():  # beside which Markdown, which shows nothing of its kind, is ours
+        refuse_foreign(out / "leaderboard.md")
+    for name in ("index.html", "leaderboard.json"):
         refuse_foreign(out / name, files[name])
     for name, content in files.items():
         write_text(out / name, content)

@@ -48,28 +48,22 @@ HOW = (
 )
 
 
-def scores_tables(scores: pd.DataFrame, minutes: float, confusion: pd.DataFrame, worst: pd.DataFrame) -> list[Table]:
-    """Everything as tables: percent, m/s, m and degrees; those of classes and of the worst tracks where there are any.
+def scores_tables(scores: pd.DataFrame, minutes: float, worst: pd.DataFrame) -> list[Table]:
+    """Everything as tables: percent, m/s, m and degrees; that of the worst tracks where there are any.
 
     Args:
         scores: see `bench.annotation.proposal_scores`.
         minutes: how long the sweeps took.
-        confusion: see `bench.annotation.class_confusion`.
         worst: see `bench.annotation.worst_tracks`.
     """
     found = f"Found: IoU of returns of at least 0.5; of {60 * minutes:.0f} s."
-    classes = Table(
-        title="Object-frames that were found, by annotated and proposed class",
-        columns=["annotated", *(f"as {name}" for name in confusion.columns)],
-        rows=[[str(name), *map(int, row)] for name, row in zip(confusion.index, confusion.to_numpy(), strict=True)],
-    )
     more = len(worst) - MOST_SHOWN
     note = f"{more} more are in evaluate-tracks.csv." if more > 0 else ""
     tracks = Table(title="The worst tracks", columns=WORST, rows=worst.head(MOST_SHOWN), words=3, note=note)
     return [
         Table(columns=WHERE | COUNTS, rows=scores, words=2, note=found),
         Table(columns=WHERE | ERRORS, rows=scores, words=2, note="Errors: medians and 90th percentiles."),
-        *(table for table in (classes, tracks) if len(table.rows)),
+        *([tracks] if len(worst) else []),
     ]
 
 
@@ -78,7 +72,6 @@ def write_proposal_scores(
     scores: pd.DataFrame,
     minutes: float,
     *,
-    confusion: pd.DataFrame,
     worst: pd.DataFrame,
     dataset: str,
     recordings: Sequence[str],
@@ -87,9 +80,8 @@ def write_proposal_scores(
 
     Args:
         out: folder, is made.
-        scores: as `minutes`, `confusion` and `worst`, of `scores_tables`; `worst` are all tracks with a fault.
+        scores: as `minutes`, see `scores_tables`.
         minutes: how long the sweeps took.
-        confusion: of the classes.
         worst: all tracks with which something is wrong.
         dataset: name of the data set.
         recordings: that were compared.
@@ -100,7 +92,7 @@ def write_proposal_scores(
     count = f"{len(recordings)} recordings" if len(recordings) > 1 else f"1 recording, {recordings[0]}"
     blocks: list[Block] = [
         Paragraph(f"{count}, {60 * minutes:.0f} s of sweeps."),
-        *scores_tables(scores, minutes, confusion, worst),
+        *scores_tables(scores, minutes, worst),
         Heading("How to read it"),
         *map(Paragraph, HOW),
     ]

@@ -23,7 +23,6 @@ from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun, read_run
 from bench.reporting.document import (
-    Bar,
     Block,
     Cell,
     Choice,
@@ -38,7 +37,6 @@ from bench.reporting.document import (
     to_page,
 )
 from bench.reporting.figures import Chart, draw_charts, figure_uri
-from bench.reporting.findings import run_findings
 from bench.reporting.formats import LABELS, bar_cell, chance_of, headline_metrics, image_name, metric_cell, percent
 from bench.reporting.frame import draw_frames, scored_layers
 from bench.reporting.frame_pictures import draw_images, example_frames
@@ -283,16 +281,6 @@ def _cause_table(metrics: Summary) -> Table | None:
     return Table(title=title, columns=["cause", "share"], rows=rows, look="narrow") if rows else None
 
 
-def _time_table(stage_seconds: Mapping[str, float], *, images: int) -> Table:
-    """The stages of a run, the longest first."""
-    total = sum(stage_seconds.values()) or 1.0
-    rows = []
-    for name, seconds in sorted(stage_seconds.items(), key=lambda item: -item[1]):
-        text = f"{1000 * seconds / max(images, 1):.1f} ms per image ({seconds:.1f} s)"
-        rows.append([name, Cell(text, bar=Bar(share=seconds / total))])
-    return Table(title="Share of the time by stage", columns=["stage", "share"], rows=rows, look="narrow")
-
-
 def _about_table(rows: Mapping[str, str]) -> Table:
     return Table(columns=["", ""], rows=list(rows.items()), words=2, look="about")
 
@@ -432,11 +420,6 @@ def _sections(
         *(block for title, of_kind in galleries.items() for block in gallery(title, of_kind, missing=why)),
     ])  # fmt: skip
     yield _object_section(run, cards)
-    rate = f", {made.images_asked / made.seconds:.1f} images per second" if made.seconds and made.images_asked else ""
-    rate = rate if made.images_asked else ", since all answers were stored already"
-    yield section(name="time", title="Time", blocks=[
-        Paragraph("Time of every stage of the run, per image, for all protocols of its pass; the whole took "
-                  f"{made.seconds:.1f} s{rate}."), _time_table(made.stage_seconds, images=made.images)])  # fmt: skip
     yield section(name="origin", title="Origin of the values", blocks=[
         Paragraph(f"What made this run, started {made.started_utc}; the same code, settings and data give the same "
                   f"values. At most {made.peak_memory_mb:.0f} MB of memory."),
@@ -446,7 +429,7 @@ def _sections(
     yield section(name="ledger", title="What was left out, and why", count=f"{len(summary.failures)} failures", blocks=[
         Paragraph("Every annotated object in every image ends in exactly one of these lines; detections on ignored "
                   "objects count neither as right nor as wrong."),
-        *_ledger_tables(metrics), *run_findings(run.folder),
+        *_ledger_tables(metrics),
         *_folded("Messages of images that were not scored", messages),
         *_folded(f"{len(summary.failures)} failures", summary.failures)])  # fmt: skip
 

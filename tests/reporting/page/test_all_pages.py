@@ -59,7 +59,6 @@ def proposals(tmp_path_factory):
         tmp_path_factory.mktemp("proposals"),
         pd.DataFrame(rows, columns=columns),
         0.5,
-        confusion=pd.DataFrame({"cyclist": [35, 5]}, index=["cyclist", "<animal>"]),
         worst=worst,
         dataset="a & b",
         recordings=["one", "two"],

@@ -16,7 +16,7 @@ from tests.support.counts import change_table
 from tests.support.stored_files import change_manifest
 
 SECTIONS = [
-    "glance", "results", "splits", "recordings", "around", "plane", "threshold", "causes", "worst", "frames", "time",
+    "glance", "results", "splits", "recordings", "around", "plane", "threshold", "causes", "worst", "frames",
     "origin", "ledger",
 ]  # fmt: skip
 
