@@ -3,6 +3,7 @@ PYTHON ?= python3
 DATASET ?= datasets/demo.yaml
 METHOD ?= spherical
 METHODS ?=
+VARIANTS := spherical:flow=dis spherical:first_guess=true truth truth:cell_size_px=5
 DATASETS ?= demo paper $(if $(FISHEYE_BENCH_REAL),aimotive-sample)
 PROTOCOL ?= paper-v1,surface-v1
 RUN ?= reports/runs/$(basename $(notdir $(DATASET)))-$(METHOD)
@@ -51,9 +52,15 @@ gate: benchmark ## score, then judge by the baselines (BASELINE= and its -surfac
 			$(if $(GITHUB_ACTIONS),--github) || status=$$?; \
 	done; exit $$status
 
-leaderboard: $(INSTALLED) ## score all methods (or METHODS=a,b) on DATASETS= (hours with paper), write reports/leaderboard
-	$(BIN)/fisheye-bench leaderboard reports/runs/leaderboard $(foreach one,$(DATASETS),--score $(one)) \
-		$(if $(METHODS),--methods $(METHODS)) --out reports/leaderboard
+leaderboard: $(INSTALLED) ## score all methods (or METHODS="a b:flow=dis") on DATASETS= (hours with paper), write reports/leaderboard
+	@known="$$($(BIN)/python -c 'from bench.methods import known_methods; print(*known_methods())') $(VARIANTS)"; \
+	for data in $(DATASETS); do for method in $(if $(METHODS),$(METHODS),$$known); do \
+		out=reports/runs/leaderboard/$$data/$$(echo $$method | tr ':=' '--'); \
+		$(BIN)/fisheye-bench run $$data --method $${method%%:*} $$(echo $$method | sed 's/^[^:]*//; s/:/ --set /g') \
+			--out $$out --no-pictures --overwrite && $(BIN)/fisheye-bench report $$out/surface-v1 --no-pictures || \
+			echo "not whole, or left out: $$data, $$method"; \
+	done; done
+	$(BIN)/fisheye-bench leaderboard reports/runs/leaderboard --out reports/leaderboard
 
 report: $(INSTALLED) ## write the page of RUN= (the demo's)
 	$(BIN)/fisheye-bench report $(RUN)

@@ -10,7 +10,7 @@ import typer
 
 from bench.commands import options
 from bench.commands.command import PATH, Place
-from bench.commands.console import note, print_blocks, print_failures, say
+from bench.commands.console import FAILURES, note, print_blocks, print_failures, say
 from bench.commands.progress import Report, interruptible, progress_bar
 from bench.errors import UsageError
 
@@ -127,7 +127,7 @@ def show(found: Audit) -> int:
     print_failures(summary.failures, all_in="audit.json")
     for file in found.files:
         note(str(file))
-    return options.FAILURES if summary.failures else 0
+    return FAILURES if summary.failures else 0
 
 
 command = audit_reference  # `bench.audit` is a package

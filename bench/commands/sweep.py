@@ -12,7 +12,7 @@ import typer
 
 from bench.commands import options
 from bench.commands.command import PATH, Words
-from bench.commands.console import note, note_files, print_blocks, print_failures
+from bench.commands.console import FAILURES, note, note_files, print_blocks, print_failures
 from bench.commands.progress import Report, progress_bar, resumable
 from bench.commands.runs import Run
 from bench.errors import UsageError
@@ -179,7 +179,7 @@ def show(swept: Sweep) -> int:
     asked = sum(run.summary.provenance.images_asked for run in swept.runs.values())
     note(f"{len(swept.runs)} values; {counted(asked, 'image')} answered, the others were there")
     note_files(swept.files)
-    return options.FAILURES if failures else 0
+    return FAILURES if failures else 0
 
 
 def _combinations(

@@ -146,7 +146,6 @@ def view(
                 indices,
                 video=film,
                 rrd=log,
-                lidar=True,
                 made_by=made,
                 with_method=built is not None,
                 progress=report,

@@ -264,7 +264,6 @@ def write_film(
     *,
     video: Path | None,
     rrd: Path | None,
-    lidar: bool,
     made_by: str,
     with_method: bool,
     progress: Progress,
@@ -276,7 +275,6 @@ def write_film(
         indices: of images, in steps that give the rate.
         video: the video file; None for none.
         rrd: the file for the viewer; None for none.
-        lidar: draw lidar points into the pictures.
         made_by: method and protocol, in every picture.
         with_method: ask the method; else the reference is drawn alone.
         progress: called with the pictures done and their number.
@@ -297,14 +295,13 @@ def write_film(
         log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, cameras=[camera.name]))
         for number, index in enumerate(indices, start=1):
             image = pipeline.images[index]
-            sweep = sweeps.see(image) if lidar or log is not None else None
-            shown = sweep if lidar else None
+            sweep = sweeps.see(image)
             try:
                 if with_method:
-                    layers = scored_layers(pipeline.process(index), label=made_by, sweep=shown)
+                    layers = scored_layers(pipeline.process(index), label=made_by, sweep=sweep)
                 else:
                     pixels, reference = read_image(image, camera), pipeline.reference(index)
-                    layers = reference_layers(pixels, reference, label=made_by, sweep=shown)
+                    layers = reference_layers(pixels, reference, label=made_by, sweep=sweep)
             except UnscorableFrame as reason:
                 pixels = read_image(image, camera)
                 layers = Layers(pixels=pixels, reference=None, label=made_by, note=f"no score: {reason}")

@@ -489,9 +489,10 @@ ENTER = (
     "A method is a class in a Python file, or a folder of masks. This scores it on the same images and puts it beside "
     "the others; send the folder of its run as a zip file with a link to its code:"
 )
-ENTER_COMMAND = """fisheye-bench leaderboard reports/runs --score demo --methods my_method:MyMethod --out board
-fisheye-bench evaluate demo --predictions my_masks/ --protocol surface-v1
-fisheye-bench verify reports/runs/demo/my_method-MyMethod"""
+ENTER_COMMAND = """fisheye-bench run demo --method my_method:MyMethod
+fisheye-bench evaluate demo --predictions my_masks/
+fisheye-bench leaderboard reports/runs --out board
+fisheye-bench verify reports/runs/demo-my-method"""
 
 
 def leaderboard_tables(board: Leaderboard) -> Iterator[Block]:

@@ -86,7 +86,6 @@ def test_a_quick_look_renders_no_more_than_it_scores(monkeypatch, tiny_card, tmp
         ("view", "CARD", "--recording", "nope"),
         ("view", "CARD", "--frame", "nope"),
         ("run", "CARD", "--out", "tests"),
-        ("leaderboard", "--score", "CARD", "--methods", "nope"),
         ("reference", "export", "CARD", "--out", "tests"),
     ],
 )
