@@ -10,7 +10,6 @@ import pytest
 import bench
 from bench.commands.app import COMMANDS
 from bench.commands.examples import EXAMPLES
-from tests.support.changed_data import without_scenario
 from tests.support.commands import call, error_line
 
 
@@ -93,18 +92,6 @@ def test_arguments_are_checked_before_anything_is_rendered(monkeypatch, capsys, 
     folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets", ignore=shutil.ignore_patterns("data"))
     error_line(monkeypatch, capsys, *(str(folder / tiny_card.name) if word == "CARD" else word for word in words))
     assert not (folder / "data").exists()
-
-
-def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_card, tmp_path):
-    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
-    without_scenario(folder / tiny_card.name)
-    (folder / "data" / "tiny" / "standing" / "egomotion.csv").unlink()
-    words = ("run", folder / tiny_card.name, "--method", "nothing", "--protocol", "paper-v1", "--no-pictures")
-    status = call(monkeypatch, *words, "--out", tmp_path / "run")
-    shown = capsys.readouterr().out
-    assert status == 2
-    assert "failed: recording 'standing'" in shown
-    assert (tmp_path / "run" / "paper-v1" / "summary.json").exists()
 
 
 FAILING = """
@@ -248,17 +235,3 @@ def test_version_finds_two_opencvs(monkeypatch, capsys):
     monkeypatch.setattr(installation, "version", lambda _: "4.10")
     assert call(monkeypatch, "--version", "-v") == 1
     assert "wrong: opencv-python and opencv-contrib-python beside opencv-python-headless" in capsys.readouterr().out
-
-
-@pytest.mark.usefixtures("without_charts")
-def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_card, tmp_path):
-    run = tmp_path / "run"
-    words = ("--split", "moving", "--protocol", "paper-v1", "--no-pictures")
-    assert call(monkeypatch, "run", tiny_card, "--out", run, *words) == 0
-    assert call(monkeypatch, "report", run) == 0
-    page = run / "paper-v1" / "index.html"
-    assert str(page) in capsys.readouterr().out
-    assert b"data:image/jpeg" in page.read_bytes()
-    written = bench.report(run, pictures=False)
-    assert (written.files[0], written.problems) == (page, ())
-    assert b"<img" not in page.read_bytes()
