@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH, TEXT
+from bench.commands.command import PATH, TEXT, Place
 from bench.commands.console import Verbosity, note, note_blocks, verbosity
 from bench.commands.progress import Report, progress_bar
 from bench.commands.runs import PROTOCOLS, Run, print_runs, score
@@ -49,9 +49,7 @@ def evaluate(
     protocol: options.Protocols = PROTOCOLS,
     split: options.Split = None,
     out: Annotated[
-        str | Path | None,
-        typer.Option(metavar="FOLDER", help="Folder of the run; default: reports/runs/<data set>-NAME."),
-        TEXT,
+        Place, typer.Option(metavar="FOLDER", help="Folder of the run; default: reports/runs/<data set>-NAME."), TEXT
     ] = None,
     overwrite: options.Overwrite = False,
     pictures: options.Pictures = True,

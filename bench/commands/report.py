@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH
+from bench.commands.command import PATH, Place
 from bench.commands.console import note_files, say
 from bench.commands.progress import Report, progress_bar
 
@@ -31,9 +31,7 @@ def report(
     run: options.StoredRun,
     *,
     out: Annotated[
-        str | Path | None,
-        typer.Option(help="File to write; default: index.html in the protocol's folder."),
-        PATH,
+        Place, typer.Option(help="File to write; default: index.html in the protocol's folder."), PATH
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the worst images; needs the data set.")] = True,
     progress: Report | None = None,

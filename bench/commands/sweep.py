@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH, Words
+from bench.commands.command import PATH, Place, Words
 from bench.commands.console import FAILURES, note, note_files, print_blocks, print_failures
 from bench.commands.progress import Report, progress_bar, resumable
 from bench.commands.runs import Run
@@ -86,9 +86,7 @@ def sweep(
     protocol: options.ProtocolName = "paper-v1",
     split: options.Split = None,
     out: Annotated[
-        str | Path | None,
-        typer.Option(help="Folder of the sweep; default: reports/sweeps/<data set>-<method>-<setting>."),
-        PATH,
+        Place, typer.Option(help="Folder of the sweep; default: reports/sweeps/<data set>-<method>-<setting>."), PATH
     ] = None,
     overwrite: options.Overwrite = False,
     workers: options.Workers = 1,
