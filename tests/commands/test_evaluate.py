@@ -124,7 +124,7 @@ def spoil(folder, images) -> None:
     (folder / "notes.txt").write_text("by hand")
 
 
-def test_everything_wrong_is_listed_at_once_and_nothing_scored(evaluate, images, masks, tmp_path, capsys):
+def test_everything_wrong_is_listed_at_once_and_nothing_scored_but_on_request(evaluate, images, masks, capsys):
     good = evaluate(masks)
     before = {file.name: file.read_bytes() for file in good.iterdir() if file.is_file()}
     spoil(masks, images)
@@ -134,7 +134,12 @@ def test_everything_wrong_is_listed_at_once_and_nothing_scored(evaluate, images,
     assert "6 of 12 images have a usable mask" in shown.out
     assert "expected 320 x 240 px, or a whole fraction or multiple of it, got 100 x 100" in " ".join(shown.out.split())
     assert {file.name: file.read_bytes() for file in good.iterdir() if file.is_file()} == before
-    report = json.loads((evaluate(masks, "--missing", "skip", status=2) / "paper-v1/predictions.json").read_text())
+    run = evaluate(masks, "--missing", "skip", status=2)
+    summary = read_run(run).summary
+    assert (summary.images.evaluated, summary.images.skipped, summary.images.failed) == (6, 1, 5)
+    assert summary.all_moving.iou.value == 1.0
+    assert sum(f"{images[1].place}/{images[1].timestamp_ns}.png" in failure for failure in summary.failures) == 1
+    report = json.loads((run / "paper-v1" / "predictions.json").read_text())
     faults = {kind: [fault["place"] for fault in faults] for kind, faults in report["faults"].items()}
     keys = [f"{image.place}/{image.timestamp_ns}" for image in images]
     assert faults == {
@@ -143,16 +148,6 @@ def test_everything_wrong_is_listed_at_once_and_nothing_scored(evaluate, images,
         "twice": [keys[5]],
         "extra": ["crosing/front/" + keys[0].split("/")[-1] + ".png", f"{images[0].place}/77.png", "notes.txt"],
     }
-
-
-def test_skip_leaves_missing_images_unscored_and_faulty_ones_failed(evaluate, images, masks, tmp_path):
-    spoil(masks, images)
-    run = evaluate(masks, "--missing", "skip", status=2)
-    summary = read_run(run).summary
-    assert (summary.images.evaluated, summary.images.skipped, summary.images.failed) == (6, 1, 5)
-    assert summary.all_moving.iou.value == 1.0
-    assert sum(f"{images[1].place}/{images[1].timestamp_ns}.png" in failure for failure in summary.failures) == 1
-    assert len(json.loads((run / "paper-v1" / "predictions.json").read_text())["faults"]["extra"]) == 3
 
 
 def test_empty_counts_missing_images_as_nothing(evaluate, images, masks):
@@ -349,22 +344,6 @@ def test_the_fingerprint_is_of_the_content_not_of_the_names(evaluate, images, ma
     assert read_run(evaluate(masks, out="b")).manifest.method.settings["digest"] == by_time
     write_maps(masks, images, lambda image: image.moving * (image is not images[0]))
     assert read_run(evaluate(masks, out="b")).manifest.method.settings["digest"] != by_time
-
-
-def test_excluded_images_and_gaps_ask_for_no_prediction(evaluate, images, masks, tiny_card, tmp_path):
-    exclusions = """
-exclusions:
-  - {recording: standing, reason: stands}
-  - {recording: crossing, reason: starts late, frames: [0, 0]}
-  - {recording: overtaking, reason: a hole, frames: [2, 2]}
-"""
-    card = card_of(tiny_card, tmp_path / "excluding.yaml", more=exclusions)
-    run = evaluate(masks, card=card, out="times")
-    report = json.loads((run / "paper-v1" / "predictions.json").read_text())
-    # crossing 2, 3, 4 and overtaking 1, 4; 3 comes after the hole.
-    assert (report["expected"], report["usable"], report["unscored"], report["elsewhere"]) == (5, 5, 3, 4)
-    assert (report["faults"]["extra"], read_run(run).summary.all_moving.iou.value) == ([], 1.0)
-    assert read_run(run).summary.images.evaluated == 5
 
 
 def test_what_predictions_were_made_of_is_not_rendered_anew(evaluate, masks, tiny_card, tmp_path):
