@@ -309,11 +309,7 @@ def print_runs(first: Run) -> int:
     runs, images, manifest = (first, *first.others), first.summary.images, first.manifest
     if images.failed and images.failed == images.images - images.skipped:
         say(f"{manifest.method.name} failed on all {counted(images.failed, 'image')}", style="bold red")
-        print_failures(first.summary.failures[:1], all_in="summary.json")
-        row = first.frames[first.frames["status"] == "failed"].iloc[0]
-        place = ["--recording", row["recording"], "--camera", row["camera"], "--time-ns", str(row["timestamp_ns"])]
-        words = ["fisheye-bench", "-v", "view", manifest.dataset.card, *manifest.method.options(), *place]
-        say(f"next, its traceback: {shlex.join(words)}")
+        _print_failures(first, first.summary.failures[:1])
         return FAILURES
     for run in runs:
         summary, manifest = run.summary, run.manifest
@@ -329,7 +325,7 @@ def print_runs(first: Run) -> int:
     print_blocks([Paragraph(legend(rows), "dim")])
     print_cost(first.summary.provenance)
     failures = [*dict.fromkeys(failure for run in runs for failure in run.summary.failures)]
-    print_failures(failures, all_in="summary.json")
+    _print_failures(first, failures)
     for run in runs:
         note_files(run.files)
     for remark in dict.fromkeys(remark for run in runs for remark in run.remarks):
@@ -339,6 +335,17 @@ def print_runs(first: Run) -> int:
         say(best)
     say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(first.last.folder)])}")
     return FAILURES if failures else 0
+
+
+def _print_failures(run: Run, failures: Sequence[str]) -> None:
+    """Print failures, and the command that shows the traceback of the first that a method raised."""
+    print_failures(failures, all_in="summary.json")
+    if not any(failure.startswith("method ") for failure in failures):
+        return
+    for row in run.frames[run.frames["status"] == "failed"][:1].to_dict("records"):
+        place = ["--recording", row["recording"], "--camera", row["camera"], "--time-ns", str(row["timestamp_ns"])]
+        words = ["fisheye-bench", "-v", "view", run.manifest.dataset.card, *run.manifest.method.options(), *place]
+        say(f"the traceback of the first: {shlex.join(words)}")
 
 
 def print_cost(made: Provenance) -> None:
