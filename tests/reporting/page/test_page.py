@@ -6,7 +6,6 @@ import shutil
 import pyarrow as pa
 import pytest
 
-from bench.errors import DataError
 from bench.harness import read_run, read_tables
 from bench.reporting.document import Paragraph, environment
 from bench.reporting.figures import write_figures
@@ -192,8 +191,3 @@ def test_the_main_table_has_rows_with_cases_alone_and_names_the_others(tiny_page
     labels = re.findall(r'<th scope="row">\s*([^<]*?)\s*<', section[: section.index("</table>")])
     assert labels == ["Crossing", "Overtaking", "Static ego-vehicle", "All moving", "False positives"]
     assert section.count("Left out, without cases: preceding, approaching.") == 1
-
-
-def test_a_folder_without_a_run_is_named(tmp_path):
-    with pytest.raises(DataError, match=r"summary\.json"):
-        write_page(tmp_path)
