@@ -42,7 +42,6 @@ from bench.reporting.document import (
     Block,
     Cell,
     Choice,
-    Code,
     Column,
     Filters,
     Group,
@@ -476,7 +475,7 @@ ABOUT = (
     "carried along."
 )
 NOTES = (
-    "In formats.percent, of the images that all runs of a table scored: at least "
+    "In percent, of the images that all runs of a table scored: at least "
     f"{100 * LEAST_COMMON:.0f} % of those of each, with the same reference. {formats.INTERVALS}",
     "Ranked by IoU over all moving object-frames, an undetected one having 0. Best is a method only where `compare` "
     "shows it better than each of the others; else it is the first, and ranks below may be chance. Specks apart from "
@@ -485,13 +484,6 @@ NOTES = (
     "an image, in one thread. Verified: `verify` counted the run again on this machine. Shipped: a row that comes with "
     "the package, not compared in pairs.",
 )
-ENTER = (
-    "A method is a class in a Python file, or a folder of masks. This scores it on the same images and puts it beside "
-    "the others; send the folder of its run as a zip file with a link to its code:"
-)
-ENTER_COMMAND = """fisheye-bench leaderboard reports/runs --score demo --methods my_method:MyMethod --out board
-fisheye-bench evaluate demo --predictions my_masks/ --protocol surface-v1
-fisheye-bench verify reports/runs/demo/my_method-MyMethod"""
 
 
 def leaderboard_tables(board: Leaderboard) -> Iterator[Block]:
@@ -630,7 +622,6 @@ def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
         *_leaders(board),
         Group(look="section", name="table", title="All runs", blocks=[Filters(choices), *tables]),
         _methods(board),
-        Group(look="section", name="enter", title="How to enter", blocks=[Paragraph(ENTER), Code(ENTER_COMMAND)]),
         Group(look="section", name="how", title="How to read it", blocks=notes),
         *unread,
     ]

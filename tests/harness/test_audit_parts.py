@@ -25,33 +25,23 @@ def square(left: int, top: int, side: int, *, size: int = 40) -> np.ndarray:
     return area
 
 
-def test_a_region_that_is_the_mask_fits_perfectly():
-    fit = region_fit(square(5, 5, 10), square(5, 5, 10))
-    assert (fit.iou, fit.area_error, fit.boundary_px, fit.solid) == (1, 0, 0, 1)
-
-
-def test_a_shifted_region_is_off_by_its_shift():
-    fit = region_fit(square(8, 5, 10), square(5, 5, 10))
-    assert fit.iou == pytest.approx(70 / 130)
-    assert fit.area_error == 0
-    assert 0 < fit.boundary_px < 3
-
-
-def test_a_region_grown_all_around_is_too_large_and_off_by_its_margin():
-    fit = region_fit(square(8, 8, 14), square(10, 10, 10))
-    assert fit.iou == pytest.approx(100 / 196)
-    assert fit.area_error == pytest.approx(0.96)
-    assert fit.boundary_px == pytest.approx(2, abs=0.15)  # a little more at the corners
-
-
-def test_distances_between_outlines_are_exact():
-    fit = region_fit(square(6, 7, 1), square(5, 5, 1))
-    assert fit.boundary_px == math.sqrt(5)
+@pytest.mark.parametrize(
+    ("region", "mask", "iou", "area_error", "boundary_px"),
+    [
+        (square(5, 5, 10), square(5, 5, 10), 1, 0, 0),
+        (square(8, 5, 10), square(5, 5, 10), 70 / 130, 0, None),
+        (square(8, 8, 14), square(10, 10, 10), 100 / 196, 0.96, pytest.approx(2, abs=0.15)),  # more at the corners
+        (square(6, 7, 1), square(5, 5, 1), 0, 0, math.sqrt(5)),
+    ],
+)
+def test_fit_of_squares(region, mask, iou, area_error, boundary_px):
+    fit = region_fit(region, mask)
+    assert (fit.iou, fit.area_error, fit.solid) == pytest.approx((iou, area_error, 1))
+    assert fit.boundary_px == boundary_px if boundary_px is not None else 0 < fit.boundary_px < 3
 
 
 def test_holes_of_the_mask_limit_what_a_polygon_can_reach():
-    wheel = square(5, 5, 10) & ~square(7, 7, 6)
-    fit = region_fit(square(5, 5, 10), wheel)
+    fit = region_fit(square(5, 5, 10), square(5, 5, 10) & ~square(7, 7, 6))
     assert fit.iou == fit.solid == pytest.approx(0.64)
 
 
