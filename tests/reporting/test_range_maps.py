@@ -15,6 +15,7 @@ from bench.reporting.figures import (
     draw_cells,
     draw_range_maps,
     draw_run_maps,
+    draw_threshold_sweep,
     figure_bytes,
     new_figure,
 )
@@ -84,6 +85,13 @@ def test_the_same_bytes_twice():
     first, second = (figure_bytes(draw_range_maps(maps, vehicle_outline_m=OUTLINE_M), "svg") for _ in range(2))
     assert first == second
     assert b"<dc:date>" not in first
+
+
+def test_the_curve_of_thresholds_has_coverage_across_and_recall_up():
+    figure = draw_threshold_sweep(np.array([0.2, 0.9]), np.array([0.0, 0.3]), of_run=(0.1, 0.5))
+    curve, dot = figure.axes[0].lines
+    assert (curve.get_xdata().tolist(), curve.get_ydata().tolist()) == ([0, 30], [20, 90])
+    assert (dot.get_xdata().tolist(), dot.get_ydata().tolist()) == ([10], [50])
 
 
 ROWS = objects_table([object_row(n) | {"tp": tp, "fn": 20 - tp} for n, tp in enumerate((0, 9, 10, 20))])
