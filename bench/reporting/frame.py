@@ -221,13 +221,11 @@ class SeenSweep:
 
     Attributes:
         points_world: (N, 3) float64, m.
-        points_vehicle: (N, 3) float64, m, vehicle frame at exposure.
         pixels: (K, 2) float64, px, of the points in the image.
         range_m: (K,) float64, m, of these points from the camera.
     """
 
     points_world: NDArray[np.float64]
-    points_vehicle: NDArray[np.float64]
     pixels: NDArray[np.float64]
     range_m: NDArray[np.float64]
 
@@ -477,7 +475,6 @@ class SweepViewer:
         seen = valid & self._camera.model.contains(pixels)
         return SeenSweep(
             points_world=points_world,
-            points_vehicle=points_vehicle,
             pixels=pixels[seen],
             range_m=np.linalg.norm(points_camera[seen], axis=1),
         )
