@@ -1,17 +1,18 @@
-"""Time of each stage of an image, and of the whole against its Farnebäck call alone, in one thread."""
+"""Time of each stage of an image, and of the whole against its flow alone; of the reference by protocol; one thread."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from time import thread_time
 
-from bench.evaluation import Protocol, SequenceScorer
+from bench.evaluation import Protocol, SequenceScorer, load_protocol
 from bench.flow import DenseFlow, FarnebackFlow
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.methods import Scorable
 from bench.recordings import Recording
+from bench.reference import ReferenceBuilder
 from bench.threads import single_threaded
 
 STAGES = ("input", "reference", "method", "counts")  # files and ego-motion; regions; answer; pixels
@@ -100,3 +101,23 @@ def measure(
         total_ms=1e3 * total_s / done,
         flow_ms=1e3 * flow_s / done,
     )
+
+
+def reference_ms(recordings: Iterable[Recording], protocols: Sequence[str]) -> dict[str, float]:
+    """Mean time of the reference of an image of each recording's first camera, by protocol, image by image in turns.
+
+    A sweep is read once by each protocol. The first image of each recording is not timed.
+    """
+    spent, images = dict.fromkeys(protocols, 0.0), 0
+    settings = {name: load_protocol(name).reference_settings() for name in protocols}
+    with single_threaded():
+        for recording in recordings:
+            camera = sorted(recording.cameras)[0]
+            builders = {name: ReferenceBuilder(recording, camera, settings[name]) for name in protocols}
+            for number, image in enumerate(recording.images[camera]):
+                for name in (protocols, protocols[::-1])[number % 2]:
+                    start = thread_time()
+                    builders[name].build(image)
+                    spent[name] += (thread_time() - start) * bool(number)
+                images += bool(number)
+    return {name: 1e3 * seconds / images for name, seconds in spent.items()}

@@ -26,7 +26,7 @@ from bench.evaluation.rows import IMAGE, Row
 from bench.harness.exact import moving_instances
 from bench.harness.frames import FramePipeline
 from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
-from bench.methods.cells import flow_rays
+from bench.methods.two_views import flow_rays
 from bench.recordings import MountedCamera, read_truth
 from bench.reference import ReferenceFrame, Status
 from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster

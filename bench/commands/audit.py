@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH
+from bench.commands.command import PATH, Place
 from bench.commands.console import note, print_blocks, print_failures, say
 from bench.commands.progress import Report, interruptible, progress_bar
 from bench.errors import UsageError
@@ -49,9 +49,7 @@ def audit_reference(
     settings: options.Settings = None,
     protocol: options.ProtocolName = "paper-v1",
     split: options.Split = None,
-    out: Annotated[
-        str | Path | None, typer.Option(help="Folder of the audit; default: reports/audit/<data set>."), PATH
-    ] = None,
+    out: Annotated[Place, typer.Option(help="Folder of the audit; default: reports/audit/<data set>."), PATH] = None,
     recordings: Annotated[
         int | None, typer.Option(help="Number of recordings, spread over the split; default: all.")
     ] = None,

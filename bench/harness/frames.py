@@ -79,7 +79,7 @@ class FramePipeline:
         self._protocol = protocol
         self._method = own_copy(method)
         self._valid = _read_only_copy(visible_region(self.camera))
-        self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}
+        self._gaps = frame_gaps(recording, camera)
         self._held: dict[int, NDArray[np.uint8] | DataError] = {}
         self._pose_times_ns = [perturbed_time_ns(image.timestamp_ns, recording.input_errors) for image in self.images]
         self._poses = recording.trajectory.at(np.array(self._pose_times_ns, dtype=np.int64))
@@ -143,9 +143,8 @@ class FramePipeline:
         first = index - self._method.history
         for later in range(first + 1, index + 1):
             if later in self._gaps:
-                gap = self._gaps[later]
                 raise UnscorableFrame(
-                    f"{self.images[later].path}: {(gap.current_ns - gap.previous_ns) / 1e6:.1f} ms after the image "
+                    f"{self.images[later].path}: {self._gaps[later] / 1e6:.1f} ms after the image "
                     f"before it, where {self.recording.frame_interval_ns / 1e6:.1f} ms are due"
                 )
         first = self._oldest(first)

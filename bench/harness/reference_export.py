@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.atomic import new_folder, path_inside, write_bytes, write_text
-from bench.errors import BenchError, DataError, UnknownNameError
+from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol
 from bench.execution import FailedTask, TaskExecutor
 from bench.harness.references import told
@@ -73,7 +73,6 @@ def export_references(
     out: Path,
     executor: TaskExecutor,
     split: str | None = None,
-    recording: str | None = None,
     progress: Progress | None = None,
 ) -> ReferenceExport:
     """Write the reference of each image of a data set; the folder appears whole or not at all.
@@ -84,17 +83,13 @@ def export_references(
         out: a folder that is new or empty.
         executor: computes the recordings.
         split: of the data set; None for all of it.
-        recording: name of the only one to export; None for all.
         progress: called with the recordings done and their number.
 
     Raises:
         DataError: the folder holds something, or a recording cannot be opened.
-        UnknownNameError: no such split or recording.
+        UnknownNameError: no such split.
     """
-    known = open_dataset(card, split)
-    handles = [handle for handle in known if recording in (None, handle.name)]
-    if not handles:
-        raise UnknownNameError("recording", str(recording), (handle.name for handle in known))
+    handles = open_dataset(card, split)
     entries: dict[str, list[Entry]] = {}
     with new_folder(out) as folder, executor:
         task = partial(_export_recording, folder=folder, protocol=protocol)

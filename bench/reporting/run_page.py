@@ -43,7 +43,6 @@ from bench.reporting.document import (
     Table,
     to_page,
 )
-from bench.reporting.findings import run_findings
 from bench.reporting.formats import (
     LABELS,
     headline_metrics,
@@ -405,7 +404,7 @@ def _sections(
     yield section(name="ledger", title="What was left out, and why", count=f"{len(summary.failures)} failures", blocks=[
         Paragraph(f"Every annotated object in every image ends in exactly one of these lines{here}; detections on "
                   "ignored objects count neither as right nor as wrong."),
-        *_ledger_tables(metrics), *run_findings(run.folder),
+        *_ledger_tables(metrics),
         *_folded("Messages of images that were not scored", messages),
         *_folded(f"{len(summary.failures)} failures", summary.failures)])  # fmt: skip
 
