@@ -13,7 +13,7 @@ import typer
 from bench.commands import options
 from bench.commands.command import PATH, Words
 from bench.commands.console import note_files, print_blocks, say
-from bench.commands.progress import Report, interruptible, progress_bar
+from bench.commands.progress import interruptible, progress_bar
 from bench.commands.runs import PROTOCOLS, RUNS, split_protocols
 from bench.errors import BenchError, UsageError
 from bench.plain_text import counted
@@ -112,7 +112,6 @@ class LeaderboardReport:
     Attributes:
         found: `groups` of runs that compare, each with its `entries`, best first; and what could not be read.
         files: that were written, the page first.
-        problems: why pictures are missing, one line each.
         scored: what was scored first, one line for each method.
         left_out: methods that could not be scored, and why, one line each.
         failures: images, tasks and recordings that could not be used, and these methods.
@@ -120,7 +119,6 @@ class LeaderboardReport:
 
     found: Leaderboard
     files: tuple[Path, ...] = ()
-    problems: tuple[str, ...] = ()
     scored: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     failures: int = 0
@@ -150,9 +148,7 @@ def leaderboard(
         typer.Option(help="Also write page, chart and tables into this folder."),
         PATH,
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="Show methods on the same images of rendered data sets.")] = True,
     workers: options.Workers = 1,
-    progress: Report | None = None,
 ) -> LeaderboardReport:
     """Rank the runs of a folder, one table for each group of comparable runs; with --score, make the runs first.
 
@@ -164,9 +160,7 @@ def leaderboard(
         methods: as of `competitors`.
         protocol: names or files, with commas in between.
         out: None to write none.
-        pictures: False for tables alone.
         workers: processes, or an executor, that score.
-        progress: called with the runs drawn and their number, for each group anew.
 
     Raises:
         DataError: there is no folder, or no run in it.
@@ -177,8 +171,7 @@ def leaderboard(
     from bench.harness import build_scorable
     from bench.methods.settings import parse_settings
     from bench.recordings.cards import shipped_folder
-    from bench.reporting.leaderboard import read_leaderboard, with_shipped
-    from bench.reporting.leaderboard_page import write_leaderboard
+    from bench.reporting.leaderboard import read_leaderboard, with_shipped, write_leaderboard
 
     if not score and methods is not None:
         raise UsageError("leaderboard: expected --score beside --methods, which say what to score")
@@ -203,14 +196,10 @@ def leaderboard(
     found, shipped = read_leaderboard(Path(folder)), shipped_folder("leaderboard")
     if out is None or Path(out).resolve() != shipped.resolve():  # what is written there is what ships
         found = with_shipped(found, shipped / "leaderboard.json")
-    files, problems = tuple[Path, ...](), tuple[str, ...]()
-    if out is not None:
-        with progress_bar("drawing the same images", "runs", progress) as report:
-            files, problems = write_leaderboard(found, Path(out), pictures=pictures, progress=report)
+    files = () if out is None else write_leaderboard(found, Path(out))
     return LeaderboardReport(
         found=found,
         files=files,
-        problems=problems,
         scored=tuple(scored),
         left_out=tuple(left_out),
         failures=failures + len(left_out),
@@ -219,7 +208,7 @@ def leaderboard(
 
 def show(ranked: LeaderboardReport) -> int:
     """Print what was scored, the tables, what is wrong, and the files."""
-    from bench.reporting.leaderboard_page import leaderboard_tables
+    from bench.reporting.leaderboard import leaderboard_tables
 
     for line in ranked.scored:
         say(line)
@@ -228,7 +217,5 @@ def show(ranked: LeaderboardReport) -> int:
     print_blocks(leaderboard_tables(ranked.found))
     for run, fault in ranked.found.damaged:
         say(f"damaged: {run}: {fault}", style="red")
-    for problem in ranked.problems:
-        say(f"no picture: {problem}", style="yellow")
     note_files(ranked.files)
     return options.FAILURES if ranked.found.damaged or ranked.failures else 0

@@ -31,7 +31,7 @@ RUNS = Path("reports/runs")
 PROTOCOLS = "paper-v1,surface-v1"  # that a run is scored by where none is named
 PURPOSES = {"paper-v1": "the paper's rules", "surface-v1": "the rules of the leaderboard"}
 LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # as `make leaderboard` wrote it; else the one that ships
-READ_FIRST = ("summary.json", "table.md", "range_map.png")
+READ_FIRST = ("summary.json", "table.md")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -296,9 +296,11 @@ def print_runs(first: Run) -> int:
         The exit status.
     """
     from bench.recordings.cards import shipped_folder
+    from bench.reporting.document import Paragraph
     from bench.reporting.leaderboard import best_line
     from bench.reporting.run_tables import (
         is_rendered,
+        legend,
         nothing_scored,
         odd_masks,
         table_rows,
@@ -326,6 +328,7 @@ def print_runs(first: Run) -> int:
         print_blocks(terminal_report(rows, title=f"{told}{beside}, in percent"))
         for line in total_lines(summary, run.stored.protocol):
             note(line)
+    print_blocks([Paragraph(legend(rows), "dim")])
     print_cost(first.summary.provenance)
     failures = [*dict.fromkeys(failure for run in runs for failure in run.summary.failures)]
     print_failures(failures, all_in="summary.json")

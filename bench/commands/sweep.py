@@ -123,8 +123,7 @@ def sweep(
     from bench.harness.references import cache_folder
     from bench.harness.stages import part_of
     from bench.methods.settings import flat_settings
-    from bench.reporting.run_tables import write_report_files
-    from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
+    from bench.reporting.run_tables import METHOD_ONLY, sweep_table, write_report_files, write_sweep
 
     if "," in str(protocol):
         raise UsageError(f"sweep: expected one protocol, got {protocol!r}")
@@ -162,7 +161,7 @@ def sweep(
     }
     summaries = {value: run.summary for value, run in runs.items()}
     files = write_sweep(folder, setting, summaries, **shown)
-    return Sweep(folder=folder, runs=runs, table=table(setting, summaries, **shown), files=files)
+    return Sweep(folder=folder, runs=runs, table=sweep_table(setting, summaries, **shown), files=files)
 
 
 def _folder_name(value: str) -> str:

@@ -125,13 +125,6 @@ class Table:
             rows = shown.itertuples(index=False)
         return [[_as_cell(value, form) for value, form in zip(row, forms, strict=True)] for row in rows]
 
-    def transposed(self) -> Table:
-        """Return the table with rows for columns, for few rows and many columns; the first one becomes the headings."""
-        first, *rows = zip(self.headings(), *self.cells(), strict=True)
-        if not self.words:
-            first, rows = (Cell(""),) * len(first), [first, *rows]
-        return replace(self, columns=[Cell(""), *first[1:]], rows=rows, words=1)
-
     def _columns(self) -> Sequence[Heads]:
         return [*self.columns.values()] if isinstance(self.columns, Mapping) else self.columns
 

@@ -12,7 +12,6 @@ from bench.reporting.document import Block, Heading, Paragraph, Style, Table
 from bench.reporting.formats import shortened
 from bench.validation import Count, Depth, Finding, RecordingReport, Severity, ValidationReport
 
-SWEEP = "sweep.csv"  # the runs in a folder with this file are values of a sweep, and no entries of a leaderboard
 SHOWN = 5  # findings of one check in one recording, of which the file has all; faults of a kind
 SHOWN_PLACES = 3  # of findings that read alike
 STYLES: dict[Severity, Style] = {Severity.ERROR: "bad", Severity.WARNING: "warn"}

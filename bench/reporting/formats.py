@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Container, Iterable
+from dataclasses import replace
 
 from bench.evaluation import Metric, Protocol, Summary, headlines
 from bench.evaluation.definitions import HALF, IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.records.reference import Category, ReferenceFrame
-from bench.reporting.document import Cell
+from bench.reporting.document import Bar, Cell
 
 LABELS: dict[str, str] = {
     Category.CROSSING: "Crossing",
@@ -89,6 +90,16 @@ def metric_cell(metric: Metric) -> Cell:
     if math.isnan(metric.value):
         return Cell("n/a", (f"({metric.cases} cases)",))
     return _over(percent(metric.value), interval(metric.ci95))
+
+
+def bar_cell(metric: Metric, *notes: str, lowest: bool = False, tick: float | None = None) -> Cell:
+    """A ratio with its bar, and its interval and notes below; marked where it is the lowest of a table."""
+    cell = metric_cell(metric)
+    if math.isnan(metric.value):
+        return cell
+    below = tuple(filter(None, ("lowest" if lowest else "", *cell.below, *notes)))
+    bar = Bar(share=metric.value, interval=metric.ci95, tick=tick)
+    return replace(cell, below=below, style="bad" if lowest else "strong", bar=bar)
 
 
 def mean_cell(metric: Metric) -> Cell:

@@ -7,18 +7,20 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from shapely import box
 
 from bench.errors import ShapeError
 from bench.records.reference import Status
 from bench.records.segmentation import Segmentation
-from bench.reporting.canvas import figure_bytes, figure_pixels, overlay_areas, rgb
+from bench.reporting.figures import figure_bytes, figure_pixels
 from bench.reporting.frame import (
     AREA_COLOURS,
     Layers,
     PixelClass,
     draw_close_up,
     draw_frames,
+    overlay_areas,
     pixel_classes,
     reference_layers,
     scored_layers,
@@ -187,7 +189,7 @@ def test_a_close_up_shows_the_object_and_as_much_around_it():
 
 def seen_by_deuteranopes(colour):
     """Lab of "#rrggbb" without the green receptors (Vienot, Brettel and Mollon 1999, on linear light)."""
-    linear = (np.array(rgb(colour)) / 255.0) ** 2.2
+    linear = np.array(to_rgb(colour)) ** 2.2
     seen = np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]]) @ linear
     red_green_blue = np.clip(seen, 0, 1)[None, None] ** (1 / 2.2)
     return cv2.cvtColor(red_green_blue.astype(np.float32), cv2.COLOR_RGB2LAB)[0, 0]

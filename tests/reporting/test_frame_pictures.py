@@ -10,7 +10,7 @@ from matplotlib.quiver import Quiver
 
 from bench.evaluation.rows import objects_table
 from bench.records.reference import Category
-from bench.reporting.canvas import figure_bytes
+from bench.reporting.figures import figure_bytes
 from bench.reporting.frame_pictures import draw_cluster, draw_panels, example_frames, write_frame_pictures
 from tests.reporting.factories import busy_frame, cluster, fisheye_image, reference_frame, segmentation
 from tests.support.result_rows import object_row
@@ -107,13 +107,17 @@ def test_every_picture_of_a_frame_stays_in_the_folder_whatever_the_track_is_call
     assert sorted(names) == sorted(file.name for file in (tmp_path / "pictures").iterdir())
 
 
-def test_both_views_with_the_enlarged_object():
-    figure = draw_cluster(**cluster())
+def test_a_cluster_from_above_and_its_object_enlarged():
+    shown = cluster()
+    figure = draw_cluster(**shown)
     plan, picture = figure.axes
     assert plan.get_xlabel() == "y (m), left of the ego vehicle"
     assert plan.get_xlim()[0] > plan.get_xlim()[1]  # y grows to the left
     assert plan.get_ylim()[0] < plan.get_ylim()[1]  # x grows upwards
-    assert len(picture.child_axes) == 1
+    u_min, v_min, u_max, v_max = shown["polygon"].bounds
+    (left, right), (bottom, top) = picture.get_xlim(), picture.get_ylim()
+    assert left < u_min < u_max < right
+    assert top < v_min < v_max < bottom
 
 
 def test_a_cluster_of_named_points_has_no_outline():

@@ -9,8 +9,15 @@ from bench.evaluation.definitions import HALF
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.evaluation.rows import TableRows, objects_table
 from bench.records.reference import Direction
-from bench.reporting.canvas import figure_bytes, new_figure
-from bench.reporting.charts import HALF_TITLE, HATCH, draw_cells, draw_range_maps, draw_run_maps
+from bench.reporting.figures import (
+    HALF_TITLE,
+    HATCH,
+    draw_cells,
+    draw_range_maps,
+    draw_run_maps,
+    figure_bytes,
+    new_figure,
+)
 from tests.support.result_rows import object_row
 
 OUTLINE_M = np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])

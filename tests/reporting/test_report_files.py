@@ -12,7 +12,7 @@ from tests.support.counts import write_counts
 from tests.support.manifests import manifest, provenance
 from tests.support.result_rows import frame_row, object_row
 
-NAMES = ["table.md", "table.csv", "table.tex", "range_map.png", "range_map.svg"]
+NAMES = ["table.md", "table.csv", "table.tex"]
 
 
 @pytest.fixture(scope="module")
