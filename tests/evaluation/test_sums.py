@@ -17,8 +17,8 @@ from bench.evaluation import (
     summarise,
     write_sums,
 )
-from bench.evaluation.maps import THRESHOLDS, RangeMap, RangeMaps, coverage_curves, range_maps
-from bench.evaluation.rows import ChosenRows, TableRows, group_recordings, to_frame
+from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
+from bench.evaluation.rows import group_recordings, to_frame
 from bench.evaluation.sums import KEY, add_sums, sum_frames, sum_objects
 from bench.harness import open_tables
 from bench.harness.counts import StoredRows
@@ -131,24 +131,6 @@ def test_an_object_that_is_neither_scored_nor_ignored_for_a_known_reason_is_refu
     lost = objects.set_column(objects.schema.names.index("reason"), "reason", pa.array(reasons, pa.string()))
     with pytest.raises(DataError, match=r"reason: expected unclear, .*, got 'no such reason'"):
         summarise(lost, frames, protocol=PAPER)
-
-
-def test_chosen_rows_are_those_of_a_filtered_table() -> None:
-    objects, frames = random_run(3)
-    filtered = objects.filter(pa.compute.equal(objects["category"], "crossing"))
-    chosen = ChosenRows(source=TableRows(objects), column="category", word="crossing")
-    assert_same(reduced((chosen, frames), 20), reduced((filtered, frames)))
-
-
-def test_coverage_curves_count_at_least() -> None:
-    objects, _ = random_run(3)
-    rows = [r for r in objects.to_pylist() if r["status"] == "evaluated" and r["category"] == "crossing"]
-    found, chance = coverage_curves(shuffled(objects, 3), protocol=PAPER)["crossing"]
-    covered = np.array([r["tp"] / (r["tp"] + r["fn"]) for r in rows])
-    assert found.object_frames == len(rows) > 0
-    assert found.at_least[0] == np.count_nonzero(covered > 0)
-    assert found.at_least[1:].tolist() == [np.count_nonzero(covered >= level) for level in THRESHOLDS[1:]]
-    assert chance.object_frames == sum(r["chance_tp"] is not None for r in rows)
 
 
 def test_a_table_of_sums_survives_its_file(tmp_path: Path) -> None:
