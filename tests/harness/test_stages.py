@@ -27,7 +27,7 @@ from bench.harness.answers import (
     segmentation_of,
     write_answers,
 )
-from bench.harness.digests import RecordingDigests
+from bench.harness.digests import RecordingDigests, digest_recording
 from bench.harness.frames import InputOnly
 from bench.harness.references import evict_cache, find_references, reference_of, reference_row
 from bench.harness.tasks import cut_tasks
@@ -217,6 +217,16 @@ def stored(tiny_card, tmp_path_factory):
 
 
 @pytest.mark.parametrize("change", CHANGES)
+def test_a_change_of_any_file_of_a_recording_changes_its_digest(own_card, change):
+    handle = next(handle for handle in open_dataset(load_card(own_card)) if handle.name == "overtaking")
+    before = digest_recording(handle.open())
+    change(own_card.parent / "data" / "tiny" / "overtaking")
+    after = digest_recording(handle.open())
+    assert after.whole != before.whole
+    assert (after.reference != before.reference) == (change is not change_image)
+
+
+@pytest.mark.parametrize("change", [change_image, change_annotation])
 def test_changed_data_are_named_and_only_what_depends_on_them_is_computed_again(stored, own_card, tmp_path, change):
     out = shutil.copytree(stored, tmp_path / "run")
     before = bytes_of(out)
