@@ -76,7 +76,7 @@ class RunSummary(Summary):
         provenance: how the result came about.
         vehicle_outline_m: the ego vehicle from above, vehicle frame, for pictures.
         caveats: what a reader has to know of the data set, from its card.
-        failures: one line per recording, unit or image that could not be used; the metrics are of the rest.
+        failures: one line per recording, task or image that could not be used; the metrics are of the rest.
         threshold_free: what the method's likelihood is worth at all thresholds; None for a method without one.
     """
 
