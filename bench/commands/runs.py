@@ -264,7 +264,6 @@ def score(
         DataError: nothing of the data set could be used, or the folder holds another run.
     """
     from bench.harness import run_benchmark
-    from bench.reporting.frame_pictures import write_example_pictures
     from bench.reporting.run_tables import write_report_files
 
     runs: list[Run] = []
@@ -274,6 +273,8 @@ def score(
             finish(stored)
         files, missing = [stored.folder / READ_FIRST[0], *write_report_files(stored)[1]], list[str]()
         if pictures:
+            from bench.reporting.frame_pictures import write_example_pictures  # matplotlib, which no table needs
+
             with progress_bar("drawing", "pictures") as drawing:
                 drawn, missing = write_example_pictures(stored, card=request.card, progress=drawing)
             files += drawn

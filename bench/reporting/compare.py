@@ -41,6 +41,7 @@ from bench.harness.digests import short_digest
 from bench.harness.manifest import Aspect, Manifest, all_settings, differences
 from bench.harness.stages import Progress
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_digest, refuse_unscored
+from bench.reporting import formats
 from bench.reporting.document import (
     Bar,
     Block,
@@ -56,16 +57,6 @@ from bench.reporting.document import (
     Style,
     Table,
     Tags,
-)
-from bench.reporting.formats import (
-    LABELS,
-    found_by,
-    found_level,
-    hundredths,
-    image_name,
-    percent,
-    points,
-    points_interval,
 )
 
 
@@ -271,7 +262,7 @@ def metric_changes(before: StoredRun, after: StoredRun) -> pd.DataFrame:
     table["p_holm"] = tested.groupby("metric").transform(lambda p: pd.Series(holm([*p]), p.index))
     records = zip(keys, table.to_dict("records"), strict=True)
     table["verdict"] = [what_is_shown(row) if key[2] in HEADLINES else None for key, row in records]
-    table["label"] = [LABELS[name] for _, name, _ in keys]
+    table["label"] = [formats.LABELS[name] for _, name, _ in keys]
     return table
 
 
@@ -316,7 +307,7 @@ def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, 
     counts: list[pd.DataFrame] = []
 
     def parts() -> Iterator[pd.DataFrame]:
-        for rows in changes_in_parts(before.objects, after.objects, level=found_level(before.protocol)):
+        for rows in changes_in_parts(before.objects, after.objects, level=formats.found_level(before.protocol)):
             alone = rows[rows["change"].isin(["only_before", "only_after"])]
             if len(alone):
                 first = " ".join(str(alone.iloc[0][name]) for name in (*IMAGE, "track_id"))
@@ -489,7 +480,7 @@ def p_text(p_value: float) -> str:
 
 
 def _bound(ratio: float) -> str:
-    return "" if math.isnan(ratio) else hundredths(ratio)
+    return "" if math.isnan(ratio) else formats.hundredths(ratio)
 
 
 _COLUMNS: dict[str, Heads] = {
@@ -498,10 +489,10 @@ _COLUMNS: dict[str, Heads] = {
     "verdict": Column("Verdict", lambda verdict: Cell(str(verdict), style=STYLES.get(verdict, ""))),
     "frames_before": "Frames",
     "recordings": "Recs",
-    "before": Column("before", hundredths),
-    "after": Column("after", hundredths),
-    "difference": Column("change", points),
-    "ci95": Column("95 %", points_interval),
+    "before": Column("before", formats.hundredths),
+    "after": Column("after", formats.hundredths),
+    "difference": Column("change", formats.points),
+    "ci95": Column("95 %", formats.points_interval),
     "p_holm": Column("p (Holm)", p_text),
 }
 _CHANGE = ["recordings", "before", "after", "difference", "ci95"]
@@ -525,11 +516,11 @@ def terminal_report(comparison: RunComparison) -> list[Block]:
 
 def _motion_tag(name: str) -> Tags:
     """What is of all kinds of motion has no such tag, and stays."""
-    return {} if name in (ALL_MOVING, FRAMES) else {"motion": LABELS[name]}
+    return {} if name in (ALL_MOVING, FRAMES) else {"motion": formats.LABELS[name]}
 
 
 def _frame_tags(frame: Mapping[Any, Any]) -> Tags:
-    return {"motion": LABELS.get(frame["category"], ""), "recording": frame["recording"]}
+    return {"motion": formats.LABELS.get(frame["category"], ""), "recording": frame["recording"]}
 
 
 def _pair(comparison: RunComparison, out: Path, *, filters: bool) -> Iterator[Block]:
@@ -575,8 +566,8 @@ def verdict_tiles(comparison: RunComparison) -> Table:
     cells = []
     for row, change in zip(overall.to_dict("records"), _change_cells(overall), strict=True):
         p_value = p_text(row["p_holm"])
-        interval = "" if row["ci95"] is None else f"95 %: {points_interval(row['ci95'])}"
-        about = f"{hundredths(row['before'])} to {hundredths(row['after'])} %"
+        interval = "" if row["ci95"] is None else f"95 %: {formats.points_interval(row['ci95'])}"
+        about = f"{formats.hundredths(row['before'])} to {formats.hundredths(row['after'])} %"
         below = (str(row["verdict"]), about, ", ".join(filter(None, (interval, p_value and f"p {p_value}"))))
         cells.append(replace(change, text=f"{change.text} points", below=below, style=change.style or "strong"))
     headings = [HEADLINES[str(name)] for name in overall.index]
@@ -592,7 +583,7 @@ def _change_cells(rows: pd.DataFrame) -> list[Cell]:
         interval = None if ci95 is None else (0.5 + ci95[0] / scale, 0.5 + ci95[1] / scale)
         bar = Bar(share=0.5 + difference / scale, interval=interval, tick=0.5, dot=True)
         cells.append(
-            Cell(points(difference), style=STYLES.get(verdict, ""), bar=None if math.isnan(difference) else bar)
+            Cell(formats.points(difference), style=STYLES.get(verdict, ""), bar=None if math.isnan(difference) else bar)
         )
     return cells
 
@@ -635,9 +626,9 @@ def _recording_table(comparison: RunComparison) -> Table:
 
 def _detection_table(comparison: RunComparison) -> Table:
     return Table(
-        title=f"Object-frames gained and lost: found by {found_by(comparison.before.protocol)}",
+        title=f"Object-frames gained and lost: found by {formats.found_by(comparison.before.protocol)}",
         columns=["Type", "Object-frames", "detected before", "after", "newly detected", "newly missed"],
-        rows=comparison.detections.rename(index=LABELS).reset_index(),
+        rows=comparison.detections.rename(index=formats.LABELS).reset_index(),
         tags=[*map(_motion_tag, comparison.detections.index)],
     )
 
@@ -648,10 +639,10 @@ def _frame_table(kind: str, frames: pd.DataFrame) -> Table:
         what, which = "coverage", f"largest first, one per object, at most {LISTED}"
     records = frames.to_dict("records")
     names = [frame_title(frame).removeprefix(kind).lstrip(": ") for frame in records]
-    before = Column(f"{what} before, percent", hundredths)
+    before = Column(f"{what} before, percent", formats.hundredths)
     return Table(
         title=f"{kind.capitalize()}: {which}",
-        columns={"name": "Frame", "before": before, "after": Column("after", hundredths)},
+        columns={"name": "Frame", "before": before, "after": Column("after", formats.hundredths)},
         rows=frames.assign(name=names),
         tags=[*map(_frame_tags, records)],
     )
@@ -749,11 +740,13 @@ def _draw_changed_frames(
                 scored_layers(
                     processed,
                     label=label,
-                    note=f"coverage {percent(frame[run])}, IoU {percent(frame[f'iou_{run}'])}" if frame["what"] else "",
+                    note=f"coverage {formats.percent(frame[run])}, IoU {formats.percent(frame[f'iou_{run}'])}"
+                    if frame["what"]
+                    else "",
                 )
                 for processed, label, run in zip(both, labels, ("before", "after"), strict=True)
             ]
-            figure = draw_frames(sides, name=image_name(*key), title=_headline(frame))
+            figure = draw_frames(sides, name=formats.image_name(*key), title=_headline(frame))
             write_bytes(folder / name, figures.jpeg_bytes(figure, quality=QUALITY))
         return chosen[key]
 

@@ -6,7 +6,7 @@ path, the lidar in the world, and boxes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -63,85 +63,52 @@ def refuse_other_files(*, video: Path | None, rrd: Path | None) -> None:
         viewer()
 
 
-class VideoFile:
-    """A video that is being written, by `video_file`."""
-
-    def __init__(self, path: Path, named: Path, frame_rate_hz: float) -> None:
-        self._path, self._named, self._rate_hz = path, named, frame_rate_hz
-        self._writer: cv2.VideoWriter | None = None
-        self.pictures = 0
-
-    def add(self, picture: NDArray[np.uint8]) -> None:
-        """Append a picture, (H, W, 3) BGR uint8, of one size throughout; without the last row or column if odd.
-
-        Raises:
-            UsageError: this OpenCV cannot write such files.
-        """
-        even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]  # as codecs need it
-        if self._writer is None:
-            self._writer = self._opened((even.shape[1], even.shape[0]))
-        self._writer.write(np.ascontiguousarray(even))
-        self.pictures += 1
-
-    def close(self) -> None:
-        """Finish the file."""
-        if self._writer is not None:
-            self._writer.release()
-
-    def check(self) -> None:
-        """Read the finished file: OpenCV does not report that a disk is full.
-
-        Raises:
-            OutputError: it does not hold the pictures.
-        """
-        video = cv2.VideoCapture(str(self._path))
-        stated, held = video.get(cv2.CAP_PROP_FRAME_COUNT), 0  # by the file's own end, and what comes before it
-        while video.grab():
-            held += 1
-        video.release()
-        with self._path.open("rb") as file:
-            head = file.read(8)
-        length = int.from_bytes(head[4:], "little") + 8 if head.startswith(b"RIFF") else 0  # .avi, its last picture too
-        if not self.pictures == stated == held or length > self._path.stat().st_size:
-            raise OutputError(self._named, got="a file that ends before its last picture", hint=DISK_HINT)
-
-    def _opened(self, size: tuple[int, int]) -> cv2.VideoWriter:
-        codec = CODECS[self._named.suffix.lower()]
-        self._path.touch()  # OpenCV reports a path that cannot be written as it does a missing codec
-        writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*codec), self._rate_hz, size)
-        if not writer.isOpened():
-            raise UsageError(
-                f"{self._named}: expected a codec for {self._named.suffix} in this OpenCV, got none ({codec}); "
-                f"try another of {', '.join(CODECS)}"
-            )
-        return writer
-
-
 @contextmanager
-def video_file(path: Path, *, frame_rate_hz: float) -> Iterator[VideoFile]:
-    """A video file that appears whole or not at all; without any picture none is made.
+def video_file(path: Path, *, frame_rate_hz: float) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
+    """A video file that appears whole or not at all.
 
     Args:
         path: .mp4, .webm or .avi.
         frame_rate_hz: pictures per second.
 
     Yields:
-        Takes the pictures.
+        Takes a picture, (H, W, 3) BGR uint8, at least one, all of one size; without the last row or column if odd.
 
     Raises:
         UsageError: a codec that cannot be written.
         OutputError: the file is there, cannot be written, or not to its end.
     """
     refuse_foreign(path)
+    codec, pictures, writers = CODECS[path.suffix.lower()], 0, list[cv2.VideoWriter]()
+
+    def add(picture: NDArray[np.uint8]) -> None:
+        nonlocal pictures
+        even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]  # as codecs need it
+        if not writers:
+            temporary.touch()  # OpenCV reports a path that cannot be written as it does a missing codec
+            size = (even.shape[1], even.shape[0])
+            writers.append(cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*codec), frame_rate_hz, size))
+        if not writers[0].isOpened():
+            raise UsageError(
+                f"{path}: expected a codec for {path.suffix} in this OpenCV, got none ({codec}); "
+                f"try another of {', '.join(CODECS)}"
+            )
+        writers[0].write(np.ascontiguousarray(even))
+        pictures += 1
+
     with replacing(path) as temporary:
-        video = VideoFile(temporary, path, frame_rate_hz)
         try:
-            yield video
+            yield add
         finally:
-            video.close()
-        if not video.pictures:
-            raise UsageError(f"{path}: expected at least one picture for a video, got none")
-        video.check()
+            for writer in writers:
+                writer.release()
+        video, held = cv2.VideoCapture(str(temporary)), 0  # OpenCV does not report that a disk is full
+        while video.grab():
+            held += 1
+        stated = video.get(cv2.CAP_PROP_FRAME_COUNT)
+        video.release()
+        if not pictures == stated == held:
+            raise OutputError(path, got="a file that ends before its last picture", hint=DISK_HINT)
 
 
 TIMELINE = "exposure"
@@ -311,7 +278,7 @@ def write_film(
             figure = draw_frames([layers], name=image_name(recording.name, camera.name, image.timestamp_ns))
             picture = figures.figure_pixels(figure)
             if film is not None:
-                film.add(picture)
+                film(picture)
             if log is not None:
                 log.add(image, picture, sweep)
             progress(number, len(indices))

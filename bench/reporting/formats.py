@@ -89,7 +89,7 @@ def metric_cell(metric: Metric) -> Cell:
     """A ratio, "72.1 %", over its interval, "[65.0, 78.3]"; "n/a" over "(0 cases)" for NaN."""
     if math.isnan(metric.value):
         return Cell("n/a", (f"({metric.cases} cases)",))
-    return _over(percent(metric.value), interval(metric.ci95))
+    return Cell(percent(metric.value), (interval(metric.ci95),) if metric.ci95 else ())
 
 
 def bar_cell(metric: Metric, *notes: str, lowest: bool = False, tick: float | None = None) -> Cell:
@@ -100,17 +100,6 @@ def bar_cell(metric: Metric, *notes: str, lowest: bool = False, tick: float | No
     below = tuple(filter(None, ("lowest" if lowest else "", *cell.below, *notes)))
     bar = Bar(share=metric.value, interval=metric.ci95, tick=tick)
     return replace(cell, below=below, style="bad" if lowest else "strong", bar=bar)
-
-
-def mean_cell(metric: Metric) -> Cell:
-    """A mean that is no ratio in the same way, "3.2" over "[2.8, 3.9]"."""
-    if math.isnan(metric.value):
-        return metric_cell(metric)
-    return _over(f"{metric.value:.1f}", interval(metric.ci95, unit=1.0))
-
-
-def _over(text: str, below: str) -> Cell:
-    return Cell(text, (below,) if below else ())
 
 
 def with_interval(metric: Metric) -> str:

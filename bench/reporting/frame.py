@@ -114,35 +114,27 @@ def fit_text(text: Text, width_in: float) -> None:
 def place_labels(axes: Axes, polygons: Sequence[Outline], texts: Sequence[str]) -> None:
     """Write each text beside its polygon, inside the axes and off the labels already there.
 
-    Above the polygon where there is room, else below it, else further up and down.
+    Above the polygon where there is room, else below it, else further up and down; amid it last.
     """
     taken: list[Bbox] = []
+    (left, right), (top, bottom) = sorted(axes.get_xlim()), sorted(axes.get_ylim())  # v grows downwards
     figure_width_in = axes.figure.get_figure(root=True).get_figwidth()
     size = float(np.clip(2.5 * figure_width_in * axes.get_position().width, *_LABEL_SIZES))
     for polygon, text in zip(polygons, texts, strict=True):
         label = axes.text(0, 0, plain(text), fontsize=size, color="white", ha="left", va="bottom", zorder=10)
         label.set_path_effects([effect(linewidth=1.4, foreground="black") for effect in (Stroke, withStroke)])
         extent = label.get_window_extent().transformed(axes.transData.inverted())
-        places = _label_places(axes, polygon, width=abs(extent.width), height=abs(extent.height))
-        free = [place for place in places if not any(place.overlaps(other) for other in taken)]
-        chosen = free[0] if free else places[-1]
-        label.set_position((chosen.x0, chosen.y1))
-        taken.append(chosen)
-
-
-def _label_places(axes: Axes, polygon: Outline, *, width: float, height: float) -> list[Bbox]:
-    """Boxes inside the axes where the label of a polygon may stand, the best first; amid the polygon last."""
-    left, right = sorted(axes.get_xlim())
-    top, bottom = sorted(axes.get_ylim())  # v grows downwards
-    u_min, v_min, u_max, v_max = polygon.bounds
-    above, below = v_min - _LABEL_GAP_PX, v_max + _LABEL_GAP_PX + height
-    amid = float(np.clip((v_min + v_max + height) / 2, top + height, bottom))
-    levels = [above, below, *(above - k * height for k in range(1, 6)), *(below + k * height for k in range(1, 6))]
-    sides = np.clip(
-        [(u_min + u_max - width) / 2, u_min, u_max - width], left + _LABEL_GAP_PX, right - width - _LABEL_GAP_PX
-    )
-    places = [(u, v) for v in levels if top + height <= v <= bottom for u in sides]
-    return [Bbox.from_extents(u, v - height, u + width, v) for u, v in (*places, (sides[0], amid))]
+        width, height = abs(extent.width), abs(extent.height)
+        u_min, v_min, u_max, v_max = polygon.bounds
+        u = float(np.clip((u_min + u_max - width) / 2, left + _LABEL_GAP_PX, right - width - _LABEL_GAP_PX))
+        above, below = v_min - _LABEL_GAP_PX, v_max + _LABEL_GAP_PX + height
+        levels = [v for k in range(6) for v in (above - k * height, below + k * height)]
+        inside = [v for v in levels if top + height <= v <= bottom]
+        amid = float(np.clip((v_min + v_max + height) / 2, top + height, bottom))
+        places = [Bbox.from_extents(u, v - height, u + width, v) for v in (*inside, amid)]
+        free = (place for place in places if not any(place.overlaps(other) for other in taken))
+        taken.append(next(free, places[-1]))
+        label.set_position((u, taken[-1].y1))
 
 
 # A frame.

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -42,7 +42,6 @@ from bench.reporting.document import (
     Block,
     Cell,
     Choice,
-    Code,
     Column,
     Filters,
     Group,
@@ -197,10 +196,11 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     """
     sound, damaged = read_runs(folder)
     groups: list[RankedGroup] = []
-    for runs in _of_one_protocol(sound):
+    for runs in _grouped(sorted(sound, key=_data_and_rules), _of_same_rules):
         if len({reference_of(run) for run in runs}) > 1:
             runs = _readable(runs, damaged)
-        groups += [rank_runs(alike) for alike in _comparable(runs)]
+        runs.sort(key=lambda run: (-run.summary.images.evaluated, run.label))
+        groups += [rank_runs(alike) for alike in _grouped(runs, lambda group, run: not why_apart(group, run))]
     most: dict[str, int] = {}
     for group in groups:
         most[group.dataset] = max(group.cases[ALL_MOVING][1], most.get(group.dataset, 0))
@@ -253,30 +253,25 @@ def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list
     return readable
 
 
-def _of_one_protocol(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
-    """Runs in groups of one data set, split and protocol, sorted by these."""
+def _data_and_rules(run: StoredRun) -> tuple[str, str, str]:
+    return run.manifest.dataset.name, run.manifest.dataset.split or "", run.manifest.protocol.digest
 
-    def order(run: StoredRun) -> tuple[str, str, str]:
-        return run.manifest.dataset.name, run.manifest.dataset.split or "", run.manifest.protocol.digest
 
+def _of_same_rules(group: Sequence[StoredRun], run: StoredRun) -> bool:
+    return all(difference.comparable for difference in differences(group[0].manifest, run.manifest))
+
+
+def _grouped(
+    runs: Iterable[StoredRun], belongs: Callable[[Sequence[StoredRun], StoredRun], bool]
+) -> list[list[StoredRun]]:
+    """Each run in the first group to which it belongs, else in one of its own."""
     groups: list[list[StoredRun]] = []
-    for run in sorted(runs, key=order):
-        if groups and all(d.comparable for d in differences(groups[-1][0].manifest, run.manifest)):
-            groups[-1].append(run)
-        else:
-            groups.append([run])
-    return groups
-
-
-def _comparable(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
-    """Runs of one data set, split and protocol in groups whose references agree on their common images."""
-    groups: list[list[StoredRun]] = []
-    for run in sorted(runs, key=lambda run: (-run.summary.images.evaluated, run.label)):
-        joined = next((group for group in groups if not why_apart(group, run)), None)
-        if joined is None:
+    for run in runs:
+        group = next((group for group in groups if belongs(group, run)), None)
+        if group is None:
             groups.append([run])
         else:
-            joined.append(run)
+            group.append(run)
     return groups
 
 
@@ -476,7 +471,7 @@ ABOUT = (
     "carried along."
 )
 NOTES = (
-    "In formats.percent, of the images that all runs of a table scored: at least "
+    "In percent, of the images that all runs of a table scored: at least "
     f"{100 * LEAST_COMMON:.0f} % of those of each, with the same reference. {formats.INTERVALS}",
     "Ranked by IoU over all moving object-frames, an undetected one having 0. Best is a method only where `compare` "
     "shows it better than each of the others; else it is the first, and ranks below may be chance. Specks apart from "
@@ -485,13 +480,6 @@ NOTES = (
     "an image, in one thread. Verified: `verify` counted the run again on this machine. Shipped: a row that comes with "
     "the package, not compared in pairs.",
 )
-ENTER = (
-    "A method is a class in a Python file, or a folder of masks. This scores it on the same images and puts it beside "
-    "the others; send the folder of its run as a zip file with a link to its code:"
-)
-ENTER_COMMAND = """fisheye-bench leaderboard reports/runs --score demo --methods my_method:MyMethod --out board
-fisheye-bench evaluate demo --predictions my_masks/ --protocol surface-v1
-fisheye-bench verify reports/runs/demo/my_method-MyMethod"""
 
 
 def leaderboard_tables(board: Leaderboard) -> Iterator[Block]:
@@ -630,7 +618,6 @@ def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
         *_leaders(board),
         Group(look="section", name="table", title="All runs", blocks=[Filters(choices), *tables]),
         _methods(board),
-        Group(look="section", name="enter", title="How to enter", blocks=[Paragraph(ENTER), Code(ENTER_COMMAND)]),
         Group(look="section", name="how", title="How to read it", blocks=notes),
         *unread,
     ]

@@ -22,6 +22,7 @@ from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
 from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun, read_run
+from bench.plain_text import counted
 from bench.reporting.document import (
     Block,
     Cell,
@@ -441,4 +442,4 @@ def _folded(title: str, lines: Sequence[str]) -> list[Group]:
 def _chart_section(name: str, title: str, charts: Sequence[Chart], none: str, about: str) -> Group:
     shown: Block = Group(look="charts", blocks=[chart.drawing() for chart in charts])
     blocks = [Paragraph(about), shown if charts else Paragraph(none, "warn")]
-    return Group(look="section", name=name, title=title, count=f"{len(charts)} charts", blocks=blocks)
+    return Group(look="section", name=name, title=title, count=counted(len(charts), "chart"), blocks=blocks)

@@ -23,25 +23,8 @@ from bench.harness import Provenance, RunSummary, StoredRun
 from bench.plain_text import counted
 from bench.recordings import load_card
 from bench.records.reference import Category, IgnoreReason
+from bench.reporting import formats
 from bench.reporting.document import Block, Cell, Column, Heads, Paragraph, Report, Table, to_latex
-from bench.reporting.formats import (
-    CEILING,
-    INTERVALS,
-    annotations_field,
-    chance_of,
-    detection_levels,
-    headline_metrics,
-    hundredths,
-    level_percent,
-    mean_cell,
-    metric_cell,
-    metric_record,
-    percent,
-    row_label,
-    short_interval,
-    shortened,
-    with_interval,
-)
 
 FALSE_POSITIVES = "false_positives"
 FALSE_POSITIVE_METRICS = tuple(metric.field for metric in definitions.FALSE_POSITIVES)
@@ -49,7 +32,7 @@ COMPARED = {"detection_rate": "Detection rate", "tpr": "TPR", "iou_detected": "I
 _OF_PAPER = {"detection_rate": "detection_rate", "tpr": "tpr", "iou_detected": "iou"}  # its name of each
 COVERAGES = {name: find_metric(name).label for name in ("iou", "tpr_all", "iou_detected", "tpr")}
 FURTHER = {name: find_metric(name).label for name in ("ceiling_iou", "unknown_share")}  # of some data and protocols
-CASES_NOTE = "Cases: object-frames; in the last row images, and the area of the image."
+CASES_NOTE = "Cases: object-frames; in the last row images, and the share of the image that is wrongly marked."
 BESIDE_NOTE = (
     "TPR and IoU beside the paper's are over the detected object-frames. Differences in percentage points. The paper's "
     "recordings are private: same form, not the same data."
@@ -59,9 +42,8 @@ CHANCE_NOTE = (
 )
 COVERAGE_NOTE = (
     "TPR: mean coverage, IoU: mean intersection over union, of the detected object-frames or of all. Ceiling: "
-    f"{CEILING}. Unknown: share of an object's pixels in its unknown band, where nothing counts."
+    f"{formats.CEILING}. Unknown: share of an object's pixels in its unknown band, where nothing counts."
 )
-FALSE_POSITIVE_NOTE = "False-positive coverage: what is marked outside of all moving objects, as a share of the image."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,7 +82,7 @@ class TableRow:
 
     def paper_percent(self, name: str) -> str:
         """The paper's value as it prints it, "72 %"; "" where it has none."""
-        return percent(self.paper[name], digits=0) if name in self.paper else ""
+        return formats.percent(self.paper[name], digits=0) if name in self.paper else ""
 
 
 def is_rendered(card: str) -> bool:
@@ -127,7 +109,7 @@ def table_rows(summary: Summary, *, beside_paper: bool = True) -> list[TableRow]
         rows.append(
             TableRow(
                 name=name,
-                label=row_label(name, summary.false_positive_causes),
+                label=formats.row_label(name, summary.false_positive_causes),
                 frames=found.object_frames,
                 paper_frames=theirs.object_frames if theirs else None,
                 tracks=found.tracks,
@@ -165,15 +147,15 @@ def left_out_note(rows: Sequence[TableRow]) -> str:
 def threshold_free_line(found: ThresholdFreeMetrics) -> str:
     """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... "."""
     return (
-        f"Over all thresholds: AUPRC {with_interval(found.auprc)}, false-positive rate at 95 % recall "
-        f"{with_interval(found.fpr95)}; over the pixels of {found.images} images, from histograms."
+        f"Over all thresholds: AUPRC {formats.with_interval(found.auprc)}, false-positive rate at 95 % recall "
+        f"{formats.with_interval(found.fpr95)}; over the pixels of {found.images} images, from histograms."
     )
 
 
 def detection_columns(rows: Sequence[TableRow]) -> dict[str, str]:
     """Names and headings of the detection rates, with the protocol's own levels."""
     names = next((list(row.metrics) for row in rows if row.name != FALSE_POSITIVES), [])
-    levels = {name: f"at {level_percent(name):g} %" for name in detection_levels(names)}
+    levels = {name: f"at {formats.level_percent(name):g} %" for name in formats.detection_levels(names)}
     return {"detection_rate": find_metric("detection_rate").label} | levels
 
 
@@ -185,20 +167,19 @@ def _further_columns(rows: Sequence[TableRow]) -> dict[str, str]:
 def legend(rows: Sequence[TableRow]) -> str:
     """Return the note on how to read all tables of these rows."""
     beside = [BESIDE_NOTE] if any(row.paper for row in rows) else []
-    return " ".join([CASES_NOTE, *beside, CHANCE_NOTE, COVERAGE_NOTE, FALSE_POSITIVE_NOTE, INTERVALS])
+    return " ".join([CASES_NOTE, *beside, CHANCE_NOTE, COVERAGE_NOTE, formats.INTERVALS])
 
 
 def text_tables(rows: Sequence[TableRow]) -> tuple[Table, ...]:
-    """Ours beside the paper's; detection and coverage with their intervals; the false positives."""
+    """Ours beside the paper's; detection and coverage with their intervals."""
     rates: dict[str, str] = {}
     for name, heading in detection_columns(rows).items():
-        rates |= {name: heading, chance_of(name): "chance"}
+        rates |= {name: heading, formats.chance_of(name): "chance"}
     coverages = COVERAGES | _further_columns(rows)
     return (
         _beside_the_paper(rows),
         _with_intervals(rows, title="Detection", shown=rates, note=CHANCE_NOTE),
         _with_intervals(rows, title="Coverage", shown=coverages, note=COVERAGE_NOTE),
-        _false_positives(rows),
     )
 
 
@@ -213,7 +194,7 @@ def _beside_the_paper(rows: Sequence[TableRow]) -> Table:
         line: list[object] = [_label(row.label), row.recordings, row.frames, *([row.paper_frames] if beside else [])]
         # The paper prints the false-positive coverage in the column of the detection rate.
         for name in ["coverage"] if row.name == FALSE_POSITIVES else COMPARED:
-            line.append(percent(row.metrics[name].value, cases=row.metrics[name].cases))
+            line.append(formats.percent(row.metrics[name].value, cases=row.metrics[name].cases))
             line += [row.paper_percent(name), row.difference(name)] if beside else []
         lines.append(line + [None] * (len(columns) - len(line)))
     title = f"Results by category of objects{', beside the paper' if beside else ''}"
@@ -226,28 +207,18 @@ def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str,
     bounded = any(row.metrics[name].ci95 for row in of_objects for name in shown)
     return Table(
         title=f"{title} with 95 % intervals" if bounded else title,
-        columns=["Type", "Recordings", "Cases", "Objects", *(Column(text, metric_cell) for text in shown.values())],
+        columns=[
+            "Type",
+            "Recordings",
+            "Cases",
+            "Objects",
+            *(Column(text, formats.metric_cell) for text in shown.values()),
+        ],
         rows=[
             [_label(row.label), row.recordings, row.frames, row.tracks, *map(row.metrics.get, shown)]
             for row in of_objects
         ],
-        note=f"{note} {INTERVALS}",
-    )
-
-
-def _false_positives(rows: Sequence[TableRow]) -> Table:
-    shares = "False-positive coverage", "of the valid pixels", "Frames with a large false positive"
-    columns = [*(Column(heading, metric_cell) for heading in shares), Column("Components per frame", mean_cell)]
-    return Table(
-        title="False positives",
-        columns=["Recordings", "Images", *columns],
-        rows=[
-            [row.recordings, row.frames, *map(row.metrics.get, FALSE_POSITIVE_METRICS)]
-            for row in rows
-            if row.name == FALSE_POSITIVES
-        ],
-        words=0,
-        note=f"{FALSE_POSITIVE_NOTE} {INTERVALS}",
+        note=f"{note} {formats.INTERVALS}",
     )
 
 
@@ -293,11 +264,11 @@ def terminal_report(rows: Sequence[TableRow], *, title: str) -> list[Block]:
 def _texts(row: TableRow, name: str) -> dict[str, str]:
     """A metric, and what stands below it, by the name of the line."""
     metric = row.metrics[name]
-    chance = row.metrics.get(chance_of(name)) if name.startswith("detection_rate") else None
+    chance = row.metrics.get(formats.chance_of(name)) if name.startswith("detection_rate") else None
     return {
-        "": hundredths(metric.value),
-        "95 %": f"({metric.cases})" if math.isnan(metric.value) else short_interval(metric),
-        "chance": "" if chance is None or math.isnan(chance.value) else hundredths(chance.value),
+        "": formats.hundredths(metric.value),
+        "95 %": f"({metric.cases})" if math.isnan(metric.value) else formats.short_interval(metric),
+        "chance": "" if chance is None or math.isnan(chance.value) else formats.hundredths(chance.value),
         "paper": f"{100 * row.paper[name]:.0f}" if name in row.paper else "",
         "diff.": row.difference(name),
     }
@@ -316,9 +287,9 @@ def report(rows: Sequence[TableRow], *, notes: Sequence[str] = (), unreviewed: s
     """
     numbers: list[dict[str, object]] = [
         {"row": row.name, "label": row.label, "frames": row.frames, "paper_frames": row.paper_frames,
-         "tracks": row.tracks, "metric": name} | metric_record(metric)
+         "tracks": row.tracks, "metric": name} | formats.metric_record(metric)
         | {"recordings": row.recordings, "paper": row.paper.get(name), "difference_points": row.difference_points(name)}
-        | annotations_field(unreviewed)
+        | formats.annotations_field(unreviewed)
         for row in rows
         for name, metric in row.metrics.items()
     ]  # fmt: skip
@@ -344,7 +315,7 @@ def _about(run: StoredRun) -> str:
     """Method, data set and protocol; settings that are not the method's defaults; annotations that nobody reviewed."""
     method, data = run.manifest.method, run.manifest.dataset
     settings = [f"{name} = {value}" for name, value in method.changed_settings().items()]
-    shown = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
+    shown = formats.shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
     split = f", split {data.split}" if data.split else ""
     told = f"method {method.name} ({shown}), data set {data.name}{split}, {run.protocol.name}"
     return ", ".join(part for part in (told, run.summary.unreviewed.rstrip(".")) if part)
@@ -440,12 +411,18 @@ METHOD_ONLY = "Injected errors reach the method only: the reference keeps the tr
 
 def sweep_table(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Table:
     """A row a value, over all moving objects."""
-    headings = [find_metric(name).label for name in headline_metrics(next(iter(runs.values())))]
+    headings = [find_metric(name).label for name in formats.headline_metrics(next(iter(runs.values())))]
     return Table(
         title=title,
-        columns=[setting, "Images", "Object-frames", "Recordings", *(Column(text, metric_cell) for text in headings)],
+        columns=[
+            setting,
+            "Images",
+            "Object-frames",
+            "Recordings",
+            *(Column(text, formats.metric_cell) for text in headings),
+        ],
         rows=[
-            [value, *_sweep_counts(summary).values(), *headline_metrics(summary).values()]
+            [value, *_sweep_counts(summary).values(), *formats.headline_metrics(summary).values()]
             for value, summary in runs.items()
         ],
         note=note,
@@ -454,11 +431,11 @@ def sweep_table(setting: str, runs: Mapping[str, RunSummary], *, title: str, not
 
 def sweep_report(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Report:
     """One table over all moving objects, and how to read it; of numbers a line a value, ratios in [0, 1]."""
-    about = f"IoU and TPR are averages over all object-frames that move. {INTERVALS} {note}".rstrip()
+    about = f"IoU and TPR are averages over all object-frames that move. {formats.INTERVALS} {note}".rstrip()
     numbers = []
     for value, summary in runs.items():
         row: dict[str, object] = {setting: value, **_sweep_counts(summary)}
-        for name, metric in headline_metrics(summary).items():
+        for name, metric in formats.headline_metrics(summary).items():
             low, high = metric.ci95 or (None, None)
             row |= {name: metric.value, f"{name}.ci95_low": low, f"{name}.ci95_high": high}
         numbers.append(row)
@@ -488,7 +465,7 @@ def write_sweep(
     """
     from bench.reporting.figures import Chart, draw_sweep, write_picture  # matplotlib, which no table needs
 
-    metrics = {value: headline_metrics(summary) for value, summary in runs.items()}
+    metrics = {value: formats.headline_metrics(summary) for value, summary in runs.items()}
     figure = draw_sweep(setting, metrics, title=title, note=note)
     told = sweep_report(setting, runs, title=title, note=note)
     chart = Chart(name="sweep", figure=figure, label=f"Headline metrics for each value of {setting}").drawing()

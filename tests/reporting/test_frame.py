@@ -79,9 +79,6 @@ def test_pixel_classes_are_the_areas_of_the_metrics():
     assert np.count_nonzero(classes == PixelClass.TRUE_POSITIVE) == 50
     assert np.count_nonzero(classes == PixelClass.FALSE_NEGATIVE) == 50
     assert np.count_nonzero(classes == PixelClass.FALSE_POSITIVE) == 5 * 120 - 2 * 50
-
-
-def test_a_mask_of_another_size_is_refused():
     with pytest.raises(ShapeError, match="detected"):
         pixel_classes(busy_frame(), detected=np.zeros((10, 10), dtype=bool))
 
@@ -131,17 +128,14 @@ def test_a_picture_names_image_objects_and_their_values():
     assert [text.get_text() for text in figure.axes[0].texts] == ["a: TPR 50 %, IoU 33 %", "b: beyond range"]
     assert figure.texts[0].get_text() == "demo, camera front, 1.20 s"
     assert figure.axes[0].get_title() == "false positives 0.0 % of the image"
+    unscored = ["unknown band", "ignored object", "not annotated", "not evaluated"]
+    assert legend_of(figure) == ["found", "missed", "wrongly marked", *unscored]
     alone = draw_frames([reference_layers(fisheye_image(), reference_frame(objects), label="paper-v1")], name="demo")
     assert [text.get_text() for text in alone.axes[0].texts] == ["a: crossing", "b: beyond range"]
     assert alone.axes[0].get_title() == "paper-v1\n1 of 3 annotated objects evaluated"
-
-
-def test_one_legend_for_all_of_the_reference_and_of_results():
-    figure = drawn(busy_frame(), busy_frame().labels > 0)
-    unscored = ["unknown band", "ignored object", "not annotated", "not evaluated"]
-    assert legend_of(figure) == ["found", "missed", "wrongly marked", *unscored]
-    alone = draw_frames([reference_layers(fisheye_image(), busy_frame(), label="paper-v1")], name="demo")
     assert legend_of(alone) == ["reference", *unscored]
+    long = drawn(busy_frame(), busy_frame().labels > 0, name="a long name of a recording " * 4)
+    assert long.texts[0].get_window_extent().width < long.bbox.width
 
 
 def test_an_outline_is_drawn_where_it_hides_no_band():
@@ -163,11 +157,6 @@ def test_several_methods_beside_each_other():
     rows = [round(axes.get_position().y0, 3) for axes in figure.axes]
     assert rows[0] == rows[1] > rows[2]
     assert len(figure.legends) == 1
-
-
-def test_long_names_are_made_as_small_as_the_picture():
-    figure = drawn(busy_frame(), busy_frame().labels > 0, name="a long name of a recording " * 4)
-    assert figure.texts[0].get_window_extent().width < figure.bbox.width
 
 
 def test_a_film_keeps_its_size_whatever_is_seen():

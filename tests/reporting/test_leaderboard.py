@@ -17,7 +17,6 @@ from bench.reporting.run_tables import SWEEP
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed
 from tests.support.counts import counts_file, write_seconds
-from tests.support.stored_files import change_manifest
 
 
 @pytest.fixture(scope="module")
@@ -172,16 +171,6 @@ def test_best_is_only_what_compare_shows_to_be_better_than_each_of_the_others(tm
     assert "First of 3 on demo: uneven" in page
     assert "Not shown to be behind it: steady." in page
     assert '<p class="remark good">' not in page
-
-
-def test_methods_of_the_package_are_described(tmp_path):
-    run = write_run(tmp_path / "plain", drawn(50), protocol="surface-v1", method="spherical")
-    place = "bench.methods.spherical.method:SphericalMethod"
-    change_manifest(run, lambda content: content["method"].update(place=place))
-    (group,) = read_leaderboard(tmp_path).groups
-    (entry,) = group.entries
-    assert entry.about.startswith("The paper's method: dense flow on cells")
-    assert entry.code_file == "bench/methods/spherical/method.py"
 
 
 def test_shipped_rows_stand_beside_what_compares_with_them(judged, tmp_path):

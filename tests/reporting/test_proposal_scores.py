@@ -2,14 +2,14 @@
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from bench.reporting.proposal_scores import COUNTS, ERRORS, WHERE, write_proposal_scores
 
+WORST = pd.DataFrame({"recording": "one", "track": [f"<{n}>" for n in range(25)], "wrong": "missed", "frames": 7})
 
-@pytest.fixture
-def files(tmp_path):
-    """Scores of two ranges; nothing was annotated in the second group."""
+
+def written(folder):
+    """Files of scores of two ranges; nothing was annotated in the second group."""
     rows = [
         dict(zip((*WHERE, *COUNTS, *ERRORS), (label, group, *values), strict=True))
         for label in ("< 8 m", "all")
@@ -18,21 +18,14 @@ def files(tmp_path):
             ("<animal>", (0, np.nan, np.nan, 0, 0.0, *9 * [np.nan])),
         )
     ]
-    worst = pd.DataFrame({"recording": "one", "track": [f"<{n}>" for n in range(25)], "wrong": "missed", "frames": 7})
-    *found, tracks = write_proposal_scores(
-        tmp_path / "out",
-        pd.DataFrame(rows),
-        0.5,
-        worst=worst,
-        dataset="a & b",
-        recordings=["one", "two"],
-    )
-    assert pd.read_csv(tracks).equals(worst)
-    return {file.suffix: file for file in found}
+    scores = pd.DataFrame(rows)
+    return write_proposal_scores(folder, scores, 0.5, worst=WORST, dataset="a & b", recordings=["one", "two"])
 
 
-def test_all_files_tell_the_same(files):
-    page, text, table = (files[suffix].read_text() for suffix in (".html", ".md", ".csv"))
+def test_all_files_tell_the_same(tmp_path):
+    *files, tracks = written(tmp_path / "out")
+    assert pd.read_csv(tracks).equals(WORST)
+    page, text, table = (file.read_text() for file in files)
     for told in (page, text):
         assert "2 recordings, 30 s of sweeps." in told
         assert all(word in told for word in ("8 m", "97.5", "n/a", "87.5", "12.5"))

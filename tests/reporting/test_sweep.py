@@ -12,8 +12,7 @@ from bench.evaluation import FalsePositiveMetrics, Metric, ObjectMetrics
 from bench.reporting.document import to_csv, to_markdown
 from bench.reporting.figures import BLUE, GREEN, PURPLE, VERMILION, draw_sweep
 from bench.reporting.formats import headline_metrics
-from bench.reporting.run_tables import sweep_report, sweep_table, write_sweep
-from tests.reporting.printed import printed
+from bench.reporting.run_tables import sweep_report, write_sweep
 
 
 def metric(value, *, spread=0.1):
@@ -70,14 +69,6 @@ def test_markdown_has_the_headline_metrics_with_intervals():
     assert len({line.count("|") for line in text.splitlines() if line.startswith("|")}) == 1
 
 
-def test_terminal_table_fits():
-    runs = {'{"epipolar": 0, "anti_parallel": 0.5}': run(0.5), "{}": run(math.nan)}
-    shown = printed([sweep_table("threshold", runs, title="threshold on demo", note="A note.")])
-    assert all(text in shown for text in ("45.0 %", "[35.0, 55.0]", "[26.0, 30.0]", "n/a", "A note."))
-    assert "…" not in shown
-    assert all(len(line) <= 110 for line in shown.splitlines())
-
-
 def test_a_protocol_without_the_level_has_no_such_column():
     runs = {value: run(0.5, levels=("10",)) for value in ("1e-3", "2e-3")}
     told = sweep_report("threshold", runs, title="t")
@@ -98,25 +89,16 @@ def test_chart_draws_the_metrics_in_percent_with_their_intervals():
 
 
 @pytest.mark.parametrize(
-    ("values", "scale", "at"),
-    [
-        (("-1", "0", "20"), "linear", [-1, 0, 20]),
-        (("5", "8"), "linear", [5, 8]),
-        (("dis", "farneback"), "linear", [0, 1]),
-    ],
+    ("values", "at"), [(("-1", "0", "20"), [-1, 0, 20]), (("5", "8"), [5, 8]), (("dis", "farneback"), [0, 1])]
 )
-def test_values_that_are_no_numbers_stand_side_by_side(values, scale, at):
+def test_values_that_are_no_numbers_stand_side_by_side(values, at):
     axes = axes_of({value: run(0.5) for value in values})
-    assert axes.get_xscale() == scale
-    assert axes.lines[0].get_xdata().tolist() == at
+    assert (axes.get_xscale(), axes.lines[0].get_xdata().tolist()) == ("linear", at)
     if values[0] == "dis":
         assert [label.get_text() for label in axes.get_xticklabels()] == ["dis", "farneback"]
 
 
-def test_files_do_not_change(tmp_path):
+def test_the_files_of_a_sweep(tmp_path):
     files = write_sweep(tmp_path, "threshold", RUNS, title="threshold on demo")
     assert sorted(file.name for file in files) == ["sweep.csv", "sweep.html", "sweep.md", "sweep.svg"]
-    before = {file: file.read_bytes() for file in files}
-    assert b"<svg" in before[tmp_path / "sweep.html"]
-    write_sweep(tmp_path, "threshold", RUNS, title="threshold on demo")
-    assert {file: file.read_bytes() for file in files} == before
+    assert "<svg" in (tmp_path / "sweep.html").read_text()

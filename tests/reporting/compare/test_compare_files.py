@@ -119,10 +119,3 @@ def test_the_terminal_table_fits(folders):
         assert word in shown
     lines = [line.split() for line in shown.splitlines()]
     assert ["Preceding", "too", "few", "3", "50.0", "15.8", "-34.2"] in lines
-
-
-@pytest.mark.parametrize(
-    ("ratio", "text"), [(0.0, "0.0"), (-0.00001, "-0.0"), (0.12345, "+12.3"), (float("nan"), "n/a")]
-)
-def test_points(ratio, text):
-    assert points(ratio) == text

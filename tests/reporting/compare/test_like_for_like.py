@@ -7,7 +7,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from bench.commands.compare import compare, show
 from bench.errors import UsageError
 from bench.evaluation import load_protocol, summarise
 from bench.evaluation.rows import CommonImages, RowsOnImages
@@ -99,20 +98,6 @@ def test_every_form_says_how_many_images_each_run_had(runs, tmp_path):
     with (tmp_path / "compare.csv").open() as stream:
         counts = {(r["images_before"], r["images_after"], r["images_compared"]) for r in csv.DictReader(stream)}
     assert counts == {("12", "9", "9")}
-
-
-@pytest.mark.slow
-def test_the_terminal_says_so_and_pictures_are_of_those_images(runs, tmp_path, capsys):
-    show(compare(*runs.values(), out=tmp_path, pictures=True))
-    assert "Compared on the 9 images that both scored: one scored 12, two 9." in " ".join(
-        capsys.readouterr().out.split()
-    )
-    assert list((tmp_path / "pictures").glob("*.jpg"))
-
-
-def test_a_run_beside_itself_says_that_the_images_are_the_same(runs):
-    (found,) = compare_runs(read_comparable([runs["one"], runs["one"]]))
-    assert found.notes[0] == "Compared on the 12 images that both scored."
 
 
 @pytest.mark.slow

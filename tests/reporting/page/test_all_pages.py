@@ -2,8 +2,6 @@
 
 import base64
 
-import numpy as np
-import pandas as pd
 import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
@@ -12,8 +10,8 @@ from bench.reporting.compare import compare_runs, read_comparable
 from bench.reporting.compare import report as report_comparison
 from bench.reporting.document import Choice, Filters, Table, to_page
 from bench.reporting.leaderboard import read_leaderboard, write_leaderboard
-from bench.reporting.proposal_scores import COUNTS, ERRORS, WHERE, write_proposal_scores
 from tests.reporting.compare.runs import drawn, write_run
+from tests.reporting.test_proposal_scores import written
 from tests.support.browser import accessibility_faults, opened
 
 pytestmark = pytest.mark.slow
@@ -50,20 +48,7 @@ def comparison(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def proposals(tmp_path_factory):
-    """Scores of two groups; nothing was annotated in the second."""
-    columns = (*WHERE, *COUNTS, *ERRORS)
-    full = ("< 8 m", "all", 40, 0.975, 0.9, 1, 2.0, 0.875, 0.03, 0.2, 0.1, 0.4, 0.3, 0.7, 1.5, 12.5)
-    rows = [full, ("< 8 m", "<animal>", 0, np.nan, np.nan, 0, 0.0, *9 * [np.nan])]
-    worst = pd.DataFrame({"recording": "one", "track": [f"<{n}>" for n in range(25)], "wrong": "missed", "frames": 7})
-    files = write_proposal_scores(
-        tmp_path_factory.mktemp("proposals"),
-        pd.DataFrame(rows, columns=columns),
-        0.5,
-        worst=worst,
-        dataset="a & b",
-        recordings=["one", "two"],
-    )
-    return files[0]
+    return written(tmp_path_factory.mktemp("proposals"))[0]
 
 
 @pytest.mark.parametrize("width", [1280, 390])
