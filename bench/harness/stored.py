@@ -315,6 +315,10 @@ def _read_protocol(folder: Path, manifest: Manifest, summary: RunSummary) -> Pro
         expected = f"the protocol of {MANIFEST}, with digest {short_digest(manifest.protocol.digest)}"
         got = f"{protocol.name!r} with digest {short_digest(protocol.digest)}"
         raise DataError(file, expected=expected, got=got)
+    rows = {str(category) for category in protocol.reference.categories}
+    if rows != summary.categories.keys():
+        expected, got = ", ".join(sorted(rows)), ", ".join(summary.categories)
+        raise DataError(folder / SUMMARY, field="categories", expected=expected, got=got)
     levels = {metric.name for metric in level_metrics(protocol.scoring.detection_levels)}
     if missing := sorted(levels - {*summary.all_moving.metric_names()}):
         expected, got = "the metrics of its protocol", f"no {missing[0]}"
