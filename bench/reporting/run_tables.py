@@ -145,15 +145,10 @@ def left_out_note(rows: Sequence[TableRow]) -> str:
 
 
 def threshold_free_line(found: ThresholdFreeMetrics) -> str:
-    """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... ", with what the bins leave open."""
-    auprc, rate = (
-        " to ".join(formats.percent(bound, digits=2) for bound in bounds)
-        for bounds in (found.auprc_bounds, found.fpr95_bounds)
-    )
+    """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... "."""
     return (
         f"Over all thresholds: AUPRC {formats.with_interval(found.auprc)}, false-positive rate at 95 % recall "
-        f"{formats.with_interval(found.fpr95)}; over the pixels of {found.images} images, from histograms"
-        + (f": without bins AUPRC lies in {auprc}, the rate in {rate}." if found.auprc.cases else ".")
+        f"{formats.with_interval(found.fpr95)}; over the pixels of {found.images} images, from histograms."
     )
 
 

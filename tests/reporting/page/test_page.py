@@ -137,7 +137,7 @@ def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
 @pytest.mark.usefixtures("without_charts")
 def test_a_run_without_maps_of_the_image_plane_still_makes_a_page(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    for file in run.rglob("*.map.npz"):
+    for file in run.rglob("*.map.parquet"):
         file.unlink()
     text = write_page(run, pictures=False).file.read_text()
     assert "holds no maps of the image plane" in text
