@@ -9,12 +9,12 @@ from typing import Annotated as Of
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform, quaternions_wxyz
 from bench.recordings import openlabel
-from bench.recordings.validation import FileModel, TimeNs, read_json
+from bench.recordings.validation import FileModel, TimeNs, in_order, read_json
 from bench.records.recording import (
     ALWAYS_NS,
     COMPLETELY,
@@ -31,6 +31,7 @@ from bench.times import unit_hint
 
 REVIEW_SUFFIX = ".review.json"  # of files beside the annotations, from which they are made
 
+Stretch = Of[tuple[TimeNs | None, TimeNs | None], AfterValidator(in_order)]
 Outline = Of[tuple[tuple[float, float], ...], Field(min_length=3, max_length=1000)]
 
 
@@ -42,15 +43,8 @@ class PartlyAnnotated(FileModel):
         left_out_m: outlines on the ground, x and y in the vehicle frame, in which nothing is annotated.
     """
 
-    timestamps_ns: tuple[tuple[TimeNs | None, TimeNs | None], ...] = Field(default=((None, None),), min_length=1)
+    timestamps_ns: tuple[Stretch, ...] = Field(default=((None, None),), min_length=1)
     left_out_m: tuple[Outline, ...] = ()
-
-    @model_validator(mode="after")
-    def _in_order(self) -> PartlyAnnotated:
-        for first, last in self.timestamps_ns:
-            if first is not None and last is not None and first > last:
-                raise ValueError(f"first and last time of a stretch in order, not {first} before {last}")
-        return self
 
 
 Statement = Literal["none", "complete"] | PartlyAnnotated
