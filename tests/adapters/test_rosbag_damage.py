@@ -1,6 +1,5 @@
 """Bags that were cut short, damaged or made to hurt: one line says what is wrong and how to repair it."""
 
-import copy
 import sqlite3
 import struct
 from contextlib import closing
@@ -118,15 +117,6 @@ def test_a_bag_that_was_cut_short_says_how_to_repair_it(whole, tmp_path, share):
     refused(copied(whole, tmp_path, content[: int(len(content) * share)]), whole)
 
 
-def test_a_file_without_the_end_that_a_recorder_writes(whole_mcap, tmp_path):
-    content = whole_mcap.read_bytes()
-    content = content[: content.rindex(b"\x0f\x04\x00\x00\x00\x00\x00\x00\x00")]
-    root = copied(whole_mcap, tmp_path, content)
-    refused(root, whole_mcap)
-    (root / "drive" / whole_mcap.name).write_bytes(content + b"\x89MCAP0\r\n")
-    refused(root, whole_mcap)
-
-
 def test_a_recorder_that_died_left_no_metadata(whole, tmp_path):
     root = copied(whole, tmp_path, metadata=False)
     told = "metadata.yaml: expected the metadata that a recorder writes last, got no such file"
@@ -183,15 +173,6 @@ def test_a_chunk_that_is_gone_is_missed(whole_mcap, tmp_path):
     content = bytearray(whole_mcap.read_bytes())
     content[chunks_of(content)[2][0]] = 0x7F
     refused(copied(whole_mcap, tmp_path, bytes(content)), whole_mcap, "messages, where its statistics say 240")
-
-
-def test_a_wrong_length(whole_mcap, tmp_path):
-    content = bytearray(whole_mcap.read_bytes())
-    begin, _ = chunks_of(content)[1]
-    struct.pack_into("<Q", content, begin + 1, 2**61)
-    refused(
-        copied(whole_mcap, tmp_path, bytes(content)), whole_mcap, "a record of kind 6 with 2305843009213693952 bytes"
-    )
 
 
 def test_overwritten_pages_of_a_database(written, tmp_path):
@@ -460,17 +441,13 @@ def test_memory_does_not_grow_with_the_length(tmp_path):
     """Four times the messages, 12 MB more: the index grows by some bytes for each, and nothing else."""
 
     def peak(name, rounds):
-        noise = np.random.default_rng(1).integers(0, 256, (240, 320), dtype=np.uint8)
-        rows = []
+        rows = [(bags.LIDAR, bags.CLOUD, FIRST, bags.cloud(FIRST, bags.sweep_points(0)))]
         for i in range(rounds):
-            time_ns = tiny.TIMES_NS[0] + i * STEP_NS
-            rows.append((bags.FRONT, bags.IMAGE, time_ns, bags.image(time_ns, noise)))
+            time_ns = FIRST + i * STEP_NS
+            rows.append((bags.FRONT, bags.IMAGE, time_ns, bags.image(time_ns, tiny.pixels(0))))
             rows.append((bags.ODOM, bags.ODOMETRY, time_ns, bags.odometry(time_ns, (0.1 * i, 0.0, 0.0))))
-        for_lidar = (bags.LIDAR, bags.CLOUD, tiny.TIMES_NS[0], bags.cloud(tiny.TIMES_NS[0], bags.sweep_points(0)))
-        rig = copy.deepcopy(bags.RIG)
-        rig["cameras"]["front"]["image_size"] = [320, 240]
-        rig["cameras"]["front"]["model"]["principal_point"] = [160, 120]
-        root = bags.data_set(tmp_path / name, [for_lidar, *rows], rig)
+            rows.append(("/blob", bags.IMAGE, time_ns, bags.image(time_ns, np.zeros((240, 320), dtype=np.uint8))))
+        root = bags.data_set(tmp_path / name, rows)
         handle_of(root).open()  # what is loaded once
 
         def walk():
