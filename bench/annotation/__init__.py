@@ -4,14 +4,13 @@
 with annotations where there are some. How well it works, and where it fails, is told in docs/annotate.md.
 """
 
-from bench.annotation.evaluate import class_confusion, evaluate_proposals, proposal_scores, worst_tracks
+from bench.annotation.evaluate import evaluate_proposals, proposal_scores, worst_tracks
 from bench.annotation.proposals import Proposal, propose
 from bench.annotation.settings import ProposalSettings
 
 __all__ = [
     "Proposal",
     "ProposalSettings",
-    "class_confusion",
     "evaluate_proposals",
     "proposal_scores",
     "propose",

@@ -1,9 +1,10 @@
-"""Decisions applied to proposals: one pure function, and the geometry of what reviewers change."""
+"""Decisions applied to proposals, the geometry of what reviewers change, and what of it becomes annotations."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -11,17 +12,15 @@ from numpy.typing import NDArray
 from shapely.geometry import LineString, Polygon, box
 from shapely.ops import split
 
-from bench.annotation.doubts import hole_doubts, holes, size_doubts
+from bench.annotation.settings import ProposalSettings
 from bench.annotation.store import (
-    Accept,
     BoxState,
     Decision,
     Doubt,
     Draw,
+    Judge,
     Merge,
     Redo,
-    Reject,
-    Reopen,
     Review,
     SetBox,
     SetCategory,
@@ -30,18 +29,30 @@ from bench.annotation.store import (
     SplitSpace,
     SplitTime,
     StoredTrack,
-    Trim,
     Undo,
 )
-from bench.errors import UsageError
+from bench.errors import DataError, UsageError
+from bench.geometry import RigidTransform
+from bench.plain_text import counted
+from bench.recordings import Cuboid, ObjectState, Recording, Track
+from bench.records.recording import world_yaw_rates
 from bench.records.reference import ObjectClass
 
 Status = Literal["open", "accepted", "rejected"]
-STATUS_OF: dict[type, Status] = {Accept: "accepted", Reject: "rejected", Reopen: "open"}
+STATUS_AFTER: dict[str, Status] = {"accept": "accepted", "reject": "rejected", "reopen": "open"}
 
 USUAL_STEP_NS = 100_000_000  # between states, where a track has only one
 LARGEST_GAP_NS = 2_000_000_000  # that merging fills; a longer one stays open
+HOLE = 1.5  # usual steps between two states, from which on one is missing
 FAR_M = 1000.0  # a line through a box is drawn out to both sides by this
+LONGEST_M, WIDEST_M = ProposalSettings().longest_m, ProposalSettings().widest_m
+USUAL_M: dict[ObjectClass, tuple[tuple[float, float], ...]] = {  # least and most length, width and height of a box
+    "pedestrian": ((0.2, 2.4), (0.2, 1.3), (0.6, 2.2)),  # children, and who carries or pushes something
+    "cyclist": ((1.1, 3.2), (0.3, 1.3), (0.9, 2.3)),  # with a trailer or a load
+    "vehicle": ((1.2, LONGEST_M), (0.5, WIDEST_M), (0.8, 4.2)),  # from motorcycles and small cars to buses with a joint
+    "animal": ((0.2, 3.0), (0.1, 1.3), (0.1, 2.2)),  # cats to horses
+}
+SIDES = (("short", "long"), ("narrow", "wide"), ("low", "high"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,6 +111,11 @@ class Motion:
         """Usual time between two states."""
         return int(np.median(np.diff(self.times_ns))) if len(self) > 1 else USUAL_STEP_NS
 
+    def holes(self, step_ns: int) -> list[tuple[int, int]]:
+        """The last time before each hole and the first time after it; states are usually a step apart."""
+        rows = np.flatnonzero(np.diff(self.times_ns) > HOLE * step_ns)
+        return [(int(self.times_ns[row]), int(self.times_ns[row + 1])) for row in rows]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReviewedTrack:
@@ -135,55 +151,39 @@ class ReviewedTrack:
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
-        """Reasons to look twice, with those that follow from the track as it stands."""
-        misfits = size_doubts(self.object_class, self.size_m)
-        return (*hole_doubts(self.motion.times_ns, self.motion.step_ns), *misfits, *self.proposed_doubts)
-
-    @property
-    def doubt(self) -> float:
-        """Sum of the weights of its doubts."""
-        return sum(doubt.weight for doubt in self.doubts)
-
-    @property
-    def span_ns(self) -> tuple[int, int]:
-        """First and last time."""
-        return int(self.motion.times_ns[0]), int(self.motion.times_ns[-1])
+        """Reasons to look twice: what follows from the track as it stands, which a reviewer can mend, goes first."""
+        step_ns = self.motion.step_ns
+        missing = [round((end - start) / step_ns) - 1 for start, end in self.motion.holes(step_ns)]
+        doubts = []
+        if missing:
+            count = max(sum(missing), 1)
+            reason = f"{'hole' if len(missing) == 1 else counted(len(missing), 'hole')} of {counted(count, 'sweep')}"
+            doubts.append(Doubt(reason=reason, value=count))
+        a_class = f"a{'n' if self.object_class[0] in 'aeiou' else ''} {self.object_class}"
+        for value, (least, most), words in zip(self.size_m.tolist(), USUAL_M[self.object_class], SIDES, strict=True):
+            if not least <= value <= most:
+                doubts.append(Doubt(reason=f"{value:.1f} m is {words[int(value > most)]} for {a_class}", value=value))
+        return (*doubts, *self.proposed_doubts)
 
 
 State = dict[str, ReviewedTrack]  # by id, in the order in which they came up
 
 
-def applied(review: Review) -> tuple[ReviewedTrack, ...]:
+def applied(review: Review) -> State:
     """Return all tracks as they stand after all decisions in force; merged ones are gone, rejected ones are there.
 
     Raises:
         UsageError: a decision about a track that does not exist then, or one that cannot be carried out.
     """
-    return tuple(replayed(opening(review), review.decisions).values())
-
-
-def replayed(state: State, decisions: Iterable[Decision]) -> State:
-    """Carry out all decisions in force.
-
-    Args:
-        state: before the first decision; see `opening`.
-        decisions: as a review logs them.
-
-    Raises:
-        UsageError: as `applied`.
-    """
-    for decision in in_force(decisions):
+    state = opening(review)
+    for decision in history(review.decisions)[0]:
         state = after(state, decision)
     return state
 
 
-def in_force(decisions: Iterable[Decision]) -> tuple[Decision, ...]:
-    """The decisions that were not taken back.
-
-    Raises:
-        UsageError: as `history`.
-    """
-    return history(decisions)[0]
+def opening(review: Review) -> State:
+    """The tracks before the first decision."""
+    return {track.id: undecided(track) for track in review.tracks}
 
 
 def history(decisions: Iterable[Decision]) -> tuple[tuple[Decision, ...], tuple[Decision, ...]]:
@@ -195,30 +195,15 @@ def history(decisions: Iterable[Decision]) -> tuple[tuple[Decision, ...], tuple[
     made: list[Decision] = []
     taken_back: list[Decision] = []
     for decision in decisions:
-        if isinstance(decision, Undo):
-            _move(made, taken_back, "undo")
-        elif isinstance(decision, Redo):
-            _move(taken_back, made, "redo")
+        if isinstance(decision, Undo | Redo):
+            source, target = (made, taken_back) if isinstance(decision, Undo) else (taken_back, made)
+            if not source:
+                raise UsageError(f"{decision.action}: expected a decision to {decision.action}, got none")
+            target.append(source.pop())
         else:
             made.append(decision)
             taken_back.clear()
     return tuple(made), tuple(taken_back)
-
-
-def decide(review: Review, decision: Decision) -> Review:
-    """Append a decision.
-
-    Raises:
-        UsageError: it cannot be carried out; the review stays as it is.
-    """
-    decided = review.model_copy(update={"decisions": (*review.decisions, decision)})
-    applied(decided)
-    return decided
-
-
-def opening(review: Review) -> State:
-    """The tracks before the first decision."""
-    return {track.id: _unreviewed(track) for track in review.tracks}
 
 
 def after(state: State, decision: Decision) -> State:
@@ -228,8 +213,8 @@ def after(state: State, decision: Decision) -> State:
         UsageError: as `applied`.
     """
     match decision:
-        case Accept() | Reject() | Reopen():
-            return _each(state, decision.tracks, lambda track: replace(track, status=STATUS_OF[type(decision)]))
+        case Judge():
+            return _each(state, decision.tracks, lambda track: replace(track, status=STATUS_AFTER[decision.action]))
         case SetClass():
             return _each(state, decision.tracks, lambda track: replace(track, object_class=decision.object_class))
         case SetUnclear():
@@ -244,8 +229,6 @@ def after(state: State, decision: Decision) -> State:
             return _split_in_space(state, decision)
         case SetBox():
             return _each(state, (decision.track,), lambda track: _with_key(track, decision))
-        case Trim():
-            return _each(state, (decision.track,), lambda track: _trimmed(track, *decision.span_ns))
         case Draw():
             return _drawn(state, decision)
     raise AssertionError(decision)
@@ -264,13 +247,8 @@ def _interpolated(
     return np.stack([np.interp(seconds, known_s, column) for column in values.T], axis=1)
 
 
-def _move(source: list[Decision], target: list[Decision], action: str) -> None:
-    if not source:
-        raise UsageError(f"{action}: expected a decision to {action}, got none")
-    target.append(source.pop())
-
-
-def _unreviewed(track: StoredTrack) -> ReviewedTrack:
+def undecided(track: StoredTrack) -> ReviewedTrack:
+    """A track of a file before any decision."""
     motion = motion_of(track.states)
     return ReviewedTrack(
         id=track.id,
@@ -317,7 +295,7 @@ def _free_id(state: State, track_id: str) -> str:
 def _drawn(state: State, decision: Draw) -> State:
     if decision.drawn.id in state:
         raise UsageError(f"track {decision.drawn.id!r}: expected a new name, got one that exists")
-    return {**state, decision.drawn.id: replace(_unreviewed(decision.drawn), status="accepted")}
+    return {**state, decision.drawn.id: replace(undecided(decision.drawn), status="accepted")}
 
 
 def _with_key(track: ReviewedTrack, key: SetBox) -> ReviewedTrack:
@@ -366,13 +344,6 @@ def _corrected(found: Motion, keys: Mapping[int, SetBox]) -> Motion:
 
 def _wrapped(angle_rad: float) -> float:
     return float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
-
-
-def _trimmed(track: ReviewedTrack, first_ns: int, last_ns: int) -> ReviewedTrack:
-    inside = (track.motion.times_ns >= first_ns) & (track.motion.times_ns <= last_ns)
-    if not inside.any():
-        raise UsageError(f"track {track.id!r}: expected a span with a state of it, got {first_ns} to {last_ns}")
-    return _baked(track, motion=track.motion.where(inside))
 
 
 def _baked(track: ReviewedTrack, **changes: object) -> ReviewedTrack:
@@ -480,7 +451,81 @@ def _in_one(a: Motion, b: Motion) -> Motion:
     )
     step_ns = min(a.step_ns, b.step_ns) if len(b) > 1 else a.step_ns
     times = [together.times_ns]
-    for start, end in holes(together.times_ns, step_ns):
+    for start, end in together.holes(step_ns):
         if end - start <= LARGEST_GAP_NS:
             times.append(_between(start, end, step_ns))
     return together.at(np.unique(np.concatenate(times)))
+
+
+def to_tracks(review: Review, recording: Recording, *, unreviewed: bool = False) -> tuple[Track, ...]:
+    """Tracks of a recording from its review.
+
+    Args:
+        review: of the recording.
+        recording: for its ego-motion.
+        unreviewed: take what was proposed and not rejected, and mark it as not reviewed, instead of what was accepted.
+
+    Returns:
+        Tracks with boxes in the vehicle frame at each time, level in the world, and velocities over the ground along
+        the vehicle's axes.
+
+    Raises:
+        DataError: a time without ego-motion.
+        UsageError: decisions that cannot be carried out.
+    """
+    wanted = {"open", "accepted"} if unreviewed else {"accepted"}
+    tracks = [track for track in applied(review).values() if track.status in wanted]
+    return tuple(to_track(track, recording, reviewed=not unreviewed) for track in tracks)
+
+
+def refuse_unfinished(review: Review, recording: Recording, file: Path) -> None:
+    """Refuse a review that leaves something open.
+
+    Raises:
+        DataError: tracks without a decision, or sweeps that were not watched.
+    """
+    hint = "finish it with `fisheye-bench annotate review`, or take --unreviewed"
+    undecided = [track.id for track in applied(review).values() if track.status == "open"]
+    if undecided:
+        got = f"{len(undecided)} without one, the first {undecided[0]}"
+        raise DataError(file, field="decisions", expected="a decision on each track", got=got, hint=hint)
+    watched_ns = set(review.watched_ns)
+    unseen = sum(sweep.timestamp_ns not in watched_ns for sweep in recording.sweeps)
+    if unseen:
+        got = f"{unseen} of {len(recording.sweeps)} sweeps that nobody watched"
+        raise DataError(file, field="watched_ns", expected="a drive that was watched to its end", got=got, hint=hint)
+
+
+def to_track(track: ReviewedTrack, recording: Recording, *, reviewed: bool) -> Track:
+    """One track of a recording; see `to_tracks`.
+
+    Raises:
+        DataError: a time without ego-motion.
+    """
+    motion = track.motion
+    rotations, positions_m, valid = recording.trajectory.at(motion.times_ns)
+    if not valid.all():
+        recording.trajectory.world_from_vehicle(int(motion.times_ns[~valid][0]))  # raises, with what is there
+    vehicle_from_world = rotations.swapaxes(1, 2)
+    axes = np.stack([rotated(np.tile(axis, (len(motion), 1)), motion.yaws_rad) for axis in np.eye(3)], axis=2)
+    centres_m = np.einsum("nij,nj->ni", vehicle_from_world, motion.centres_m - positions_m)
+    velocities = np.einsum("nij,nj->ni", vehicle_from_world[:, :, :2], motion.velocities_mps)
+    poses = RigidTransform.each(vehicle_from_world @ axes, centres_m)
+    return Track(
+        track_id=track.id,
+        object_class=track.object_class,
+        states=tuple(
+            ObjectState(
+                timestamp_ns=int(time_ns),
+                shape=Cuboid(vehicle_from_object=pose, size_m=track.size_m),
+                velocity_mps=velocity,
+                yaw_rate_radps=float(rate),
+                category=track.category,
+                unclear=track.unclear,
+            )
+            for time_ns, pose, velocity, rate in zip(
+                motion.times_ns, poses, velocities, world_yaw_rates(motion.times_ns, axes), strict=True
+            )
+        ),
+        reviewed=reviewed,
+    )

@@ -11,14 +11,16 @@ from shapely import contains_xy
 from shapely.geometry import MultiPoint, Polygon
 
 from bench.annotation.boxes import guess_class
-from bench.annotation.store import BoxState, Position, StoredTrack
-from bench.annotation.views import GROUND_M, sweep_points_world
+from bench.annotation.store import Position, StoredTrack, box_states
 from bench.errors import UsageError
+from bench.lidar import LidarSweep
 from bench.recordings import Recording
 from bench.recordings.validation import FileModel
 from bench.records.recording import world_velocities
-from bench.records.reference import ObjectClass
+from bench.reference.sweeps import pose_sweep
 
+GROUND_M, GROUND_SLOPE = 0.2, 0.01  # above the road by less than this and this part of the range
+NEAR_M, LOW_PERCENT = 15.0, 5  # returns so near tell the height of the road
 FEWEST_POINTS = 5
 FARTHEST_SWEEPS = 300  # that a track is followed in each direction
 REACH_M = 0.6  # around where the object is expected, in which its points are looked for
@@ -35,12 +37,34 @@ class Lasso(FileModel):
     Attributes:
         sweep: index of the sweep.
         outline_m: x and y in the world, m.
-        object_class: of the object; None to guess by its size.
     """
 
     sweep: int = Field(ge=0)
     outline_m: tuple[tuple[Position, Position], ...] = Field(min_length=3, max_length=1000)
-    object_class: ObjectClass | None = None
+
+
+def sweep_points_world(sweep: LidarSweep, recording: Recording) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The points of a sweep in the world, each taken from where the lidar was at its own time.
+
+    Returns:
+        points: (N, 3) float64, m, world frame.
+        ground: (N,) bool, True near the road as the vehicle stands on it.
+
+    Raises:
+        DataError: no ego-motion at the time of the sweep.
+    """
+    placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
+    if placed is None:
+        for time_ns in sweep.times_ns[[0, -1]] if len(sweep.times_ns) else ():
+            recording.trajectory.world_from_vehicle(int(time_ns))  # raises, with what is there
+        return np.empty((0, 3)), np.empty(0, dtype=bool)
+    points = placed.points_world()
+    world_from_vehicle = recording.trajectory.world_from_vehicle(int(placed.interpolation_ns[0]))
+    away = points - world_from_vehicle.translation_m
+    above_m, range_m = away @ world_from_vehicle.rotation[:, 2], np.hypot(*away.T[:2])
+    near = range_m < NEAR_M
+    road_m = np.percentile(above_m[near], LOW_PERCENT) if near.any() else 0.0
+    return points, above_m - road_m < GROUND_M + GROUND_SLOPE * range_m
 
 
 def draw_track(recording: Recording, lasso: Lasso, *, name: str) -> StoredTrack:
@@ -62,11 +86,11 @@ def draw_track(recording: Recording, lasso: Lasso, *, name: str) -> StoredTrack:
     found = {lasso.sweep: points}
     found |= dict(_followed(recording, points, lasso.sweep, before))
     found |= dict(_followed(recording, points, lasso.sweep, behind))
-    return _fitted(recording, dict(sorted(found.items())), lasso.object_class, name)
+    return _fitted(recording, dict(sorted(found.items())), name)
 
 
 def _standing(recording: Recording, index: int) -> NDArray[np.float64]:
-    points, _, ground = sweep_points_world(recording.sweeps[index].read(), recording)
+    points, ground = sweep_points_world(recording.sweeps[index].read(), recording)
     return points[~ground]
 
 
@@ -98,9 +122,7 @@ def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray((low + high) / 2)
 
 
-def _fitted(
-    recording: Recording, found: dict[int, NDArray[np.float64]], object_class: ObjectClass | None, name: str
-) -> StoredTrack:
+def _fitted(recording: Recording, found: dict[int, NDArray[np.float64]], name: str) -> StoredTrack:
     times_ns = np.array([recording.sweeps[i].timestamp_ns for i in found], dtype=np.int64)
     middles = np.array([[*_middle(points), 0.0] for points in found.values()])
     velocities = world_velocities(times_ns, _smoothed(middles)) if len(found) > 2 else np.zeros((len(found), 3))
@@ -118,24 +140,15 @@ def _fitted(
         lows[row], highs[row] = np.percentile(own, 2, axis=0) - MARGIN_M, np.percentile(own, 98, axis=0) + MARGIN_M
     lows[:, 2] -= GROUND_M - MARGIN_M  # what stands on the road was left out with it
     size_m = np.maximum(np.percentile(highs - lows, 80, axis=0), SMALLEST_M)
-    states = []
-    for time_ns, low, high, yaw, velocity in zip(times_ns, lows, highs, yaws, velocities, strict=True):
-        centre_m = _axes(yaw) @ np.array([*(low + high)[:2] / 2, high[2] - size_m[2] / 2])
-        states.append(
-            BoxState(
-                timestamp_ns=int(time_ns),
-                centre_m=tuple(centre_m.tolist()),
-                yaw_rad=float(yaw),
-                velocity_mps=tuple(velocity[:2].tolist()),
-            )
-        )
+    middles = np.column_stack([(lows + highs)[:, :2] / 2, highs[:, 2] - size_m[2] / 2])
+    centres_m = np.array([_axes(yaw) @ middle for yaw, middle in zip(yaws, middles, strict=True)])
     return StoredTrack(
         id=name,
         source="drawn",
-        object_class=object_class or guess_class(size_m, speed_mps),
+        object_class=guess_class(size_m, speed_mps),
         size_m=tuple(size_m.tolist()),
         points_median=float(np.median([len(points) for points in found.values()])),
-        states=tuple(states),
+        states=box_states(times_ns, centres_m, yaws, velocities[:, :2]),
     )
 
 
@@ -156,11 +169,6 @@ def _heading(points: NDArray[np.float64]) -> float:
 
 def _smoothed(positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Mean of up to five neighbours, fewer and as many on both sides at the ends."""
-    rows = len(positions_m)
-    return np.array(
-        [
-            positions_m[i - reach : i + reach + 1].mean(axis=0)
-            for i in range(rows)
-            for reach in (min(2, i, rows - 1 - i),)
-        ]
-    )
+    last = len(positions_m) - 1
+    reaches = [min(2, i, last - i) for i in range(len(positions_m))]
+    return np.array([positions_m[i - reach : i + reach + 1].mean(axis=0) for i, reach in enumerate(reaches)])

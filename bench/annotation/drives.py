@@ -1,25 +1,34 @@
-"""Proposals of the drives of a data set: in workers, resumable, stored as review files."""
+"""Reviews of drives: proposed, made anew with the decisions kept, compared, and those of two reviewers as one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import partial
+from itertools import count
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from scipy.optimize import linear_sum_assignment
+from shapely.geometry import Polygon
 
-from bench.annotation.carry_over import carry_over, merge_reviews
-from bench.annotation.decisions import opening
+from bench.annotation.decisions import Motion, ReviewedTrack, State, applied, history, opening, to_tracks, undecided
 from bench.annotation.evaluate import evaluate_proposals
-from bench.annotation.export import to_tracks
 from bench.annotation.proposals import Proposal, propose
 from bench.annotation.store import (
-    BoxState,
+    Decision,
     Doubt,
+    Draw,
+    Judge,
     Proposed,
     Review,
+    SetCategory,
+    SetClass,
+    SetUnclear,
     StoredTrack,
+    box_states,
     read_review,
     review_file,
     write_review,
@@ -30,11 +39,11 @@ from bench.harness.digests import REFERENCE_CODE, code_digest, digest_ego_motion
 from bench.recordings import Recording, RecordingHandle
 from bench.records.recording import COMPLETELY
 
-MODULES = (
-    *("boxes", "free_space", "ground", "joining", "prepared", "proposals"),
-    *("registration", "settings", "tracking"),
-)
+MODULES = ("boxes", "free_space", "prepared", "proposals", "settings", "tracking")
 CODE = (*REFERENCE_CODE, *(f"annotation/{name}.py" for name in MODULES))
+SIZE_M = 0.3  # two reviewers' boxes of one object have sides as long as this
+DESCRIBING = (Judge, SetClass, SetUnclear, SetCategory)  # decisions that leave the boxes as they are
+LEAST_IOU = 0.5  # of outlines seen from above, added up over time, from which on two tracks are the same
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,7 +129,6 @@ def proposal_digests(recording: Recording) -> Proposed:
 
 def stored_track(proposal: Proposal) -> StoredTrack:
     """A proposal as a review file holds it."""
-    rows = zip(proposal.timestamps_ns, proposal.centres_m, proposal.yaw_rad, proposal.velocity_mps, strict=True)
     return StoredTrack(
         id=proposal.track_id,
         source="proposed",
@@ -128,10 +136,7 @@ def stored_track(proposal: Proposal) -> StoredTrack:
         size_m=tuple(proposal.size_m.tolist()),
         doubts=tuple(Doubt(reason=reason, value=value) for reason, value in proposal.doubts),
         points_median=float(proposal.points_median),
-        states=tuple(
-            BoxState(timestamp_ns=int(time), centre_m=centre.tolist(), yaw_rad=float(yaw), velocity_mps=way.tolist())
-            for time, centre, yaw, way in rows
-        ),
+        states=box_states(proposal.timestamps_ns, proposal.centres_m, proposal.yaw_rad, proposal.velocity_mps),
     )
 
 
@@ -169,6 +174,17 @@ def evaluate_drives(
     return pd.concat(frames, ignore_index=True), float(sum(minutes))
 
 
+def _evaluate_drive(folder: Path, against: Path | None, handle: RecordingHandle) -> tuple[pd.DataFrame, float]:
+    review = read_review(review_file(folder, handle.name))
+    recording = handle.open()
+    if against is not None:
+        other = to_tracks(read_review(review_file(against, handle.name)), recording, unreviewed=True)
+        recording = replace(recording, tracks=other, annotated=COMPLETELY)
+    frames = evaluate_proposals(recording, to_tracks(review, recording, unreviewed=True))
+    times_ns = [ref.timestamp_ns for ref in recording.sweeps]
+    return frames, (times_ns[-1] - times_ns[0]) / 60e9 if times_ns else 0.0
+
+
 def merge_drives(names: Iterable[str], folder: Path, against: Path, out: Path) -> tuple[Path, ...]:
     """Merge two reviewers' reviews of drives; see `merge_reviews`.
 
@@ -194,12 +210,149 @@ def merge_drives(names: Iterable[str], folder: Path, against: Path, out: Path) -
     return tuple(files)
 
 
-def _evaluate_drive(folder: Path, against: Path | None, handle: RecordingHandle) -> tuple[pd.DataFrame, float]:
-    review = read_review(review_file(folder, handle.name))
-    recording = handle.open()
-    if against is not None:
-        other = to_tracks(read_review(review_file(against, handle.name)), recording, unreviewed=True)
-        recording = replace(recording, tracks=other, annotated=COMPLETELY)
-    frames = evaluate_proposals(recording, to_tracks(review, recording, unreviewed=True))
-    times_ns = [ref.timestamp_ns for ref in recording.sweeps]
-    return frames, (times_ns[-1] - times_ns[0]) / 60e9 if times_ns else 0.0
+def merge_reviews(a: Review, b: Review) -> Review:
+    """Put two reviewers' reviews of a drive together; where they differ, somebody has to decide again.
+
+    Args:
+        a: whose proposals and decisions are kept.
+        b: of the same drive, perhaps of other proposals.
+
+    Returns:
+        `a`, in which every track is undecided whose equal in `b`, by IoU of its boxes over time, has another status,
+        class, kind of motion or size, or that has none; and in which tracks of `b` without an equal are drawn. What
+        either watched counts as watched.
+
+    Raises:
+        UsageError: decisions that cannot be carried out.
+    """
+    mine, theirs = (
+        {name: track for name, track in applied(one).items() if track.status != "rejected"} for one in (a, b)
+    )
+    same = _same(mine, theirs)
+    differ = [name for name, track in mine.items() if name not in same or not _agree(track, theirs[same[name]])]
+    taken = {track.id for track in a.tracks} | applied(a).keys()
+    free = (name for number in count() if (name := f"m{number:03d}") not in taken)
+    made = {"made_at": datetime.now(UTC), "reviewer": "merged"}
+    missing = [track for name, track in theirs.items() if name not in same.values()]
+    drawn = [Draw(drawn=_as_drawn(track, next(free)), **made) for track in missing]
+    names = (*differ, *(draw.drawn.id for draw in drawn))
+    reopened = [Judge(action="reopen", tracks=names, **made)] if names else []
+    return a.model_copy(update={"decisions": (*a.decisions, *drawn, *reopened)}).watched(b.watched_ns)
+
+
+def _agree(a: ReviewedTrack, b: ReviewedTrack) -> bool:
+    told = [(track.status, track.object_class, track.category, track.unclear) for track in (a, b)]
+    return told[0] == told[1] and bool(np.abs(a.size_m - b.size_m).max() <= SIZE_M)
+
+
+def _as_drawn(track: ReviewedTrack, name: str) -> StoredTrack:
+    """A track as it stands, as a reviewer's own."""
+    motion = track.motion
+    return StoredTrack(
+        id=name,
+        source="drawn",
+        object_class=track.object_class,
+        category=track.category,
+        unclear=track.unclear,
+        size_m=tuple(track.size_m.tolist()),
+        points_median=track.points_median,
+        states=box_states(motion.times_ns, motion.centres_m, motion.yaws_rad, motion.velocities_mps),
+    )
+
+
+def carry_over(old: Review, new: Review) -> Review:
+    """Give new proposals the decisions in force of older ones.
+
+    Where a track is the same, by IoU of its boxes over time, its status, class, kind of motion and unclear go to the
+    new one. A track that a reviewer corrected, cut or merged, or that has no equal and was not only rejected, is kept
+    as it was; it and what was drawn take the place of their equals. What was watched stays watched where the data are
+    the same.
+
+    Args:
+        old: with decisions.
+        new: proposals of the same recording, without decisions.
+
+    Returns:
+        `new` with the decisions; those that were taken back are gone.
+
+    Raises:
+        UsageError: old decisions that cannot be carried out.
+    """
+    decisions, _ = history(old.decisions)
+    shaped = {_root(name) for one in decisions if not isinstance(one, DESCRIBING) for name in _named(one)}
+    judged = {_root(name) for one in decisions if not _rejects(one) for name in _named(one)}
+    drawn = [decision.drawn for decision in decisions if isinstance(decision, Draw)]
+    before, proposed = opening(old), opening(new)
+    same = _same(before, proposed)
+    replaced = {same[name] for name in same if name in shaped}
+    left = {name: track for name, track in proposed.items() if name not in same.values()}
+    replaced |= set(_same({track.id: undecided(track) for track in drawn}, left).values())
+    names = {name: other for name, other in same.items() if name not in shaped} | {
+        track.id: track.id for track in drawn
+    }
+    tracks = [track for track in new.tracks if track.id not in replaced]
+    taken = {track.id for track in tracks} | {track.id for track in drawn}
+    for track in old.tracks:
+        if track.id in judged and track.id not in names:
+            free = (f"{track.id}-{number}" if number else track.id for number in count())
+            names[track.id] = next(name for name in free if name not in taken)
+            taken.add(names[track.id])
+            tracks.append(track.model_copy(update={"id": names[track.id]}))
+    told = (renamed for decision in decisions if (renamed := _renamed(decision, names)) is not None)
+    carried = new.model_copy(update={"tracks": tuple(tracks), "decisions": tuple(told)})
+    applied(carried)  # raises where the old review could not be carried out either
+    same_data = old.proposed is not None and new.proposed is not None and old.proposed.data == new.proposed.data
+    return carried.watched(old.watched_ns) if same_data else carried
+
+
+def _same(old: State, new: State) -> dict[str, str]:
+    """Pairs of ids, each at most once, with the largest sum of IoU."""
+    ious = np.array([[tracks_iou(a, b) for b in new.values()] for a in old.values()]).reshape(len(old), len(new))
+    names, others = list(old), list(new)
+    pairs = zip(*linear_sum_assignment(ious, maximize=True), strict=True)
+    return {names[i]: others[j] for i, j in pairs if ious[i, j] >= LEAST_IOU}
+
+
+def tracks_iou(a: ReviewedTrack, b: ReviewedTrack) -> float:
+    """Intersection over union of two tracks' outlines seen from above, added up over the times of both."""
+    _, rows_a, rows_b = np.intersect1d(a.motion.times_ns, b.motion.times_ns, return_indices=True)
+    shared = sum(
+        _outline(a.motion, i, a.size_m).intersection(_outline(b.motion, j, b.size_m)).area
+        for i, j in zip(rows_a, rows_b, strict=True)
+    )
+    both = sum(len(track.motion) * track.size_m[0] * track.size_m[1] for track in (a, b))
+    return float(shared / (both - shared))
+
+
+def _outline(motion: Motion, row: int, size_m: np.ndarray) -> Polygon:
+    cos, sin = np.cos(motion.yaws_rad[row]), np.sin(motion.yaws_rad[row])
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * size_m[:2] / 2
+    return Polygon(corners @ np.array([[cos, sin], [-sin, cos]]) + motion.centres_m[row, :2])
+
+
+def _root(name: str) -> str:
+    """The id before any split."""
+    return name.partition(".")[0]
+
+
+def _rejects(decision: Decision) -> bool:
+    return isinstance(decision, Judge) and decision.action == "reject"
+
+
+def _named(decision: Decision) -> tuple[str, ...]:
+    if isinstance(decision, Draw):
+        return (decision.drawn.id,)
+    return getattr(decision, "tracks", None) or (getattr(decision, "track", ""),)
+
+
+def _renamed(decision: Decision, names: Mapping[str, str]) -> Decision | None:
+    """The decision about the tracks under their new names; None where none of them is left."""
+    if isinstance(decision, Draw):
+        return decision
+    told = [name for name in _named(decision) if not _rejects(decision) or _root(name) in names]
+    renamed = [f"{names.get(_root(name), _root(name))}{name.removeprefix(_root(name))}" for name in told]
+    if not renamed:
+        return None
+    return decision.model_copy(
+        update={"tracks": tuple(renamed)} if hasattr(decision, "tracks") else {"track": renamed[0]}
+    )

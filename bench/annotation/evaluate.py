@@ -24,10 +24,9 @@ from shapely.geometry.base import BaseGeometry
 from bench.annotation.settings import MOTION
 from bench.errors import UsageError
 from bench.records.recording import NOT_ANNOTATED, Cuboid, Recording, Track
-from bench.reference.clusters import object_cluster
 from bench.reference.motion import TrackMotion, categorise, track_motion
 from bench.reference.silhouette import left_out_ground
-from bench.reference.sweeps import PosedSweep, pose_sweep
+from bench.reference.sweeps import PosedSweep, object_cluster, pose_sweep
 from bench.times import SECOND_NS
 
 LEAST_IOU = 0.5
@@ -48,41 +47,31 @@ ERRORS = {"speed_error": "speed_error_mps", "centre_error": "centre_error_m", "s
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Seen:
-    """An annotated object, or a proposal, in a sweep."""
+    """An annotated object, or a proposal, in a sweep.
 
-    track: Track
-    motion: TrackMotion
-    index: int
+    Attributes:
+        name: of its track.
+        described: class, kind of motion, range and speed, by column.
+        rows: (N,) intp, its returns in the sweep.
+        centre: (3,) float64, m, world frame, at the time of the sweep.
+        yaw_rad: heading in the world; NaN for what has no box.
+        size_m: (3,) float64; likewise.
+        velocity_mps: (3,) float64, world axes.
+        moving: by the rule of the benchmark.
+        annotated: somebody annotated then and there.
+        clear: enough of it is seen to ask for it, and its speed is known.
+    """
+
+    name: str
+    described: dict[str, object]
     rows: NDArray[np.intp]
-    range_m: float
     centre: NDArray[np.float64]
     yaw_rad: float
+    size_m: NDArray[np.float64]
+    velocity_mps: NDArray[np.float64]
+    moving: bool
     annotated: bool
-
-    @property
-    def size_m(self) -> NDArray[np.float64]:
-        """(3,) float64, m; NaN for what has no box."""
-        shape = self.track.states[self.index].shape
-        return np.asarray(shape.size_m) if isinstance(shape, Cuboid) else np.full(3, np.nan)
-
-    @property
-    def speed_mps(self) -> float:
-        return float(np.hypot(*self.motion.smooth_world_mps[self.index, :2]))
-
-    @property
-    def moving(self) -> bool:
-        return bool(self.motion.moving[self.index])
-
-    @property
-    def asked(self) -> bool:
-        """It moves for sure, enough of it is seen, and somebody annotated there."""
-        return self.moving and self.clear
-
-    @property
-    def clear(self) -> bool:
-        state = self.track.states[self.index]
-        known = self.annotated and not state.unclear and bool(np.isfinite(self.speed_mps))
-        return len(self.rows) >= LEAST_POINTS and known
+    clear: bool
 
 
 def evaluate_proposals(
@@ -95,7 +84,7 @@ def evaluate_proposals(
 
     Args:
         recording: annotated.
-        proposed: tracks of boxes at the times of sweeps; see `bench.annotation.export.to_tracks`.
+        proposed: tracks of boxes at the times of sweeps; see `bench.annotation.decisions.to_tracks`.
         progress: called with the share of sweeps that are read.
 
     Returns:
@@ -119,13 +108,12 @@ def evaluate_proposals(
     for number, ref in enumerate(recording.sweeps):
         placed = pose_sweep(ref.read(), recording.trajectory, recording.vehicle_from_lidar, recording.lidar_from_sensor)
         if placed is not None:
-            seen = [_seen(pair, placed, ref.timestamp_ns, recording, left_out, NEAR_NS) for pair in truths]
-            told = [_seen(pair, placed, ref.timestamp_ns, recording, left_out, 0) for pair in others]
-            ego_mps = recording.trajectory.velocity_vehicle_mps(ref.timestamp_ns)
-            turn = recording.trajectory.world_from_vehicle(ref.timestamp_ns).rotation
-            kinds = _Kinds(ego_world_mps=turn @ ego_mps)
+            seen, told = (
+                [one for track, motion in of_all if (one := _seen(track, motion, placed, recording, left_out, near_ns))]
+                for of_all, near_ns in ((truths, NEAR_NS), (others, 0))
+            )
             common = {"recording": recording.name, "timestamp_ns": ref.timestamp_ns}
-            rows += [{**common, **row} for row in _rows([*filter(None, seen)], [*filter(None, told)], kinds)]
+            rows += [common | row for row in _rows(seen, told)]
         progress((number + 1) / len(recording.sweeps))
     return pd.DataFrame(rows, columns=COLUMNS)
 
@@ -181,19 +169,6 @@ def _scores(frames: pd.DataFrame, minutes: float) -> dict[str, float]:
     return scores
 
 
-def class_confusion(frames: pd.DataFrame) -> pd.DataFrame:
-    """Count object-frames that were found by their class and the proposed one.
-
-    Args:
-        frames: see `evaluate_proposals`.
-
-    Returns:
-        One row for each annotated class, by name in its index, and one column for each proposed one.
-    """
-    found = frames[frames["outcome"] == FOUND]
-    return pd.crosstab(found["object_class"], found["proposed_class"])
-
-
 def worst_tracks(frames: pd.DataFrame) -> pd.DataFrame:
     """List what is wrong with each track, most object-frames first.
 
@@ -226,112 +201,86 @@ def _share(part: float, whole: float) -> float:
     return part / whole if whole else float("nan")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Kinds:
-    """Names the kind of motion; world axes."""
-
-    ego_world_mps: NDArray[np.float64]
-
-    def of(self, seen: _Seen) -> str | None:
-        stated = seen.track.states[seen.index].category
-        velocity = seen.motion.smooth_world_mps[seen.index]
-        if stated is not None or not np.isfinite(velocity).all():
-            return stated
-        return str(categorise(velocity, self.ego_world_mps, MOTION))
-
-
-def _with_motion(track: Track, recording: Recording) -> tuple[Track, TrackMotion, NDArray[np.int64]]:
-    times_ns = np.array([state.timestamp_ns for state in track.states], dtype=np.int64)
-    return track, track_motion(track, recording.trajectory, MOTION), times_ns
+def _with_motion(track: Track, recording: Recording) -> tuple[Track, TrackMotion]:
+    return track, track_motion(track, recording.trajectory, MOTION)
 
 
 def _seen(
-    pair: tuple[Track, TrackMotion, NDArray[np.int64]],
+    track: Track,
+    motion: TrackMotion,
     placed: PosedSweep,
-    sweep_ns: int,
     recording: Recording,
     left_out: BaseGeometry,
     near_ns: int,
 ) -> _Seen | None:
     """None where the track has no state near enough to the sweep, or no returns in it."""
-    track, motion, times_ns = pair
-    index = int(np.argmin(np.abs(times_ns - sweep_ns)))
-    if abs(int(times_ns[index]) - sweep_ns) > near_ns:
+    sweep_ns = placed.sweep.timestamp_ns
+    state = track.state_near(sweep_ns, within_ns=near_ns)
+    if state is None:
         return None
-    state = track.states[index]
+    index = track.states.index(state)
+    velocity_mps, smooth_mps = motion.velocity_world_mps[index], motion.smooth_world_mps[index]
     world_from_vehicle = recording.trajectory.world_from_vehicle(state.timestamp_ns)
-    cluster = object_cluster(
-        placed,
-        state,
-        velocity_world_mps=motion.velocity_world_mps[index],
-        world_from_vehicle=world_from_vehicle,
-        exposure_ns=sweep_ns,
-        clearance_m=CLEARANCE_M,
-    )
+    cluster = object_cluster(placed, motion.at(index, world_from_vehicle), sweep_ns, clearance_m=CLEARANCE_M)
     if not len(cluster.rows):
         return None
-    range_m = float(np.hypot(*placed.points_sensor(cluster.rows)[:, :2].T).min())
-    later_s = (sweep_ns - state.timestamp_ns) / SECOND_NS
-    yaw_rad = np.nan
+    yaw_rad, size_m, centre = np.nan, np.full(3, np.nan), cluster.points_world.mean(axis=0)
     if isinstance(state.shape, Cuboid):
-        ahead = world_from_vehicle.rotate(state.shape.vehicle_from_object.rotation[:, 0])
-        yaw_rad = float(np.arctan2(ahead[1], ahead[0]))
-        centre = world_from_vehicle.apply(state.shape.vehicle_from_object.translation_m)
-        centre = centre + np.nan_to_num(motion.velocity_world_mps[index]) * later_s
-    else:
-        centre = cluster.points_world.mean(axis=0)
-    middle_m = recording.trajectory.world_from_vehicle(sweep_ns).inverse().apply(centre)
+        box, size_m = world_from_vehicle @ state.shape.vehicle_from_object, np.asarray(state.shape.size_m)
+        yaw_rad = float(np.arctan2(box.rotation[1, 0], box.rotation[0, 0]))
+        centre = box.translation_m + np.nan_to_num(velocity_mps) * (sweep_ns - state.timestamp_ns) / SECOND_NS
+    world_from_vehicle = recording.trajectory.world_from_vehicle(sweep_ns)
+    middle_m = world_from_vehicle.inverse().apply(centre)
+    annotated = recording.annotated.covers(sweep_ns) and not left_out.covers(shapely.Point(middle_m[:2]))
+    speed_mps, kind = float(np.hypot(*smooth_mps[:2])), state.category
+    if kind is None and np.isfinite(smooth_mps).all():
+        ego_mps = world_from_vehicle.rotation @ recording.trajectory.velocity_vehicle_mps(sweep_ns)
+        kind = str(categorise(smooth_mps, ego_mps, MOTION))
     return _Seen(
-        track=track,
-        motion=motion,
-        index=index,
+        name=track.track_id,
+        described={
+            "object_class": track.object_class,
+            "kind": kind,
+            "range_m": float(np.hypot(*placed.points_sensor(cluster.rows)[:, :2].T).min()),
+            "speed_mps": speed_mps,
+        },
         rows=cluster.rows,
-        range_m=range_m,
         centre=centre,
         yaw_rad=yaw_rad,
-        annotated=recording.annotated.covers(sweep_ns) and not left_out.covers(shapely.Point(middle_m[:2])),
+        size_m=size_m,
+        velocity_mps=velocity_mps,
+        moving=bool(motion.moving[index]),
+        annotated=annotated,
+        clear=annotated and not state.unclear and bool(np.isfinite(speed_mps)) and len(cluster.rows) >= LEAST_POINTS,
     )
 
 
-def _rows(seen: Sequence[_Seen], told: Sequence[_Seen], kinds: _Kinds) -> Iterator[dict[str, object]]:
+def _rows(seen: Sequence[_Seen], told: Sequence[_Seen]) -> Iterator[dict[str, object]]:
     """Match the objects of a sweep with proposals, and say what became of each."""
     ious = np.array([[_iou(one.rows, other.rows) for other in told] for one in seen]).reshape(len(seen), len(told))
     pairs = {int(a): int(b) for a, b in zip(*linear_sum_assignment(-ious), strict=True) if ious[a, b] >= LEAST_IOU}
     for a, truth in enumerate(seen):
         match = told[pairs[a]] if a in pairs else None
-        row = {"object": truth.track.track_id, "proposal": match.track.track_id if match else None}
+        row = {"object": truth.name, "proposal": match.name if match else None, **truth.described}
         if match is None:
-            yield {**row, **_described(truth, kinds), "outcome": MISSED if truth.asked else NEUTRAL}
-        elif truth.asked:
-            error_mps = truth.motion.velocity_world_mps[truth.index] - match.motion.velocity_world_mps[match.index]
+            yield {**row, "outcome": MISSED if truth.moving and truth.clear else NEUTRAL}
+        elif truth.moving and truth.clear:
             yield {
                 **row,
-                **_described(truth, kinds),
                 "outcome": FOUND,
                 "iou": ious[a, pairs[a]],
-                "speed_error_mps": float(np.hypot(*error_mps[:2])),
+                "speed_error_mps": float(np.hypot(*(truth.velocity_mps - match.velocity_mps)[:2])),
                 "centre_error_m": float(np.hypot(*(truth.centre - match.centre)[:2])),
                 "size_error_m": float(np.abs(truth.size_m - match.size_m).max()),
                 "yaw_error_rad": abs((truth.yaw_rad - match.yaw_rad + np.pi) % (2 * np.pi) - np.pi),
-                "proposed_class": match.track.object_class,
+                "proposed_class": match.described["object_class"],
             }
         else:
-            wrong = match.moving and truth.clear
-            yield {**row, **_described(match, kinds), "outcome": FALSE if wrong else NEUTRAL}
+            yield {**row, **match.described, "outcome": FALSE if match.moving and truth.clear else NEUTRAL}
     for b, match in enumerate(told):
         if b not in pairs.values():
-            row = {"object": None, "proposal": match.track.track_id}
-            wrong = match.moving and match.annotated
-            yield {**row, **_described(match, kinds), "outcome": FALSE if wrong else NEUTRAL}
-
-
-def _described(seen: _Seen, kinds: _Kinds) -> dict[str, object]:
-    return {
-        "object_class": seen.track.object_class,
-        "kind": kinds.of(seen),
-        "range_m": seen.range_m,
-        "speed_mps": seen.speed_mps,
-    }
+            row = {"object": None, "proposal": match.name, **match.described}
+            yield {**row, "outcome": FALSE if match.moving and match.annotated else NEUTRAL}
 
 
 def _iou(one: NDArray[np.intp], other: NDArray[np.intp]) -> float:

@@ -13,8 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from bench.annotation.free_space import Polar, RangeView, count_witness, range_view
-from bench.annotation.ground import HeightGrid, Road, fit_road, ground_heights, lowest_heights
+from bench.annotation.free_space import (
+    HeightGrid,
+    Polar,
+    RangeView,
+    Road,
+    count_witness,
+    fit_road,
+    ground_heights,
+    lowest_heights,
+    range_view,
+)
 from bench.annotation.settings import ProposalSettings
 from bench.geometry import RigidTransform
 from bench.records.recording import Recording, SweepRef

@@ -28,7 +28,6 @@ LARGEST_BODY_BYTES = 1_000_000
 LONGEST_PATH = 100
 IDLE_S = 30
 OPENED = 2  # drives that are held at once
-WORK = re.compile(r"/drives/([0-9]{1,6})/work")
 QUESTION = re.compile(r"/drives/([0-9]{1,6})(?:/([a-z]{1,10})((?:/[0-9]{1,9}){0,2}))?")
 POLICY = (
     "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src blob: data:; "
@@ -64,7 +63,7 @@ class ReviewServer(ThreadingHTTPServer):
 
     def __init__(self, names: Sequence[str], open_session: Callable[[str], Session], *, port: int = 0) -> None:
         self.names, self.token = tuple(names), secrets.token_urlsafe(32)
-        self._open_anew, self._open = open_session, lru_cache(maxsize=OPENED)(open_session)
+        self._open = lru_cache(maxsize=OPENED)(open_session)
         self._opening = Lock()
         super().__init__((ADDRESS, port), Handler)
 
@@ -84,12 +83,6 @@ class ReviewServer(ThreadingHTTPServer):
             raise IndexError(index)
         with self._opening:
             return self._open(self.names[index])
-
-    def work(self, index: int) -> dict[str, Any]:
-        """Count what is left to do in the drive of an index, as its file says; drives that are open stay so."""
-        if index >= len(self.names):
-            raise IndexError(index)
-        return self._open_anew(self.names[index]).work()
 
 
 class Handler(BaseHTTPRequestHandler):
@@ -160,10 +153,6 @@ class Handler(BaseHTTPRequestHandler):
         if self.path == "/drives":
             self._refuse_without_token()
             self._send_json({"drives": self.server.names})
-            return
-        if match := WORK.fullmatch(self.path):
-            self._refuse_without_token()
-            self._send_json(self.server.work(int(match[1])))
             return
         session, what, numbers = self._question()
         match what, numbers:

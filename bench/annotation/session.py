@@ -6,18 +6,21 @@ Times are told to the page in nanoseconds since the first sweep, which its numbe
 from __future__ import annotations
 
 import json
+import struct
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, TypeVar
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from bench.annotation.decisions import ReviewedTrack, State, after, history, opening, replayed
-from bench.annotation.doubts import EXPLAINED
-from bench.annotation.drawing import Lasso, draw_track
-from bench.annotation.export import to_track
+from bench.annotation.decisions import ReviewedTrack, State, after, applied, history, to_track
+from bench.annotation.drawing import Lasso, draw_track, sweep_points_world
+from bench.annotation.proposals import EXPLAINED
 from bench.annotation.store import (
     Decision,
     Draw,
@@ -30,16 +33,26 @@ from bench.annotation.store import (
     review_file,
     write_review,
 )
-from bench.annotation.views import encoded_image, lens_limit_rad, lens_table, packed_sweep, region_outlines
+from bench.cameras import CameraModel
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
-from bench.recordings import MOTION_KINDS, OBJECT_CLASSES, Recording
+from bench.lidar import LidarSweep
+from bench.recordings import MOTION_KINDS, OBJECT_CLASSES, Recording, read_image
 from bench.recordings.validation import FileModel, parse_json
 from bench.reference import ReferenceBuilder
+from bench.reference.regions import Region
 
 Json = dict[str, Any]
+Item = TypeVar("Item")
 PROTOCOL = "surface-v1"  # whose reference the page outlines
 AROUND_NS = 2_000_000_000  # an image, of a track whose reference is outlined there
+MOST_POINTS, MOST_GROUND = 30_000, 6_000  # of a sweep; the others are left out evenly
+FARTHEST_M = 120.0
+CM = 100.0
+LARGEST_SIDE_PX = 1280
+JPEG_QUALITY = 85
+GRID = 129  # of the table of a lens, in both directions
+WIDEST_RAD = 2.2
 
 
 class Watched(FileModel):
@@ -68,9 +81,8 @@ class Session:
 
     def __init__(self, recording: Recording, *, dataset: str, folder: Path, reviewer: str) -> None:
         if not recording.sweeps:
-            raise DataError(
-                recording.root, expected="lidar sweeps, which are reviewed", got=f"none in {recording.name!r}"
-            )
+            got = f"none in {recording.name!r}"
+            raise DataError(recording.root, expected="lidar sweeps, which are reviewed", got=got)
         self.recording, self._reviewer = recording, reviewer
         self.file = review_file(folder, recording.name)
         self._lock, self._drawing = Lock(), Lock()
@@ -78,8 +90,7 @@ class Session:
         empty = Review(dataset=dataset, recording=recording.name)
         self.review = read_review(self.file) if self.file.exists() else empty
         self._on_disk = _file_state(self.file)
-        self._proposed = opening(self.review)
-        self._state = replayed(self._proposed, self.review.decisions)
+        self._state = applied(self.review)
         self._start_ns = recording.sweeps[0].timestamp_ns
         self._times_ns = np.array([sweep.timestamp_ns for sweep in recording.sweeps], dtype=np.int64)
 
@@ -103,21 +114,12 @@ class Session:
                     "width": camera.model.width,
                     "height": camera.model.height,
                     "limit": lens_limit_rad(camera.model),
-                    "mounting": _numbers(camera.vehicle_from_camera.matrix),
+                    "mounting": camera.vehicle_from_camera.matrix.tolist(),
                     "times": [image.timestamp_ns - self._start_ns for image in self.recording.images[name]],
                 }
                 for name, camera in self.recording.cameras.items()
             ],
             **self.changes({}),
-        }
-
-    def work(self) -> Json:
-        """Count what is left to do: tracks that are undecided, those of them in doubt, sweeps that were not watched."""
-        undecided = [track for track in self._state.values() if track.status == "open"]
-        return {
-            "undecided": len(undecided),
-            "doubted": sum(bool(track.doubts) for track in undecided),
-            "unwatched": sum(not self.review.covers([int(time_ns)]) for time_ns in self._times_ns),
         }
 
     def changes(self, before: State) -> Json:
@@ -127,23 +129,23 @@ class Session:
             "tracks": [self._track(track) for name, track in self._state.items() if before.get(name) is not track],
             "gone": [name for name in before if name not in self._state],
             "order": list(self._state),
-            "watched": [[first - self._start_ns, last - self._start_ns] for first, last in self.review.watched_ns],
+            "watched": [time_ns - self._start_ns for time_ns in self.review.watched_ns],
             "decisions": len(made),
             "undone": len(taken_back),
-            "last": _in_words(made[-1]) if made else None,
+            "last": _in_words(made[-1]) if made else "",
         }
 
     def decide(self, content: bytes) -> Json:
         """Carry out a decision that the page sends, and store it.
 
         Args:
-            content: JSON of a decision; its times since the first sweep, without time and name of the reviewer.
+            content: JSON of a decision; its time since the first sweep, without time and name of the reviewer.
 
         Raises:
             UsageError: unknown words, or a decision that cannot be carried out; nothing changes.
             OutputError: it cannot be stored; nothing changes.
         """
-        return self._add(parse_decision(json.dumps(self._complete(content)).encode()))
+        return self._add(self._parsed(content))
 
     def draw(self, content: bytes) -> Json:
         """Make a track from the points inside of a lasso, and follow it through the drive.
@@ -171,7 +173,7 @@ class Session:
         if not 0 <= span.first <= span.last <= last:
             raise UsageError(f"watched: expected sweeps from 0 to {last}, got {span.first} to {span.last}")
         with self._lock:
-            self._store(self.review.watched(int(self._times_ns[span.first]), int(self._times_ns[span.last])))
+            self._store(self.review.watched(self._times_ns[span.first : span.last + 1].tolist()))
             return self.changes(self._state)
 
     def sweep(self, index: int) -> bytes:
@@ -184,7 +186,7 @@ class Session:
         return packed_sweep(_at(self.recording.sweeps, index).read(), self.recording)
 
     def image(self, camera: int, index: int) -> tuple[bytes, Json]:
-        """Return an image as JPEG, and where its camera was: the rows of camera_from_world.
+        """Return an image as JPEG, made smaller where it is large, and where its camera was: rows of camera_from_world.
 
         Raises:
             IndexError: no such camera or image.
@@ -192,9 +194,14 @@ class Session:
         """
         name = _at(tuple(self.recording.cameras), camera)
         mounted, image = self.recording.cameras[name], _at(self.recording.images[name], index)
+        pixels = read_image(image, mounted, colour=True)
+        if (scale := LARGEST_SIDE_PX / max(pixels.shape[:2])) < 1:
+            pixels = np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+        written, encoded = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        assert written
         world_from_vehicle = self.recording.trajectory.world_from_vehicle(image.timestamp_ns)
         camera_from_world = (world_from_vehicle @ mounted.vehicle_from_camera).inverse()
-        return encoded_image(image, mounted), {"camera_from_world": _numbers(camera_from_world.matrix)}
+        return encoded.tobytes(), {"camera_from_world": camera_from_world.matrix.tolist()}
 
     def lens(self, camera: int) -> bytes:
         """Return the table of a lens as `lens_table` does.
@@ -221,46 +228,34 @@ class Session:
             UsageError: no key frame.
             DataError: a sweep or the ego-motion cannot be used.
         """
-        key = parse_decision(json.dumps(self._complete(content)).encode())
+        key = self._parsed(content)
         if not isinstance(key, SetBox):
             raise UsageError(f"outline: expected set_box, got {key.action}")
         name = _at(tuple(self.recording.cameras), camera)
-        shown = _at(self.recording.images[name], image)
-        nothing = region_outlines(None, self.recording.cameras[name].model)
+        shown, model = _at(self.recording.images[name], image), self.recording.cameras[name].model
         try:
             track = after(self._state, key)[key.track]
         except UsageError:
-            return nothing
+            return region_outlines(None, model)
         near = np.abs(track.motion.times_ns - shown.timestamp_ns) <= AROUND_NS
         if not near.any():
-            return nothing
+            return region_outlines(None, model)
         track = replace(track, motion=track.motion.where(near))
         with self._drawing:
-            tracks = (to_track(track, self.recording, reviewed=False),)
-            recording, settings = replace(self.recording, tracks=tracks), load_protocol(PROTOCOL).reference_settings()
+            recording = replace(self.recording, tracks=(to_track(track, self.recording, reviewed=False),))
+            settings = load_protocol(PROTOCOL).reference_settings()
             builder = ReferenceBuilder(recording, name, settings, beside=self._builders.get(name))
             self._builders[name] = builder  # which holds the sweep for the next
-            return region_outlines(builder.region(track.id, shown), builder.camera.model)
+            return region_outlines(builder.region(track.id, shown), model)
 
     def _add(self, decision: Decision) -> Json:
         with self._lock:
             review = self.review.model_copy(update={"decisions": (*self.review.decisions, decision)})
             undoing = isinstance(decision, Undo | Redo)
-            state = replayed(self._proposed, review.decisions) if undoing else after(self._state, decision)
-            if undoing:  # an equal track is the same object, so that only what changed is sent
-                state = {name: self._known(track) for name, track in state.items()}
-            told = None
-            if undoing:
-                made, taken_back = history(self.review.decisions)
-                undo = isinstance(decision, Undo)
-                told = f"{'Taken back' if undo else 'Done again'}: {_in_words((made if undo else taken_back)[-1])}"
+            state = applied(review) if undoing else after(self._state, decision)
             self._store(review)
             before, self._state = self._state, state
-            return self.changes(before) | {"told": told}
-
-    def _known(self, track: ReviewedTrack) -> ReviewedTrack:
-        known = self._state.get(track.id, track)
-        return known if known is track or self._track(known) == self._track(track) else track
+            return self.changes(before)
 
     def _store(self, review: Review) -> None:
         if _file_state(self.file) != self._on_disk:
@@ -268,8 +263,8 @@ class Session:
         write_review(self.file, review)
         self.review, self._on_disk = review, _file_state(self.file)
 
-    def _complete(self, content: bytes) -> Json:
-        """The decision with time and reviewer, its times since 1970 as the file has them."""
+    def _parsed(self, content: bytes) -> Decision:
+        """The decision with time and reviewer, its time since 1970 as the file has it."""
         try:
             values = json.loads(content)
         except (ValueError, RecursionError) as error:
@@ -278,9 +273,8 @@ class Session:
             raise UsageError("decision: expected an object without made_at, reviewer and drawn")
         if isinstance(time_ns := values.get("timestamp_ns"), int):
             values["timestamp_ns"] = time_ns + self._start_ns
-        if isinstance(span_ns := values.get("span_ns"), list):
-            values["span_ns"] = [t + self._start_ns if isinstance(t, int) else t for t in span_ns]
-        return values | {"made_at": datetime.now(UTC).isoformat(), "reviewer": self._reviewer}
+        values |= {"made_at": datetime.now(UTC).isoformat(), "reviewer": self._reviewer}
+        return parse_decision(json.dumps(values).encode())
 
     def _track(self, track: ReviewedTrack) -> Json:
         motion = track.motion
@@ -293,7 +287,6 @@ class Session:
             "category": track.category,
             "unclear": track.unclear,
             "size": np.round(track.size_m, 3).tolist(),
-            "doubt": round(track.doubt, 3),
             "doubts": [{"reason": one.reason, "value": one.value} for one in track.doubts],
             "points": track.points_median,
             "times": (motion.times_ns - self._start_ns).tolist(),
@@ -308,11 +301,7 @@ def _in_words(decision: Decision) -> str:
     return " ".join([decision.action.replace("_", " "), *names[:3]]).strip()
 
 
-def _numbers(matrix: Any) -> list[list[float]]:
-    return [[float(value) for value in row] for row in matrix]
-
-
-def _at(values: Any, index: int) -> Any:
+def _at(values: Sequence[Item], index: int) -> Item:
     if not 0 <= index < len(values):  # Python would count from the end
         raise IndexError(index)
     return values[index]
@@ -320,7 +309,77 @@ def _at(values: Any, index: int) -> Any:
 
 def _file_state(file: Path) -> tuple[int, int, int] | None:
     try:
-        found = file.stat()
+        state = file.stat()
     except FileNotFoundError:
         return None
-    return found.st_ino, found.st_mtime_ns, found.st_size
+    return state.st_ino, state.st_mtime_ns, state.st_size
+
+
+def packed_sweep(sweep: LidarSweep, recording: Recording) -> bytes:
+    """A sweep in few bytes: what stands on the road, then some of the road.
+
+    Returns:
+        Little-endian: int32 points, int32 of them on the road (the last), float64 x, y, z of the origin in the world
+        (m), int16 x, y, z of each point from there (cm), int8 time of each point minus that of the sweep (ms).
+
+    Raises:
+        DataError: as `sweep_points_world`.
+    """
+    points, ground = sweep_points_world(sweep, recording)
+    origin_m = recording.trajectory.world_from_vehicle(sweep.timestamp_ns).translation_m
+    near = np.abs(points - origin_m).max(axis=1, initial=0.0) < FARTHEST_M
+    standing = _thinned(np.flatnonzero(near & ~ground), MOST_POINTS)
+    road = _thinned(np.flatnonzero(near & ground), MOST_GROUND)
+    rows = np.concatenate([standing, road])
+    cm = ((points[rows] - origin_m) * CM).round().astype("<i2")
+    ms = np.clip(np.round((sweep.times_ns[rows] - sweep.timestamp_ns) / 1e6), -127, 127).astype("i1")
+    return b"".join((struct.pack("<iiddd", len(rows), len(road), *origin_m), cm.tobytes(), ms.tobytes()))
+
+
+def _thinned(rows: NDArray[np.intp], most: int) -> NDArray[np.intp]:
+    return rows if len(rows) <= most else rows[np.linspace(0, len(rows) - 1, most).astype(np.intp)]
+
+
+def region_outlines(region: Region | None, camera: CameraModel) -> dict[str, list[list[list[float]]]]:
+    """Outlines of a region's pixels: `core`, which is certain, and `possible`, the core and the band around it.
+
+    Returns:
+        Closed lines of u and v as parts of the image's width and height; none where the region has no such pixels.
+    """
+    if region is None:
+        return {"core": [], "possible": []}
+    rows, columns = region.window
+    corner, size = np.array([columns.start, rows.start]) + 0.5, np.array([camera.width, camera.height])
+    return {
+        name: [
+            ((line[:, 0] + corner) / size).round(4).tolist()
+            for line in cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
+        ]
+        for name, mask in (("core", region.core), ("possible", region.possible))
+    }
+
+
+def lens_limit_rad(camera: CameraModel) -> float:
+    """Largest angle to the optical axis of the table of a lens."""
+    return min(camera.limit_angle_rad, WIDEST_RAD)
+
+
+def lens_table(camera: CameraModel) -> bytes:
+    """Pixels of rays on a grid, to look up between its nodes: any lens in a page that knows none.
+
+    A node (a, b) of the grid, both from -1 to 1, is the ray at the angle r * `lens_limit_rad` from the optical axis in
+    the direction (a, b), with r their length.
+
+    Returns:
+        (129, 129, 2) float32, little-endian, rows by b: u and v as parts of the image's width and height; NaN where
+        the lens maps nothing.
+    """
+    a, b = np.meshgrid(np.linspace(-1, 1, GRID), np.linspace(-1, 1, GRID))
+    radius = np.hypot(a, b)
+    angle = radius * lens_limit_rad(camera)
+    sideways = np.where(radius > 0, np.sin(angle) / np.where(radius > 0, radius, 1.0), 0.0)
+    rays = np.stack([a * sideways, b * sideways, np.cos(angle)], axis=-1).reshape(-1, 3)
+    pixels, valid = camera.project(rays)
+    pixels[~valid] = np.nan
+    parts = (pixels + 0.5) / np.array([camera.width, camera.height])
+    return bytes(parts.astype("<f4").data)

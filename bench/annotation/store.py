@@ -1,4 +1,4 @@
-"""The file of a review: what was proposed, what was decided, and which stretches were watched.
+"""The file of a review: what was proposed, what was decided, and which sweeps were watched.
 
 `<recording>.review.json` holds proposals as they were made and decisions as a log in the order in which they were made.
 What is true now is never stored: `bench.annotation.decisions.applied` computes it from both. Positions are in the world
@@ -12,6 +12,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AwareDatetime, Field, TypeAdapter, ValidationError, model_validator
 
 from bench.atomic import read_regular, write_bytes
@@ -32,7 +34,6 @@ Side = Annotated[float, Field(gt=0.0, le=100.0)]
 Speed = Annotated[float, Field(ge=-200.0, le=200.0)]
 Point = tuple[Position, Position, Position]
 Size = tuple[Side, Side, Side]
-Span = tuple[TimeNs, TimeNs]
 
 
 class Doubt(FileModel):
@@ -41,12 +42,10 @@ class Doubt(FileModel):
     Attributes:
         reason: in words, such as "few returns".
         value: the number behind it.
-        weight: how much it matters, from 0 to 1; the list of the review page is sorted by the sum.
     """
 
     reason: str = Field(min_length=1, max_length=200)
     value: float
-    weight: float = Field(default=1.0, ge=0.0, le=1.0)
 
 
 class BoxState(FileModel):
@@ -115,24 +114,10 @@ class Decided(FileModel):
 Tracks = Annotated[tuple[TrackId, ...], Field(min_length=1, max_length=10_000)]
 
 
-class Accept(Decided):
-    """The tracks are right."""
+class Judge(Decided):
+    """The tracks are right, or no objects that move, or neither is decided any more."""
 
-    action: Literal["accept"] = "accept"
-    tracks: Tracks
-
-
-class Reject(Decided):
-    """The tracks are no objects that move."""
-
-    action: Literal["reject"] = "reject"
-    tracks: Tracks
-
-
-class Reopen(Decided):
-    """Neither accepted nor rejected any more."""
-
-    action: Literal["reopen"] = "reopen"
+    action: Literal["accept", "reject", "reopen"]
     tracks: Tracks
 
 
@@ -205,14 +190,6 @@ class SetBox(Decided):
     size_m: Size
 
 
-class Trim(Decided):
-    """The track exists within this span alone, both ends included."""
-
-    action: Literal["trim"] = "trim"
-    track: TrackId
-    span_ns: Span
-
-
 class Draw(Decided):
     """An object that was not proposed."""
 
@@ -233,22 +210,12 @@ class Redo(Decided):
 
 
 Decision = Annotated[
-    Accept
-    | Reject
-    | Reopen
-    | SetClass
-    | SetUnclear
-    | SetCategory
-    | Merge
-    | SplitTime
-    | SplitSpace
-    | SetBox
-    | Trim
-    | Draw
-    | Undo
-    | Redo,
+    Judge | SetClass | SetUnclear | SetCategory | Merge | SplitTime | SplitSpace | SetBox | Draw | Undo | Redo,
     Field(discriminator="action"),
 ]
+
+
+DECISION: TypeAdapter[Decision] = TypeAdapter(Decision)
 
 
 class Review(FileModel):
@@ -261,7 +228,7 @@ class Review(FileModel):
         proposed: what the proposals were made from; None where all tracks are drawn.
         tracks: proposals.
         decisions: in the order in which they were made.
-        watched_ns: spans of time that were played, by increasing time, none touching another.
+        watched_ns: times of the sweeps that were played.
     """
 
     schema_version: Literal[1] = 1
@@ -270,45 +237,17 @@ class Review(FileModel):
     proposed: Proposed | None = None
     tracks: tuple[StoredTrack, ...] = ()
     decisions: tuple[Decision, ...] = Field(default=(), max_length=MOST_DECISIONS)
-    watched_ns: tuple[Span, ...] = ()
+    watched_ns: tuple[TimeNs, ...] = ()
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
-        ids = [track.id for track in self.tracks]
-        if len(set(ids)) < len(ids):
+    def _each_once(self) -> Self:
+        if len({track.id for track in self.tracks}) < len(self.tracks):
             raise ValueError("each id of a track once")
-        if self.watched_ns != merged_spans(self.watched_ns):
-            raise ValueError("spans that were watched in order, none touching another")
         return self
 
-    def with_tracks(self, tracks: Iterable[StoredTrack]) -> Review:
-        """The same file with other proposals."""
-        return self.model_copy(update={"tracks": tuple(tracks)})
-
-    def watched(self, first_ns: int, last_ns: int) -> Review:
-        """The same file, of which one more span was played."""
-        return self.model_copy(update={"watched_ns": merged_spans([*self.watched_ns, (first_ns, last_ns)])})
-
-    def covers(self, times_ns: Iterable[int]) -> bool:
-        """Return True where each of the times was watched."""
-        return all(any(first <= time <= last for first, last in self.watched_ns) for time in times_ns)
-
-
-def merged_spans(spans: Iterable[Span]) -> tuple[Span, ...]:
-    """Spans by time, those that touch or overlap joined.
-
-    Raises:
-        ValueError: one that ends before it begins.
-    """
-    merged: list[Span] = []
-    for first, last in sorted(spans):
-        if last < first:
-            raise ValueError(f"first and last time of a span in order, not {first} before {last}")
-        if merged and first <= merged[-1][1]:
-            merged[-1] = merged[-1][0], max(last, merged[-1][1])
-        else:
-            merged.append((first, last))
-    return tuple(merged)
+    def watched(self, times_ns: Iterable[int]) -> Review:
+        """The same file, of which more sweeps were played."""
+        return self.model_copy(update={"watched_ns": tuple(sorted({*self.watched_ns, *times_ns}))})
 
 
 def review_file(folder: Path, recording: str) -> Path:
@@ -347,9 +286,6 @@ def write_review(file: Path, review: Review) -> None:
     write_bytes(file, content)
 
 
-DECISION: TypeAdapter[Decision] = TypeAdapter(Decision)
-
-
 def parse_decision(content: bytes) -> Decision:
     """A decision from JSON that a page or program sends.
 
@@ -362,3 +298,17 @@ def parse_decision(content: bytes) -> Decision:
         fault = error.errors(include_url=False, include_context=False)[0]
         where = ".".join(str(part) for part in ("decision", *fault["loc"]))
         raise UsageError(f"{where}: {fault['msg']}, got {str(fault.get('input'))[:80]!r}") from None
+
+
+def box_states(
+    times_ns: NDArray[np.int64],
+    centres_m: NDArray[np.float64],
+    yaws_rad: NDArray[np.float64],
+    velocities_mps: NDArray[np.float64],
+) -> tuple[BoxState, ...]:
+    """Arrays as states of a file: (N,) times, (N, 3) centres, (N,) headings and (N, 2) velocities, world frame."""
+    rows = zip(*(values.tolist() for values in (times_ns, centres_m, yaws_rad, velocities_mps)), strict=True)
+    return tuple(
+        BoxState(timestamp_ns=time_ns, centre_m=centre_m, yaw_rad=yaw_rad, velocity_mps=velocity_mps)
+        for time_ns, centre_m, yaw_rad, velocity_mps in rows
+    )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bench.commands.command import PATH, TEXT, Words, command_line, print_nothing
+from bench.commands.command import PATH, TEXT, Place, Words, command_line, print_nothing
 from bench.commands.console import print_blocks, print_failures, say
 from bench.commands.options import FAILURES, Dataset, Workers, group
 from bench.commands.progress import Report, progress_bar, resumable
@@ -28,42 +28,28 @@ if TYPE_CHECKING:
 app = group("Propose and review moving objects in drives without labels; convert labels of other tools.")
 
 Reviews = Annotated[
-    str | Path | None,
-    typer.Option(help="Folder of reviews; default: the card's annotations, or annotations/<data set>."),
-    PATH,
+    Place, typer.Option(help="Folder of reviews; default: the card's annotations, or annotations/<data set>."), PATH
 ]
-FORMATS = "boxes, openlabel, cvat, kitti-tracklets or semantickitti"
+FORMATS = "boxes, openlabel, cvat or semantickitti"
 LEFT_OUT = "none"
-TimeUnit = Literal["ns", "us", "ms", "s"]
 UNITS_NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
 
-def parse_classes(pairs: Sequence[str] | None) -> dict[str, str | None]:
-    """Parse `--class Tram=vehicle`; `--class Misc=none` leaves objects out.
+def _pairs(option: str, *, name_may_lack: bool = False) -> Words:
+    """TOOL=OURS of an option that may be repeated; OURS is None where it is "none"."""
 
-    Raises:
-        UsageError: no `=`, or a class twice.
-    """
-    parsed: dict[str, str | None] = {}
-    for name, ours in (_named(pair, "--class") for pair in pairs or ()):
-        if not name:
-            raise UsageError(f"--class: expected TOOL'S=OURS, got {f'={ours}'!r}")
-        if name in parsed:
-            raise UsageError(f"--class {name}: expected once, got twice")
-        parsed[name] = None if ours == LEFT_OUT else ours
-    return parsed
+    def parse(texts: list[str] | None) -> dict[str, str | None]:
+        pairs: dict[str, str | None] = {}
+        for text in texts or ():
+            name, _, ours = text.rpartition("=")
+            if not name and not name_may_lack:
+                raise UsageError(f"{option}: expected TOOL'S=OURS, got {text!r}")
+            if name in pairs:
+                raise UsageError(f"{option} {name}: expected once, got twice")
+            pairs[name] = None if ours == LEFT_OUT else ours
+        return pairs
 
-
-def _named(pair: str, option: str) -> tuple[str, str]:
-    name, equals, ours = pair.rpartition("=")
-    if not equals:
-        raise UsageError(f"{option}: expected TOOL'S=OURS, got {pair!r}")
-    return name, ours
-
-
-def _frames(pairs: Sequence[str] | None) -> dict[str, str]:
-    """Parse `--frame TOOL=OURS`; without `TOOL=` the frame of boxes that name none."""
-    return dict(_named(pair if "=" in pair else f"={pair}", "--frame") for pair in pairs or ())
+    return Words(list[str] | None, parse)
 
 
 Classes = Annotated[
@@ -73,15 +59,9 @@ Classes = Annotated[
         metavar="TOOL=OURS",
         help="Map a class of the tool to ours; =unclear leaves it unscored, =none drops it; repeatable.",
     ),
-    Words(list[str] | None, parse_classes),
+    _pairs("--class"),
 ]
-FirstFrame = Annotated[
-    int | None,
-    typer.Option(help="Number of the first sweep, where frames are counted; default: frames are named as sweeps."),
-]
-Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Replace labels that a person made or changed; a copy stays.")
-]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace other labels that are there; a copy stays.")]
 Chosen = Annotated[str | None, typer.Option("--recording", help="Recordings, separated by commas; default: all.")]
 
 
@@ -93,14 +73,12 @@ class ProposalScores:
         table: a row for each range and group, with recall, precision, errors and false tracks; see
             `bench.annotation.proposal_scores`.
         minutes: how long the sweeps took.
-        confusion: of classes; see `bench.annotation.class_confusion`.
         worst: tracks with which something is wrong; see `bench.annotation.worst_tracks`.
         files: that were written.
     """
 
     table: pd.DataFrame
     minutes: float
-    confusion: pd.DataFrame
     worst: pd.DataFrame
     files: tuple[Path, ...] = ()
 
@@ -112,17 +90,15 @@ class ConvertedLabels:
     Attributes:
         card: the data set.
         recording: that they are of.
-        labels: what was read or written.
+        labels: what was read or written, and what the other side cannot hold.
         place: file or folder that was written; None where nothing was proposed and nothing reviewed.
-        lost: one line for each thing that the other side cannot hold.
-        copies: of files that a person had made or changed, and that were replaced on request.
+        copies: of files of another content that were replaced on request.
     """
 
     card: DatasetCard
     recording: Recording
     labels: LabelSet
     place: Path | None
-    lost: tuple[str, ...] = ()
     copies: tuple[Path, ...] = ()
 
 
@@ -166,7 +142,7 @@ def propose(
     from bench.commands.data import as_executor
 
     executor = as_executor(workers)
-    card, handles, folder = open_drives(dataset, split=split, reviews=reviews, executor=executor)
+    card, handles, folder = _open_drives(dataset, split, reviews, executor)
     with resumable(folder), progress_bar(f"proposing objects of {card.name}", "recordings", progress) as report:
         drives = propose_drives(card.name, handles, folder, executor=executor, progress=report)
     return Proposals(folder=folder, drives=drives)
@@ -195,17 +171,17 @@ def evaluate_proposals(
     workers: Workers = 1,
     reviews: Reviews = None,
     against: Annotated[
-        str | Path | None,
+        Place,
         typer.Option(help="Another reviewer's folder of reviews, to compare with in place of the annotations."),
         PATH,
     ] = None,
     merged: Annotated[
-        str | Path | None,
+        Place,
         typer.Option(help="With --against: folder of both reviews as one; where they differ, tracks are undecided."),
         PATH,
     ] = None,
     out: Annotated[
-        str | Path | None, typer.Option(help="Folder of evaluate.html, .md and .csv files; default: none."), PATH
+        Place, typer.Option(help="Folder of evaluate.html, .md and .csv files; default: none."), PATH
     ] = None,
     progress: Report | None = None,
 ) -> ProposalScores:
@@ -227,7 +203,7 @@ def evaluate_proposals(
         UsageError: a recording without annotations, or `merged` without `against`.
         OutputError: a merged review is there already.
     """
-    from bench.annotation import class_confusion, proposal_scores, worst_tracks
+    from bench.annotation import proposal_scores, worst_tracks
     from bench.annotation.drives import evaluate_drives, merge_drives
     from bench.commands.data import as_executor
     from bench.reporting.proposal_scores import write_proposal_scores
@@ -236,25 +212,23 @@ def evaluate_proposals(
         raise UsageError("merged: expected a second reviewer's folder, got none; name it with --against")
     other = None if against is None else Path(against)
     executor = as_executor(workers)
-    card, handles, folder = open_drives(dataset, split=split, reviews=reviews, executor=executor)
+    card, handles, folder = _open_drives(dataset, split, reviews, executor)
     with progress_bar(f"evaluating proposals of {card.name}", "recordings", progress) as report:
         frames, minutes = evaluate_drives(handles, folder, against=other, executor=executor, progress=report)
-    table, confusion, worst = proposal_scores(frames, minutes=minutes), class_confusion(frames), worst_tracks(frames)
+    table, worst = proposal_scores(frames, minutes=minutes), worst_tracks(frames)
     names, files = [handle.name for handle in handles], list[Path]()
     if other is not None and merged is not None:
         files += merge_drives(names, folder, other, Path(merged))
     if out is not None:
-        files += write_proposal_scores(
-            Path(out), table, minutes, confusion=confusion, worst=worst, dataset=card.name, recordings=names
-        )
-    return ProposalScores(table=table, minutes=minutes, confusion=confusion, worst=worst, files=tuple(files))
+        files += write_proposal_scores(Path(out), table, minutes, worst=worst, dataset=card.name, recordings=names)
+    return ProposalScores(table=table, minutes=minutes, worst=worst, files=tuple(files))
 
 
 def show_scores(scores: ProposalScores) -> None:
     """Print the tables and the files."""
     from bench.reporting.proposal_scores import scores_tables
 
-    print_blocks(scores_tables(scores.table, scores.minutes, scores.confusion, scores.worst))
+    print_blocks(scores_tables(scores.table, scores.minutes, scores.worst))
     for file in scores.files:
         say(str(file))
 
@@ -263,16 +237,12 @@ def import_labels(
     format_name: Annotated[str, typer.Argument(metavar="FORMAT", help=f"Format of the files: {FORMATS}.")],
     source: Annotated[str | Path, typer.Argument(help="File or folder of the tool."), Words(Path)],
     dataset: Annotated[
-        str | Path | DatasetCard,
-        typer.Option(help="Data-set card: a path, or a name of `list datasets`."),
-        TEXT,
+        str | Path | DatasetCard, typer.Option(help="Data-set card: a path, or a name of `list datasets`."), TEXT
     ],
     recording: Annotated[str, typer.Option(help="Name of the recording.")],
     *,
     out: Annotated[
-        str | Path | None,
-        typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>."),
-        PATH,
+        Place, typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>."), PATH
     ] = None,
     classes: Classes = None,
     frames: Annotated[
@@ -283,10 +253,15 @@ def import_labels(
             help="Map a coordinate system of the tool to vehicle, lidar or world; without TOOL= for boxes that name "
             "none; repeatable.",
         ),
-        Words(list[str] | None, _frames),
+        _pairs("--frame", name_may_lack=True),
     ] = None,
-    first_frame: FirstFrame = None,
-    time_unit: Annotated[TimeUnit, typer.Option(help="Unit of times that do not state it.")] = "ns",
+    first_frame: Annotated[
+        int | None,
+        typer.Option(help="Number of the first sweep, where frames are counted; default: frames are named as sweeps."),
+    ] = None,
+    time_unit: Annotated[
+        Literal["ns", "us", "ms", "s"], typer.Option(help="Unit of times that do not state it.")
+    ] = "ns",
     overwrite: Overwrite = False,
 ) -> ConvertedLabels:
     """Convert a tool's labels to <recording>.json; list what was read and what was lost.
@@ -301,23 +276,23 @@ def import_labels(
         frames: the tool's frame -> "vehicle", "lidar" or "world"; "" for boxes that name none.
         first_frame: number of the first sweep, where the tool counts frames.
         time_unit: of times that do not say it.
-        overwrite: replace annotations that a person made or changed, and keep a copy of them.
+        overwrite: replace other annotations that are there, and keep a copy of them.
 
     Raises:
         UnknownNameError: no such format, data set or recording.
         UsageError: a class or frame that is none of ours.
         DataError: files that the format refuses, an object of two classes, or twice at one time.
-        OutputError: annotations that a person made or changed are there, or they cannot be written.
+        OutputError: other annotations are there, or they cannot be written.
     """
-    from bench.annotation.export import store_labels
     from bench.annotation.formats import LabelOptions, label_format
     from bench.annotation.formats import import_labels as read_labels
+    from bench.annotation.formats.conversion import store_labels
     from bench.commands.data import as_card
     from bench.recordings.writing import annotation_text
 
     label_format(format_name)  # an unknown name is told before anything is opened
     card = as_card(dataset)
-    folder, opened = annotations_folder(card, out), open_unannotated(card, recording)
+    folder, opened = _annotations_folder(card, out), open_unannotated(card, recording)
     options = LabelOptions(
         classes=classes or {}, frames=frames or {}, first_frame=first_frame, unit_ns=UNITS_NS[time_unit]
     )
@@ -325,18 +300,7 @@ def import_labels(
     file = folder / f"{recording}.json"
     text = annotation_text(file, labels.tracks, timestamps_ns=labels.timestamps_ns)
     copies = store_labels(folder, {file.name: text.encode()}, overwrite=overwrite)
-    return ConvertedLabels(card=card, recording=opened, labels=labels, place=file, lost=labels.lost, copies=copies)
-
-
-def show_import(labels: ConvertedLabels) -> None:
-    """Print the labels, and the line of the card by which they are used."""
-    _print_labels(labels)
-    card, place = labels.card, labels.place
-    assert place is not None
-    if card.annotations is None or card.annotations.resolve() != place.parent.resolve():
-        folder = os.path.relpath(place.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
-        also = ", in place of `annotated: none`" if card.content.annotated == "none" else ""
-        say(f"to use it, give the card {card.file} this line: annotations: {folder}{also}")
+    return ConvertedLabels(card=card, recording=opened, labels=labels, place=file, copies=copies)
 
 
 def export_labels(
@@ -359,8 +323,6 @@ def export_labels(
         bool,
         typer.Option("--annotated", help="With --format: write the annotations of the data set instead of reviews."),
     ] = False,
-    classes: Classes = None,
-    first_frame: FirstFrame = None,
     overwrite: Overwrite = False,
 ) -> tuple[ConvertedLabels, ...]:
     """Write accepted tracks as annotations; refuse drives with undecided tracks or unwatched sweeps.
@@ -373,64 +335,59 @@ def export_labels(
         unreviewed: write what was proposed and not rejected instead; whatever uses it says so.
         format_name: of a tool's files; None for annotation files.
         annotated: write the annotations of the data set instead of reviews; asks for a format.
-        classes: as of `import_labels`.
-        first_frame: number of the tool's first frame.
-        overwrite: replace labels that a person made or changed, and keep a copy of them.
+        overwrite: replace other labels that are there, and keep a copy of them.
 
     Raises:
         UnknownNameError: no data set, split or format of this name.
         UsageError: annotations without a format, or a format that is only read.
         DataError: a review is missing, damaged or of another drive, or leaves something undecided or not watched.
-        OutputError: labels that a person made or changed are there, or they cannot be written.
+        OutputError: other labels are there, or they cannot be written.
     """
-    from bench.annotation.export import store_labels
-    from bench.annotation.formats import LabelOptions, LabelSet, writable_format
-    from bench.annotation.formats import export_labels as write_labels
+    from bench.annotation.formats import LabelSet, label_format
+    from bench.annotation.formats.conversion import store_labels
     from bench.recordings.writing import annotation_text
 
-    if format_name is not None:
-        writable_format(format_name)  # an unknown name is told before anything is opened
-    elif annotated:
+    if annotated and format_name is None:
         raise UsageError("annotated: expected a format to write annotations in, got none; name one with --format")
-    options = LabelOptions(classes=classes or {}, first_frame=first_frame)
-    card, handles, folder = open_drives(dataset, split=split, reviews=reviews)
-    files: dict[str, bytes] = {}
-    written = []
+    tool = None if format_name is None else label_format(format_name)
+    card, handles, folder = _open_drives(dataset, split, reviews)
+    written: list[tuple[ConvertedLabels, dict[str, bytes]]] = []
     for handle in handles:
         recording = handle.open() if annotated else _reviewed(card, handle.name, folder, unreviewed=unreviewed)
-        lost: tuple[str, ...] = ()
-        place: Path | None = Path(out) / handle.name
         labels = LabelSet(tracks=recording.tracks, timestamps_ns=tuple(s.timestamp_ns for s in recording.sweeps))
-        if unreviewed and not recording.tracks:
-            place = None
-        elif format_name is None:
-            place = Path(out) / f"{handle.name}.json"
-            text = annotation_text(place, labels.tracks, timestamps_ns=labels.timestamps_ns)
-            files[place.name] = text.encode()
-        else:
-            labels, of_tool, lost = write_labels(format_name, recording, options)
-            files |= {f"{handle.name}/{name}": content for name, content in of_tool.items()}
-        written.append(ConvertedLabels(card=card, recording=recording, labels=labels, place=place, lost=lost))
-    copies = store_labels(Path(out), files, overwrite=overwrite) if files else ()
+        place, files = None, dict[str, bytes]()
+        if recording.tracks or not unreviewed:
+            place = Path(out) / (handle.name if tool else f"{handle.name}.json")
+            if tool is None:
+                files[place.name] = annotation_text(place, labels.tracks, timestamps_ns=labels.timestamps_ns).encode()
+            else:
+                files, lost = tool.write(recording)
+                labels = replace(labels, lost=tuple(lost))
+        written.append((ConvertedLabels(card=card, recording=recording, labels=labels, place=place), files))
     return tuple(
-        replace(drive, copies=tuple(c for c in copies if drive.place in (c.parent, c.with_suffix(""))))
-        for drive in written
+        replace(
+            drive, copies=store_labels(Path(out) / (drive.recording.name if tool else ""), files, overwrite=overwrite)
+        )
+        for drive, files in written
     )
 
 
-def show_export(written: Sequence[ConvertedLabels]) -> None:
-    """Print the labels of each drive, and the line of the card by which annotations are used."""
-    for labels in written:
-        if labels.place is None:
+def show_labels(written: ConvertedLabels | Sequence[ConvertedLabels]) -> None:
+    """Print the labels of each recording, and the line of the card by which annotations are used."""
+    unused = {}
+    for labels in [written] if isinstance(written, ConvertedLabels) else written:
+        card, place = labels.card, labels.place
+        if place is None:
             nothing = "nothing was proposed, and nobody has looked: no annotations are written"
             say(f"{labels.recording.name}: {nothing}", style="yellow")
-        else:
-            _print_labels(labels)
-    folders = {labels.place.parent for labels in written if labels.place is not None and labels.place.suffix}
-    for folder in folders:
-        say(
-            f"To score by them, the card says where they are, `annotations: {folder}`, and no longer `annotated: none`."
-        )
+            continue
+        _print_labels(labels)
+        if place.suffix and (card.annotations is None or card.annotations.resolve() != place.parent.resolve()):
+            folder = os.path.relpath(place.parent.resolve(), card.file.parent.resolve())  # as a card counts paths
+            also = ", in place of `annotated: none`" if card.content.annotated == "none" else ""
+            unused[folder] = f"to use it, give the card {card.file} this line: annotations: {folder}{also}"
+    for line in unused.values():
+        say(line)
 
 
 def open_unannotated(card: DatasetCard, name: str) -> Recording:
@@ -455,29 +412,25 @@ def open_unannotated(card: DatasetCard, name: str) -> Recording:
         return handles[name].open()
 
 
-def open_drives(
-    dataset: str | Path | DatasetCard,
-    *,
-    split: str | None = None,
-    reviews: str | Path | None = None,
-    executor: TaskExecutor | None = None,
+def _open_drives(
+    dataset: str | Path | DatasetCard, split: str | None, reviews: Place, executor: TaskExecutor | None = None
 ) -> tuple[DatasetCard, tuple[RecordingHandle, ...], Path]:
     """The card of a data set, its recordings, rendered where they are missing, and the folder of their reviews."""
     from bench.commands.data import rendered_card
     from bench.recordings import open_dataset
 
     card = rendered_card(dataset, split, executor=executor)
-    return card, open_dataset(card, split), annotations_folder(card, reviews)
+    return card, open_dataset(card, split), _annotations_folder(card, reviews)
 
 
-def annotations_folder(card: DatasetCard, folder: str | Path | None = None) -> Path:
+def _annotations_folder(card: DatasetCard, folder: Place) -> Path:
     """The folder of reviews and annotations that is named, else the card's, else one below the working folder."""
     return Path(folder) if folder is not None else card.annotations or Path("annotations") / card.name
 
 
 def _reviewed(card: DatasetCard, name: str, folder: Path, *, unreviewed: bool) -> Recording:
     """A recording with the tracks that were accepted, or those that were proposed and not rejected."""
-    from bench.annotation.export import refuse_unfinished, to_tracks
+    from bench.annotation.decisions import refuse_unfinished, to_tracks
     from bench.annotation.store import read_review, review_file
 
     file = review_file(folder, name)
@@ -504,13 +457,12 @@ def review(
     from bench.annotation.server import ReviewServer
     from bench.annotation.session import Session
 
-    card, handles, folder = open_drives(dataset, split=recording, reviews=reviews)
-    names = [handle.name for handle in handles]
+    card, handles, folder = _open_drives(dataset, recording, reviews)
 
     def open_session(name: str) -> Session:
         return Session(open_unannotated(card, name), dataset=card.name, folder=folder, reviewer=reviewer)
 
-    with ReviewServer(names, open_session, port=port) as server:
+    with ReviewServer([handle.name for handle in handles], open_session, port=port) as server:
         say(f"reviews: {folder}")
         say(f"open {server.url} in a browser; end with Ctrl-C")
         if browser:
@@ -537,7 +489,7 @@ def _print_labels(written: ConvertedLabels) -> None:
         middle = ": the middle box is {:.2f} m long, {:.2f} m wide, {:.2f} m high"
         size = middle.format(*np.median(sizes_m, axis=0)) if sizes_m else ""
         say(f"  {sum(track.object_class == object_class for track in labels.tracks)} {object_class}{size}")
-    for line in written.lost:
+    for line in labels.lost:
         say(f"  lost: {line}", style="yellow")
     for copy in written.copies:
         say(f"  what was there is kept as {copy}", style="yellow")
@@ -547,5 +499,5 @@ def _print_labels(written: ConvertedLabels) -> None:
 app.command("propose")(command_line(propose, show_proposals))
 app.command("evaluate")(command_line(evaluate_proposals, show_scores))
 app.command("review")(command_line(review, print_nothing))
-app.command("import")(command_line(import_labels, show_import))
-app.command("export")(command_line(export_labels, show_export))
+app.command("import")(command_line(import_labels, show_labels))
+app.command("export")(command_line(export_labels, show_labels))

@@ -112,17 +112,13 @@ def _card() -> Schema:
 
 
 def _rules(model: type[BaseModel], known: Callable[[], Iterable[str]]) -> Schema:
-    """Of a file of rules, which says everything, or what it changes of those that it is `based_on`."""
-    whole = _read(model)
-    changes = model.model_json_schema(schema_generator=_Generator, ref_template="#/$defs/{model}Changes")
-    parts = changes.pop("$defs")
-    for part in (changes, *parts.values()):
+    """Of a file of rules, which may say only what it changes of those that it is `based_on`."""
+    rules = _read(model)
+    for part in (rules, *rules["$defs"].values()):
         part.pop("required", None)
     description = "The rules of the package that hold where this file says nothing."
-    changes["properties"]["based_on"] = {"enum": list(known()), "description": description}
-    definitions = whole.pop("$defs") | {f"{name}Changes": part for name, part in parts.items()}
-    texts = {key: whole[key] for key in ("title", "description")}
-    return texts | {"if": {"required": ["based_on"]}, "then": changes, "else": whole, "$defs": definitions}
+    rules["properties"]["based_on"] = {"enum": list(known()), "description": description}
+    return rules
 
 
 SCHEMAS: dict[str, Callable[[], Schema]] = {

@@ -1,13 +1,9 @@
 """What every adapter promises, as a test that its author can run on his own data.
 
-    from bench.recordings.contract import check_adapter
+from bench.recordings.contract import check_adapter
 
-    def test_my_adapter_keeps_the_contract():
-        check_adapter(my_recordings, Path("/data/mine"), options={"camera": "rear"})
-
-or, without a line of code:
-
-    fisheye-bench validate --adapter mypackage.mine:my_recordings /data/mine --set camera=rear
+def test_my_adapter_keeps_the_contract():
+    check_adapter(my_recordings, Path("/data/mine"), options={"camera": "rear"})
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from pydantic import Field, field_validator
 
 from bench.atomic import MOST_LINK_LEVELS
 from bench.cameras import CameraModel, RollingShutter, camera_from_parameters
-from bench.cameras.rolling_shutter import LONGEST_READOUT_S, ReadoutDirection
+from bench.cameras.model import LONGEST_READOUT_S, ReadoutDirection
 from bench.errors import DataError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings.images import MOST_WHITE

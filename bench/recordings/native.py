@@ -164,7 +164,7 @@ class NativeOptions(FileModel):
             stored.
         ego_motion: "recorded", what the car reports, or "exact", the true poses of a synthetic recording.
         calibration: "recorded", what `recording.json` says, or "exact", where the sensors of a synthetic recording are.
-        bin_columns: names of the columns of sweeps in .bin; null for x, y, z, the intensity, and what the numbers show.
+        bin_columns: names of the columns of sweeps in .bin; null for x, y, z, intensity.
         links_into: folder of files that links in a recording may lead to, relative to the data set's root, such as the
             cache of DVC or of Hugging Face; null for none.
     """

@@ -60,57 +60,43 @@ HOW = (
 )
 
 
-def scores_tables(scores: pd.DataFrame, minutes: float, confusion: pd.DataFrame, worst: pd.DataFrame) -> list[Table]:
+def scores_tables(scores: pd.DataFrame, minutes: float, worst: pd.DataFrame) -> list[Table]:
     """Everything as tables for the terminal: percent, m/s, m and degrees.
 
     Args:
         scores: see `bench.annotation.proposal_scores`.
         minutes: how long the sweeps took.
-        confusion: see `bench.annotation.class_confusion`.
         worst: see `bench.annotation.worst_tracks`.
     """
     found = f"Found: IoU of returns of at least 0.5; of {60 * minutes:.0f} s."
     return [
         Table(columns=WHERE | COUNTS, rows=scores, words=2, note=found),
         Table(columns=WHERE | ERRORS, rows=scores, words=2, note="Errors: medians and 90th percentiles."),
-        *_details(confusion, worst),
+        *_worst(worst),
     ]
 
 
-def _details(confusion: pd.DataFrame, worst: pd.DataFrame) -> list[Table]:
-    """Tables of classes and of the worst tracks, where there are any."""
-    names = [str(name) for name in confusion.columns]
-    classes = Table(
-        title="Object-frames that were found, by annotated and proposed class",
-        columns=["annotated", *(f"as {name}" for name in names)],
-        rows=[[str(name), *map(int, row)] for name, row in zip(confusion.index, confusion.to_numpy(), strict=True)],
-    )
+def _worst(worst: pd.DataFrame) -> list[Table]:
+    """A table of the worst tracks, where there are any."""
     more = len(worst) - MOST_SHOWN
-    tracks = Table(
-        title="The worst tracks",
-        columns=WORST,
-        rows=worst.head(MOST_SHOWN),
-        words=3,
-        note=f"{more} more are in evaluate-tracks.csv." if more > 0 else "",
-    )
-    return [table for table in (classes, tracks) if len(table.rows)]
+    note = f"{more} more are in evaluate-tracks.csv." if more > 0 else ""
+    rows = worst.head(MOST_SHOWN)
+    return [Table(title="The worst tracks", columns=WORST, rows=rows, words=3, note=note)] if len(rows) else []
 
 
 def report(
     scores: pd.DataFrame,
     minutes: float,
     *,
-    confusion: pd.DataFrame,
     worst: pd.DataFrame,
     dataset: str,
     recordings: Sequence[str],
 ) -> Report:
-    """A table for each range, of classes and of the worst tracks, and how to read them.
+    """A table for each range, of the worst tracks, and how to read them.
 
     Args:
         scores: see `bench.annotation.proposal_scores`.
         minutes: how long the sweeps took.
-        confusion: see `bench.annotation.class_confusion`.
         worst: see `bench.annotation.worst_tracks`.
         dataset: name of the data set.
         recordings: that were compared.
@@ -121,7 +107,7 @@ def report(
     for label, rows in scores.groupby("range", sort=False):
         title = "At any range" if label == "all" else f"Nearer than {str(label).removeprefix('< ')}"
         blocks.append(Table(title=title, columns=columns, rows=rows, look="metrics"))
-    blocks += [*_details(confusion, worst), Heading("How to read it"), *map(Paragraph, HOW)]
+    blocks += [*_worst(worst), Heading("How to read it"), *map(Paragraph, HOW)]
     return Report(title=f"Proposals of {dataset} against its annotations", blocks=blocks, numbers=scores, page=True)
 
 
@@ -130,7 +116,6 @@ def write_proposal_scores(
     scores: pd.DataFrame,
     minutes: float,
     *,
-    confusion: pd.DataFrame,
     worst: pd.DataFrame,
     dataset: str,
     recordings: Sequence[str],
@@ -141,7 +126,6 @@ def write_proposal_scores(
         out: folder, is made.
         scores: as all that follow, see `report`.
         minutes: how long the sweeps took.
-        confusion: of the classes.
         worst: all tracks with which something is wrong.
         dataset: name of the data set.
         recordings: that were compared.
@@ -149,7 +133,7 @@ def write_proposal_scores(
     Raises:
         OutputError: a file cannot be written.
     """
-    told = report(scores, minutes, confusion=confusion, worst=worst, dataset=dataset, recordings=recordings)
+    told = report(scores, minutes, worst=worst, dataset=dataset, recordings=recordings)
     tracks = out / "evaluate-tracks.csv"
     files = told.write(out, "evaluate")
     write_text(tracks, worst.to_csv(index=False))

@@ -2,17 +2,17 @@
 
 import shutil
 import threading
-from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
 import yaml
 
+from bench.annotation import propose
 from bench.annotation.server import ReviewServer
 from bench.annotation.session import Session
 from bench.annotation.store import review_file, write_review
-from bench.errors import DataError
-from bench.recordings import load_card, open_dataset
+from bench.recordings import NOT_ANNOTATED, load_card, open_dataset
+from tests.annotation.street import COARSE, street
 from tests.support.browser import headless_chromium
 from tests.support.reviews import DRIVE, proposed_from
 
@@ -34,6 +34,18 @@ def card(tiny_card, tmp_path):
     return file
 
 
+@pytest.fixture(scope="session")
+def recording(tmp_path_factory):
+    """The synthetic street."""
+    return street(tmp_path_factory.mktemp("street") / "street")
+
+
+@pytest.fixture(scope="session")
+def proposals(recording):
+    """What is proposed there without annotations."""
+    return propose(replace(recording, tracks=(), annotated=NOT_ANNOTATED), settings=COARSE)
+
+
 @pytest.fixture
 def reviews(drive, tmp_path):
     """A folder with the drive's review, in which nothing was decided yet."""
@@ -42,39 +54,18 @@ def reviews(drive, tmp_path):
 
 
 @pytest.fixture
-def session(drive, reviews):
-    return Session(drive, dataset="tiny", folder=reviews, reviewer="R.")
+def server(drive, reviews):
+    """A server of one drive that answers until the test ends."""
 
+    def open_session(_):
+        return Session(drive, dataset="tiny", folder=reviews, reviewer="R.")
 
-@contextmanager
-def serving(names, open_session):
-    with ReviewServer(names, open_session) as running:
+    with ReviewServer([DRIVE], open_session) as running:
         thread = threading.Thread(target=running.serve_forever, kwargs={"poll_interval": 0.02})
         thread.start()
         yield running
         running.shutdown()
         thread.join()
-
-
-@pytest.fixture
-def server(drive, reviews):
-    """A server of one drive that answers until the test ends."""
-    with serving([DRIVE], lambda _: Session(drive, dataset="tiny", folder=reviews, reviewer="R.")) as running:
-        yield running
-
-
-@pytest.fixture
-def server_of_three(drive, reviews):
-    """A server of the drive, of one in which nothing is proposed, and of one that cannot be opened."""
-    again = replace(drive, name="again")
-
-    def open_session(name):
-        if name == "broken":
-            raise DataError("broken", expected="a drive", got="none")
-        return Session(again if name == "again" else drive, dataset="tiny", folder=reviews, reviewer="R.")
-
-    with serving([DRIVE, "again", "broken"], open_session) as running:
-        yield running
 
 
 @pytest.fixture(scope="session")

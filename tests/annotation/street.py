@@ -6,8 +6,8 @@ from math import radians
 import numpy as np
 
 from bench.annotation import ProposalSettings
+from bench.annotation.decisions import to_tracks
 from bench.annotation.drives import stored_track
-from bench.annotation.export import to_tracks
 from bench.annotation.store import Review
 from bench.recordings import open_native
 from tests.validation import drive

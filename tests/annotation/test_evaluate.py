@@ -6,17 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.annotation import class_confusion, evaluate_proposals, proposal_scores, worst_tracks
+from bench.annotation import evaluate_proposals, proposal_scores, worst_tracks
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
 from bench.recordings import NOT_ANNOTATED, Annotated
-from tests.annotation.street import street
 from tests.validation.drive import OBJECTS, SWEEPS
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    return street(tmp_path_factory.mktemp("evaluate") / "street")
 
 
 def outcomes(recording, proposed):
@@ -91,9 +85,7 @@ def test_errors_of_boxes_and_classes(recording):
     assert by_class.loc[("all", "vehicle"), "yaw_error_deg_p90"] == pytest.approx(0.0, abs=1e-6)
     count = int((frames.loc[frames["outcome"] == "found", "object"] == "rider").sum())
     assert scores["class_right"] == 1 - count / (frames["outcome"] == "found").sum()
-    confusion = class_confusion(frames)
-    assert confusion.loc["cyclist", "pedestrian"] == count > 0
-    assert confusion.loc["cyclist", "vehicle"] == 0
+    assert count > 0
 
 
 def test_the_worst_tracks(recording):

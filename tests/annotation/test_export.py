@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import urllib.request
+from contextlib import contextmanager
 from http.client import HTTPException
 
 import numpy as np
@@ -15,22 +16,22 @@ import pandas as pd
 import pytest
 
 from bench.annotation import store
-from bench.annotation.decisions import applied, decide
-from bench.annotation.export import to_tracks
+from bench.annotation.decisions import applied, to_tracks
+from bench.annotation.formats.conversion import store_labels
+from bench.errors import OutputError
 from bench.harness import read_run
 from bench.recordings import open_native, read_annotations
 from bench.recordings.openlabel import NOT_REVIEWED
 from tests.support.commands import called_here, error_line
-from tests.support.reviews import DRIVE, MADE, proposed_from, stored
+from tests.support.reviews import DRIVE, decided, judge, proposed_from, stored
 
 
 def accepted(review, *names):
-    return decide(review, store.Accept(**MADE, tracks=names or tuple(track.id for track in review.tracks)))
+    return decided(review, judge("accept", *(names or (track.id for track in review.tracks))))
 
 
 def watched(review, drive):
-    times_ns = [sweep.timestamp_ns for sweep in drive.sweeps]
-    return review.watched(times_ns[0], times_ns[-1])
+    return review.watched(sweep.timestamp_ns for sweep in drive.sweeps)
 
 
 def test_true_tracks_come_back_from_a_review(drive):
@@ -47,28 +48,26 @@ def test_true_tracks_come_back_from_a_review(drive):
 
 
 def test_only_accepted_tracks_of_a_finished_review_are_written(card, drive, tmp_path, monkeypatch, capsys):
-    review = proposed_from(drive)
-    out = tmp_path / "out"
+    review, out = proposed_from(drive), tmp_path / "out"
+    export = ("annotate", "export", card, "--out", out)
     first, *others = (track.id for track in review.tracks)
-    file = stored(card, accepted(review, first))
-    if others:
-        assert "decision on each track" in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", out)
-        review = decide(review, store.Reject(**MADE, tracks=tuple(others)))
     stored(card, accepted(review, first))
-    assert "watched to its end" in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", out)
-    stored(card, accepted(review, first).watched(drive.sweeps[0].timestamp_ns, drive.sweeps[1].timestamp_ns))
-    assert "nobody watched" in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", out)
+    assert "decision on each track" in error_line(monkeypatch, capsys, *export)
+    review = accepted(decided(review, judge("reject", *others)), first)
+    stored(card, review)
+    assert "watched to its end" in error_line(monkeypatch, capsys, *export)
+    stored(card, review.watched(sweep.timestamp_ns for sweep in drive.sweeps[:2]))
+    assert f"got {len(drive.sweeps) - 2} of {len(drive.sweeps)} sweeps that nobody watched" in error_line(
+        monkeypatch, capsys, *export
+    )
     assert not out.exists()
-    stored(card, watched(accepted(review, first), drive))
-    ended = called_here("annotate", "export", card, "--out", out)
-    assert ended.returncode == 0
+    stored(card, watched(review, drive))
+    assert called_here(*export).returncode == 0
     (track,) = read_annotations(out / f"{DRIVE}.json")
     assert (track.track_id, track.reviewed) == (first, True)
     frames = json.loads((out / f"{DRIVE}.json").read_text())["openlabel"]["frames"]
-    assert {sweep.timestamp_ns for sweep in drive.sweeps} <= {
-        frame["frame_properties"]["timestamp"] for frame in frames.values()
-    }
-    assert file.exists()
+    times_ns = {frame["frame_properties"]["timestamp"] for frame in frames.values()}
+    assert {sweep.timestamp_ns for sweep in drive.sweeps} <= times_ns
     assert called_here("annotate", "export", card, "--out", out / "tool", "--format", "cvat").returncode == 0
     assert (out / "tool" / DRIVE / "tracklet_labels.xml").is_file()
 
@@ -86,22 +85,31 @@ def test_a_review_of_another_drive_gives_no_labels(card, drive, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_annotations_made_by_hand_stay(card, drive, tmp_path):
-    stored(card, watched(accepted(proposed_from(drive)), drive))
-    out = tmp_path / "out"
-    assert called_here("annotate", "export", card, "--out", out).returncode == 0
-    mine = (out / f"{DRIVE}.json").read_text().replace('"timestamp": ', '"timestamp":  ', 1)
-    (out / f"{DRIVE}.json").write_text(mine)
-    ended = called_here("annotate", "export", card, "--out", out)
-    assert (ended.returncode, "--overwrite" in ended.stderr) == (2, True)
-    assert (out / f"{DRIVE}.json").read_text() == mine
-    assert called_here("annotate", "export", card, "--out", out, "--overwrite").returncode == 0
-    assert (out / f"{DRIVE}.json.1").read_text() == mine
+FILES = {"a.json": b"a", "drive/b.csv": b"b"}
+
+
+def test_other_labels_stay_unless_asked_and_then_as_a_copy(tmp_path):
+    assert store_labels(tmp_path, FILES) == store_labels(tmp_path, FILES) == ()
+    (tmp_path / "drive/b.csv").write_bytes(b"mine")
+    with pytest.raises(OutputError, match=r"other labels that are there; .*--overwrite, which keeps a copy"):
+        store_labels(tmp_path, {"a.json": b"new", "drive/b.csv": b"new"})
+    assert (tmp_path / "drive/b.csv").read_bytes() == b"mine"
+    assert (tmp_path / "a.json").read_bytes() == b"a"  # all or none
+    assert store_labels(tmp_path, {"drive/b.csv": b"new"}, overwrite=True) == (tmp_path / "drive/b.csv.1",)
+    assert (tmp_path / "drive/b.csv.1").read_bytes() == b"mine"
+    assert store_labels(tmp_path, {"drive/b.csv": b"newer"}, overwrite=True) == (tmp_path / "drive/b.csv.2",)
+    assert sorted(path.name for path in (tmp_path / "drive").iterdir()) == ["b.csv", "b.csv.1", "b.csv.2"]
+
+
+def test_a_folder_in_the_way_is_one_line(tmp_path):
+    (tmp_path / "a.json").mkdir()
+    with pytest.raises(OutputError, match="a folder or device"):
+        store_labels(tmp_path, {"a.json": b"a"}, overwrite=True)
 
 
 @pytest.mark.slow
 def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
-    stored(card, decide(proposed_from(drive), store.Reject(**MADE, tracks=(proposed_from(drive).tracks[-1].id,))))
+    stored(card, decided(proposed_from(drive), judge("reject", proposed_from(drive).tracks[-1].id)))
     ended = called_here("annotate", "export", card, "--out", card.parent / "annotations", "--unreviewed")
     assert ended.returncode == 0
     file = card.parent / "annotations" / f"{DRIVE}.json"
@@ -138,44 +146,42 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     assert all(NOT_REVIEWED in page for page in pages)
 
 
-def test_the_command_serves_and_ends_with_an_interrupt(card, drive):
-    file = stored(card, proposed_from(drive))
+@contextmanager
+def reviewing(card):
+    """The command, and a function that posts a decision about the first track."""
     command = [sys.executable, "-m", "bench", "annotate", "review", str(card), "--no-browser", "--reviewer", "R."]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as running:
         lines = [running.stdout.readline() for _ in range(2)]
         origin, token = re.search(r"(http://127\.0\.0\.1:\d+)/#(\S+)", "".join(lines)).groups()
-        question = urllib.request.Request(
-            f"{origin}/drives/0/decide",
-            data=json.dumps({"action": "accept", "tracks": ["p000"]}).encode(),
-            headers={"X-Review-Token": token, "Content-Type": "application/json"},
-        )
-        with urllib.request.urlopen(question, timeout=30) as answer:
-            assert answer.status == 200
+
+        def post(action):
+            body = json.dumps({"action": action, "tracks": ["p000"]}).encode()
+            headers = {"X-Review-Token": token, "Content-Type": "application/json"}
+            question = urllib.request.Request(f"{origin}/drives/0/decide", data=body, headers=headers)
+            urllib.request.urlopen(question, timeout=30).close()
+
+        yield running, post
+
+
+def test_the_command_serves_and_ends_with_an_interrupt(card, drive):
+    file = stored(card, proposed_from(drive))
+    with reviewing(card) as (running, post):
+        post("accept")
         running.send_signal(signal.SIGINT)
         rest, _ = running.communicate(timeout=20)
     assert (running.returncode, "Traceback" in rest) == (0, False)
-    assert applied(store.read_review(file))[0].status == "accepted"
+    assert applied(store.read_review(file))["p000"].status == "accepted"
 
 
 @pytest.mark.slow
 def test_a_server_that_is_killed_has_stored_what_it_answered(card, drive):
     file = stored(card, proposed_from(drive))
-    command = [sys.executable, "-m", "bench", "annotate", "review", str(card), "--no-browser", "--reviewer", "R."]
     answered = 0
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as running:
-        lines = [running.stdout.readline() for _ in range(2)]
-        origin, token = re.search(r"(http://127\.0\.0\.1:\d+)/#(\S+)", "".join(lines)).groups()
-        killer = threading.Timer(4.0, running.kill)
-        killer.start()
+    with reviewing(card) as (running, post):
+        threading.Timer(4.0, running.kill).start()
         for number in range(100_000):
-            action = ("accept", "reopen")[number % 2]
-            question = urllib.request.Request(
-                f"{origin}/drives/0/decide",
-                data=json.dumps({"action": action, "tracks": ["p000"]}).encode(),
-                headers={"X-Review-Token": token, "Content-Type": "application/json"},
-            )
             try:
-                urllib.request.urlopen(question, timeout=30).close()
+                post(("accept", "reopen")[number % 2])
             except (OSError, HTTPException):
                 break
             answered += 1

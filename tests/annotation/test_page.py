@@ -4,14 +4,13 @@ import time
 
 import numpy as np
 import pytest
-from selenium.common.exceptions import WebDriverException
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
 
 from bench.annotation.decisions import applied
 from bench.annotation.store import read_review, review_file, write_review
-from tests.support.browser import accessibility_faults, headless_chromium, opened
+from tests.support.browser import accessibility_faults, opened
 from tests.support.reviews import DRIVE
 
 
@@ -184,47 +183,16 @@ def test_a_doubt_is_explained(browser, server):
     assert told(browser).startswith("short (0.4): Seconds that it moves.")
 
 
-def test_ten_tracks_are_in_the_timeline_at_once(browser, server):
-    page(browser, server, width=1280)
-    browser.execute_script(
-        "for (let n = 0; n < 10; n++) { const t = tracks.get(chosen); tracks.set(`x${n}`, { ...t, id: `x${n}` }); }"
-        "order = [...tracks.keys()].slice(-10); report(); paint()"
-    )
-    until(browser, "return bars.length === 10 && $('lanes').scrollHeight <= $('lanes').clientHeight")
-
-
-def test_a_size_that_does_not_fit_the_class_is_told(browser, server, reviews):
-    page(browser, server)
-    name = browser.execute_script(
-        "const t = [...tracks.values()].find(t => t.class === 'vehicle'); choose(t.id); return t.id"
-    )
-    press(browser, "1")
-    wait_for_decisions(reviews, 1)
-    why = "return $('why').textContent.includes('is long for a pedestrian')"
-    until(browser, why)
-    press(browser, "3")
-    until(browser, f"return tracks.get('{name}').class === 'vehicle' && !({why.removeprefix('return ')})")
-
-
-def test_playing_to_the_end_counts_as_watched(browser, server, reviews, drive):
-    page(browser, server)
-    browser.execute_script("$('speed').value = '4'; seek(0)")
-    press(browser, " ")
-    until(browser, "return !playing && i === D.times.length - 1")
-    until(browser, "return D.times.every(watched)")
-    count = browser.execute_script("return tracks.size")
-    assert (
-        told(browser)
-        == f"Played to the end. {'One track is' if count == 1 else f'{count} tracks are'} still undecided."
-    )
-    assert stored(reviews).covers([sweep.timestamp_ns for sweep in drive.sweeps])
-
-
-def test_jumping_to_the_end_does_not(browser, server, reviews):
+def test_what_was_played_and_nothing_else_counts_as_watched(browser, server, reviews, drive):
     page(browser, server)
     press(browser, Keys.ARROW_RIGHT)
     browser.execute_script("seek(D.times.length - 1)")
     assert browser.execute_script("return D.times.filter(watched).length") == 0
+    browser.execute_script("$('speed').value = '4'; seek(0)")
+    press(browser, " ")
+    until(browser, "return !playing && i === D.times.length - 1 && D.times.every(watched)")
+    assert told(browser) == f"Played to the end. {len(drive.tracks)} tracks are still undecided."
+    assert stored(reviews).watched_ns == tuple(sweep.timestamp_ns for sweep in drive.sweeps)
 
 
 def box_of(browser):
@@ -232,36 +200,53 @@ def box_of(browser):
     return browser.execute_script("const s = stateAt(tracks.get(chosen)); return [...s.row.slice(0, 4), ...s.size]")
 
 
+def drag(browser, x, y, *steps):
+    """Press at a point of the window, px, move in steps, lift."""
+    pointer = (actions := ActionChains(browser, duration=20)).w3c_actions.pointer_action
+    pointer.move_to_location(round(x), round(y)).pointer_down()
+    for dx, dy in steps:
+        pointer.move_to_location(round(x) + dx, round(y) + dy)
+    pointer.pointer_up()
+    actions.perform()
+
+
 def test_dragging_the_box_makes_a_key_frame(browser, server, reviews):
     page(browser, server)
-    name, x, y = browser.execute_script(
-        "const s = stateAt(tracks.get(chosen)), c = $('bird'), r = c.getBoundingClientRect(),"
-        " p = toScreen(s.row[0], s.row[1], r.width, r.height); return [chosen, r.left + p[0], r.top + p[1]]"
-    )
-    before = {track.id: track for track in applied(stored(reviews))}[name].motion.centres_m
-    drag = ActionChains(browser, duration=50)
-    drag.w3c_actions.pointer_action.move_to_location(round(x), round(y)).pointer_down()
-    drag.w3c_actions.pointer_action.move_to_location(round(x) + 10, round(y)).move_to_location(round(x) + 24, round(y))
-    drag.w3c_actions.pointer_action.pointer_up()
-    drag.perform()
+    x, y, *_ = box_of(browser)
+    name, scale = browser.execute_script("return [chosen, view.scale]")
+    before = applied(stored(reviews))[name].motion.centres_m
+    drag(browser, *at_screen(browser, x, y), (10, 0), (24, 0))
     (moved,) = wait_for_decisions(reviews, 1)
     assert (moved.action, moved.track) == ("set_box", name)
-    shift = {track.id: track for track in applied(stored(reviews))}[name].motion.centres_m - before
-    scale = browser.execute_script("return view.scale")
+    shift = applied(stored(reviews))[name].motion.centres_m - before
     assert abs((shift[:, :2] ** 2).sum(axis=1) ** 0.5 - 24 / scale).max() < 3 / scale
     no_complaints(browser)
 
 
+def test_a_side_of_the_box_is_dragged_in_the_view_from_above(browser, server, reviews):
+    page(browser, server)
+    before = box_of(browser)
+    x, y, metre = browser.execute_script(
+        "const s = stateAt(tracks.get(chosen)), f = frameOf('top', s.size), r = $('top').getBoundingClientRect();"
+        "return [r.left + f.w / 2, r.top + f.h / 2 - s.size[1] / 2 * f.k, f.k]"
+    )
+    drag(browser, x, y, (0, -9))
+    (decision,) = wait_for_decisions(reviews, 1)
+    assert decision.size_m[1] - before[5] == pytest.approx(9 / metre, abs=0.3 / metre)
+    moved = np.hypot(decision.centre_m[0] - before[0], decision.centre_m[1] - before[1])
+    assert moved == pytest.approx(4.5 / metre, abs=0.3 / metre)  # the other side stays
+
+
 def test_keys_move_turn_and_resize_the_box(browser, server, reviews):
     page(browser, server)
-    before = browser.execute_script("const s = stateAt(tracks.get(chosen)); return [...s.row, ...s.size]")
+    x, y, _, yaw, _, _, height = box_of(browser)
     press(browser, "iiq")
     (decision,) = wait_for_decisions(reviews, 1)
-    forward = ((decision.centre_m[0] - before[0]) ** 2 + (decision.centre_m[1] - before[1]) ** 2) ** 0.5
+    forward = np.hypot(decision.centre_m[0] - x, decision.centre_m[1] - y)
     assert forward == pytest.approx(0.1, abs=2e-3)
-    assert decision.yaw_rad - before[3] == pytest.approx(0.01745, abs=1e-3)
+    assert decision.yaw_rad - yaw == pytest.approx(0.01745, abs=1e-3)
     press(browser, ".")
-    assert wait_for_decisions(reviews, 2)[-1].size_m[2] - before[8] == pytest.approx(0.05, abs=1e-3)
+    assert wait_for_decisions(reviews, 2)[-1].size_m[2] - height == pytest.approx(0.05, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -317,13 +302,8 @@ def at_screen(browser, x, y):
 
 def stroke(browser, points):
     """Press at the first point of the world, move through the others, lift."""
-    pointer = (actions := ActionChains(browser, duration=20)).w3c_actions.pointer_action
-    first, *others = [at_screen(browser, *point) for point in points]
-    pointer.move_to_location(*first).pointer_down()
-    for point in others:
-        pointer.move_to_location(*point)
-    pointer.pointer_up()
-    actions.perform()
+    (x, y), *others = [at_screen(browser, *point) for point in points]
+    drag(browser, x, y, *((u - x, v - y) for u, v in others))
 
 
 def test_the_reference_follows_the_box(browser, server, reviews):
@@ -376,7 +356,7 @@ def test_a_line_across_a_box_splits_it(browser, server, reviews):
     (decision,) = wait_for_decisions(reviews, 1)
     assert decision.action == "split_space"
     until(browser, f"return chosen === '{decision.track}.1'")
-    halves = [track for track in applied(stored(reviews)) if track.id.startswith(decision.track)]
+    halves = [track for name, track in applied(stored(reviews)).items() if name.startswith(decision.track)]
     assert sum(track.size_m[0] for track in halves) == pytest.approx(length, abs=0.01)
 
 
@@ -401,40 +381,6 @@ def test_a_missing_object_is_drawn_from_its_points(browser, server, reviews, way
     assert decision.action == "draw"
     until(browser, f"return chosen === '{decision.drawn.id}'")
     no_complaints(browser)
-
-
-def test_a_side_of_the_box_is_dragged_in_the_view_from_above(browser, server, reviews):
-    page(browser, server)
-    before = box_of(browser)
-    x, y, metre = browser.execute_script(
-        "const s = stateAt(tracks.get(chosen)), f = frameOf('top', s.size), r = $('top').getBoundingClientRect();"
-        "return [r.left + f.w / 2, r.top + f.h / 2 - s.size[1] / 2 * f.k, f.k]"
-    )
-    pointer = (actions := ActionChains(browser, duration=20)).w3c_actions.pointer_action
-    pointer.move_to_location(round(x), round(y)).pointer_down().move_to_location(round(x), round(y) - 9).pointer_up()
-    actions.perform()
-    (decision,) = wait_for_decisions(reviews, 1)
-    assert decision.size_m[1] - before[5] == pytest.approx(9 / metre, abs=0.3 / metre)
-    moved = np.hypot(decision.centre_m[0] - before[0], decision.centre_m[1] - before[1])
-    assert moved == pytest.approx(4.5 / metre, abs=0.3 / metre)  # the other side stays
-
-
-@pytest.mark.slow
-def test_a_browser_that_dies_loses_the_edit_it_was_in_at_most(server, reviews, tmp_path):
-    browser = page(headless_chromium(tmp_path / "chromium"), server)
-    press(browser, "a")
-    wait_for_decisions(reviews, 1)
-    press(browser, "iii")  # a key frame is sent when no key comes for a while
-    with pytest.raises(WebDriverException):
-        browser.execute_cdp_cmd("Browser.crash", {})
-    browser.service.stop()
-    left = stored(reviews).decisions
-    assert [decision.action for decision in left] in (["accept"], ["accept", "set_box"])
-    assert [file.name for file in reviews.iterdir()] == [f"{DRIVE}.review.json"]
-    again = page(headless_chromium(tmp_path / "again"), server)
-    press(again, "z")
-    assert wait_for_decisions(reviews, len(left) + 1)[-1].action == "undo"
-    again.quit()
 
 
 def test_a_page_whose_command_has_ended_shows_what_is_stored(browser, server, reviews):
@@ -468,7 +414,7 @@ def rewrite(reviews, change):
     """Store the review with its first track changed."""
     review = stored(reviews)
     first, *others = review.tracks
-    write_review(review_file(reviews, DRIVE), review.with_tracks([change(first), *others]))
+    write_review(review_file(reviews, DRIVE), review.model_copy(update={"tracks": (change(first), *others)}))
 
 
 def test_a_hole_is_seen_in_the_list_and_in_the_timeline_and_filled_by_a_key_frame(browser, server, reviews):
@@ -493,38 +439,21 @@ def test_the_timeline_has_the_rows_of_the_list(browser, server):
     page(browser, server)
     rows, listed = browser.execute_script("return [bars.map(b => b.t.id), ranked().map(t => t.id)]")
     assert rows == listed
-    last = rows[-1]
+    left, top, *_ = sides_of(browser, "rows")
+    drag(browser, left + 8, top + browser.execute_script("return bars.at(-1).y") + 4)
+    assert browser.execute_script("return chosen") == rows[-1]
     browser.execute_script(
-        "const r = $('rows').getBoundingClientRect(), y = r.top + bars.at(-1).y + 4, at = { clientX: r.left + 8,"
-        " clientY: y, pointerId: 1, bubbles: true }; $('rows').setPointerCapture = () => 0;"
-        "for (const end of ['pointerdown', 'pointerup']) $('rows').dispatchEvent(new PointerEvent(end, at))"
+        "for (let n = 0; n < 10; n++) tracks.set(`x${n}`, { ...tracks.get(chosen), id: `x${n}` });"
+        "order = [...tracks.keys()].slice(-10); report(); paint()"
     )
-    assert browser.execute_script("return chosen") == last
-
-
-def test_the_list_of_drives_tells_what_is_left_to_do(browser, server_of_three, drive):
-    page(browser, server_of_three)
-    sweeps = f"{len(drive.sweeps)} sweeps not watched"
-    objects = len(drive.tracks)
-    told = "return [...$('drives').options].map(o => o.text).join('\\n')"
-    until(browser, "return $('drives').options[2].text.includes('opened')")
-    before = browser.execute_script(told).split("\n")
-    assert before[0] == f"{DRIVE} · {objects} undecided ({objects // 2} in doubt), {sweeps}"
-    assert before[1:] == [f"again · {sweeps}", "broken · cannot be opened"]
-    for left in range(objects - 1, -1, -1):
-        press(browser, "a")
-        until(browser, f"return work[0].undecided === {left} && !edit")
-    browser.execute_script("$('speed').value = '4'; seek(0)")
-    press(browser, " ")
-    until(browser, "return !playing && D.times.every(watched)")
-    assert browser.execute_script(told).startswith(f"{DRIVE} · done\n")
+    until(browser, "return bars.length === 10 && $('lanes').scrollHeight <= $('lanes').clientHeight")  # ten at once
 
 
 def test_labels_do_not_overlap_and_the_selected_one_is_always_there(browser, server, reviews):
     """Nine tracks at one place: some labels are beside, above and below, the others are left out."""
     review = stored(reviews)
     copies = [review.tracks[0].model_copy(update={"id": f"c{i}"}) for i in range(8)]
-    write_review(review_file(reviews, DRIVE), review.with_tracks([*review.tracks, *copies]))
+    write_review(review_file(reviews, DRIVE), review.model_copy(update={"tracks": (*review.tracks, *copies)}))
     page(browser, server)
     browser.execute_script("choose('c5'); seek(nearest(D.times, tracks.get('c5').times[1]))")
     until(browser, "return drawn === i && placed.some(p => p.name === 'c5')")

@@ -65,8 +65,7 @@ def test_a_command_tells_them(folder):
 def test_a_pipe_among_the_predictions(folder):
     place = folder / "masks" / "front"
     place.mkdir(parents=True)
-    os.mkfifo(place / f"{FIRST}.png")
-    os.mkfifo(folder / "masks" / "front.json")
+    os.mkfifo(place / f"{FIRST + 66_666_667}.png")
     done = called_here("evaluate", folder / "x.yaml", "--predictions", folder / "masks", folder=folder)
     assert done.returncode == 2
-    assert "2 files and none of them does" in done.stderr
+    assert "1 unusable" in done.stderr

@@ -12,7 +12,7 @@ from bench.lidar import read_sweep
 from bench.plain_yaml import parse_yaml
 from bench.recordings import load_card
 from tests.hostile import files
-from tests.support.clouds import laz, pcd, ply
+from tests.support.clouds import laz, pcd
 
 pytestmark = pytest.mark.slow
 
@@ -84,7 +84,6 @@ def test_the_whole_ones_are_read(tmp_path, suffix):
         ".laz": files.LAZ,
         ".bin": files.ROWS.tobytes(),
         ".pcd": pcd(500, body=files.POINTS.tobytes()),
-        ".ply": ply(500, body=files.POINTS.tobytes()),
     }
     path = tmp_path / f"1000{suffix}"
     path.write_bytes(whole[suffix])

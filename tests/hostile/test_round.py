@@ -15,7 +15,7 @@ from bench.errors import BenchError
 from bench.lidar import read_sweep
 from tests.hostile import files
 from tests.hostile.damage import damaged
-from tests.support.clouds import laz, pcd, ply
+from tests.support.clouds import laz, pcd
 from tests.support.commands import call
 from tests.support.data_sets import DATA_SETS, card_of
 from tests.support.limits import at_most
@@ -36,7 +36,6 @@ CLOUDS = {
     "layered.laz": laz(files.POINTS.astype(float), point_format=6, gps_time=np.full(500, 1000.0)),
     ".bin": files.ROWS.tobytes(),
     ".pcd": pcd(500, body=files.POINTS.tobytes()),
-    ".ply": ply(500, body=files.POINTS.tobytes()),
 }
 
 

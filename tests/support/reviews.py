@@ -4,7 +4,17 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from bench.annotation.store import BoxState, Doubt, Proposed, Review, StoredTrack, review_file, write_review
+from bench.annotation.decisions import applied
+from bench.annotation.store import (
+    Doubt,
+    Judge,
+    Proposed,
+    Review,
+    StoredTrack,
+    box_states,
+    review_file,
+    write_review,
+)
 from bench.recordings import Cuboid
 
 STEP_NS = 100_000_000
@@ -14,22 +24,11 @@ MADE = {"made_at": datetime(2026, 11, 23, 15, tzinfo=UTC), "reviewer": "R."}
 
 def straight(name, *, first=0, states=11, start=(0.0, 0.0), speed_mps=10.0, size_m=(4.0, 2.0, 1.5), **more):
     """A track along the world's x axis, a state every 0.1 s from state `first` on, 1 m higher than the ground."""
-    return StoredTrack(
-        id=name,
-        source="proposed",
-        object_class="vehicle",
-        size_m=size_m,
-        states=tuple(
-            BoxState(
-                timestamp_ns=i * STEP_NS,
-                centre_m=(start[0] + speed_mps * i / 10, start[1], 1.0),
-                yaw_rad=0.0,
-                velocity_mps=(speed_mps, 0.0),
-            )
-            for i in range(first, first + states)
-        ),
-        **more,
-    )
+    numbers = np.arange(first, first + states)
+    centres_m = np.column_stack([start[0] + speed_mps * numbers / 10, np.tile([start[1], 1.0], (states, 1))])
+    boxes = box_states(numbers * STEP_NS, centres_m, np.zeros(states), np.tile([speed_mps, 0.0], (states, 1)))
+    told = {"id": name, "source": "proposed", "object_class": "vehicle", "size_m": size_m, "states": boxes}
+    return StoredTrack(**told | more)
 
 
 def review_of(*tracks, data="d", code="c"):
@@ -37,37 +36,39 @@ def review_of(*tracks, data="d", code="c"):
 
 
 def proposed_from(recording):
-    """What a perfect proposer would find: the true tracks, in the world."""
-    found = []
+    """What a perfect proposer would find: the true tracks, in the world; every second is in doubt."""
+    tracks = []
     for number, track in enumerate(recording.tracks):
         boxes = [state for state in track.states if isinstance(state.shape, Cuboid)]
-        states = []
-        for state in boxes:
-            world = recording.trajectory.world_from_vehicle(state.timestamp_ns)
-            pose = world @ state.shape.vehicle_from_object
-            velocity = world.rotation @ state.velocity_mps
-            states.append(
-                BoxState(
-                    timestamp_ns=state.timestamp_ns,
-                    centre_m=tuple(pose.translation_m.tolist()),
-                    yaw_rad=float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])),
-                    velocity_mps=tuple(velocity[:2].tolist()),
-                )
-            )
-        found.append(
+        times_ns = np.array([state.timestamp_ns for state in boxes])
+        worlds = [recording.trajectory.world_from_vehicle(time_ns) for time_ns in times_ns.tolist()]
+        poses = [world @ state.shape.vehicle_from_object for world, state in zip(worlds, boxes, strict=True)]
+        velocities = [world.rotate(state.velocity_mps)[:2] for world, state in zip(worlds, boxes, strict=True)]
+        yaws_rad = np.array([np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]) for pose in poses])
+        centres_m = np.array([pose.translation_m for pose in poses])
+        tracks.append(
             StoredTrack(
                 id=f"p{number:03d}",
                 source="proposed",
                 object_class=track.object_class,
                 size_m=tuple(boxes[0].shape.size_m.tolist()),
-                doubts=(Doubt(reason="few returns", value=6.0, weight=0.5),) if number % 2 else (),
+                doubts=(Doubt(reason="few returns", value=6.0),) if number % 2 else (),
                 points_median=100.0,
-                states=tuple(states),
+                states=box_states(times_ns, centres_m, yaws_rad, np.array(velocities)),
             )
         )
-    return Review(
-        dataset="street", recording=recording.name, proposed=Proposed(data="d", code="c"), tracks=tuple(found)
-    )
+    return review_of(*tracks).model_copy(update={"recording": recording.name})
+
+
+def decided(review, *decisions):
+    """The review with more decisions, which can be carried out."""
+    review = review.model_copy(update={"decisions": (*review.decisions, *decisions)})
+    applied(review)
+    return review
+
+
+def judge(action, *names):
+    return Judge(**MADE, action=action, tracks=names)
 
 
 def stored(card, review):

@@ -1,34 +1,44 @@
-"""The registered label formats, and the conversion of a tool's files to tracks and back.
+"""The contract of label formats, and the conversion of a tool's files to tracks.
+
+A frame is called as the file of its sweep, with or without leading zeros of a number, or as the sweep's time in
+nanoseconds; all frames of a source in the same way. Frames that a tool counts by itself pair with sweeps only where the
+user says which number the first sweep has, so that one sweep that is missing never shifts all others by one.
 
 Velocities that files do not hold come from places; objects without ids are followed from time to time.
 """
 
 from __future__ import annotations
 
+import itertools
+from abc import ABC, abstractmethod
+from bisect import bisect_left
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from os.path import lexists
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from bench.annotation.formats.contract import (
-    UNCLEAR,
-    Files,
-    LabelFormat,
-    LabelOptions,
-    LabelSet,
-    Observation,
-    WritableFormat,
-    map_classes,
-)
+from bench.atomic import write_bytes
 from bench.egomotion import Trajectory
-from bench.errors import DataError, UnknownNameError, UsageError
+from bench.errors import DataError, OutputError, UnknownNameError, UsageError
+from bench.geometry import RigidTransform
+from bench.plain_text import listed
 from bench.plug_ins import imported, known_targets
-from bench.recordings import Cuboid, GroundPolygon, ObjectState, Recording, Track
+from bench.recordings import (
+    OBJECT_CLASSES,
+    Cuboid,
+    GroundPolygon,
+    ObjectState,
+    PointIndices,
+    Recording,
+    SweepRef,
+    Track,
+)
 from bench.records.recording import world_velocities, world_yaw_rates
 from bench.times import SECOND_NS
 
@@ -38,13 +48,309 @@ LABEL_FORMATS = {
     "boxes": "bench.annotation.formats.table:BoxTable",
     "openlabel": "bench.annotation.formats.openlabel:OpenLabelFormat",
     "cvat": "bench.annotation.formats.tracklets:CvatTracklets",
-    "kitti-tracklets": "bench.annotation.formats.tracklets:KittiTracklets",
     "semantickitti": "bench.annotation.formats.semantickitti:SemanticKitti",
 }
 LONGEST_GAP_NS = SECOND_NS  # an object that was out of sight for longer says nothing of its speed
 WINDOW_NS = SECOND_NS  # the visible side of an object changes: shorter windows give its jitter, not its motion
 FASTEST_MPS = {"pedestrian": 5.0, "cyclist": 15.0, "animal": 15.0, "vehicle": 30.0, "unclear": 30.0}
 JITTER_M = 1.0  # of the middle of what is seen
+UNCLEAR = "unclear"  # in place of a class: nobody can tell what it is, so that its area is not scored
+OWN_FRAMES = ("vehicle", "lidar", "world")
+WELL_KNOWN: dict[str, str | None] = {  # names that need no explanation, in lower case; upper and lower case are one
+    **{name: name for name in OBJECT_CLASSES},
+    **dict.fromkeys(("person", "person (sitting)", "person_sitting", "adult", "child", "people"), "pedestrian"),
+    **dict.fromkeys(("bicycle", "bicyclist", "bike", "motorbike", "motorcycle", "motorcyclist", "rider"), "cyclist"),
+    **dict.fromkeys(
+        ("car", "van", "truck", "bus", "tram", "train", "trailer", "caravan", "on-rails", "other-vehicle"), "vehicle"
+    ),
+    **dict.fromkeys(("dontcare", "don't care", "dont_care", "ignore"), UNCLEAR),
+}
+SHOWN = 5  # names that a message lists
+LARGEST_BYTES = 500_000_000  # of one file
+LONGEST_NUMBER = 19  # digits of a time in nanoseconds
+NEAR_NS = 1_000_000  # a time so near to a sweep's is the sweep's: tools round
+BEYOND_NS = 1_000_000_000  # times may be so far outside of the recording
+Files = dict[str, bytes]  # name -> content
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Observation:
+    """An object at one time, as a tool's files have it.
+
+    Attributes:
+        track: the object's id; empty where the files have none.
+        label: the tool's class.
+        state: a box or points, in the vehicle frame; without velocity where the files have none.
+        middle_m: (3,) float64, m, world frame, mean of the object's points; None for boxes, NaN without ego-motion.
+        seen_ns: mean time of these points.
+    """
+
+    track: str
+    label: str
+    state: ObjectState
+    middle_m: Floats | None = None
+    seen_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToolLabels:
+    """Content of a tool's files.
+
+    Attributes:
+        observations: of all objects at all times, in any order.
+        timestamps_ns: all annotated times, also those at which the scene held nothing.
+        lost: one line for each thing that was not read.
+    """
+
+    observations: Sequence[Observation]
+    timestamps_ns: Sequence[int]
+    lost: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelOptions:
+    """What the user says about a tool's files.
+
+    Attributes:
+        classes: the tool's class -> one of `OBJECT_CLASSES`, "unclear", or None to leave its objects out.
+        frames: name of a frame in the files -> "vehicle", "lidar" or "world"; "" for boxes that name none.
+        first_frame: number of the first sweep in the tool's frames, which are then counted; None for frames that are
+            called as the sweeps.
+        unit_ns: of times that do not say their unit.
+
+    Raises:
+        UsageError: a class or frame that is none of ours.
+    """
+
+    classes: Mapping[str, str | None] = field(default_factory=dict)
+    frames: Mapping[str, str] = field(default_factory=dict)
+    first_frame: int | None = None
+    unit_ns: int = 1
+
+    def __post_init__(self) -> None:
+        for kind, given, known in (
+            ("class", self.classes, (*OBJECT_CLASSES, UNCLEAR, None)),
+            ("frame", self.frames, OWN_FRAMES),
+        ):
+            for name, ours in given.items():
+                if ours not in known:
+                    named = ", ".join(filter(None, known))
+                    raise UsageError(f"{kind} {name!r}: expected one of {named}, got {ours!r}")
+
+
+class LabelFormat(ABC):
+    """Translates the files of a tool; without state.
+
+    Attributes:
+        name: as the registry knows it, for example "openlabel".
+        description: one line, for the listing.
+    """
+
+    name: str
+    description: str
+
+    @abstractmethod
+    def read(self, source: Path, recording: Recording, options: LabelOptions) -> ToolLabels:
+        """Read labels.
+
+        Args:
+            source: the tool's file or folder.
+            recording: what was annotated; its own tracks are not looked at.
+            options: what the user says about the files.
+
+        Raises:
+            DataError: not what the format asks for, or frames that do not pair with the recording's.
+        """
+
+    def write(self, recording: Recording) -> tuple[Files, list[str]]:  # noqa: ARG002
+        """Return the annotations of a recording as a tool's files.
+
+        Args:
+            recording: with its annotations; all its sweeps count as annotated.
+
+        Returns:
+            files: name -> content.
+            lost: one line for each thing that the format cannot hold.
+
+        Raises:
+            UsageError: a format that is only read.
+        """
+        raise UsageError(f"format {self.name!r}: expected one that can be written, got one that is only read")
+
+
+def map_classes(labels: Iterable[str], options: LabelOptions, *, source: Path) -> dict[str, str | None]:
+    """Return our class for each of a tool's classes.
+
+    Args:
+        labels: the classes of a source, as it spells them.
+        options: the user's own map goes first; there, too, upper and lower case are one.
+        source: the tool's file or folder, for messages.
+
+    Returns:
+        Class as the source has it -> one of `OBJECT_CLASSES`, "unclear", or None for one that is left out.
+
+    Raises:
+        DataError: unknown classes, all at once.
+    """
+    table = WELL_KNOWN | {name.casefold(): ours for name, ours in options.classes.items()}
+    classes = sorted(set(labels))
+    unknown = [name for name in classes if name.casefold() not in table]
+    if unknown:
+        known = ", ".join(OBJECT_CLASSES)
+        hint = f"map each of them, as --class '{unknown[0]}=CLASS'; CLASS is one of {known}, unclear (not scored "
+        raise DataError(
+            source,
+            field="classes",
+            expected=f"classes that map to one of {known}",
+            got=", ".join(repr(name) for name in unknown),
+            hint=f"{hint}there), or none to leave the objects out",
+        )
+    return {name: table[name.casefold()] for name in classes}
+
+
+def pair_with_sweeps(
+    names: Collection[str], recording: Recording, options: LabelOptions, *, source: Path
+) -> dict[str, SweepRef]:
+    """The sweep of each frame.
+
+    Args:
+        names: of the tool's frames: stems of files, or numbers as text.
+        recording: what was annotated.
+        options: for `first_frame`.
+        source: the tool's file or folder, for messages.
+
+    Returns:
+        Name -> sweep, in the order of the sweeps.
+
+    Raises:
+        DataError: frames that fit no sweep, fit some only, or two frames of one sweep.
+    """
+    sweeps = recording.sweeps
+    if not sweeps:
+        raise DataError(source, expected=f"a recording with lidar sweeps, as {recording.name!r}", got="none")
+    stems = [sweep.path.stem for sweep in sweeps]
+    expected = f"frames named like the {len(sweeps)} sweeps, {stems[0]} to {stems[-1]}"
+    hint = "name frames after the sweeps; or, where they are counted, say with --first-frame which the first is"
+    ways = [stems, [_plain(stem) for stem in stems], [str(sweep.timestamp_ns) for sweep in sweeps]]
+    if (first := options.first_frame) is not None:
+        expected = f"frames from {first} to {first + len(sweeps) - 1}"
+        hint = "--first-frame is the number of the recording's first sweep"
+        ways = [[str(first + i) for i in range(len(sweeps))]]
+    keyed = [dict(zip(way, sweeps, strict=True)) for way in ways]
+    pairs = [{name: way[key] for name in names for key in (name, _plain(name)) if key in way} for way in keyed]
+    paired = max(pairs, key=len)
+    if unpaired := [name for name in names if name not in paired]:
+        raise DataError(source, field="frames", expected=expected, got=listed(unpaired, SHOWN), hint=hint)
+    frames: dict[int, str] = {}
+    for name, sweep in paired.items():
+        if (other := frames.setdefault(sweep.timestamp_ns, name)) != name:
+            got = f"{other!r} and {name!r} of {sweep.path.name}"
+            raise DataError(source, expected="one frame for each sweep", got=got)
+    return dict(sorted(paired.items(), key=lambda item: item[1].timestamp_ns))
+
+
+def _plain(name: str) -> str:
+    """A number without leading zeros; anything else as it is."""
+    return str(int(name)) if name.isascii() and name.isdigit() and len(name) <= LONGEST_NUMBER else name
+
+
+def recording_times(times_ns: Sequence[int], recording: Recording, *, source: Path, field: str) -> list[int]:
+    """Times of a file as times of the recording: within a millisecond of a sweep's they are the sweep's.
+
+    Args:
+        times_ns: int, since the epoch of the recording.
+        recording: what was annotated.
+        source: the file, for messages.
+        field: of the times.
+
+    Raises:
+        DataError: a time more than a second outside of the recording.
+    """
+    sweeps_ns = sorted(sweep.timestamp_ns for sweep in recording.sweeps)
+    images_ns = [image.timestamp_ns for images in recording.images.values() for image in images]
+    first_ns, last_ns = min([*sweeps_ns, *images_ns], default=0), max([*sweeps_ns, *images_ns], default=0)
+    paired = []
+    for time_ns in times_ns:
+        if not first_ns - BEYOND_NS <= time_ns <= last_ns + BEYOND_NS:
+            expected = f"times of the recording, {first_ns} to {last_ns} ns"
+            hint = "give the unit of the times with --time-unit, or the right recording"
+            raise DataError(source, field=field, expected=expected, got=f"{time_ns} ns", hint=hint)
+        place = bisect_left(sweeps_ns, time_ns)
+        near = [t for t in sweeps_ns[max(place - 1, 0) : place + 1] if abs(t - time_ns) <= NEAR_NS]
+        paired.append(min(near, key=lambda t: abs(t - time_ns), default=time_ns))
+    return paired
+
+
+def vehicle_from_tool(
+    name: str, timestamp_ns: int, recording: Recording, options: LabelOptions, source: Path, field: str
+) -> RigidTransform:
+    """The vehicle frame at a time from a frame of a tool, which the file or the user says is one of `OWN_FRAMES`.
+
+    Args:
+        name: of the frame; empty where the file names none.
+        timestamp_ns: of the boxes.
+        recording: what was annotated.
+        options: for `frames`.
+        source: the file, for messages.
+        field: of the frame.
+
+    Raises:
+        DataError: nobody says which it is, or "world" at a time without ego-motion.
+    """
+    frame = options.frames.get(name, name)
+    if frame not in OWN_FRAMES:
+        expected, hint = (
+            f"one of {', '.join(OWN_FRAMES)}",
+            f"say with --frame {f'{name}=' if name else ''}lidar (or vehicle, world)",
+        )
+        raise DataError(source, field=field, expected=expected, got=repr(name) if name else "none", hint=hint)
+    if frame == "world":
+        return recording.trajectory.world_from_vehicle(timestamp_ns).inverse()
+    return recording.vehicle_from_lidar if frame == "lidar" else RigidTransform.identity()
+
+
+def box_state(
+    timestamp_ns: int, vehicle_from_box: RigidTransform, size_m: ArrayLike, velocity_mps: ArrayLike = (np.nan,) * 3
+) -> ObjectState:
+    """A box in the vehicle frame, its full size (3,), m, and its velocity over the ground (3,), m/s, where known."""
+    shape = Cuboid(vehicle_from_object=vehicle_from_box, size_m=np.asarray(size_m, dtype=np.float64))
+    velocity = np.asarray(velocity_mps, dtype=np.float64)
+    return ObjectState(timestamp_ns=timestamp_ns, shape=shape, velocity_mps=velocity)
+
+
+def data_lost(tracks: Sequence[Track], *, velocities: bool) -> list[str]:
+    """Lines for what boxes alone cannot hold.
+
+    Args:
+        tracks: that are written.
+        velocities: whether the format has a place for them.
+    """
+    states = [state for track in tracks for state in track.states]
+    counts = {
+        "ground outlines": sum(isinstance(state.shape, GroundPolygon) for state in states),
+        "places that are given by points": sum(isinstance(state.shape, PointIndices) for state in states),
+        "velocities": sum(bool(np.isfinite(state.velocity_mps).all()) for state in states if not velocities),
+        "yaw rates": sum(bool(state.yaw_rate_radps) for state in states),
+        "kinds of motion (category)": sum(state.category is not None for state in states),
+        "marks of unclear objects": sum(state.unclear for state in states),
+        "numbers in truth images (instance_id)": sum(track.instance_id is not None for track in tracks),
+    }
+    return [f"{count} {what}: no field for them" for what, count in counts.items() if count]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LabelSet:
+    """Annotations of one recording, and when the scene was annotated.
+
+    Attributes:
+        tracks: objects; their states are in the vehicle frame at each state's time.
+        timestamps_ns: all annotated times, also those at which the scene held nothing, increasing.
+        lost: one line for each thing that the source does not hold or that was lost in the translation.
+    """
+
+    tracks: tuple[Track, ...]
+    timestamps_ns: tuple[int, ...]
+    lost: tuple[str, ...] = ()
 
 
 def known_formats() -> dict[str, str]:
@@ -63,19 +369,6 @@ def label_format(name: str) -> LabelFormat:
     if name not in known:
         raise UnknownNameError("label format", name, known)
     chosen: LabelFormat = imported(known[name], expected=f"format {name!r}: expected a class")()
-    return chosen
-
-
-def writable_format(name: str) -> WritableFormat:
-    """A format of labels that can be written.
-
-    Raises:
-        UnknownNameError: no such format.
-        UsageError: a format that is only read.
-    """
-    chosen = label_format(name)
-    if not isinstance(chosen, WritableFormat):
-        raise UsageError(f"format {name!r}: expected one that can be written, got one that is only read")
     return chosen
 
 
@@ -100,14 +393,13 @@ def import_labels(format_name: str, source: Path, recording: Recording, options:
     tracks = [_track(name, seen, classes, recording, source) for name, seen in by_track.items()]
     if single := sum(len(track.states) == 1 for track in tracks):
         lost.append(f"{single} objects are seen once, so that their speed is unknown where the files do not say it")
-    times_ns = sorted(set(labels.timestamps_ns))
-    missing = [sweep for sweep in recording.sweeps if sweep.timestamp_ns not in set(times_ns)]
-    if missing:
+    times_ns = set(labels.timestamps_ns)
+    if missing := [sweep for sweep in recording.sweeps if sweep.timestamp_ns not in times_ns]:
         lost.append(
             f"{len(missing)} of {len(recording.sweeps)} sweeps have no frame in the source, first "
             f"{missing[0].path.name}: their images count as annotated unless the card excludes them"
         )
-    return LabelSet(tracks=tuple(tracks), timestamps_ns=tuple(times_ns), lost=tuple(lost))
+    return LabelSet(tracks=tuple(tracks), timestamps_ns=tuple(sorted(times_ns)), lost=tuple(lost))
 
 
 def _by_track(
@@ -122,7 +414,7 @@ def _by_track(
         else:
             loose[observation.label][observation.state.timestamp_ns].append(observation)
     for label, by_time in loose.items():
-        places_m = [np.array([_place(o, recording) for o in together]) for together in by_time.values()]
+        places_m = [_places(together, recording.trajectory) for together in by_time.values()]
         numbers = followed(list(by_time), places_m, fastest_mps=FASTEST_MPS[classes[label] or UNCLEAR])
         for together, row in zip(by_time.values(), numbers, strict=True):
             for observation, number in zip(together, row, strict=True):
@@ -132,13 +424,16 @@ def _by_track(
     return tracks
 
 
-def _place(observation: Observation, recording: Recording) -> np.ndarray:
-    """(3,) m, world frame; NaN without ego-motion."""
-    if observation.middle_m is not None:
-        return observation.middle_m
-    rotations, positions_m, valid = recording.trajectory.at(np.array([observation.state.timestamp_ns]))
-    world_m = rotations[0] @ centre(observation.state) + positions_m[0]
-    return world_m if valid[0] else np.full(3, np.nan)
+def _places(seen: Sequence[Observation], trajectory: Trajectory) -> Floats:
+    """(N, 3) m, world frame, middles of boxes or points; NaN without ego-motion."""
+    rotations, positions_m, _ = trajectory.at(np.array([o.state.timestamp_ns for o in seen], dtype=np.int64))
+    places_m = np.empty((len(seen), 3))
+    for i, observation in enumerate(seen):
+        if isinstance(shape := observation.state.shape, Cuboid):
+            places_m[i] = rotations[i] @ shape.vehicle_from_object.translation_m + positions_m[i]
+        else:
+            places_m[i] = observation.middle_m
+    return places_m
 
 
 def _track(
@@ -153,103 +448,42 @@ def _track(
             raise DataError(source, field=field, expected="one place at each time", got=f"{count} at {time_ns}")
     ours = classes[seen[0].label]
     assert ours is not None
-    if (middles_m := [o.middle_m for o in seen if o.middle_m is not None]) and len(middles_m) == len(seen):
-        states = _with_point_motion(seen, np.array(middles_m), recording)
-    else:
-        states = with_motion([o.state for o in seen], recording.trajectory)
+    states = with_motion(seen, recording.trajectory)
     if ours == UNCLEAR:
         states = [replace(state, unclear=True) for state in states]
     object_class = "vehicle" if ours == UNCLEAR else ours  # of what is not scored it does not matter
-    return Track(track_id=name, object_class=object_class, states=tuple(states), instance_id=seen[0].instance_id)
+    return Track(track_id=name, object_class=object_class, states=tuple(states))
 
 
-def _with_point_motion(seen: Sequence[Observation], middles_m: np.ndarray, recording: Recording) -> list[ObjectState]:
-    """States of points, with the velocities of their middles."""
-    world_mps = middle_velocities(np.array([o.seen_ns for o in seen], dtype=np.int64), middles_m)
-    rotations, _, _ = recording.trajectory.at(np.array([o.state.timestamp_ns for o in seen], dtype=np.int64))
-    velocities = np.einsum("nji,nj->ni", rotations, world_mps)
-    return [replace(o.state, velocity_mps=velocity) for o, velocity in zip(seen, velocities, strict=True)]
+def with_motion(seen: Sequence[Observation], trajectory: Trajectory) -> list[ObjectState]:
+    """States with velocities, and of boxes with yaw rates, where they have none, from their places in the world.
 
-
-def export_labels(
-    format_name: str, recording: Recording, options: LabelOptions
-) -> tuple[LabelSet, Files, tuple[str, ...]]:
-    """Return a recording's annotations as a tool's files.
+    Velocities stay NaN where there is no ego-motion, and where an object is seen once in a second.
 
     Args:
-        format_name: of the files.
-        recording: with its annotations; all its sweeps count as looked at.
-        options: what the files should look like.
-
-    Returns:
-        label_set: what was handed to the format.
-        files: name -> content.
-        lost: one line for each thing that the format cannot hold.
-
-    Raises:
-        UnknownNameError: no such format.
-        UsageError: a format that is only read.
-        DataError: a recording without sweeps.
-    """
-    chosen = writable_format(format_name)
-    if not recording.sweeps:
-        raise DataError(recording.root, expected="lidar sweeps, which tools label", got=f"none in {recording.name!r}")
-    times_ns = {sweep.timestamp_ns for sweep in recording.sweeps}
-    times_ns |= {state.timestamp_ns for track in recording.tracks for state in track.states}
-    label_set = LabelSet(tracks=recording.tracks, timestamps_ns=tuple(sorted(times_ns)))
-    return label_set, *chosen.write(label_set, recording, options)
-
-
-def centre(state: ObjectState) -> Floats:
-    """Middle of a box or outline, (3,) m, vehicle frame."""
-    if isinstance(state.shape, Cuboid):
-        return state.shape.vehicle_from_object.translation_m
-    assert isinstance(state.shape, GroundPolygon)
-    return np.array([*state.shape.outline_m.mean(axis=0), (state.shape.bottom_m + state.shape.top_m) / 2.0])
-
-
-def with_motion(states: Sequence[ObjectState], trajectory: Trajectory) -> list[ObjectState]:
-    """States with velocities and yaw rates where they have none, from their places in the world.
-
-    States keep what they have where they have a velocity, where there is no ego-motion, and where an object is seen
-    once in a second; outlines give no yaw rate, and points named one by one neither.
-
-    Args:
-        states: of one object, by time.
+        seen: of one object, by time; boxes, or points.
         trajectory: of the ego vehicle.
     """
-    moved = list(states)
-    runs: list[list[int]] = []
-    for i, state in enumerate(states):
-        if isinstance(state.shape, Cuboid | GroundPolygon):
-            if not runs or state.timestamp_ns - states[runs[-1][-1]].timestamp_ns > LONGEST_GAP_NS:
-                runs.append([])
-            runs[-1].append(i)
-    for run in (run for run in runs if len(run) > 1):
-        for i, state in zip(run, _moved([states[i] for i in run], trajectory), strict=True):
-            moved[i] = state
-    return moved
-
-
-def _moved(states: Sequence[ObjectState], trajectory: Trajectory) -> list[ObjectState]:
+    states = [observation.state for observation in seen]
     times_ns = np.array([state.timestamp_ns for state in states], dtype=np.int64)
-    rotations, positions_m, valid = trajectory.at(times_ns)
-    world_m = np.einsum("nij,nj->ni", rotations, np.stack([centre(state) for state in states])) + positions_m
-    velocities = np.full_like(world_m, np.nan)
-    if valid.sum() > 1:
-        world_mps = world_velocities(times_ns[valid], world_m[valid])
-        velocities[valid] = np.einsum("nji,nj->ni", rotations[valid], world_mps)
-    turns = np.array([state.yaw_rate_radps for state in states])
-    boxes = [(i, state.shape) for i, state in enumerate(states) if valid[i] and isinstance(state.shape, Cuboid)]
-    if len(boxes) > 1:
-        rows = [i for i, _ in boxes]
-        headings = np.stack([box.vehicle_from_object.rotation for _, box in boxes])
-        turns[rows] = world_yaw_rates(times_ns[rows], rotations[rows] @ headings)
+    rotations, _, _ = trajectory.at(times_ns)
+    places_m, turns_radps = _places(seen, trajectory), np.zeros(len(seen))
+    boxes = [state.shape.vehicle_from_object.rotation for state in states if isinstance(state.shape, Cuboid)]
+    if boxes:
+        headings, world_mps = rotations @ np.stack(boxes), np.full(places_m.shape, np.nan)
+        for run in np.split(np.arange(len(seen)), np.flatnonzero(np.diff(times_ns) > LONGEST_GAP_NS) + 1):
+            known = run[np.isfinite(places_m[run]).all(axis=1)]
+            if len(known) > 1:
+                world_mps[known] = world_velocities(times_ns[known], places_m[known])
+                turns_radps[known] = world_yaw_rates(times_ns[known], headings[known])
+    else:
+        world_mps = middle_velocities(np.array([o.seen_ns for o in seen], dtype=np.int64), places_m)
+    velocities_mps = np.einsum("nji,nj->ni", rotations, world_mps)
     return [
-        replace(state, velocity_mps=velocities[i], yaw_rate_radps=state.yaw_rate_radps or float(turns[i]))
-        if np.isnan(state.velocity_mps).any() and valid[i]
+        replace(state, velocity_mps=velocity_mps, yaw_rate_radps=float(turn_radps))
+        if np.isnan(state.velocity_mps).any()
         else state
-        for i, state in enumerate(states)
+        for state, velocity_mps, turn_radps in zip(states, velocities_mps, turns_radps, strict=True)
     ]
 
 
@@ -310,3 +544,30 @@ def followed(times_ns: Sequence[int], places_m: Sequence[Floats], *, fastest_mps
             row.append(number)
         numbers.append(row)
     return numbers
+
+
+def store_labels(folder: Path, files: Mapping[str, bytes], *, overwrite: bool = False) -> tuple[Path, ...]:
+    """Write label files, all or none.
+
+    Args:
+        folder: of the files; made where it is not there.
+        files: name -> content.
+        overwrite: replace also files of another content, and keep a copy of each, `<name>.1` and on.
+
+    Returns:
+        The copies.
+
+    Raises:
+        OutputError: a file of another content is in the way, or one cannot be written.
+    """
+    others = [name for name in files if (folder / name).is_file() and (folder / name).read_bytes() != files[name]]
+    if others and not overwrite:
+        hint = "give another folder; or --overwrite, which keeps a copy of them"
+        raise OutputError(folder / others[0], got="other labels that are there", hint=hint)
+    copies = []
+    for name in others:
+        copies.append(next(path for i in itertools.count(1) if not lexists(path := folder / f"{name}.{i}")))
+        write_bytes(copies[-1], (folder / name).read_bytes())
+    for name, content in files.items():
+        write_bytes(folder / name, content)
+    return tuple(copies)

@@ -11,6 +11,7 @@ Source:
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from bench.annotation.formats.contract import LabelOptions, Observation, ToolLabels
-from bench.annotation.formats.sweeps import frame_files, pair_with_sweeps
+from bench.annotation.formats.conversion import LabelFormat, LabelOptions, Observation, ToolLabels, pair_with_sweeps
+from bench.atomic import read_regular, refuse_escape
 from bench.errors import DataError
 from bench.recordings import ObjectState, PointIndices, Recording, SweepRef
 from bench.reference.sweeps import pose_sweep
@@ -30,12 +31,12 @@ MOVING = {  # number -> name and our class; 251 is "moving" alone, whose class i
     252: "moving-car", 253: "moving-bicyclist", 254: "moving-person", 255: "moving-motorcyclist",
     256: "moving-on-rails", 257: "moving-bus", 258: "moving-truck", 259: "moving-other-vehicle",
 }  # fmt: skip
-FOLDERS = ("labels", "predictions")
+SUFFIX, FOLDERS = ".label", ("labels", "predictions")
 INSTANCE_BITS = 16
 NEIGHBOUR_M = 0.5  # points nearer than this belong together; people who walk abreast stay apart
 
 
-class SemanticKitti:
+class SemanticKitti(LabelFormat):
     """The moving points of SemanticKITTI's layout."""
 
     name = "semantickitti"
@@ -43,21 +44,44 @@ class SemanticKitti:
 
     def read(self, source: Path, recording: Recording, options: LabelOptions) -> ToolLabels:
         """Read a sequence's labels; arguments and errors as in `LabelFormat`."""
-        files = {file.stem: file for file in frame_files(source, ".label", folders=FOLDERS)}
+        files = {file.stem: file for file in _label_files(source)}
         frames = pair_with_sweeps(files, recording, options, source=source)
-        names = MOVING | {int(name): name for name in options.classes if name.isascii() and name.isdigit()}
-        observations: list[Observation] = []
         passed: Counter[int] = Counter()
-        for stem, sweep in frames.items():
-            observations += _moving_objects(files[stem], sweep, recording, names, passed)
-        lost = [
-            f"{count} points of label {label}, which does not say moving" for label, count in sorted(passed.items())
-        ]
-        times_ns = tuple(sweep.timestamp_ns for sweep in frames.values())
-        return ToolLabels(observations=tuple(observations), timestamps_ns=times_ns, lost=tuple(lost))
+        observations = [o for stem, ref in frames.items() for o in _moving_objects(files[stem], ref, recording, passed)]
+        return ToolLabels(
+            observations=observations,
+            timestamps_ns=[sweep.timestamp_ns for sweep in frames.values()],
+            lost=[
+                f"{count} points of label {number}, which does not say moving"
+                for number, count in sorted(passed.items())
+            ],
+        )
 
 
-def read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _label_files(source: Path) -> list[Path]:
+    """By name; of the source, or of the folder in it that holds them.
+
+    Raises:
+        DataError: no such files, more than one of the folders, a link that leads out of `source`.
+    """
+    if not source.is_dir():
+        got = "a file" if source.exists() else "nothing"
+        raise DataError(source, expected=f"a folder of {SUFFIX} files", got=got)
+    inner = [source / name for name in FOLDERS if (source / name).is_dir()]
+    if len(inner) > 1:
+        got = " and ".join(path.name for path in inner)
+        raise DataError(source, expected="one folder of labels", got=got, hint="give the one that is meant")
+    folder = inner[0] if inner else source
+    files = sorted(path for path in folder.iterdir() if path.suffix == SUFFIX and not path.name.startswith("."))
+    if not files:
+        also = "".join(f" or {name}/" for name in FOLDERS)
+        raise DataError(folder, expected=f"files <frame>{SUFFIX}, here{also}", got="none")
+    for file in files:
+        refuse_escape(source, file, file=file)
+    return files
+
+
+def _read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Read a `.label` file: one little-endian uint32 for each point.
 
     Args:
@@ -71,7 +95,10 @@ def read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray[
     Raises:
         DataError: missing, or not one number for each point.
     """
-    content = file.read_bytes()
+    try:
+        content = read_regular(file)
+    except OSError as error:
+        raise DataError(file, expected="a readable file", got=error.strerror or str(error)) from error
     if len(content) != 4 * points:
         expected, got = f"{points} labels of 4 bytes, one for each point of its sweep", f"{len(content) / 4:g} labels"
         hint = "labels count in the sweep as it is stored: give those of the same, uncut sweeps"
@@ -80,40 +107,32 @@ def read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray[
     return values & ((1 << INSTANCE_BITS) - 1), values >> INSTANCE_BITS
 
 
-def _moving_objects(
-    file: Path, ref: SweepRef, recording: Recording, names: dict[int, str], passed: Counter[int]
-) -> list[Observation]:
+def _moving_objects(file: Path, ref: SweepRef, recording: Recording, passed: Counter[int]) -> Iterator[Observation]:
     """The objects of one sweep; counts points of other labels in `passed`."""
     sweep = ref.read()
-    points_lidar, times_ns = sweep.points_lidar, sweep.times_ns
-    stored_rows = np.arange(len(points_lidar)) if sweep.stored_rows is None else sweep.stored_rows
-    labels, instances = (of_all[stored_rows] for of_all in read_labels(file, points=sweep.rows_stored))
+    times_ns = sweep.times_ns
+    stored_rows = np.arange(len(sweep.points_lidar)) if sweep.stored_rows is None else sweep.stored_rows
+    labels, instances = (of_all[stored_rows] for of_all in _read_labels(file, points=sweep.rows_stored))
     placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar)
-    observations = []
     for label in np.unique(labels).tolist():
         rows = np.flatnonzero(labels == label)
-        if label not in names:
+        if label not in MOVING:
             passed[label] += len(rows)
             continue
         for instance in np.unique(instances[rows]).tolist():
             members = rows[instances[rows] == instance]
-            groups = np.zeros(len(members)) if instance else near_groups(points_lidar[members])
+            groups = np.zeros(len(members)) if instance else near_groups(sweep.points_lidar[members])
             for group in np.unique(groups):
                 of_object = members[groups == group]
                 shape = PointIndices(indices=stored_rows[of_object], sweep_timestamp_ns=ref.timestamp_ns)
-                middle_m = np.full(3, np.nan) if placed is None else placed.points_world(of_object).mean(axis=0)
-                state = ObjectState(timestamp_ns=ref.timestamp_ns, shape=shape, velocity_mps=np.full(3, np.nan))
                 later_ns = round(float((times_ns[of_object] - ref.timestamp_ns).mean()))
-                observations.append(
-                    Observation(
-                        track=f"{names[label]}-{instance}" if instance else "",
-                        label=names[label].removeprefix("moving-"),
-                        state=state,
-                        middle_m=middle_m,
-                        seen_ns=ref.timestamp_ns + later_ns,
-                    )
+                yield Observation(
+                    track=f"{MOVING[label]}-{instance}" if instance else "",
+                    label=MOVING[label].removeprefix("moving-"),
+                    state=ObjectState(timestamp_ns=ref.timestamp_ns, shape=shape, velocity_mps=np.full(3, np.nan)),
+                    middle_m=np.full(3, np.nan) if placed is None else placed.points_world(of_object).mean(axis=0),
+                    seen_ns=ref.timestamp_ns + later_ns,
                 )
-    return observations
 
 
 def near_groups(points: NDArray[np.floating]) -> NDArray[np.int64]:

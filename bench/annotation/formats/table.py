@@ -16,19 +16,23 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.annotation.formats.contract import Files, LabelOptions, LabelSet, Observation, ToolLabels, tool_class
-from bench.annotation.formats.sweeps import (
-    LARGEST,
+from bench.annotation.formats.conversion import (
+    LARGEST_BYTES,
+    Files,
+    LabelFormat,
+    LabelOptions,
+    Observation,
+    ToolLabels,
     box_state,
     data_lost,
-    own_frame,
     recording_times,
-    refuse_large,
-    vehicle_from_own,
+    vehicle_from_tool,
 )
+from bench.atomic import read_regular
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, Recording
+from bench.recordings.validation import LARGEST_MEASURED
 
 FILE = "boxes.csv"
 TIME, WORDS = "timestamp_ns", ["track", "class", "frame"]
@@ -38,7 +42,7 @@ REQUIRED = [TIME, *WORDS, *CENTRE, *SIZE, YAW]
 LEVEL = 1e-3  # sine of how far a box leans, from which on it is said
 
 
-class BoxTable:
+class BoxTable(LabelFormat):
     """A table of boxes."""
 
     name = "boxes"
@@ -48,50 +52,46 @@ class BoxTable:
         """Read a table; arguments and errors as in `LabelFormat`."""
         file = source / FILE if source.is_dir() else source
         table = _read(file)
-        numbers = {name: _numbers(table, name, file) for name in [*CENTRE, *SIZE, YAW]}
-        velocities = np.column_stack([_numbers(table, name, file, optional=True) for name in VELOCITY])
+        centres_m, sizes_m, yaws_rad = (_numbers(table, names, file) for names in (CENTRE, SIZE, [YAW]))
+        unknown = {name: np.nan for name in VELOCITY if name not in table}
+        velocities_mps = _numbers(table.assign(**unknown), VELOCITY, file, optional=True)
         times_ns = recording_times(_times(table, file), recording, source=file, field=TIME)
         observations = []
-        for row, (time_ns, track, label, frame) in enumerate(
-            zip(times_ns, *(table[name].fillna("") for name in WORDS), strict=True)
-        ):
-            own = own_frame(frame, options, source=file, field=f"row {row}.frame")
-            vehicle_from_frame = vehicle_from_own(own, time_ns, recording)
-            box = RigidTransform.from_yaw(numbers[YAW][row], [numbers[name][row] for name in CENTRE])
-            size_m = [numbers[name][row] for name in SIZE]
-            if min(size_m) <= 0:
-                raise DataError(file, field=f"row {row}", expected="sizes above 0", got=str(size_m))
-            state = box_state(time_ns, vehicle_from_frame @ box, size_m)
-            state.velocity_mps[:] = vehicle_from_frame.rotate(velocities[row])
+        for row, (track, label, frame) in enumerate(zip(*(table[word] for word in WORDS), strict=True)):
+            if sizes_m[row].min() <= 0:
+                raise DataError(file, field=f"row {row}", expected="sizes above 0", got=str(sizes_m[row].tolist()))
+            vehicle_from_frame = vehicle_from_tool(frame, times_ns[row], recording, options, file, f"row {row}.frame")
+            box = vehicle_from_frame @ RigidTransform.from_yaw(yaws_rad[row, 0], centres_m[row])
+            state = box_state(times_ns[row], box, sizes_m[row], vehicle_from_frame.rotate(velocities_mps[row]))
             observations.append(Observation(track=track, label=label, state=state))
-        known = {*REQUIRED, *VELOCITY}
-        lost = tuple(f"column {str(name)[:40]!r}: no field for it" for name in table.columns if name not in known)
-        return ToolLabels(observations=tuple(observations), timestamps_ns=tuple(times_ns), lost=lost)
+        lost = [
+            f"column {name[:40]!r}: no field for it" for name in map(str, table) if name not in {*REQUIRED, *VELOCITY}
+        ]
+        return ToolLabels(observations=observations, timestamps_ns=times_ns, lost=lost)
 
-    def write(self, label_set: LabelSet, _: Recording, options: LabelOptions) -> tuple[Files, tuple[str, ...]]:
+    def write(self, recording: Recording) -> tuple[Files, list[str]]:
         """Write boxes in the vehicle frame; arguments as in `LabelFormat`."""
         rows = []
         leaning = 0
-        for track in label_set.tracks:
+        for track in recording.tracks:
             for state in track.states:
                 if isinstance(state.shape, Cuboid):
                     box = state.shape.vehicle_from_object
                     leaning += bool(np.hypot(*box.rotation[2, :2]) > LEVEL)
-                    words = [track.track_id, tool_class(track.object_class, options), "vehicle"]
+                    words = [track.track_id, track.object_class, "vehicle"]
                     size_m, yaw_rad = np.asarray(state.shape.size_m), np.arctan2(box.rotation[1, 0], box.rotation[0, 0])
                     numbers = np.concatenate([box.translation_m, size_m, [yaw_rad], state.velocity_mps])
                     rows.append([state.timestamp_ns, *words, *numbers.tolist()])
         text = pd.DataFrame(rows, columns=[*REQUIRED, *VELOCITY]).to_csv(index=False, lineterminator="\n")
-        lost = data_lost(label_set.tracks, kept=("boxes", "velocities"))
+        lost = data_lost(recording.tracks, velocities=True)
         if leaning:
             lost.append(f"{leaning} boxes that lean against the vehicle are written upright")
-        return {FILE: text.encode()}, tuple(lost)
+        return {FILE: text.encode()}, lost
 
 
 def _read(file: Path) -> pd.DataFrame:
-    refuse_large(file)
     try:
-        content = file.read_bytes()
+        content = read_regular(file, largest_bytes=LARGEST_BYTES)
         if content[:4] == b"PAR1":
             table = pd.read_parquet(io.BytesIO(content))
         else:
@@ -118,17 +118,16 @@ def _times(table: pd.DataFrame, file: Path) -> list[int]:
     return times_ns
 
 
-def _numbers(table: pd.DataFrame, name: str, file: Path, *, optional: bool = False) -> NDArray[np.float64]:
-    """(N,) float64; NaN for what is optional and not there.
+def _numbers(table: pd.DataFrame, names: list[str], file: Path, *, optional: bool = False) -> NDArray[np.float64]:
+    """(N, K) float64 of K columns; NaN for what is optional and not there.
 
     Raises:
         DataError: no finite number, or one beyond any map.
     """
-    if optional and name not in table.columns:
-        return np.full(len(table), np.nan)
-    values = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
-    wrong = ~(np.abs(values) < LARGEST) & ~(optional & table[name].isna().to_numpy())
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise DataError(file, field=f"row {row}.{name}", expected="a number", got=repr(table[name].iloc[row]))
-    return values
+    columns = [pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64) for name in names]
+    for name, values in zip(names, columns, strict=True):
+        wrong = ~(np.abs(values) < LARGEST_MEASURED) & ~(optional & table[name].isna().to_numpy())
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise DataError(file, field=f"row {row}.{name}", expected="a number", got=repr(table[name].iloc[row]))
+    return np.column_stack(columns)

@@ -1,17 +1,16 @@
-"""KITTI's raw tracklets (`tracklet_labels.xml`), and what CVAT writes under the same name.
+"""What CVAT writes as "KITTI Raw Format": `tracklet_labels.xml` and `frame_list.txt`.
 
-KITTI's own meaning is that of `bench.adapters.tracklets`.
-
-CVAT's "KITTI Raw Format" keeps the tags and changes their meaning: the place is the middle of the box, w lies along x,
-h along y and l along z, and the three angles turn about the box's own x, y and z in turn. Gaps of a track are filled
-with copies that are outside of the image with unset occlusion. CVAT carries an object's id in an attribute `id`, where
-the task's labels have one, and names its frames in `frame_list.txt` beside the tracklets: number and name of each.
-Sweeps that the list does not name were not looked at.
+CVAT keeps the tags of KITTI's raw tracklets (`bench.adapters.tracklets`) and changes their meaning: the place
+is the middle of the box, w lies along x, h along y and l along z, and the three angles turn about the box's own x, y
+and z in turn. Gaps of a track are filled with copies that are outside of the image with unset occlusion. CVAT carries
+an object's id in an attribute `id`, where the task's labels have one, and names its frames in `frame_list.txt` beside
+the tracklets: number and name of each. Sweeps that the list does not name were not looked at.
 """
 
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path, PurePosixPath
@@ -24,7 +23,6 @@ from scipy.spatial.transform import Rotation
 from bench.adapters.tracklets import (
     CUT_OFF,
     ID_ATTRIBUTE,
-    INTERPOLATED,
     LABELLED,
     OUTSIDE,
     POSE,
@@ -32,12 +30,21 @@ from bench.adapters.tracklets import (
     Tracklet,
     TrackletPose,
     read_tracklets,
-    upright_box,
 )
-from bench.annotation.formats.contract import Files, LabelOptions, LabelSet, Observation, ToolLabels, tool_class
-from bench.annotation.formats.sweeps import SHOWN, box_state, boxes_at_sweeps, data_lost, pair_with_sweeps
+from bench.annotation.formats.conversion import (
+    SHOWN,
+    Files,
+    LabelFormat,
+    LabelOptions,
+    Observation,
+    ToolLabels,
+    box_state,
+    data_lost,
+    pair_with_sweeps,
+)
 from bench.errors import DataError
 from bench.geometry import RigidTransform
+from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, SweepRef
 from bench.recordings.files import read_text
 
@@ -46,20 +53,19 @@ WRITTEN = {"pedestrian": "Pedestrian", "cyclist": "Cyclist", "vehicle": "Car", "
 SAME_SIZE_M = 1e-6
 
 
-class KittiTracklets:
-    """Conventions of KITTI's development kit."""
+class CvatTracklets(LabelFormat):
+    """Conventions of CVAT's export and import."""
 
-    name = "kitti-tracklets"
-    description = "tracklet_labels.xml of KITTI's raw data: upright boxes, one size for each object; read only"
-    centred = False
-    along_xyz = (2, 1, 0)  # of h, w and l, those along the box's x, y and z
+    name = "cvat"
+    description = "tracklet_labels.xml and frame_list.txt as CVAT writes them (KITTI Raw Format)"
 
     def read(self, source: Path, recording: Recording, options: LabelOptions) -> ToolLabels:
         """Read tracklets; arguments and errors as in `LabelFormat`."""
         file = source / FILE if source.is_dir() else source
         tracklets = read_tracklets(file)
-        used = sorted({pose.number for tracklet in tracklets for pose in self._posed(tracklet)})
-        lost = self._not_read(tracklets)
+        posed = [[pose for pose in tracklet.poses if _is_set(pose)] for tracklet in tracklets]
+        used = sorted({pose.number for poses in posed for pose in poses})
+        lost = _not_read(tracklets, set_poses=sum(map(len, posed)))
         looked_at: Sequence[SweepRef] = recording.sweeps
         if (frame_list := file.with_name(FRAME_LIST)).is_file():
             sweeps = _listed_sweeps(frame_list, used, recording, options)
@@ -67,88 +73,75 @@ class KittiTracklets:
         else:
             paired = pair_with_sweeps([str(n) for n in used], recording, options, source=file) if used else {}
             sweeps = {number: paired[str(number)] for number in used}
-            count = f"all {len(recording.sweeps)} sweeps count as annotated"
-            lost.append(f"frames without objects: the format does not say whether they were annotated, so that {count}")
+            lost.append(f"frames without objects: without {FRAME_LIST} all {len(looked_at)} sweeps count as annotated")
         observations = []
-        taken: dict[str, tuple[str, set[int]]] = {}
-        for i, tracklet in enumerate(tracklets):
-            frames, name = {pose.number for pose in self._posed(tracklet)}, tracklet.name or f"tracklet-{i}"
-            label, before = taken.get(name, (tracklet.label, set()))
-            if label != tracklet.label or before & frames:  # a copy of an object keeps its id
-                name, before = f"{name}-{i}", set()
-            taken[name] = (tracklet.label, before | frames)
-            for pose in self._posed(tracklet):
-                size_m = np.array(tracklet.hwl_m)[list(self.along_xyz)]
-                lidar_from_box = self._placed(pose, size_m[2], file, f"tracklets.item {i}, frame {pose.number}")
-                vehicle_from_box = recording.vehicle_from_lidar @ lidar_from_box
-                state = box_state(sweeps[pose.number].timestamp_ns, vehicle_from_box, size_m)
+        labels: dict[str, str] = {}
+        taken: dict[str, set[int]] = defaultdict(set)
+        for i, (tracklet, poses) in enumerate(zip(tracklets, posed, strict=True)):
+            frames, name = {pose.number for pose in poses}, tracklet.name or f"tracklet-{i}"
+            if labels.get(name, tracklet.label) != tracklet.label or taken[name] & frames:
+                name = f"{name}-{i}"  # a copy of an object keeps its id
+            labels[name] = tracklet.label
+            taken[name] |= frames
+            height, width, length = tracklet.hwl_m
+            for pose in poses:
+                turned = Rotation.from_euler("XYZ", pose.angles_rad).as_matrix()
+                vehicle_from_box = recording.vehicle_from_lidar @ RigidTransform(turned, np.array(pose.place_m))
+                state = box_state(sweeps[pose.number].timestamp_ns, vehicle_from_box, (width, height, length))
                 observations.append(Observation(track=name, label=tracklet.label, state=state))
-        times_ns = tuple(sweep.timestamp_ns for sweep in looked_at)
-        return ToolLabels(observations=tuple(observations), timestamps_ns=times_ns, lost=tuple(lost))
+        times_ns = [sweep.timestamp_ns for sweep in looked_at]
+        return ToolLabels(observations=observations, timestamps_ns=times_ns, lost=lost)
 
-    def _posed(self, tracklet: Tracklet) -> list[TrackletPose]:
-        """Poses that are not unset."""
-        return [
-            pose
-            for pose in tracklet.poses
-            if pose.state != UNSET and not (self.centred and pose.occlusion == -1 and pose.truncation in OUTSIDE)
-        ]
-
-    def _placed(self, pose: TrackletPose, height_m: float, file: Path, field: str) -> RigidTransform:
-        """Pose of the box's centre in the frame of the lidar."""
-        if self.centred:
-            return RigidTransform(Rotation.from_euler("XYZ", pose.angles_rad).as_matrix(), np.array(pose.place_m))
-        return upright_box(pose, float(height_m), file, field)
-
-    def _not_read(self, tracklets: Sequence[Tracklet]) -> list[str]:
-        poses = [pose for tracklet in tracklets for pose in tracklet.poses]
-        counts = {
-            "tracklets without poses, left out": sum(not tracklet.poses for tracklet in tracklets),
-            "poses that are unset or outside, left out": len(poses) - sum(len(self._posed(t)) for t in tracklets),
-            "poses that are interpolated, read as the others": sum(pose.state == INTERPOLATED for pose in poses),
-            "marks of occlusion: no field for them": sum(pose.occlusion in (1, 2) for pose in poses),
-            "marks of truncation: no field for them": sum(pose.truncation in (CUT_OFF, *OUTSIDE) for pose in poses),
-            "further attributes: no field for them": sum(tracklet.not_read for tracklet in tracklets),
-        }
-        return [f"{count} {what}" for what, count in counts.items() if count]
-
-
-class CvatTracklets(KittiTracklets):
-    """Conventions of CVAT's export and import."""
-
-    name = "cvat"
-    description = "tracklet_labels.xml and frame_list.txt as CVAT writes them (KITTI Raw Format)"
-    centred = True
-    along_xyz = (1, 0, 2)
-
-    def write(self, label_set: LabelSet, recording: Recording, options: LabelOptions) -> tuple[Files, tuple[str, ...]]:
+    def write(self, recording: Recording) -> tuple[Files, list[str]]:
         """Write both files; arguments as in `LabelFormat`."""
-        boxes, lost = boxes_at_sweeps(label_set, recording)
-        numbers = {sweep.timestamp_ns: i for i, sweep in enumerate(recording.sweeps, start=options.first_frame or 0)}
+        numbers = {sweep.timestamp_ns: i for i, sweep in enumerate(recording.sweeps)}
         items: list[str] = []
-        resized = 0
-        for track in label_set.tracks:
-            for run in _runs([(numbers[time_ns], box) for time_ns, box in boxes[track.track_id]]):
-                sizes = np.stack([box.size_m for _, box in run])
-                size_m = np.median(sizes, axis=0)
-                resized += bool(np.abs(sizes - size_m).max() > SAME_SIZE_M)
-                poses = [recording.vehicle_from_lidar.inverse() @ box.vehicle_from_object for _, box in run]
-                label = tool_class(track.object_class, options, WRITTEN)
-                items.append(_item(label, track.track_id, size_m, run[0][0], poses))
+        resized = between = 0
+        for track in recording.tracks:
+            boxes = {
+                numbers[state.timestamp_ns]: state.shape
+                for state in track.states
+                if state.timestamp_ns in numbers and isinstance(state.shape, Cuboid)
+            }
+            between += sum(state.timestamp_ns not in numbers for state in track.states)
+            for _, entries in groupby(enumerate(sorted(boxes)), key=lambda entry: entry[1] - entry[0]):
+                run = [number for _, number in entries]  # without a missing frame
+                sizes_m = np.stack([boxes[number].size_m for number in run])
+                size_m = np.median(sizes_m, axis=0)
+                resized += bool(np.abs(sizes_m - size_m).max() > SAME_SIZE_M)
+                poses = [recording.vehicle_from_lidar.inverse() @ boxes[number].vehicle_from_object for number in run]
+                items.append(_item(WRITTEN[track.object_class], track.track_id, size_m, run[0], poses))
+        lost = [f"{between} states at times at which there is no sweep"] if between else []
         lost += [f"{resized} objects change their size: each has its median one"] if resized else []
-        head = f"<count>{len(items)}</count><item_version>1</item_version>\n"
         names = [sweep.path.stem for sweep in recording.sweeps]
         if len(set(names)) < len(names):  # sweeps of one file
             names = [str(sweep.timestamp_ns) for sweep in recording.sweeps]
+        head = f"<count>{len(items)}</count><item_version>1</item_version>\n"
         xml = (
             '<?xml version="1.0" encoding="UTF-8" standalone="yes" ?>\n<!DOCTYPE boost_serialization>\n'
             '<boost_serialization signature="serialization::archive" version="9">\n'
             f'<tracklets class_id="0" tracking_level="0" version="0">{head}{"".join(items)}</tracklets>\n'
             "</boost_serialization>\n"
         )
-        lines = "".join(f"{number} {name}\n" for number, name in zip(numbers.values(), names, strict=True))
+        lines = "".join(f"{number} {name}\n" for number, name in enumerate(names))
         files = {FILE: xml.encode(), FRAME_LIST: lines.encode()}
-        return files, (*lost, *data_lost(label_set.tracks, kept=("boxes",)))
+        return files, [*lost, *data_lost(recording.tracks, velocities=False)]
+
+
+def _is_set(pose: TrackletPose) -> bool:
+    return pose.state != UNSET and not (pose.occlusion == -1 and pose.truncation in OUTSIDE)
+
+
+def _not_read(tracklets: Sequence[Tracklet], *, set_poses: int) -> list[str]:
+    poses = [pose for tracklet in tracklets for pose in tracklet.poses]
+    counts = {
+        "tracklets without poses, left out": sum(not tracklet.poses for tracklet in tracklets),
+        "poses that are unset or outside, left out": len(poses) - set_poses,
+        "marks of occlusion: no field for them": sum(pose.occlusion in (1, 2) for pose in poses),
+        "marks of truncation: no field for them": sum(pose.truncation in (CUT_OFF, *OUTSIDE) for pose in poses),
+        "further attributes: no field for them": sum(tracklet.not_read for tracklet in tracklets),
+    }
+    return [f"{count} {what}" for what, count in counts.items() if count]
 
 
 def _item(label: str, name: str, size_m: NDArray[np.float64], first: int, poses: Sequence[RigidTransform]) -> str:
@@ -188,13 +181,7 @@ def _listed_sweeps(file: Path, used: Sequence[int], recording: Recording, option
             raise DataError(file, field=f"line {row}", expected=expected, got=got)
         names[int(match[1])] = stem
     if missing := [number for number in used if number not in names]:
-        got = f"none for {', '.join(map(str, missing[:SHOWN]))}"
+        got = f"none for {listed([str(number) for number in missing], SHOWN)}"
         raise DataError(file, expected="a line for each frame that tracklets have", got=got)
     sweeps = pair_with_sweeps(list(names.values()), recording, options, source=file)
     return {number: sweeps[name] for number, name in names.items()}
-
-
-def _runs(posed: Sequence[tuple[int, Cuboid]]) -> list[list[tuple[int, Cuboid]]]:
-    """Parts without a missing frame."""
-    numbered = enumerate(sorted(posed, key=lambda item: item[0]))
-    return [[pair for _, pair in run] for _, run in groupby(numbered, key=lambda item: item[1][0] - item[0])]

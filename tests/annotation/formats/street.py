@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.annotation.formats import LabelSet
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep, write_sweep
@@ -38,10 +37,9 @@ def about_axes(x: float, y: float, z: float) -> tuple[np.ndarray, np.ndarray, np
     )
 
 
-def label_set(*names: str, told: bool = True) -> LabelSet:
+def box_tracks(*names: str) -> tuple[Track, ...]:
     """These objects, or all of them, as boxes at every sweep."""
-    tracks = tuple(box_track(name, told=told) for name in names or SIZES_M)
-    return LabelSet(tracks=tracks, timestamps_ns=TIMES_NS)
+    return tuple(box_track(name) for name in names or SIZES_M)
 
 
 def seconds(time_ns: float) -> float:
@@ -135,9 +133,3 @@ def box_track(name: str, *, told: bool = True) -> Track:
         turn = CAR_RADPS if name == "car" and told else 0.0
         states.append(ObjectState(timestamp_ns=time_ns, shape=shape, velocity_mps=velocity, yaw_rate_radps=turn))
     return Track(track_id=name, object_class=CLASSES[name], states=tuple(states))
-
-
-def lidar_from_object(name: str, index: int) -> RigidTransform:
-    """Where a tool would draw the box of an object in a sweep."""
-    world_from_vehicle = trajectory().world_from_vehicle(TIMES_NS[index])
-    return (world_from_vehicle @ VEHICLE_FROM_LIDAR).inverse() @ world_from_object(name, TIMES_NS[index])

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.annotation.formats import LabelOptions
-from bench.annotation.formats.sweeps import pair_with_sweeps, recording_times
+from bench.annotation.formats.conversion import pair_with_sweeps, recording_times
 from bench.errors import DataError
 from bench.lidar import read_sweep
 from bench.recordings import SweepRef
@@ -18,94 +18,65 @@ SOURCE = Path("labels")
 PLAIN = LabelOptions()
 
 
-def drive(*stems, times_ns=None):
-    times_ns = times_ns or [street.FIRST_NS + i * street.STEP_NS for i in range(len(stems))]
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    return street.recording(tmp_path_factory.mktemp("drive"))
+
+
+def with_sweeps(recording, *stems):
     sweeps = tuple(
-        SweepRef(timestamp_ns=t, path=Path(f"{stem}.bin"), reader=read_sweep)
-        for t, stem in zip(times_ns, stems, strict=True)
+        SweepRef(timestamp_ns=street.FIRST_NS + i * street.STEP_NS, path=Path(f"{stem}.bin"), reader=read_sweep)
+        for i, stem in enumerate(stems)
     )
-    return replace(bare, sweeps=sweeps)
-
-
-bare = None
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _recording(tmp_path_factory):
-    global bare
-    bare = street.recording(tmp_path_factory.mktemp("drive"))
+    return replace(recording, sweeps=sweeps)
 
 
 def paired(names, recording, options=PLAIN):
     return {name: ref.path.stem for name, ref in pair_with_sweeps(names, recording, options, source=SOURCE).items()}
 
 
-def test_names_of_files_go_first():
-    assert paired(["b", "a"], drive("a", "b", "c")) == {"a": "a", "b": "b"}
+TIME = str(street.FIRST_NS + street.STEP_NS)
 
 
-def test_numbers_fit_whatever_zeros_stand_before_them():
-    assert paired(["000250", "000252"], drive("0000000250", "0000000251", "0000000252")) == {
-        "000250": "0000000250",
-        "000252": "0000000252",
-    }
+@pytest.mark.parametrize(
+    ("stems", "names", "first_frame", "expected"),
+    [
+        ("abc", ["b", "a"], None, {"a": "a", "b": "b"}),
+        (["0000000250", "0000000251"], ["000250"], None, {"000250": "0000000250"}),  # whatever zeros stand before
+        (["frame_7", "frame_8"], [TIME], None, {TIME: "frame_8"}),
+        ("xyz", ["0", "2"], 0, {"0": "x", "2": "z"}),
+        ("xyz", ["5", "6"], 5, {"5": "x", "6": "y"}),
+        ("xyz", ["000005"], 5, {"000005": "x"}),
+        ("012", ["1", "2"], 1, {"1": "0", "2": "1"}),  # even where names would fit
+        (["50", "51", "52"], ["0", "1"], -1, {"0": "51", "1": "52"}),
+    ],
+)
+def test_frames_pair_by_name_time_or_count(bare, stems, names, first_frame, expected):
+    assert paired(names, with_sweeps(bare, *stems), LabelOptions(first_frame=first_frame)) == expected
 
 
-def test_times_fit_sweeps_that_are_called_otherwise():
-    expected = drive("frame_7", "frame_8")
-    assert paired([str(street.FIRST_NS + street.STEP_NS)], expected) == {
-        str(street.FIRST_NS + street.STEP_NS): "frame_8"
-    }
-
-
-def test_frames_that_are_counted_pair_only_where_the_user_says_from_which_number():
-    with pytest.raises(DataError, match=r"got 0, 2; name frames after the sweeps; or, .* say with --first-frame"):
-        paired(["0", "2"], drive("x", "y", "z"))
-    assert paired(["0", "2"], drive("x", "y", "z"), LabelOptions(first_frame=0)) == {"0": "x", "2": "z"}
-    assert paired(["5", "6"], drive("x", "y", "z"), LabelOptions(first_frame=5)) == {"5": "x", "6": "y"}
-    assert paired(["000005"], drive("x", "y", "z"), LabelOptions(first_frame=5)) == {"000005": "x"}
-
-
-def test_frames_from_1_are_not_taken_for_frames_from_0():
-    """All but the last of the names fit; by them each label would go to the sweep before its own."""
-    with pytest.raises(DataError, match=r"expected frames named like the 3 sweeps, 0 to 2.*got 3; name frames"):
-        paired(["1", "2", "3"], drive("0", "1", "2"))
-    with pytest.raises(DataError, match="expected frames from 0 to 2, got 3; --first-frame is the number"):
-        paired(["1", "2", "3"], drive("0", "1", "2"), LabelOptions(first_frame=0))
-
-
-def test_the_first_frame_counts_even_where_names_would_fit():
-    assert paired(["1", "2"], drive("0", "1", "2"), LabelOptions(first_frame=1)) == {"1": "0", "2": "1"}
-    assert paired(["0", "1"], drive("50", "51", "52"), LabelOptions(first_frame=-1)) == {"0": "51", "1": "52"}
-
-
-def test_one_missing_sweep_does_not_shift_the_others():
-    """Labels 249 ... 251 and sweeps 250 ...: by place, 249 would take the first sweep."""
-    with pytest.raises(
-        DataError, match=r"labels: frames: expected frames named like the 3 sweeps, 250 to 252.*got 249;"
-    ):
-        paired(["249", "250", "251"], drive("250", "251", "252"))
-
-
-@pytest.mark.parametrize("name", ["-1", "3", "x", "", "9" * 40, "1.0"])
-def test_frames_that_fit_nothing_are_named(name):
-    with pytest.raises(DataError, match="--first-frame"):
-        paired(["0", name], drive("a", "b", "c"))
-
-
-def test_two_frames_of_one_sweep_are_refused():
-    with pytest.raises(DataError, match=r"expected one frame for each sweep, got '7' and '07' of 7\.bin"):
-        paired(["7", "07"], drive("007x", "7"))
-
-
-def test_a_recording_without_sweeps_has_no_frames():
-    with pytest.raises(DataError, match="lidar sweeps"):
-        paired(["0"], replace(bare, sweeps=()))
+@pytest.mark.parametrize(
+    ("stems", "names", "first_frame", "told"),
+    [
+        ("xyz", ["0", "2"], None, r"got 0, 2; name frames after the sweeps; or, .* say with --first-frame"),
+        # All but the last of the names fit; by them each label would go to the sweep before its own.
+        ("012", ["1", "2", "3"], None, r"expected frames named like the 3 sweeps, 0 to 2.*got 3; name frames"),
+        ("012", ["1", "2", "3"], 0, "expected frames from 0 to 2, got 3; --first-frame is the number"),
+        # By place, 249 would take the first sweep.
+        (["250", "251"], ["249", "250"], None, "labels: frames: expected frames named .*, 250 to 251.*got 249;"),
+        (["007x", "7"], ["7", "07"], None, r"expected one frame for each sweep, got '7' and '07' of 7\.bin"),
+        ("", ["0"], None, "lidar sweeps"),
+        *[("abc", ["0", name], None, "--first-frame") for name in ("-1", "3", "x", "", "9" * 40, "1.0")],
+    ],
+)
+def test_frames_that_fit_nothing_are_named_and_none_is_shifted(bare, stems, names, first_frame, told):
+    with pytest.raises(DataError, match=told):
+        paired(names, with_sweeps(bare, *stems), LabelOptions(first_frame=first_frame))
 
 
 @given(st.lists(st.integers(0, 10**9), min_size=1, max_size=8, unique=True), st.data())
-def test_frames_pair_with_their_own_sweep_or_not_at_all(numbers, data):
-    recording = drive(*(f"{number:010d}" for number in sorted(numbers)))
+def test_frames_pair_with_their_own_sweep_or_not_at_all(bare, numbers, data):
+    recording = with_sweeps(bare, *(f"{number:010d}" for number in sorted(numbers)))
     asked = data.draw(st.lists(st.integers(0, 10**9), min_size=1, max_size=8, unique=True))
     try:
         found = paired(list(map(str, asked)), recording)
@@ -115,8 +86,8 @@ def test_frames_pair_with_their_own_sweep_or_not_at_all(numbers, data):
         assert {int(name): int(stem) for name, stem in found.items()} == {number: number for number in asked}
 
 
-def test_times_near_a_sweep_are_the_sweeps_and_others_stay():
-    recording = drive("a", "b")
+def test_times_near_a_sweep_are_the_sweeps_and_others_stay(bare):
+    recording = with_sweeps(bare, "a", "b")
     first, second = street.FIRST_NS, street.FIRST_NS + street.STEP_NS
     found = recording_times([first + 256, second - 999_999, first + 50_000_000], recording, source=SOURCE, field="t")
     assert found == [first, second, first + 50_000_000]

@@ -8,7 +8,6 @@ from bench.annotation.formats import LabelOptions, import_labels, label_format
 from bench.annotation.formats.table import REQUIRED, VELOCITY
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings import Cuboid
 from tests.annotation.formats import street
 from tests.annotation.formats.same import assert_same_boxes, written
 
@@ -25,7 +24,7 @@ def frame_from_vehicle_at(frame, drive, time_ns):
 def table(drive, *, frame="vehicle", velocities=False):
     """The street's boxes as rows; of a frame that leans the yaw is that of the box's x axis."""
     rows = []
-    for track in street.label_set().tracks:
+    for track in street.box_tracks():
         for state in track.states:
             frame_from_vehicle = frame_from_vehicle_at(frame, drive, state.timestamp_ns)
             box = frame_from_vehicle @ state.shape.vehicle_from_object
@@ -47,10 +46,10 @@ def put(tmp_path, rows, name="boxes.csv"):
 def test_boxes_of_every_frame_are_where_they_were(tmp_path, drive, name, frame):
     file = put(tmp_path, table(drive, frame=frame, velocities=True), name)
     found = import_labels("boxes", file, drive, PLAIN)
-    expected = street.label_set()
+    expected = street.box_tracks()
     if frame != "lidar":  # the street's lidar leans
-        assert_same_boxes(found.tracks, expected.tracks)
-    for track, true in zip(found.tracks, expected.tracks, strict=True):
+        assert_same_boxes(found.tracks, expected)
+    for track, true in zip(found.tracks, expected, strict=True):
         for state, other in zip(track.states, true.states, strict=True):
             places = [s.shape.vehicle_from_object.translation_m for s in (state, other)]
             assert places[0] == pytest.approx(places[1], abs=1e-9)
@@ -58,11 +57,10 @@ def test_boxes_of_every_frame_are_where_they_were(tmp_path, drive, name, frame):
 
 
 def test_what_is_written_comes_back_with_its_velocities(tmp_path, drive):
-    labels = street.label_set()
-    assert written(label_format("boxes"), labels, drive, tmp_path / "out") == ("6 yaw rates: no field for them",)
+    tracks = street.box_tracks()
+    assert written(label_format("boxes"), tracks, drive, tmp_path / "out") == ["6 yaw rates: no field for them"]
     found = import_labels("boxes", tmp_path / "out", drive, PLAIN)
-    assert_same_boxes(found.tracks, labels.tracks)
-    for track, true in zip(found.tracks, labels.tracks, strict=True):
+    for track, true in zip(found.tracks, tracks, strict=True):
         for state, other in zip(track.states, true.states, strict=True):
             assert state.velocity_mps.tolist() == other.velocity_mps.tolist()
 
@@ -91,12 +89,11 @@ def test_other_names_of_frames_and_further_columns_are_told(tmp_path, drive):
     ):
         import_labels("boxes", file, drive, PLAIN)
     found = import_labels("boxes", file, drive, LabelOptions(frames={"base_link": "vehicle"}))
-    assert_same_boxes(found.tracks, street.label_set().tracks)
+    assert_same_boxes(found.tracks, street.box_tracks())
     assert "column 'score': no field for it" in found.lost
-    found = import_labels(
-        "boxes", put(tmp_path, table(drive).assign(frame="")), drive, LabelOptions(frames={"": "vehicle"})
-    )
-    assert all(isinstance(state.shape, Cuboid) for track in found.tracks for state in track.states)
+    unnamed = put(tmp_path, table(drive).assign(frame=""))
+    found = import_labels("boxes", unnamed, drive, LabelOptions(frames={"": "vehicle"}))
+    assert_same_boxes(found.tracks, street.box_tracks())
 
 
 @pytest.mark.parametrize(
