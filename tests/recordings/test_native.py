@@ -250,6 +250,19 @@ def test_two_files_of_one_time_are_refused(root):
         open_native(root)
 
 
+def test_columns_of_bin_are_those_of_the_card(root):
+    names = ["x", "y", "z", "intensity", "ring"]
+    rows = np.column_stack([tiny.sweep(0).points_lidar, np.full(30, 0.5), np.arange(30)]).astype("<f4")
+    for path in (root / "lidar").iterdir():
+        path.unlink()
+    (root / f"lidar/{tiny.TIMES_NS[0]}.bin").write_bytes(np.tile(rows, (2, 1)).tobytes())
+    with pytest.raises(DataError, match=r"\.bin: .*number of columns; name the columns in the card's option bin"):
+        open_native(root).sweeps[0].read()
+    sweep = open_native(root, bin_columns=names).sweeps[0].read()
+    assert np.array_equal(sweep.points_lidar[:30], tiny.sweep(0).points_lidar)
+    assert (sweep.intensity == 0.5).all()
+
+
 def test_hidden_files_are_not_finished_and_passed_over(root):
     (root / "images/front/.12.abc.png").write_bytes(b"")
     assert len(open_native(root).images["front"]) == 3
