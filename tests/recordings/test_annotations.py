@@ -189,10 +189,7 @@ PLACE = "openlabel.frames.0.objects.van.object_data"
 HEIGHTS = [{"name": "bottom_m", "val": 2}, {"name": "top_m", "val": 1}]
 FAULTS = [
     ({}, f"{PLACE}: expected one of cuboid, poly2d and vec point_indices, got {{}}"),
-    ({"cuboid": box(), "poly2d": outline()}, "expected one of cuboid, poly2d and vec point_indices, got {'cuboid'"),
-        {"cuboid": box(), "poly2d": outline()},
-        f"{PLACE}: expected one of cuboid, poly2d and vec point_indices, got {{'cuboid'",
-    ),
+    ({"cuboid": box(), "poly2d": outline()}, "one of cuboid, poly2d and vec point_indices, got {'cuboid'"),
     ({"cuboid": box() * 2}, f"{PLACE}.cuboid"),
     ({"cuboid": named("shape", [0.0] * 9)}, f"{PLACE}.cuboid.0.val.9: expected a value, got nothing"),
     ({"cuboid": named("shape", [0.0] * 10)}, "numbers 4 to 7 to be a quaternion"),
