@@ -198,6 +198,7 @@ FAULTS = [
     ({"poly2d": outline()}, f"{PLACE}: expected with a poly2d the numbers bottom_m and top_m"),
     ({"poly2d": outline(closed=False)}, f"{PLACE}.poly2d.0.closed: expected True, got False"),
     ({"poly2d": outline(val=[0, 0, 1, 0, 1, 1, 2])}, "an even number of values"),
+    ({"poly2d": outline(val=[0.0] * 2002)}, f"{PLACE}.poly2d.0.val: expected Tuple should have at most 2000 items"),
     ({"poly2d": outline(), "num": HEIGHTS}, "the numbers bottom_m and top_m, which is above it"),
     ({"vec": named("point_indices", [1])}, "expected with point_indices a number named sweep_timestamp_ns"),
     ({"vec": named("point_indices", [-1])}, "point_indices.val.0: expected greater than or equal to 0"),
