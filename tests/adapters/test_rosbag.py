@@ -85,14 +85,6 @@ def test_references_travel_and_stay_small(tmp_path):
     assert travelled.path.stem == str(tiny.TIMES_NS[1])
 
 
-def test_packed_chunks(tmp_path):
-    root = bags.write_rig(tmp_path / "data")
-    bags.write_bag(root / "drive", bags.drive(), compression="STORAGE")
-    recording = opened(root)
-    assert np.array_equal(read_image(recording.images["front"][2], recording.cameras["front"]), tiny.pixels(2))
-    assert len(recording.sweeps[1].read().points_lidar) == 30
-
-
 @pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
 @pytest.mark.parametrize("chunked", [True, False], ids=["chunked", "without chunks"])
 def test_files_of_the_other_writer_of_mcap(tmp_path, compression, chunked):
