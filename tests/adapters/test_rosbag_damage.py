@@ -90,11 +90,6 @@ def indices(recording):
     return found
 
 
-def test_nothing_is_wrong_with_a_whole_bag(whole, tmp_path):
-    root = copied(whole, tmp_path)
-    assert indices(handle_of(root).open()) == list(range(IMAGES))
-
-
 REPAIR = {
     ".mcap": "repair it, then replace it by the result: mcap recover drive.mcap -o drive-repaired.mcap",
     ".db3": "repair it, then replace it by the result: sqlite3 drive.db3 .recover | sqlite3 drive-repaired.db3",
@@ -197,6 +192,9 @@ def test_a_chunk_that_is_damaged_after_opening(written, tmp_path):
         DataError, match=r"drive\.mcap: expected a message of 3120 bytes, got .*replace it by the result: mcap recover"
     ):
         read_image(images[25], camera)
+    (root / "drive" / "drive.mcap").unlink()
+    with pytest.raises(DataError, match=r"drive\.mcap: expected a readable file, got No such file"):
+        read_image(images[3], camera)
 
 
 def record(kind, content):

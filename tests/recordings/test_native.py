@@ -298,6 +298,18 @@ def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path):
     assert not (tmp_path / "drive").exists()
 
 
+@pytest.mark.parametrize("jpeg_quality", [None, 100])
+def test_colour_images_are_bgr_on_both_ways(root, jpeg_quality):
+    time_ns = tiny.TIMES_NS[0] - 1
+    RecordingWriter(root).image(
+        "front", time_ns, np.full((48, 64, 3), (10, 20, 30), np.uint8), jpeg_quality=jpeg_quality
+    )
+    recording = open_native(root)
+    image = recording.images["front"][0]
+    assert (image.timestamp_ns, image.path.suffix) == (time_ns, ".png" if jpeg_quality is None else ".jpg")
+    assert read_image(image, recording.cameras["front"], colour=True)[5, 5] == pytest.approx([10, 20, 30], abs=2)
+
+
 def test_a_recording_may_be_called_as_a_folder_may(tmp_path):
     assert open_native(tiny.write_recording(tmp_path / "Straße 7, 10:30")).name == "Straße 7, 10:30"
 
