@@ -60,14 +60,14 @@ def read_json(model: type[Model], file: Path) -> Model:
     return parse_json(model, _content(file), file)
 
 
-def parse_json(model: type[Model], content: bytes, file: Path, *, strict: bool = True) -> Model:
+def parse_json(model: type[Model], content: bytes, file: Path) -> Model:
     """Validate the content of a JSON file, which may begin with a byte-order mark.
 
     Raises:
         DataError: not JSON, or not what the model asks for.
     """
     try:
-        return model.model_validate_json(content.removeprefix(codecs.BOM_UTF8), strict=strict)
+        return model.model_validate_json(content.removeprefix(codecs.BOM_UTF8), strict=True)
     except ValidationError as error:
         raise _data_error(error, file) from None
 
