@@ -86,6 +86,11 @@ def read_bin(path: Path, columns: Sequence[str] | None = None) -> Arrays:
         expected = f"rows of {len(names)} float32 ({4 * len(names)} bytes)"
         raise DataError(path, expected=expected, got=got, hint=BIN_HINT)
     table = dict(zip(names, np.fromfile(path, dtype="<f4").reshape(-1, len(names)).T, strict=True))
+    if (
+        columns is None and (table["intensity"] < 0).any()
+    ):  # of five columns, read as four, each is a coordinate at times
+        got = f"{table['intensity'].min():g}; the file may have another number of columns"
+        raise DataError(path, field="intensity", expected="no value below 0", got=got, hint=BIN_HINT)
     points = np.stack([table.pop(axis) for axis in "xyz"], axis=1)
     return {"points_lidar": points} | {name: column.copy() for name, column in table.items()}
 

@@ -397,7 +397,7 @@ def bus(**columns):
         (bus(speed_mps="120"), ERROR, "ego-speed", "at most 75 m/s up to 120 m/s"),
         (times_of_arrival, WARNING, "irregular-times", "images of front"),
         (lambda root: shutil.copy(sweep_files(root)[3], sweep_files(root)[4]), ERROR, "same-sweep", ""),
-        (packed_sweeps, WARNING, "not-read", r"lidar/\*.PCD.gz .*5 that are passed over: no .npz or .bin.* 5 times"),
+        (packed_sweeps, WARNING, "not-read", r"lidar/\*.gz .*5 that are passed over: no .npz or .bin.* 5 times"),
         (lidar_of_another_day, ERROR, "sensor-overlap", "same epoch"),
         (lidar_of_another_day, ERROR, "ego-motion-missing", "lidar sweeps"),
         (lidar_at(1.3), ERROR, "road-height", "-0.50 m"),
