@@ -146,7 +146,7 @@ POLYGONS_SCHEMA = pa.schema(
         *[(name, pa.string()) for name in ("recording", "camera")],
         ("timestamp_ns", pa.int64()),
         *[(name, pa.string()) for name in ("track_id", "object_class", "category", "kind", "compensation")],
-        *[(name, pa.float64()) for name in ("range_m", "speed_mps", "x_m", "y_m")],
+        *[(name, pa.float64()) for name in ("range_m", "speed_mps")],
         *[(name, pa.int64()) for name in ("points", "mask_px", "region_px")],
         *[(name, pa.float64()) for name in FIT],
     ]
@@ -221,9 +221,4 @@ def lenient(settings: ReferenceSettings, kind: str) -> ReferenceSettings:
 def _description(evaluated: ReferenceFrame, item: ReferenceObject) -> Row:
     """What the protocol's reference says of an object, the same for all kinds of polygon."""
     same = ("track_id", "object_class", "category", "range_m", "speed_mps", "points")
-    x_m, y_m = item.centroid_m[:2]
-    return (
-        {name: getattr(evaluated, name) for name in IMAGE}
-        | {name: getattr(item, name) for name in same}
-        | {"x_m": float(x_m), "y_m": float(y_m)}
-    )
+    return {name: getattr(evaluated, name) for name in IMAGE} | {name: getattr(item, name) for name in same}
