@@ -102,8 +102,10 @@ def evaluate_proposals(
     """
     if recording.annotated == NOT_ANNOTATED:
         raise UsageError(f"{recording.name}: expected annotations to compare with, got a recording without")
-    truths = [_with_motion(track, recording) for track in recording.tracks if track.states]
-    others = [_with_motion(track, recording) for track in proposed if track.states]
+    truths, others = (
+        [(track, track_motion(track, recording.trajectory, MOTION)) for track in tracks if track.states]
+        for tracks in (recording.tracks, proposed)
+    )
     left_out = left_out_ground(recording.annotated)
     rows: list[dict[str, object]] = []
     for number, ref in enumerate(recording.sweeps):
@@ -200,10 +202,6 @@ def worst_tracks(frames: pd.DataFrame) -> pd.DataFrame:
 
 def _share(part: float, whole: float) -> float:
     return part / whole if whole else float("nan")
-
-
-def _with_motion(track: Track, recording: Recording) -> tuple[Track, TrackMotion]:
-    return track, track_motion(track, recording.trajectory, MOTION)
 
 
 def _seen(
