@@ -13,10 +13,7 @@ from bench.commands.compare import Comparison as Comparison
 from bench.commands.compare import compare as compare
 from bench.commands.evaluate import Evaluation as Evaluation
 from bench.commands.evaluate import evaluate as evaluate
-from bench.commands.gate import BaselineUpdate as BaselineUpdate
 from bench.commands.gate import judge as judge
-from bench.commands.gate import refused_verdict as refused_verdict
-from bench.commands.gate import update_baseline as update_baseline
 from bench.commands.leaderboard import LeaderboardReport as LeaderboardReport
 from bench.commands.leaderboard import leaderboard as leaderboard
 from bench.commands.reference import export_reference as export_reference
@@ -34,7 +31,6 @@ from bench.commands.view import view as view
 from bench.evaluation.arrays import Score as Score
 from bench.evaluation.arrays import interval as interval
 from bench.evaluation.arrays import score as score
-from bench.gate import MissingBaselineError as MissingBaselineError
 from bench.gate import Verdict as Verdict
 from bench.harness.datasets import Dataset as Dataset
 from bench.harness.datasets import Frame as Frame

@@ -11,6 +11,7 @@ import os
 import pickle
 import signal
 import traceback
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
@@ -21,7 +22,7 @@ from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Lock, Thread, current_thread, main_thread
-from typing import TYPE_CHECKING, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from bench.errors import DataError, UsageError
 from bench.threads import single_threaded, use_one_thread
@@ -53,18 +54,22 @@ class FailedTask:
     reason: str
 
 
-class TaskExecutor(Protocol):
-    """Computes tasks in any order; inside a `with` block its workers stay for the next tasks."""
+class TaskExecutor(ABC):
+    """Computes tasks in any order; inside a `with` block its workers stay for the next tasks.
 
-    @property
-    def workers(self) -> int:
-        """Number of tasks that are computed at a time."""
-        ...
+    Attributes:
+        workers: how many tasks at a time.
+    """
 
-    def __enter__(self) -> Self: ...
+    workers: int
 
-    def __exit__(self, *_: object) -> None: ...
+    def __enter__(self) -> Self:
+        return self
 
+    def __exit__(self, *_: object) -> None:
+        return None
+
+    @abstractmethod
     def compute(
         self, function: Callable[[Task], Result], tasks: Sequence[Task]
     ) -> Generator[tuple[Task, Result | FailedTask]]:
@@ -76,23 +81,10 @@ class TaskExecutor(Protocol):
             function: of a module, or a partial of one; it is called with each task.
             tasks: they travel to other processes.
         """
-        ...
 
 
-class _NothingToKeep:
-    """A `with` block around an executor that has no workers of its own to keep."""
-
-    __slots__ = ()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        return None
-
-
-@dataclass(frozen=True, slots=True)
-class SerialExecutor(_NothingToKeep):
+@dataclass(frozen=True)
+class SerialExecutor(TaskExecutor):
     """Computes tasks in this process, one after the other, every library in one thread."""
 
     workers: int = 1
@@ -107,7 +99,7 @@ class SerialExecutor(_NothingToKeep):
 
 
 @dataclass(kw_only=True, eq=False)
-class ProcessExecutor:
+class ProcessExecutor(TaskExecutor):
     """Computes tasks in processes of this machine, every library in one thread.
 
     A pool does not tell which of its tasks ended a worker. So each worker has one task at a time, and those that were
@@ -180,8 +172,8 @@ class ProcessExecutor:
         self._pool = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DaskExecutor(_NothingToKeep):
+@dataclass(frozen=True, kw_only=True)
+class DaskExecutor(TaskExecutor):
     """Computes tasks on a Dask cluster, whose workers see the same files under the same paths.
 
     A worker process computes one task at a time, every library in one thread, however many threads it has.
@@ -223,8 +215,8 @@ class DaskExecutor(_NothingToKeep):
             yield from pool.compute(function, tasks)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FuturesExecutor(_NothingToKeep):
+@dataclass(frozen=True, kw_only=True)
+class FuturesExecutor(TaskExecutor):
     """Computes tasks on any executor of `concurrent.futures`, such as that of another engine.
 
     Its workers see the same files under the same paths. A process computes one task at a time.

@@ -64,6 +64,10 @@ def imported(target: str, *, expected: str) -> Any:
         UsageError: nothing to import there, or its import raised.
     """
     module, _, attribute = target.partition(":")
+    if not all(part.isidentifier() for part in [*module.split("."), *attribute.split(".")]):
+        raise UsageError(
+            f"{expected} at MODULE:NAME, as my_method:MyMethod, got {target!r}; name a module, not its path"
+        )
     try:
         with Undisturbed():
             return getattr(import_module(module), attribute)

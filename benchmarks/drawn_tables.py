@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol
-from bench.evaluation.likelihood import BINS
+from bench.evaluation.counts import BINS
 from bench.records.reference import Direction, IgnoreReason, Status
 from tests.support.counts import write_counts
 

@@ -20,8 +20,7 @@ from bench.evaluation import load_protocol, rows, sum_run, summary_of, write_sum
 from bench.evaluation.summary import ProtocolOfRun
 from bench.gate import judge, load_tolerances, read_run_sums
 from bench.harness import Provenance, open_tables, read_run
-from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
-from bench.harness.method_of_run import MethodOfRun
+from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
 from bench.harness.stored import SUMS, write_run
 from bench.methods import build_method
 from bench.reporting.compare_page import write_comparison
@@ -64,7 +63,7 @@ def summarise_run(one: Path, _: Path) -> None:
         code=CodeOfRun.here(),
     )
     provenance = Provenance(
-        started_utc="2026-01-02T03:04", seconds=1.0, stage_seconds={}, images=metrics.images.evaluated,
+        started_utc="2026-01-02T03:04", seconds=1.0, images=metrics.images.evaluated,
         images_asked=0, workers=1, peak_memory_mb=1.0,
     )  # fmt: skip
     write_run(one, metrics, manifest=manifest, protocol=rules, provenance=provenance, vehicle_outline_m=OUTLINE_M)

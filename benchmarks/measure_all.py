@@ -6,51 +6,30 @@ Times of single functions are those of the processor, in turns; times of whole r
 from __future__ import annotations
 
 import argparse
+import json
 import platform
+import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from bench.atomic import write_text
 from bench.evaluation import load_protocol
 from bench.execution import usable_cores
 from bench.flow import DenseFlow, DisFlow, FarnebackFlow
 from bench.harness.digests import library_versions
-from bench.harness.frames import FramePipeline
 from bench.methods import build_method
-from bench.recordings import load_card, open_dataset
-from benchmarks import large_run, masks, parallel, projections, references, simulation
-from benchmarks.enlarged import enlarge
-from benchmarks.stages import PerfReport
-from benchmarks.stages import measure as measure_stages
+from bench.recordings import Recording, load_card, open_dataset
+from benchmarks import large_run
+from benchmarks.stages import PerfReport, measure, reference_ms
 
 Row = Sequence[object]
-LARGE = (1280, 966)
-PART = "part"
 REPORT_STEPS = ("summary", "tables", "page")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
-    """Settings of the measurement.
-
-    Attributes:
-        card: a rendered native data set.
-        images: of the parallel runs, about.
-        rounds: of each comparison of whole runs.
-        stage_images: of the stages.
-    """
-
-    card: Path
-    images: int
-    rounds: int
-    stage_images: int
 
 
 def table(heading: Row, rows: Iterable[Row]) -> str:
@@ -65,70 +44,46 @@ def _shown(value: object) -> str:
     return str(value)
 
 
-def stages(asked: Asked) -> str:
+def _recordings(card: Path) -> Iterator[Recording]:
+    return (handle.open() for handle in open_dataset(load_card(str(card))))
+
+
+def stages(card: Path) -> str:
     """Each stage of an image, and the whole against the flow alone."""
-    found: dict[str, PerfReport] = {}
+    reports: dict[str, PerfReport] = {}
     flows: dict[str, tuple[dict[str, object], DenseFlow]] = {
         "Farnebäck": ({}, FarnebackFlow()),
         "DIS fast": ({"flow": "dis", "flow_parameters": {"preset": "fast"}}, DisFlow(preset="fast")),
     }
     for name, (settings, flow) in flows.items():
-        found[name] = measure_stages(
-            (handle.open() for handle in open_dataset(load_card(str(asked.card)))),
+        reports[name] = measure(
+            _recordings(card),
             method=build_method("spherical", settings),
             protocol=load_protocol("paper-v1"),
-            images=asked.stage_images,
+            images=100,
             progress=lambda *_: None,
             flow=flow,
         )
-    names = sorted({name for report in found.values() for name in report.stage_ms})
-    rows = [[f"{name}, ms", *(report.stage_ms.get(name, 0.0) for report in found.values())] for name in names]
+    names = sorted({name for report in reports.values() for name in report.stage_ms})
+    rows = [[f"{name}, ms", *(report.stage_ms.get(name, 0.0) for report in reports.values())] for name in names]
     rows += [
-        ["whole, ms", *(report.total_ms for report in found.values())],
-        ["flow alone, ms", *(report.flow_ms for report in found.values())],
-        ["**whole / flow alone**", *(f"**{report.ratio:.3f}**" for report in found.values())],
+        ["whole, ms", *(report.total_ms for report in reports.values())],
+        ["flow alone, ms", *(report.flow_ms for report in reports.values())],
+        ["**whole / flow alone**", *(f"**{report.ratio:.3f}**" for report in reports.values())],
         ["aim", "1.15", "2.0"],
     ]
-    return table([f"{found['Farnebäck'].images} images of 640 x 480", *found], rows)
+    return table([f"{reports['Farnebäck'].images} images of 640 x 480", *reports], rows)
 
 
-def reference(asked: Asked) -> str:
+def reference(card: Path) -> str:
     """Reference by each protocol."""
-    opened = (handle.open() for handle in open_dataset(load_card(str(asked.card))))
-    found = references.milliseconds(opened, ("paper-v1", "surface-v1"))
-    ratio = found["surface-v1"] / found["paper-v1"]
-    rows: list[Row] = [[name, ms] for name, ms in found.items()]
-    rows.append(["**surface-v1 / paper-v1** (aim: 2)", f"**{ratio:.2f}**"])
+    spent = reference_ms(_recordings(card), ("paper-v1", "surface-v1"))
+    rows: list[Row] = [*spent.items()]
+    rows.append(["**surface-v1 / paper-v1** (aim: 2)", f"**{spent['surface-v1'] / spent['paper-v1']:.2f}**"])
     return table(["reference", "ms per image"], rows)
 
 
-def projection(_: Asked) -> str:
-    """Lenses."""
-    rows = projections.microseconds_per_point()
-    of_cv2 = rows["cv2.fisheye"]
-    return table(
-        ["µs per point", "project", "unproject", "project / cv2", "unproject / cv2"],
-        ([name, *both, *(one / other for one, other in zip(both, of_cv2, strict=True))] for name, both in rows.items()),
-    )
-
-
-def overlaps(asked: Asked) -> str:
-    """Masks."""
-    method, protocol, scored = build_method("spherical", {}), load_protocol("paper-v1"), []
-    for handle in islice(open_dataset(load_card(str(asked.card))), 8):
-        recording = handle.open()
-        pipeline = FramePipeline(recording, sorted(recording.cameras)[0], method=method, protocol=protocol)
-        for index in (5, 15, 25):
-            done = pipeline.process(index)
-            scored.append((done.reference, done.segmentation.mask_at(*_size(done.reference.valid))))
-    return table([f"ms per image, over {len(scored)}", "time"], masks.milliseconds(scored).items())
-
-
-def _size(valid: np.ndarray) -> tuple[int, int]:
-    return valid.shape[1], valid.shape[0]
-
-
-def reports(_: Asked) -> str:
+def reports(_: Path) -> str:
     """Summary, tables and page of 10,000 object-frames."""
     with tempfile.TemporaryDirectory() as folder:
         runs = large_run.write_runs(Path(folder), object_frames=10_000)
@@ -139,79 +94,48 @@ def reports(_: Asked) -> str:
     return table(["10,000 object-frames", "s", "processor s", "peak MB"], rows)
 
 
-def rendering(_: Asked) -> str:
-    """One image and one revolution of the lidar."""
-    seconds = simulation.seconds()
-    flow_s = seconds["Farnebäck"]
-    return table(["640 x 480", "ms", "/ Farnebäck"], ([n, 1e3 * s, s / flow_s] for n, s in seconds.items()))
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunCost:
+    """Cost of a whole command: seconds on the clock, images that were scored, MB of the largest process that scored."""
+
+    seconds: float
+    images: int
+    peak_mb: float
 
 
-def efficiency(asked: Asked) -> str:
-    """One process against one per core."""
-    workers = usable_cores()
+def run_cost(card: Path, *options: object) -> RunCost:
+    """Run the command in a process of its own; it computes everything."""
     with tempfile.TemporaryDirectory() as folder:
-        card = _part_of(asked.card, Path(folder), images=asked.images)
-        one, several = parallel.best_costs(card, "--split", PART, workers=workers, rounds=asked.rounds)
-        machine = parallel.two_at_once(card, "--split", PART)
-        stop_s = parallel.seconds_to_stop(card, "--split", PART)
-    reached = one.seconds / several.seconds / workers
+        out, start = Path(folder) / "run", time.perf_counter()
+        words = ["run", card, "--out", out, "--no-pictures", *options]
+        subprocess.run([sys.executable, "-m", "bench", *map(str, words)], check=True, stdout=subprocess.DEVNULL)
+        seconds = time.perf_counter() - start
+        made = json.loads((out / "paper-v1" / "summary.json").read_text())["provenance"]
+    return RunCost(seconds=seconds, images=made["images"], peak_mb=made["peak_memory_mb"])
+
+
+def efficiency(card: Path) -> str:
+    """One process against one per core: the best of three in turns, so that both meet the same machine."""
+    costs: dict[int, list[RunCost]] = {1: [], usable_cores(): []}
+    for _ in range(3):
+        for workers, of_workers in costs.items():
+            of_workers.append(run_cost(card, "--workers", workers))
+    one, several = (min(of_workers, key=lambda cost: cost.seconds) for of_workers in costs.values())
     rows = [
         ["1 process, s", one.seconds],
-        [f"{workers} processes, s", several.seconds],
+        [f"{usable_cores()} processes, s", several.seconds],
         ["images per second", several.images / several.seconds],
-        ["**efficiency** (aim: 0.9)", f"**{reached:.3f}**"],
-        [
-            "the same from processor seconds, as on a machine that does nothing else",
-            parallel.efficiency_of_processor_time(one, several, workers=workers),
-        ],
-        ["two runs of 1 process side by side, against one alone (what the machine gives)", machine],
-        ["from Ctrl-C to the end of the last process, s (bound: 2)", stop_s],
+        ["**efficiency** (aim: 0.9)", f"**{one.seconds / several.seconds / usable_cores():.3f}**"],
+        ["peak MB of a process", several.peak_mb],
     ]
-    return table([f"whole commands, {several.images} images, best of {asked.rounds} in turns", ""], rows)
+    return table([f"whole commands, {several.images} images", ""], rows)
 
 
-def memory(asked: Asked) -> str:
-    """Largest process, by size and number of images."""
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        for size in ((640, 480), LARGE):
-            for images in (100, 400):
-                place = Path(folder) / f"{size[0]}-{images}"
-                card = _part_of(asked.card, place, images=images, size=None if size == (640, 480) else size)
-                cost = parallel.run_cost(card, "--split", PART, "--workers", 2)
-                rows.append([f"{size[0]} x {size[1]}", cost.images, cost.peak_mb])
-    return table(["size", "images", "peak MB of a process"], rows)
-
-
-def _part_of(card: Path, place: Path, *, images: int, size: tuple[int, int] | None = None) -> Path:
-    """The card of so many recordings as hold the images."""
-    content = load_card(str(card))
-    chosen: list[str] = []
-    for handle in open_dataset(content):
-        if images <= 0:
-            break
-        chosen.append(handle.name)
-        images -= sum(len(found) for found in handle.open().images.values()) - 1
-    place.mkdir(parents=True, exist_ok=True)
-    if size is not None:
-        return enlarge([content.root / name for name in chosen], place, width=size[0], height=size[1])
-    described = {
-        "name": "part", "title": "a part", "adapter": "native", "licence": content.content.licence,
-        "root": str(content.root.resolve()), "splits": {PART: chosen},
-    }  # fmt: skip
-    (place / "part.yaml").write_text(yaml.safe_dump(described))
-    return place / "part.yaml"
-
-
-SECTIONS: dict[str, tuple[str, Callable[[Asked], str]]] = {
+SECTIONS: dict[str, tuple[str, Callable[[Path], str]]] = {
     "stages": ("From file to counts, against the flow alone", stages),
     "reference": ("Reference by protocol", reference),
-    "projection": ("Lenses against `cv2.fisheye` and a loop", projection),
-    "masks": ("Masks against `pycocotools`", overlaps),
     "reports": ("Reports", reports),
-    "rendering": ("Rendering", rendering),
     "parallel": ("Side by side", efficiency),
-    "memory": ("Memory", memory),
 }
 
 
@@ -220,12 +144,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--card", type=Path, default=Path("datasets/demo.yaml"))
     parser.add_argument("--out", type=Path, default=Path("reports/perf.md"))
-    parser.add_argument("--images", type=int, default=400)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--stage-images", type=int, default=100)
     parser.add_argument("--only", nargs="*", choices=SECTIONS, default=list(SECTIONS))
-    given = parser.parse_args()
-    asked = Asked(card=given.card, images=given.images, rounds=given.rounds, stage_images=given.stage_images)
+    asked = parser.parse_args()
     libraries = ", ".join(f"{name} {version}" for name, version in library_versions().items())
     parts = [
         "# Speed and memory",
@@ -233,12 +153,12 @@ def main() -> None:
         f"{libraries}. Times of single functions are those of the processor, of pieces of work that took turns; times "
         "of whole commands are on the clock.",
     ]
-    for name in given.only:
+    for name in asked.only:
         title, measured = SECTIONS[name]
-        parts += [f"## {title}", measured(asked)]
+        parts += [f"## {title}", measured(asked.card)]
         sys.stdout.write(f"{parts[-2]}\n\n{parts[-1]}\n\n")
         sys.stdout.flush()
-    write_text(given.out, "\n\n".join(parts) + "\n")
+    write_text(asked.out, "\n\n".join(parts) + "\n")
 
 
 if __name__ == "__main__":

@@ -87,8 +87,7 @@ def _rows(recording: Recording, opened: OpenedSource) -> Iterator[dict[str, obje
     for camera, images in recording.images.items():
         builder = ReferenceBuilder(recording, camera, protocol.reference_settings())
         for image in images[2::EVERY]:
-            with opened.clock.stage("reference"):
-                reference, ids = builder.build(image), read_truth(image, recording.cameras[camera])
+            reference, ids = builder.build(image), read_truth(image, recording.cameras[camera])
             opened.images += 1
             truth = exact_mask(ids, recording, reference)
             frame, objects = count_frame(reference, truth, component_size_px=large_px)

@@ -1,18 +1,21 @@
-"""Time of each stage of an image, and of the whole against its Farnebäck call alone, in one thread."""
+"""Time of each stage of an image, and of the whole against its flow alone; of the reference by protocol; one thread."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from time import thread_time
 
-from bench.evaluation import Protocol, SequenceScorer
+from bench.evaluation import Protocol, SequenceScorer, load_protocol
 from bench.flow import DenseFlow, FarnebackFlow
 from bench.harness.frames import FramePipeline, UnscorableFrame
-from bench.harness.stages import StageClock
 from bench.methods import Scorable
 from bench.recordings import Recording
+from bench.reference import ReferenceBuilder
 from bench.threads import single_threaded
+
+STAGES = ("input", "reference", "method", "counts")  # files and ego-motion; regions; answer; pixels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,36 +63,61 @@ def measure(
         progress: called with the images done and their number.
         flow: to compare with; Farnebäck's without it.
     """
-    clock, done, total_s, flow_s = StageClock(thread_time), 0, 0.0, 0.0
+    spent_s, done, total_s, flow_s = dict.fromkeys(STAGES, 0.0), 0, 0.0, 0.0
     flow, warm = flow or FarnebackFlow(), False
     with single_threaded():
         for recording in recordings:
             camera = sorted(recording.cameras)[0]
-            pipeline = FramePipeline(recording, camera, method=method, protocol=protocol, clock=clock)
+            pipeline = FramePipeline(recording, camera, method=method, protocol=protocol)
             scorer = SequenceScorer(protocol)
             for index in range(method.history, len(pipeline.images)):
                 if done >= images:
                     break
-                start = thread_time()
+                times_s = [thread_time()]
                 try:
-                    processed = pipeline.process(index)
+                    given = pipeline.method_input(index)
+                    times_s.append(thread_time())
+                    reference = pipeline.reference(index)
+                    times_s.append(thread_time())
+                    answer = pipeline.ask(given)
                 except UnscorableFrame:
                     continue
-                with clock.stage("counts"):
-                    scorer.add(processed.reference, processed.segmentation)
-                middle = thread_time()
-                flow(processed.given.images[-1], processed.given.images[-2])
-                end = thread_time()
+                times_s.append(thread_time())
+                scorer.add(reference, answer)
+                times_s.append(thread_time())
+                flow(given.images[-1], given.images[-2])
+                end_s = thread_time()
                 if not warm:
                     warm = True
-                    clock.seconds.clear()
                     continue
-                total_s, flow_s, done = total_s + middle - start, flow_s + end - middle, done + 1
+                for name, (begin, finish) in zip(STAGES, pairwise(times_s), strict=True):
+                    spent_s[name] += finish - begin
+                total_s, flow_s, done = total_s + times_s[-1] - times_s[0], flow_s + end_s - times_s[-1], done + 1
                 progress(done, images)
             scorer.finish()
     return PerfReport(
         images=done,
-        stage_ms={name: 1e3 * seconds / done for name, seconds in clock.seconds.items()},
+        stage_ms={name: 1e3 * seconds / done for name, seconds in spent_s.items()},
         total_ms=1e3 * total_s / done,
         flow_ms=1e3 * flow_s / done,
     )
+
+
+def reference_ms(recordings: Iterable[Recording], protocols: Sequence[str]) -> dict[str, float]:
+    """Mean time of the reference of an image of each recording's first camera, by protocol, image by image in turns.
+
+    A sweep is read once by each protocol. The first image of each recording is not timed.
+    """
+    spent, images = dict.fromkeys(protocols, 0.0), 0
+    settings = {name: load_protocol(name).reference_settings() for name in protocols}
+    with single_threaded():
+        for recording in recordings:
+            camera = sorted(recording.cameras)[0]
+            builders = {name: ReferenceBuilder(recording, camera, settings[name]) for name in protocols}
+            for number, image in enumerate(recording.images[camera]):
+                for name in (protocols, protocols[::-1])[number % 2]:
+                    start = thread_time()
+                    builders[name].build(image)
+                    spent[name] += (thread_time() - start) * bool(number)
+                images += bool(number)
+    return {name: 1e3 * seconds / images for name, seconds in spent.items()}

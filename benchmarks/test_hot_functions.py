@@ -7,8 +7,9 @@ from bench.cameras import ray_grid
 from bench.flow import cell_mean, dense_flow
 from bench.geometry import RigidTransform, RoadPlane, normalise
 from bench.geometry.raster import rasterise
-from bench.methods.spherical import PAPER_WEIGHTS, deviations, motion_likelihood
-from bench.reference.kinds import hull_polygon
+from bench.methods.spherical.constraints import deviations
+from bench.methods.spherical.likelihood import PAPER_WEIGHTS, motion_likelihood
+from bench.reference.regions import hull_polygon
 from tests.support.lenses import LENSES
 
 every_lens = pytest.mark.parametrize("name", sorted(LENSES))

@@ -9,8 +9,8 @@ import pytest
 
 from bench.synthesis import read_scenario
 from bench.synthesis.bodies import BODIES, make_body
-from bench.synthesis.draws import named_rng
-from bench.synthesis.placement import box_size, plan_trajectories, swept_ground
+from bench.synthesis.scenario import named_rng
+from bench.synthesis.scene import box_size, plan_trajectories, swept_ground
 from bench.synthesis.world import build_world
 
 DATASETS = Path(__file__).parents[1] / "datasets"

@@ -3,7 +3,6 @@
 import importlib.util
 import json
 import re
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -80,21 +79,20 @@ def test_links_lead_to_files_and_headings(page):
         assert target.is_relative_to(ROOT), link
         assert target.is_file(), link
         assert not anchor or anchor in anchors(target), link
-
-
-@every_page
-def test_files_that_are_named_exist(page):
     for path in re.findall(r"`((?:bench|tests)/[\w/.-]+)`", prose(page)):
         assert (ROOT / path).exists(), path
 
 
 @every_page
-def test_commands_that_are_named_exist(page, hooks):
+def test_commands_that_are_named_exist_and_code_compiles(page, hooks):
     known = {name for name, _ in hooks.commands()}
     groups = {name.split()[0] for name in known if " " in name}
     code = [*CODE.findall(prose(page)), *(b for kind, b in FENCE.findall(page.read_text("utf-8")) if kind != "bibtex")]
     for command, word in COMMAND.findall("\n".join(code)):
         assert (f"{command} {word}" if command in groups else command) in known
+    for language, block in FENCE.findall(page.read_text("utf-8")):
+        if language == "python":
+            compile(block, str(page), "exec")
 
 
 def test_every_command_is_in_the_reference(hooks):
@@ -105,13 +103,6 @@ def test_every_command_is_in_the_reference(hooks):
         section = reference.partition(f"## {name}\n")[2].partition("\n## ")[0]
         assert f"fisheye-bench {name}" in section
         assert all(option in section for one in command.params for option in one.opts if option.startswith("--"))
-
-
-@every_page
-def test_code_compiles(page):
-    for language, block in FENCE.findall(page.read_text("utf-8")):
-        if language == "python":
-            compile(block, str(page), "exec")
 
 
 def test_every_function_and_option_is_in_the_reference(hooks):
@@ -226,13 +217,13 @@ def test_the_network_of_the_page_is_scored(tiny_data):
     assert (found.mask == expected).all()
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("material") is None, reason="the extra `docs` is not installed")
-def test_the_site_builds_and_needs_no_network(tmp_path):
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
-    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert built.returncode == 0, built.stderr
-    html = {page: page.read_text("utf-8") for page in (tmp_path / "site").rglob("*.html")}
-    assert len(html) >= len(PAGES) - len(LOCAL)
-    for page, text in html.items():
-        assert not re.findall(r"<(?:script|img|link)[^>]*(?:src|href)=.?(?:https?:)?//", text), page
+def test_the_class_of_the_page_is_scored(tiny_data, tmp_path, monkeypatch):
+    import bench
+
+    blocks = [block for _, block in FENCE.findall((ROOT / "docs/your-method.md").read_text("utf-8"))]
+    (program,) = [block for block in blocks if block.startswith('"""my_method.py')]
+    (tmp_path / "my_method.py").write_text(program, "utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    run = bench.run("tiny", "my_method:FrameDifference", settings={"threshold": 20.0}, out="run", pictures=False)
+    assert (run.manifest.method.name, run.summary.images.evaluated) == ("my-frame-difference", 12)
+    sys.modules.pop("my_method")

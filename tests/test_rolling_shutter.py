@@ -24,9 +24,8 @@ from bench.synthesis.exact_flow import ExactFlowCaster
 from bench.synthesis.imaging.faces import texture_atlas
 from bench.synthesis.imaging.renderer import ImageRenderer, moment, readout_bands
 from bench.synthesis.mesh import PlacedMesh
-from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.scenario import Scenario
-from bench.synthesis.scene import Scene, build_scene
+from bench.synthesis.scene import FIRST_IMAGE_NS, Scene, build_scene
 
 SCENARIO = """
 name: rolling

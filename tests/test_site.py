@@ -1,5 +1,6 @@
 """The documentation as a site: every page in a browser."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,11 @@ def pages(tmp_path_factory):
     build = ["-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(site)]
     subprocess.run([sys.executable, *build], cwd=ROOT, check=True, capture_output=True)
     return sorted(page for page in site.rglob("*.html") if page.name != "404.html")
+
+
+def test_no_page_needs_the_network(pages):
+    for page in pages:
+        assert not re.findall(r"<(?:script|img|link)[^>]*(?:src|href)=.?(?:https?:)?//", page.read_text("utf-8")), page
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])

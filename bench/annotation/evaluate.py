@@ -24,10 +24,9 @@ from shapely.geometry.base import BaseGeometry
 from bench.annotation.settings import MOTION
 from bench.errors import UsageError
 from bench.records.recording import NOT_ANNOTATED, Cuboid, Recording, Track
-from bench.reference.clusters import object_cluster
 from bench.reference.motion import TrackMotion, categorise, track_motion
 from bench.reference.silhouette import left_out_ground
-from bench.reference.sweeps import PosedSweep, pose_sweep
+from bench.reference.sweeps import PosedSweep, object_cluster, pose_sweep
 from bench.times import SECOND_NS
 
 LEAST_IOU = 0.5
@@ -220,14 +219,7 @@ def _seen(
     index = track.states.index(state)
     velocity_mps, smooth_mps = motion.velocity_world_mps[index], motion.smooth_world_mps[index]
     world_from_vehicle = recording.trajectory.world_from_vehicle(state.timestamp_ns)
-    cluster = object_cluster(
-        placed,
-        state,
-        velocity_world_mps=velocity_mps,
-        world_from_vehicle=world_from_vehicle,
-        exposure_ns=sweep_ns,
-        clearance_m=CLEARANCE_M,
-    )
+    cluster = object_cluster(placed, motion.at(index, world_from_vehicle), sweep_ns, clearance_m=CLEARANCE_M)
     if not len(cluster.rows):
         return None
     yaw_rad, size_m, centre = np.nan, np.full(3, np.nan), cluster.points_world.mean(axis=0)

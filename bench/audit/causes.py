@@ -25,9 +25,8 @@ from bench.evaluation import Protocol
 from bench.evaluation.rows import IMAGE, Row
 from bench.harness.exact import moving_instances
 from bench.harness.frames import FramePipeline
-from bench.harness.stages import StageClock
 from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
-from bench.methods.cells import flow_rays
+from bench.methods.two_views import flow_rays
 from bench.recordings import MountedCamera, read_truth
 from bench.reference import ReferenceFrame, Status
 from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
@@ -98,7 +97,6 @@ class ExactRunner:
         camera: with its true calibration.
         valid: (H, W) bool, the region V.
         method: to be explained.
-        clock: adds up the time of each stage.
     """
 
     def __init__(
@@ -108,11 +106,10 @@ class ExactRunner:
         *,
         valid: NDArray[np.bool_],
         method: FlowMethod,
-        clock: StageClock,
     ) -> None:
         assert source.scene is not None, "the recording can be simulated"
         scenario, spec = source.scene
-        self._camera, self._name, self._method, self._clock = camera, spec.name, method, clock
+        self._camera, self._name, self._method = camera, spec.name, method
         self._cell_size_px = method.flow_cell_px(valid.shape[1])
         self._cells = ray_grid(camera.model, self._cell_size_px)
         self._shown = self._cells.at_centres(valid)
@@ -129,21 +126,19 @@ class ExactRunner:
             ids: (H, W) uint16, the true instance ids of the current image, which the scene has to show again.
             moving: instance ids of the objects that move.
         """
-        with self._clock.stage("exact flow"):
-            previous_ns, current_ns = given.timestamps_ns[-2:]
-            flow = self._caster.flow(current_ns=current_ns, previous_ns=previous_ns)
-            self._compare(flow, ids)
-            exact = replace(
-                given,
-                camera=self._camera.model,
-                road=self._caster.road(current_ns),
-                current_from_previous=tuple(
-                    self._caster.motion(current_ns=later_ns, previous_ns=earlier_ns)
-                    for earlier_ns, later_ns in pairwise(given.timestamps_ns)
-                ),
-            )
-        with self._clock.stage("method"):
-            return self._three_runs(given, exact, flow, moving=moving)
+        previous_ns, current_ns = given.timestamps_ns[-2:]
+        flow = self._caster.flow(current_ns=current_ns, previous_ns=previous_ns)
+        self._compare(flow, ids)
+        exact = replace(
+            given,
+            camera=self._camera.model,
+            road=self._caster.road(current_ns),
+            current_from_previous=tuple(
+                self._caster.motion(current_ns=later_ns, previous_ns=earlier_ns)
+                for earlier_ns, later_ns in pairwise(given.timestamps_ns)
+            ),
+        )
+        return self._three_runs(given, exact, flow, moving=moving)
 
     def check(self) -> None:
         """Refuse a scene that is not the one that was rendered.
@@ -376,7 +371,7 @@ def explain_image(
     recording, true_camera = source.recorded.open(), source.exact.open().cameras[camera]
     pipeline = FramePipeline(recording, camera, method=method, protocol=protocol)
     index = [image.timestamp_ns for image in pipeline.images].index(timestamp_ns)
-    runner = ExactRunner(source, true_camera, valid=pipeline.references.valid, method=method, clock=StageClock())
+    runner = ExactRunner(source, true_camera, valid=pipeline.references.valid, method=method)
     given, reference = pipeline.method_input(index), pipeline.reference(index)
     ids = read_truth(pipeline.images[index], pipeline.camera)
     runs = runner.run(given, ids, moving=moving_instances(recording, reference))

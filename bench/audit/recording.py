@@ -68,8 +68,7 @@ def audit_recording(opened: OpenedSource, *, method: Method, protocol: Protocol)
         method: to be scored and explained.
         protocol: the rules.
     """
-    with opened.clock.stage("open"):
-        exact = _exact_recording(opened, method)
+    exact = _exact_recording(opened, method)
     cameras = []
     for name in sorted(opened.recording.cameras):
         camera = _CameraAudit(opened, name, exact=exact, method=method, protocol=protocol)
@@ -100,14 +99,14 @@ class _CameraAudit:
     def __init__(
         self, opened: OpenedSource, camera: str, *, exact: Recording | None, method: Method, protocol: Protocol
     ) -> None:
-        self._opened, self._camera, self._clock = opened, camera, opened.clock
+        self._opened, self._camera = opened, camera
         self._method = method
-        self._pipeline = FramePipeline(opened.recording, camera, method=method, protocol=protocol, clock=opened.clock)
+        self._pipeline = FramePipeline(opened.recording, camera, method=method, protocol=protocol)
         self._polygons = PolygonAuditor(opened.recording, camera, protocol.reference_settings())
         self._runner: ExactRunner | None = None
         if exact is not None and isinstance(method, FlowMethod):
             valid, true_camera = self._pipeline.references.valid, exact.cameras[camera]
-            self._runner = ExactRunner(opened.source, true_camera, valid=valid, method=method, clock=opened.clock)
+            self._runner = ExactRunner(opened.source, true_camera, valid=valid, method=method)
         scorings = WITHOUT_EXACT_FLOW if self._runner is None else tuple(Scoring)
         self._scorers = {scoring: SequenceScorer(protocol) for scoring in scorings}
         self._rows: dict[str, list[Row]] = {name: [] for name in SCHEMAS}
@@ -119,11 +118,9 @@ class _CameraAudit:
         self._opened.images += 1
         try:
             given = self._pipeline.method_input(index)
-            with self._clock.stage("decode"):
-                ids = read_truth(image, self._pipeline.camera)
+            ids = read_truth(image, self._pipeline.camera)
             reference = self._pipeline.reference(index)
-            with self._clock.stage("polygons"):
-                rows = self._polygons.rows(image, reference, ids, instance_of)
+            rows = self._polygons.rows(image, reference, ids, instance_of)
         except UnscorableFrame as reason:
             self._leave_out(image, "skipped", str(reason))
         except BenchError as error:
@@ -152,15 +149,13 @@ class _CameraAudit:
         by_lidar, by_masks = same_objects([reference], ids, self._opened.instance_of)
         self._not_seen += _evaluated(reference) - _evaluated(by_masks)
         if self._runner is None:
-            with self._clock.stage("method"):
-                answer = ask_method(self._method, given)
+            answer = ask_method(self._method, given)
             detected = {Scoring.LIDAR: answer, Scoring.MASKS: answer}
         else:
             moving = moving_instances(self._opened.recording, by_masks)
             runs = self._runner.run(given, ids, moving=moving)
-            with self._clock.stage("causes"):
-                self._rows["misses"] += miss_rows(runs, by_masks, self._opened.instance_of)
-                self._rows["false_alarms"].append(false_row(runs, by_masks))
+            self._rows["misses"] += miss_rows(runs, by_masks, self._opened.instance_of)
+            self._rows["false_alarms"].append(false_row(runs, by_masks))
             detected = {
                 Scoring.LIDAR: runs.recorded,
                 Scoring.MASKS: runs.recorded,
@@ -168,15 +163,14 @@ class _CameraAudit:
                 Scoring.EXACT_FLOW: runs.exact_flow,
                 Scoring.CELLS: Segmentation(cell_size_px=runs.cell_size_px, mask=runs.evidence.moving),
             }
-        with self._clock.stage("counts"):
-            for scoring, segmentation in detected.items():
-                # Without the likelihood, whose histograms nothing here reads and which are most of a row.
-                answer = replace(segmentation, likelihood=None)
-                if scoring is Scoring.LIDAR:
-                    exact = exact_mask(ids, self._opened.recording, reference)
-                    self._scorers[scoring].add(by_lidar, answer, exact=exact)
-                else:
-                    self._scorers[scoring].add(by_masks, answer)  # whose ceiling is 1
+        for scoring, segmentation in detected.items():
+            # Without the likelihood, whose histograms nothing here reads and which are most of a row.
+            answer = replace(segmentation, likelihood=None)
+            if scoring is Scoring.LIDAR:
+                exact = exact_mask(ids, self._opened.recording, reference)
+                self._scorers[scoring].add(by_lidar, answer, exact=exact)
+            else:
+                self._scorers[scoring].add(by_masks, answer)  # whose ceiling is 1
 
     def _leave_out(self, image: ImageRef, status: Literal["failed", "skipped"], problem: str) -> None:
         name, time_ns = self._opened.recording.name, image.timestamp_ns

@@ -32,7 +32,7 @@ from bench.evaluation.summary import ProtocolOfRun, Ratio
 from bench.evaluation.sums import bin_names, name_bins
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness.answers import write_table
-from bench.harness.method_of_run import MethodOfRun
+from bench.harness.manifest import MethodOfRun
 from bench.harness.stages import Progress
 from bench.methods import FlowMethod, Method
 from bench.recordings import DatasetCard

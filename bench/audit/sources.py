@@ -17,7 +17,7 @@ from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, TaskExecutor
 from bench.harness.digests import digest_of, digest_recording
 from bench.harness.manifest import CodeOfRun
-from bench.harness.stages import Progress, Provenance, StageClock, add_up, no_progress, provenance_since
+from bench.harness.stages import Progress, Provenance, provenance_since
 from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
 from bench.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Status
 from bench.synthesis import Scenario, read_scenario
@@ -80,7 +80,6 @@ class OpenedSource:
         instance_of: instance id by track, -1 (which no pixel has) for a track that truth images do not know.
         images: that were used; counted by the work.
         problems: one line per image that could not be used; added by the work.
-        clock: adds up the time of each stage.
     """
 
     source: AuditSource
@@ -88,7 +87,6 @@ class OpenedSource:
     instance_of: Mapping[str, int]
     images: int = 0
     problems: list[str] = field(default_factory=list)
-    clock: StageClock
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,7 +97,6 @@ class _Done(Generic[Found]):
     digest: str
     images: int
     problems: list[str]
-    clock: StageClock
 
 
 class AuditModel(BaseModel):
@@ -168,7 +165,8 @@ def audit_each(
     with executor, closing(executor.compute(partial(_done, work=work), sources)) as results:
         for source, outcome in results:
             outcomes[source.recorded.name] = outcome
-            (progress or no_progress)(len(outcomes), len(sources))
+            if progress is not None:
+                progress(len(outcomes), len(sources))
     ordered = [(source.recorded.name, outcomes[source.recorded.name]) for source in sources]
     done = [outcome for _, outcome in ordered if isinstance(outcome, _Done)]
     failures = [
@@ -180,7 +178,7 @@ def audit_each(
         mistakes = (outcome for _, outcome in ordered if isinstance(outcome, DataError))
         got = "; ".join(failures) or "none"
         raise next(mistakes, DataError(card.file, expected="a recording that can be audited", got=got))
-    images, seconds = sum(audited.images for audited in done), add_up(audited.clock.seconds for audited in done)
+    images = sum(audited.images for audited in done)
     return [audited.result for audited in done], StoredAudit(
         dataset=card.name,
         card=str(card.file),
@@ -190,26 +188,24 @@ def audit_each(
         failures=(*failures, *(problem for audited in done for problem in audited.problems)),
         data=digest_of(sorted(audited.digest for audited in done)),
         code=CodeOfRun.here(),
-        provenance=provenance_since(start_s, stage_seconds=seconds, images=images),
+        provenance=provenance_since(start_s, images=images),
     )
 
 
 def _done(source: AuditSource, *, work: Callable[[OpenedSource], Found]) -> _Done[Found] | DataError:
     """Return the result of the work, or the user's mistake that prevents it; a bug is raised."""
-    clock = StageClock()
     try:
-        with clock.stage("open"):
-            recording = source.recorded.open()
-            if not any(image.truth_path for images in recording.images.values() for image in images):
-                raise DataError(
-                    recording.root,
-                    expected="rendered masks (truth/<camera>/<timestamp_ns>.png), against which an audit compares",
-                    got="a recording without",
-                    hint="audit a rendered data set, for example demo",
-                )
-            digest = digest_recording(recording).whole
-        opened = OpenedSource(source=source, recording=recording, instance_of=instance_ids(recording), clock=clock)
-        return _Done(result=work(opened), digest=digest, images=opened.images, problems=opened.problems, clock=clock)
+        recording = source.recorded.open()
+        if not any(image.truth_path for images in recording.images.values() for image in images):
+            raise DataError(
+                recording.root,
+                expected="rendered masks (truth/<camera>/<timestamp_ns>.png), against which an audit compares",
+                got="a recording without",
+                hint="audit a rendered data set, for example demo",
+            )
+        digest = digest_recording(recording).whole
+        opened = OpenedSource(source=source, recording=recording, instance_of=instance_ids(recording))
+        return _Done(result=work(opened), digest=digest, images=opened.images, problems=opened.problems)
     except DataError as error:
         return error
 

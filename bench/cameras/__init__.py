@@ -7,11 +7,17 @@ calibration when the camera is built, or the lens's own `max_angle_rad` where th
 Pixels are (u, v) with the centre of the first pixel at (0, 0); camera frame x right, y down, z forward.
 """
 
-from bench.cameras.angular import KannalaBrandtCamera, RadialPolynomialCamera
-from bench.cameras.model import CAMERA_MODELS, CameraModel, RayGrid, camera_from_parameters, camera_parameters, ray_grid
-from bench.cameras.ocam import OcamCamera
+from bench.cameras.angular import KannalaBrandtCamera, OcamCamera, RadialPolynomialCamera
+from bench.cameras.model import (
+    CAMERA_MODELS,
+    CameraModel,
+    RayGrid,
+    RollingShutter,
+    camera_from_parameters,
+    camera_parameters,
+    ray_grid,
+)
 from bench.cameras.pinhole import BrownConradyCamera, PinholeCamera
-from bench.cameras.rolling_shutter import RollingShutter
 from bench.cameras.spheres import DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera
 
 __all__ = [

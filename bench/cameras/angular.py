@@ -1,4 +1,4 @@
-"""Cameras whose image radius is a function of the angle to the optical axis."""
+"""Cameras whose image radius is a function of the angle to the optical axis, or the angle one of the radius (OCam)."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.polynomial import Polynomial
 from typing_extensions import override
 
-from bench.cameras.model import CameraModel, checked_max_angle, finite_numbers, finite_pair
+from bench.cameras.model import Bools, CameraModel, Floats, checked_max_angle, finite_numbers, finite_pair
 from bench.errors import ShapeError
 
 NODES = 128  # a search in more costs more than the steps that they save
@@ -39,8 +39,8 @@ class MonotonePolynomial:
     domain: float
     limit: float = field(init=False)
     top: float = field(init=False)
-    _nodes: NDArray[np.float64] = field(init=False, repr=False)
-    _values: NDArray[np.float64] = field(init=False, repr=False)
+    _nodes: Floats = field(init=False, repr=False)
+    _values: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.coefficients).all() and self.coefficients[0] > 0):
@@ -53,17 +53,17 @@ class MonotonePolynomial:
         object.__setattr__(self, "_values", self(nodes))
         object.__setattr__(self, "top", float(self._values[-1]) if np.isfinite(self.limit) else np.inf)
 
-    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, x: Floats) -> Floats:
         """Evaluate; no check of the limit."""
         power = x if self.step == 1 else x * x
         return x * _horner(self.coefficients, power)
 
-    def derivative(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def derivative(self, x: Floats) -> Floats:
         """Slope at `x`."""
         power = x if self.step == 1 else x * x
         return _horner([c * (1 + self.step * i) for i, c in enumerate(self.coefficients)], power)
 
-    def inverse(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inverse(self, y: Floats) -> Floats:
         """x with f(x) = y, by table and Newton's method; clamped to [0, limit].
 
         Beyond f(limit) the result is the limit: the caller marks it as not valid.
@@ -77,7 +77,7 @@ class MonotonePolynomial:
             np.clip(x, 0.0, self.limit, out=x)
         return x
 
-    def _table_nodes(self) -> NDArray[np.float64]:
+    def _table_nodes(self) -> Floats:
         """Nodes of the table, denser towards the limit: where the polynomial folds, its inverse rises ever steeper."""
         if self.limit > LARGEST:
             return np.linspace(0.0, LARGEST, NODES_WITHOUT_LIMIT)
@@ -91,7 +91,7 @@ class MonotonePolynomial:
         return float(positive.min()) ** (1.0 / self.step) if positive.size else float("inf")
 
 
-def _horner(coefficients: tuple[float, ...] | list[float], x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _horner(coefficients: tuple[float, ...] | list[float], x: Floats) -> Floats:
     total = np.full_like(x, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         total *= x
@@ -112,11 +112,11 @@ class Radius(Protocol):
         """The radius there; may be infinite."""
         ...
 
-    def __call__(self, theta: NDArray[np.float64], /) -> NDArray[np.float64]:
+    def __call__(self, theta: Floats, /) -> Floats:
         """Evaluate; anything beyond `limit`."""
         ...
 
-    def inverse(self, radius: NDArray[np.float64], /) -> NDArray[np.float64]:
+    def inverse(self, radius: Floats, /) -> Floats:
         """The angle of a radius; anything beyond `top`."""
         ...
 
@@ -140,9 +140,7 @@ class AngularCamera(CameraModel):
         return self._radius.limit
 
     @override
-    def _project(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    def _project(self, points: Floats) -> tuple[Floats, Floats, Bools]:
         x, y, z = points[:, 0], points[:, 1], points[:, 2]
         chi = np.hypot(x, y)
         theta = np.arctan2(chi, z)
@@ -154,9 +152,7 @@ class AngularCamera(CameraModel):
         return u, v, valid
 
     @override
-    def _unproject(
-        self, u: NDArray[np.float64], v: NDArray[np.float64], rays: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def _unproject(self, u: Floats, v: Floats, rays: Floats) -> Bools:
         x = (u - self._centre[0]) / self._scale[0]
         y = (v - self._centre[1]) / self._scale[1]
         radius = np.sqrt(x * x + y * y)  # a quarter of the time of `hypot`; pixels do not overflow
@@ -242,3 +238,107 @@ class RadialPolynomialCamera(AngularCamera):
             "coefficients": tuple(a * scale_u for a in self.coefficients),
             "aspect_ratio": self.aspect_ratio * scale_v / scale_u,
         }
+
+
+ANGLE_NODES = 1024
+ANGLE_STEPS = 4
+FARTHEST = 100.0  # times |a0|: the radius of an angle near that of an endless image
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolynomialAngle:
+    """The radius rho at which a ray of angle theta lands: `tan(theta) = rho / g(rho)`.
+
+    The angle rises with rho while g - rho g' > 0.
+
+    Attributes:
+        depth: g, the depth of the ray whose sideways part is rho; positive at 0.
+        domain: largest angle of interest.
+        limit: the largest angle up to which the mapping is one-to-one.
+        top: the radius there.
+    """
+
+    depth: Polynomial
+    domain: float
+    limit: float = field(init=False)
+    top: float = field(init=False)
+    _nodes: Floats = field(init=False, repr=False)
+    _angles: Floats = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        roots = np.asarray((self.depth - Polynomial([0.0, 1.0]) * self.depth.deriv()).trim().roots(), dtype=complex)
+        folds = roots[(np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))) & (roots.real > 0)].real
+        end = min([*folds, FARTHEST * float(self.depth(0.0))])
+        nodes = end * (1.0 - np.linspace(1.0, 0.0, ANGLE_NODES) ** 2)
+        object.__setattr__(self, "_nodes", nodes)
+        object.__setattr__(self, "_angles", self.inverse(nodes))
+        object.__setattr__(self, "limit", min(float(self._angles[-1]), self.domain))
+        object.__setattr__(self, "top", float(self(np.array([self.limit]))[0]))
+
+    def __call__(self, theta: Floats) -> Floats:
+        """rho, by table and Newton's method, clamped to where the mapping is one-to-one."""
+        rho, slope = np.interp(theta, self._angles, self._nodes), self.depth.deriv()
+        sine, cosine = np.sin(theta), np.cos(theta)
+        for _ in range(ANGLE_STEPS):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = (rho * cosine - self.depth(rho) * sine) / (cosine - slope(rho) * sine)
+            rho = np.clip(rho - np.nan_to_num(step, posinf=0.0, neginf=0.0), 0.0, self._nodes[-1])
+        return rho
+
+    def inverse(self, rho: Floats) -> Floats:
+        """The angle of a radius."""
+        return np.asarray(np.arctan2(rho, self.depth(rho)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class OcamCamera(AngularCamera):
+    """The pixel (u, v) = stretch (u', v') + centre sees the ray (u', v', a0 + a1 rho + ...), rho = |(u', v')|.
+
+    The depth counts as positive on the axis: OCamCalib's cameras look along -z, so that its a0 is negative.
+
+    Attributes:
+        coefficients: a0, a1, ..., px^(1 - n); MATLAB's mapping coefficients have no a1, which is 0.
+        stretch: a, b, c, d of u = a u' + b v' + cu, v = c u' + d v' + cv: (1, e, d, c) of OCamCalib, whose x is our v,
+            and (c, d, e, 1) of MATLAB.
+        max_angle_rad: field limit of the lens; None for as far as the mapping is one-to-one.
+
+    Source:
+        Scaramuzza, Martinelli and Siegwart 2006; the toolbox's `cam2world` and `world2cam`.
+    """
+
+    coefficients: tuple[float, ...]
+    stretch: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 1.0)
+    max_angle_rad: float | None = None
+    _inverse: tuple[float, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        numbers = finite_numbers(self.coefficients, "coefficients")
+        object.__setattr__(self, "coefficients", numbers)
+        if not numbers or not numbers[0]:
+            raise ShapeError(f"coefficients: expected a0 other than 0 first, got {numbers}")
+        stretch = finite_numbers(self.stretch, "stretch")
+        matrix = np.array(stretch).reshape(2, 2) if len(stretch) == 4 else np.zeros((2, 2))
+        if not np.linalg.det(matrix) > 0:
+            raise ShapeError(f"stretch: expected four numbers of a matrix that mirrors nothing, got {stretch}")
+        object.__setattr__(self, "stretch", stretch)
+        object.__setattr__(self, "_inverse", tuple(np.linalg.inv(matrix).ravel().tolist()))
+        angle = PolynomialAngle(Polynomial(numbers) * np.sign(numbers[0]), checked_max_angle(self.max_angle_rad))
+        self._prepare(angle, scale=(1.0, 1.0), centre=(0.0, 0.0))
+
+    @override
+    def _project(self, points: Floats) -> tuple[Floats, Floats, Bools]:
+        x, y, valid = super()._project(points)
+        a, b, c, d = self.stretch
+        return a * x + b * y + self.principal_point[0], c * x + d * y + self.principal_point[1], valid
+
+    @override
+    def _unproject(self, u: Floats, v: Floats, rays: Floats) -> Bools:
+        x, y = u - self.principal_point[0], v - self.principal_point[1]
+        a, b, c, d = self._inverse
+        return super()._unproject(a * x + b * y, c * x + d * y, rays)
+
+    @override
+    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
+        a, b, c, d = self.stretch
+        return {"stretch": (a * scale_u, b * scale_u, c * scale_v, d * scale_v)}

@@ -1,18 +1,26 @@
-"""Interface of every camera model, the rays of its pixels or cells, and the models by the names of recordings."""
+"""Interface of every camera model, the rays of its cells, the times of its rows, and the models by their names.
+
+Rolling shutter: the rows of an image are exposed one after the other. The time of an image is that of its middle row.
+Rows are counted as the sensor is mounted: `direction` says which way the readout moves over the stored image, so that
+the rows of a sensor mounted on its side are the image's columns.
+"""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from importlib import import_module
-from typing import Any, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError, UnknownNameError
 
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 Scalar = TypeVar("Scalar", bound=np.generic)
 CHUNK_ROWS = 16_384  # temporaries of a chunk stay in the processor's cache
 
@@ -48,18 +56,14 @@ class CameraModel(ABC):
         """The model's own fields that change in an image stretched by these factors."""
 
     @abstractmethod
-    def _project(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    def _project(self, points: Floats) -> tuple[Floats, Floats, Bools]:
         """u, v and validity of a chunk of (n, 3) points; anything where not valid."""
 
     @abstractmethod
-    def _unproject(
-        self, u: NDArray[np.float64], v: NDArray[np.float64], rays: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def _unproject(self, u: Floats, v: Floats, rays: Floats) -> Bools:
         """Write unit rays of a chunk of n pixels into `rays` (n, 3); return validity."""
 
-    def project(self, points_camera: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def project(self, points_camera: Floats) -> tuple[Floats, Bools]:
         """Map points or rays of the camera frame to pixels.
 
         Args:
@@ -82,7 +86,7 @@ class CameraModel(ABC):
         pixels[~valid] = np.nan
         return pixels, valid
 
-    def unproject(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def unproject(self, pixels: Floats) -> tuple[Floats, Bools]:
         """Map pixels to unit rays of the camera frame.
 
         Args:
@@ -115,7 +119,7 @@ class CameraModel(ABC):
         centre = (u + 0.5) * scale_u - 0.5, (v + 0.5) * scale_v - 0.5
         return replace(self, width=width, height=height, principal_point=centre, **self._rescaled(scale_u, scale_v))
 
-    def contains(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def contains(self, pixels: Floats) -> Bools:
         """Test that pixels lie in the image: (N, 2) -> (N,) bool; False for NaN."""
         u, v = pixels[:, 0], pixels[:, 1]
         return np.asarray((u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5))
@@ -134,9 +138,9 @@ class RayGrid:
     """
 
     cell_size_px: int
-    pixels: NDArray[np.float64]
-    rays_camera: NDArray[np.float64]
-    valid: NDArray[np.bool_]
+    pixels: Floats
+    rays_camera: Floats
+    valid: Bools
 
     def at_centres(self, image: NDArray[Scalar]) -> NDArray[Scalar]:
         """An image's values at the centres of the cells, of border cells at the nearest pixel.
@@ -180,6 +184,50 @@ def ray_grid(camera: CameraModel, cell_size_px: int = 1) -> RayGrid:
     return grid
 
 
+ReadoutDirection = Literal["down", "up", "left", "right"]
+LONGEST_READOUT_S = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RollingShutter:
+    """Readout of a camera whose rows are exposed one after the other.
+
+    Attributes:
+        readout_s: number of rows times the time from one row to the next, s. It belongs to the whole image, whatever
+            the size at which that is evaluated.
+        direction: which way the readout moves over the image; "down" begins with the top row, "left" with the
+            rightmost column.
+
+    Raises:
+        ShapeError: a readout that is not in (0, 0.2] s, or no direction.
+    """
+
+    readout_s: float
+    direction: ReadoutDirection = "down"
+
+    def __post_init__(self) -> None:
+        if not 0 < self.readout_s <= LONGEST_READOUT_S or math.isnan(self.readout_s):
+            raise ShapeError(f"readout_s: expected seconds in (0, {LONGEST_READOUT_S}], got {self.readout_s}")
+        if self.direction not in get_args(ReadoutDirection):
+            expected = ", ".join(get_args(ReadoutDirection))
+            raise ShapeError(f"direction: expected one of {expected}, got {self.direction!r}")
+
+    def row_time_offset_s(self, pixels: NDArray[np.floating], camera: CameraModel) -> Floats:
+        """Time of the pixels' rows after that of the image.
+
+        Args:
+            pixels: (..., 2), px, (u, v).
+            camera: the lens at the size in which the pixels are counted.
+
+        Returns:
+            (...) float64, s, from minus to plus half of the readout, which pixels beyond the image have; 0 for NaN.
+        """
+        upright = self.direction in {"down", "up"}
+        place, size = pixels[..., 1 if upright else 0], camera.height if upright else camera.width
+        share = np.clip(np.nan_to_num((place + 0.5) / size - 0.5), -0.5, 0.5)
+        return np.asarray((self.readout_s if self.direction in {"down", "right"} else -self.readout_s) * share)
+
+
 def finite_pair(values: object, name: str, *, positive: bool = False) -> tuple[float, float]:
     """Two finite numbers as a tuple.
 
@@ -217,7 +265,7 @@ def checked_max_angle(max_angle_rad: float | None) -> float:
     return float(max_angle_rad)
 
 
-def _rows(values: NDArray[np.float64], columns: int, name: str) -> NDArray[np.float64]:
+def _rows(values: Floats, columns: int, name: str) -> Floats:
     rows = np.asarray(values, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] != columns:
         raise ShapeError(f"{name}: expected (N, {columns}), got {rows.shape}")
@@ -232,7 +280,7 @@ CAMERA_MODELS = {
     "pinhole": "bench.cameras.pinhole:PinholeCamera",
     "double_sphere": "bench.cameras.spheres:DoubleSphereCamera",
     "extended_unified": "bench.cameras.spheres:ExtendedUnifiedCamera",
-    "ocam": "bench.cameras.ocam:OcamCamera",
+    "ocam": "bench.cameras.angular:OcamCamera",
 }
 OTHER_NAMES = {  # of ROS, Kalibr, OpenCV and others
     **dict.fromkeys(("equidistant", "equidist", "fisheye", "opencv_fisheye", "kb4", "kb8"), "kannala_brandt"),

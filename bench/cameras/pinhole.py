@@ -7,14 +7,11 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 from typing_extensions import override
 
 from bench.cameras.angular import MonotonePolynomial
-from bench.cameras.model import CameraModel, checked_max_angle, finite_numbers, finite_pair
+from bench.cameras.model import Bools, CameraModel, Floats, checked_max_angle, finite_numbers, finite_pair
 from bench.errors import ShapeError
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,13 +51,13 @@ class PinholeCamera(PlanarCamera):
         return float(np.pi / 2)
 
     @override
-    def _project(self, points: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    def _project(self, points: Floats) -> tuple[Floats, Floats, Bools]:
         z = points[:, 2]
         u, v = self._pixels(points[:, 0] / z, points[:, 1] / z)
         return u, v, (z > 0) & np.isfinite(u) & np.isfinite(v)
 
     @override
-    def _unproject(self, u: Floats, v: Floats, rays: Floats) -> NDArray[np.bool_]:
+    def _unproject(self, u: Floats, v: Floats, rays: Floats) -> Bools:
         x, y = self._plane(u, v)
         z = 1.0 / np.sqrt(x * x + y * y + 1.0)
         rays[:, 0], rays[:, 1], rays[:, 2] = x * z, y * z, z
@@ -114,9 +111,7 @@ class BrownDistortion:
         object.__setattr__(self, "_along", along)
         object.__setattr__(self, "limit", min(along.limit, self._first_fold()))
 
-    def __call__(
-        self, x: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def __call__(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Distort; no check of the limit."""
         (k1, k2, k3), (p1, p2) = self.radial, self.tangential
         xx, yy, xy = x * x, y * y, x * y
@@ -127,9 +122,7 @@ class BrownDistortion:
             y * stretch + p1 * (squared + 2 * yy) + 2 * p2 * xy,
         )
 
-    def inverse(
-        self, x: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    def inverse(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Bools]:
         """Undistort: the radial part alone by its inverse, then Newton's method in the plane, within the limit.
 
         Returns:
@@ -152,9 +145,7 @@ class BrownDistortion:
         solved = np.hypot(miss_x - x, miss_y - y) <= SOLVED * (1.0 + radius)
         return m_x, m_y, solved & (np.hypot(m_x, m_y) <= self.limit * (1.0 + 1e-9))
 
-    def _newton_step(
-        self, m_x: NDArray[np.float64], m_y: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _newton_step(self, m_x: Floats, m_y: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         (k1, k2, k3), (p1, p2) = self.radial, self.tangential
         xx, yy, xy = m_x * m_x, m_y * m_y, m_x * m_y
         squared = xx + yy
@@ -168,9 +159,7 @@ class BrownDistortion:
         scale = 1.0 / (j_xx * j_yy - j_xy * j_xy)
         return scale * (j_yy * miss_x - j_xy * miss_y), scale * (j_xx * miss_y - j_xy * miss_x)
 
-    def _within(
-        self, x: NDArray[np.float64], y: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _within(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Bring back to the limit what a step took beyond it."""
         if not np.isfinite(self.limit):
             return x, y
@@ -236,9 +225,7 @@ class BrownConradyCamera(PlanarCamera):
         return self._limit_rad
 
     @override
-    def _project(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    def _project(self, points: Floats) -> tuple[Floats, Floats, Bools]:
         z = points[:, 2]
         x, y = points[:, 0] / z, points[:, 1] / z
         u, v = self._pixels(*self._distortion(x, y))
@@ -246,9 +233,7 @@ class BrownConradyCamera(PlanarCamera):
         return u, v, (z > 0) & within & np.isfinite(u) & np.isfinite(v)
 
     @override
-    def _unproject(
-        self, u: NDArray[np.float64], v: NDArray[np.float64], rays: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def _unproject(self, u: Floats, v: Floats, rays: Floats) -> Bools:
         x, y, valid = self._distortion.inverse(*self._plane(u, v))
         z = 1.0 / np.sqrt(x * x + y * y + 1.0)
         rays[:, 0], rays[:, 1], rays[:, 2] = x * z, y * z, z

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
 from bench.cameras.angular import AngularCamera
-from bench.cameras.model import checked_max_angle, finite_pair
+from bench.cameras.model import Bools, Floats, checked_max_angle, finite_pair
 from bench.cameras.pinhole import BrownDistortion, PlanarCamera
 from bench.errors import ShapeError
 
@@ -60,9 +59,7 @@ class UnifiedCamera(PlanarCamera):
         return self._limit_rad
 
     @override
-    def _project(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    def _project(self, points: Floats) -> tuple[Floats, Floats, Bools]:
         x, y, z = points[:, 0], points[:, 1], points[:, 2]
         length = np.sqrt(x * x + y * y + z * z)
         depth = z + self.xi * length
@@ -72,9 +69,7 @@ class UnifiedCamera(PlanarCamera):
         return u, v, valid
 
     @override
-    def _unproject(
-        self, u: NDArray[np.float64], v: NDArray[np.float64], rays: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def _unproject(self, u: Floats, v: Floats, rays: Floats) -> Bools:
         m_x, m_y, valid = self._distortion.inverse(*self._plane(u, v))
         squared = m_x * m_x + m_y * m_y
         lift = (self.xi + np.sqrt(1.0 + (1.0 - self.xi**2) * squared)) / (1.0 + squared)
@@ -131,20 +126,20 @@ class SphereRadius:
         with np.errstate(divide="ignore"):
             object.__setattr__(self, "top", float(self(np.asarray(limit))) if limit == self.domain else self._largest())
 
-    def __call__(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, theta: Floats) -> Floats:
         """Evaluate; no check of the limit."""
         across, along = np.sqrt(self.beta) * np.sin(theta), self.xi + np.cos(theta)
         depth = self.alpha * np.hypot(across, along) + (1.0 - self.alpha) * along
         return np.asarray(across / (np.sqrt(self.beta) * depth))
 
-    def inverse(self, radius: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inverse(self, radius: Floats) -> Floats:
         """theta with r(theta) = radius; beyond `top` any number."""
         squared = self.beta * radius * radius
         root = np.sqrt(np.maximum(1.0 - (2.0 * self.alpha - 1.0) * squared, 0.0))
         depth = (1.0 - self.alpha**2 * squared) / (self.alpha * root + 1.0 - self.alpha)
         return self._angle(np.arctan2(np.sqrt(squared), depth))
 
-    def _angle(self, phi: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _angle(self, phi: Floats) -> Floats:
         """theta of phi: by the law of sines, or on the ellipsoid."""
         if self.xi:
             return phi + np.arcsin(np.clip(self.xi * np.sin(phi), -1.0, 1.0))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bench.commands.command import PATH, TEXT, Words, command_line, print_nothing
+from bench.commands.command import PATH, TEXT, Place, Words, command_line, print_nothing
 from bench.commands.console import print_blocks, print_failures, say
 from bench.commands.options import FAILURES, Dataset, Workers, group
 from bench.commands.progress import Report, progress_bar, resumable
@@ -27,35 +27,29 @@ if TYPE_CHECKING:
 
 app = group("Propose and review moving objects in drives without labels; convert labels of other tools.")
 
-Folder = str | Path | None
 Reviews = Annotated[
-    Folder, typer.Option(help="Folder of reviews; default: the card's annotations, or annotations/<data set>."), PATH
+    Place, typer.Option(help="Folder of reviews; default: the card's annotations, or annotations/<data set>."), PATH
 ]
 FORMATS = "boxes, openlabel, cvat or semantickitti"
 LEFT_OUT = "none"
 UNITS_NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
 
-def _pairs(given: Sequence[str] | None, option: str) -> dict[str, str]:
-    """Parse TOOL=OURS of a repeatable option.
+def _pairs(option: str, *, name_may_lack: bool = False) -> Words:
+    """TOOL=OURS of an option that may be repeated; OURS is None where it is "none"."""
 
-    Raises:
-        UsageError: no `=`.
-    """
-    for pair in given or ():
-        if "=" not in pair:
-            raise UsageError(f"{option}: expected TOOL'S=OURS, got {pair!r}")
-    return {name: ours for name, _, ours in (pair.rpartition("=") for pair in given or ())}
+    def parse(texts: list[str] | None) -> dict[str, str | None]:
+        pairs: dict[str, str | None] = {}
+        for text in texts or ():
+            name, _, ours = text.rpartition("=")
+            if not name and not name_may_lack:
+                raise UsageError(f"{option}: expected TOOL'S=OURS, got {text!r}")
+            if name in pairs:
+                raise UsageError(f"{option} {name}: expected once, got twice")
+            pairs[name] = None if ours == LEFT_OUT else ours
+        return pairs
 
-
-def _classes(given: Sequence[str] | None) -> dict[str, str | None]:
-    """Parse `--class Tram=vehicle`; `--class Misc=none` leaves objects out."""
-    return {name: None if ours == LEFT_OUT else ours for name, ours in _pairs(given, "--class").items()}
-
-
-def _frames(given: Sequence[str] | None) -> dict[str, str]:
-    """Parse `--frame TOOL=OURS`; without `TOOL=` the frame of boxes that name none."""
-    return _pairs([pair if "=" in pair else f"={pair}" for pair in given or ()], "--frame")
+    return Words(list[str] | None, parse)
 
 
 Classes = Annotated[
@@ -65,7 +59,7 @@ Classes = Annotated[
         metavar="TOOL=OURS",
         help="Map a class of the tool to ours; =unclear leaves it unscored, =none drops it; repeatable.",
     ),
-    Words(list[str] | None, _classes),
+    _pairs("--class"),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace other labels that are there; a copy stays.")]
 Chosen = Annotated[str | None, typer.Option("--recording", help="Recordings, separated by commas; default: all.")]
@@ -177,17 +171,17 @@ def evaluate_proposals(
     workers: Workers = 1,
     reviews: Reviews = None,
     against: Annotated[
-        Folder,
+        Place,
         typer.Option(help="Another reviewer's folder of reviews, to compare with in place of the annotations."),
         PATH,
     ] = None,
     merged: Annotated[
-        Folder,
+        Place,
         typer.Option(help="With --against: folder of both reviews as one; where they differ, tracks are undecided."),
         PATH,
     ] = None,
     out: Annotated[
-        Folder, typer.Option(help="Folder of evaluate.html, .md and .csv files; default: none."), PATH
+        Place, typer.Option(help="Folder of evaluate.html, .md and .csv files; default: none."), PATH
     ] = None,
     progress: Report | None = None,
 ) -> ProposalScores:
@@ -248,9 +242,7 @@ def import_labels(
     recording: Annotated[str, typer.Option(help="Name of the recording.")],
     *,
     out: Annotated[
-        Folder,
-        typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>."),
-        PATH,
+        Place, typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>."), PATH
     ] = None,
     classes: Classes = None,
     frames: Annotated[
@@ -261,7 +253,7 @@ def import_labels(
             help="Map a coordinate system of the tool to vehicle, lidar or world; without TOOL= for boxes that name "
             "none; repeatable.",
         ),
-        Words(list[str] | None, _frames),
+        _pairs("--frame", name_may_lack=True),
     ] = None,
     first_frame: Annotated[
         int | None,
@@ -421,7 +413,7 @@ def open_unannotated(card: DatasetCard, name: str) -> Recording:
 
 
 def _open_drives(
-    dataset: str | Path | DatasetCard, split: str | None, reviews: Folder, executor: TaskExecutor | None = None
+    dataset: str | Path | DatasetCard, split: str | None, reviews: Place, executor: TaskExecutor | None = None
 ) -> tuple[DatasetCard, tuple[RecordingHandle, ...], Path]:
     """The card of a data set, its recordings, rendered where they are missing, and the folder of their reviews."""
     from bench.commands.data import rendered_card
@@ -431,7 +423,7 @@ def _open_drives(
     return card, open_dataset(card, split), _annotations_folder(card, reviews)
 
 
-def _annotations_folder(card: DatasetCard, folder: Folder) -> Path:
+def _annotations_folder(card: DatasetCard, folder: Place) -> Path:
     """The folder of reviews and annotations that is named, else the card's, else one below the working folder."""
     return Path(folder) if folder is not None else card.annotations or Path("annotations") / card.name
 

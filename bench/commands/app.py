@@ -7,7 +7,6 @@ import errno
 import gc
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated
@@ -32,9 +31,6 @@ COMMANDS = {
     "Your data and methods": ("validate", "annotate", "reference", "new"),
     "Laboratory": ("audit", "synthesize"),
 }
-
-LEAST_ADDRESSES_BYTES = 3_000_000_000  # a run takes 1.5 GB; with 2 GB a library now and then aborts the process
-NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")
 
 DOCUMENTATION = "https://github.com/fisheye-bench/fisheye-bench/tree/main/docs"
 
@@ -65,7 +61,9 @@ def main() -> None:
     atexit.register(gc.freeze)  # or the end takes half a second of looking through all libraries for garbage
     warnings.showwarning = _warn
     try:
-        refuse_unfit(sys.argv[1:])
+        for argument in sys.argv[1:]:
+            if not argument.isprintable() and any("\ud800" <= letter <= "\udfff" for letter in argument):
+                raise UsageError(f"expected arguments in UTF-8, got {argument!r}; rename the file or folder")
         if not sys.flags.safe_path and str(Path.cwd()) not in sys.path:
             sys.path.append(str(Path.cwd()))  # a method or adapter beside the user, named as MODULE:CLASS
         app(args=take_verbosity(sys.argv[1:]))
@@ -81,35 +79,12 @@ def main() -> None:
         be_silent()
 
 
-def refuse_unfit(arguments: Sequence[str]) -> None:
-    """Refuse a call that would end in a library's traceback.
-
-    Args:
-        arguments: of the command line.
-
-    Raises:
-        UsageError: a working folder that was removed, an argument that is not UTF-8, or a limit below which libraries
-            cannot be loaded.
-    """
-    try:
-        Path.cwd()
-    except FileNotFoundError as error:
-        raise UsageError("expected a working folder that exists, got one that was removed; go to another") from error
-    for argument in arguments:
-        if any("\ud800" <= letter <= "\udfff" for letter in argument):
-            raise UsageError(f"expected arguments in UTF-8, got {argument!r}; rename the file or folder")
-    limit = _address_limit_bytes()
-    if "--help" not in arguments and limit is not None and limit < LEAST_ADDRESSES_BYTES:
-        expected = f"a limit of at least {LEAST_ADDRESSES_BYTES // 1024} kB of addresses"
-        raise UsageError(f"ulimit -v: expected {expected}, got {limit // 1024}; raise it, or limit the memory itself")
-
-
 def user_message(error: Exception) -> str | None:
     """The line about a mistake that the user can correct; None for a fault of ours, which keeps its traceback."""
     if isinstance(error, BenchError):
         return str(error)
-    if (lack := next((one for one in _chain(error) if _lacks_memory(one)), None)) is not None:
-        got = " ".join(f"{type(lack).__name__}: {lack}".split())[:200]
+    if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
+        got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         return f"expected memory and threads, got {got}; give this process more, or take fewer --workers"
     if isinstance(error, OSError) and (
         error.filename is not None or error.errno in DISK_FULL
@@ -117,27 +92,6 @@ def user_message(error: Exception) -> str | None:
         hint = "; free some disk space, then run the same command again" if error.errno in DISK_FULL else ""
         return f"{error.filename or 'this disk'}: {error.strerror or error}{hint}"
     return None
-
-
-def _lacks_memory(error: BaseException) -> bool:
-    text = str(error).lower()
-    number = getattr(error, "errno", None)
-    return isinstance(error, MemoryError) or number == errno.ENOMEM or any(part in text for part in NO_MEMORY)
-
-
-def _chain(error: BaseException | None) -> Iterator[BaseException]:
-    while error is not None:
-        yield error
-        error = error.__cause__ or error.__context__
-
-
-def _address_limit_bytes() -> int | None:
-    try:
-        import resource
-    except ImportError:  # not on Windows
-        return None
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    return None if limit == resource.RLIM_INFINITY else limit
 
 
 def _warn(

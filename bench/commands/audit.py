@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH
+from bench.commands.command import PATH, Place
 from bench.commands.console import note, print_blocks, print_failures, say
 from bench.commands.progress import Report, interruptible, progress_bar
 from bench.errors import UsageError
@@ -49,9 +49,7 @@ def audit_reference(
     settings: options.Settings = None,
     protocol: options.ProtocolName = "paper-v1",
     split: options.Split = None,
-    out: Annotated[
-        str | Path | None, typer.Option(help="Folder of the audit; default: reports/audit/<data set>."), PATH
-    ] = None,
+    out: Annotated[Place, typer.Option(help="Folder of the audit; default: reports/audit/<data set>."), PATH] = None,
     recordings: Annotated[
         int | None, typer.Option(help="Number of recordings, spread over the split; default: all.")
     ] = None,
@@ -126,12 +124,10 @@ def audit_folder(card: DatasetCard, out: str | Path | None) -> Path:
 def show(found: Audit) -> int:
     """Print the tables, the cost, failures and files."""
     from bench.reporting.audit_tables import for_terminal
-    from bench.reporting.run_tables import stage_times
 
     print_blocks(for_terminal(found.tables))
     summary, made = found.summary, found.summary.provenance
-    stages = stage_times(made.stage_seconds)
-    say(f"{made.images} images of {summary.recordings} recordings in {made.seconds:.1f} s ({stages})")
+    say(f"{made.images} images of {summary.recordings} recordings in {made.seconds:.1f} s")
     for remark in found.remarks:
         say(remark)
     print_failures(summary.failures, all_in="audit.json")

@@ -36,6 +36,7 @@ class Words:
     default: object = AS_IN_PYTHON
 
 
+Place = str | Path | None  # of a file or folder that may be named
 TEXT, PATH = Words(str), Words(Path | None)
 
 

@@ -25,6 +25,7 @@ from bench.plain_text import counted, plain
 if TYPE_CHECKING:
     from bench.reporting.document import Block
 
+FAILURES = 2  # exit status where single images, units or recordings could not be used, as for usage and data errors
 TABLE_COLUMNS = 110  # of tables that go into a file or a log
 SHOWN_FAILURES = 10
 SHOWN_FILES, MOST_FILES = 4, 6
@@ -81,16 +82,6 @@ def say(line: str, *, style: str = "", to_errors: bool = False) -> None:
         to_errors: to the error stream.
     """
     _print(Text(harmless(line), style=style), to_errors=to_errors)
-
-
-def say_damaged(damaged: Iterable[tuple[str, str]]) -> None:
-    """Print which runs of a folder are not listed, and why.
-
-    Args:
-        damaged: folder and fault of each that cannot be read.
-    """
-    for run, fault in damaged:
-        say(f"damaged: {run}: {fault}", style="red")
 
 
 def note(line: str) -> None:

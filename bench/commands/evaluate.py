@@ -13,7 +13,7 @@ from bench.commands import options
 from bench.commands.command import PATH, TEXT
 from bench.commands.console import note, note_blocks
 from bench.commands.progress import Report, progress_bar
-from bench.commands.runs import PROTOCOLS, Run, print_runs, say_next, score
+from bench.commands.runs import PROTOCOLS, Run, print_runs, score
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Evaluation:
 def evaluate(
     dataset: options.Dataset,
     predictions: Annotated[
-        str | Path, typer.Option(help="Folder of masks or scores: [recording/]camera/<name>.png ..."), PATH
+        str | Path, typer.Option(help="Folder of masks or scores: [recording/]camera/<name>.png"), PATH
     ],
     *,
     name: Annotated[str | None, typer.Option(help="Name in results; default: predictions-<folder>.")] = None,
@@ -44,16 +44,9 @@ def evaluate(
         Literal["error", "skip", "empty"],
         typer.Option(help="Images without a prediction: refuse, leave unscored, or count as empty."),
     ] = "error",
-    names: Annotated[
-        Literal["auto", "timestamp", "frame", "image"],
-        typer.Option(help="What files are named by; default: detected."),
-    ] = "auto",
     threshold: Annotated[
         float | None, typer.Option(help="Score above which a pixel counts as moving; default: 0.5.")
     ] = None,
-    history: Annotated[
-        int, typer.Option(help="Score only images with this many earlier ones; 1 as for methods that compare two.")
-    ] = 1,
     protocol: options.Protocols = PROTOCOLS,
     split: options.Split = None,
     out: Annotated[
@@ -73,9 +66,7 @@ def evaluate(
         predictions: folder.
         name: None for predictions-<folder>.
         missing: "error" to score nothing, "skip" to leave these images unscored, "empty" to count them as empty.
-        names: "auto" to find it out.
         threshold: None for 0.5.
-        history: images.
         protocol: names or files with commas in between.
         split: of the data set.
         out: folder of the run.
@@ -86,18 +77,16 @@ def evaluate(
 
     Raises:
         UnknownNameError: no data set, protocol or split of this name.
-        UsageError: the name of a method, ambiguous names of files, or a threshold for masks.
+        UsageError: the name of a method, or a threshold for masks.
         DataError: a prediction is missing, damaged or extra where all are asked for; the error names a file that lists
             all of them; or `out` holds another run.
     """
-    from tempfile import mkdtemp
-
     from bench.commands.data import as_card, as_executor, rendered_card
     from bench.commands.runs import run_request
     from bench.harness.stored import PREDICTIONS
     from bench.methods import known_methods
     from bench.methods.predictions import PredictedMotion
-    from bench.methods.predictions.report import check_predictions, refusal, refused, write_report
+    from bench.methods.predictions.method import check_predictions, refuse_faults, write_report
     from bench.reporting.findings import prediction_line, prediction_table
 
     if not Path(predictions).is_dir():
@@ -107,7 +96,7 @@ def evaluate(
         raise UsageError(f"--name: expected another name than those of methods, got {called!r}")
     named = partial(PredictedMotion, name=called, folder=str(predictions), dataset=str(card.file), split=split)
     usual = named().settings()
-    method = named(threshold=threshold, missing=missing, naming=names, history=history)
+    method = named(threshold=threshold, missing=missing)
     chosen = [(option, value) for option, value in method.settings().items() if value != usual[option]]
     request = run_request(card, method, protocol=protocol, split=split, out=out, overwrite=overwrite, named_by=chosen)
     executor = as_executor(workers)
@@ -117,12 +106,7 @@ def evaluate(
     if (table := prediction_table(found)) is not None:
         note_blocks([table])
     note(prediction_line(found, threshold=method.threshold))
-    for doubt in found.doubts:
-        note(f"warning: {doubt}")
-    if refusal(method, found) is not None:
-        listed = Path(mkdtemp(prefix="fisheye-bench-")) / PREDICTIONS  # a new folder: no file of the user's is replaced
-        write_report(listed, card, method, found)
-        raise refused(method, found, listed_in=listed)
+    refuse_faults(card, method, found)
     scored = score(
         request,
         executor=executor,
@@ -134,7 +118,5 @@ def evaluate(
 
 
 def show(evaluation: Evaluation) -> int:
-    """Print the run, and the next command."""
-    passed = print_runs(evaluation.run)
-    say_next(evaluation.run)
-    return 0 if passed else options.FAILURES
+    """Print the run."""
+    return print_runs(evaluation.run)

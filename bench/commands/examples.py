@@ -6,7 +6,7 @@ EXAMPLES = {
     "run": (
         "run demo",
         "run tiny --method my_method:MyMethod --set threshold=0.5",
-        "run demo --protocol paper-v1,surface-v1 --limit 20 --no-pictures",
+        "run demo --protocol surface-v1 --split crossing-car[:20] --no-pictures",
     ),
     "evaluate": (
         "evaluate demo --predictions my-masks",
@@ -14,9 +14,9 @@ EXAMPLES = {
     ),
     "view": (
         "view demo --method spherical --frame 20",
-        "view demo --recording crossing-car --frames 10:40 --video crossing.mp4",
+        "view demo --recording crossing-car --frame 10:40 --video crossing.mp4",
     ),
-    "validate": ("validate demo", "validate my-data --deep --json findings.json"),
+    "validate": ("validate my-data", "validate my-data --deep --json findings.json"),
     "synthesize": ("synthesize datasets/tiny.scenario.yaml --out my-drives",),
     "report": ("report reports/runs/demo-spherical", "report reports/runs/demo-spherical --category preceding"),
     "gate": (

@@ -12,7 +12,7 @@ import typer
 
 from bench.commands import options
 from bench.commands.command import PATH, Words
-from bench.commands.console import note_files, print_blocks, say, say_damaged
+from bench.commands.console import note_files, print_blocks, say
 from bench.commands.progress import Report, interruptible, progress_bar
 from bench.commands.runs import PROTOCOLS, RUNS, split_protocols
 from bench.errors import BenchError, UsageError
@@ -226,7 +226,8 @@ def show(ranked: LeaderboardReport) -> int:
     for line in ranked.left_out:
         say(f"left out: {line}", style="red")
     print_blocks(leaderboard_tables(ranked.found))
-    say_damaged(ranked.found.damaged)
+    for run, fault in ranked.found.damaged:
+        say(f"damaged: {run}: {fault}", style="red")
     for problem in ranked.problems:
         say(f"no picture: {problem}", style="yellow")
     note_files(ranked.files)

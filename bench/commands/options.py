@@ -10,6 +10,7 @@ import typer
 from typer.core import TyperGroup
 
 from bench.commands.command import TEXT, Words
+from bench.commands.console import FAILURES as FAILURES
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from bench.execution import TaskExecutor
     from bench.methods import Method
     from bench.recordings import DatasetCard
-
-FAILURES = 2  # exit status where single images, units or recordings could not be used, as for usage and data errors
 
 
 class Commands(TyperGroup):
@@ -129,7 +128,6 @@ Split = Annotated[
         "of each camera; default: everything.",
     ),
 ]
-Recording = Annotated[str | None, typer.Option(help="Name of a recording; default: all.")]
 Workers = Annotated[
     "int | Executor | TaskExecutor",
     typer.Option(

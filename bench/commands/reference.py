@@ -23,7 +23,6 @@ def export_reference(
     out: Annotated[str | Path, typer.Option(help="Folder, new or empty."), PATH],
     *,
     protocol: options.ProtocolName = "surface-v1",
-    recording: options.Recording = None,
     split: options.Split = None,
     workers: options.Workers = 1,
     progress: Report | None = None,
@@ -34,8 +33,7 @@ def export_reference(
         dataset: card, by path or by name.
         out: written whole or not at all; `bench.harness.reference_export` says which files.
         protocol: by name or file.
-        recording: name of the only one to export.
-        split: of the data set.
+        split: of the data set, or recordings with commas in between.
         workers: processes, or an executor, that compute the recordings.
         progress: called with the recordings done and their number.
 
@@ -43,7 +41,7 @@ def export_reference(
         The export, with one line for each image that has no reference.
 
     Raises:
-        UnknownNameError: no data set, protocol, split or recording of this name.
+        UnknownNameError: no data set, protocol or split of this name.
         DataError: the folder holds something, or a recording cannot be opened.
     """
     from bench.atomic import refuse_filled
@@ -55,9 +53,7 @@ def export_reference(
     refuse_filled(Path(out))
     card = rendered_card(dataset, split, executor=executor)
     with progress_bar(f"exporting the reference of {card.name}", "recordings", progress) as report:
-        return export_references(
-            card, protocol=rules, out=Path(out), split=split, recording=recording, executor=executor, progress=report
-        )
+        return export_references(card, protocol=rules, out=Path(out), split=split, executor=executor, progress=report)
 
 
 def show(export: ReferenceExport) -> int:

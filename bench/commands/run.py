@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from bench.commands import options
-from bench.commands.command import TEXT
-from bench.commands.console import note_blocks, print_failures, say
+from bench.commands.command import TEXT, Place
+from bench.commands.console import print_failures, say
 from bench.commands.progress import Report, progress_bar, resumable
-from bench.commands.runs import PROTOCOLS, Run, print_cost, print_runs, say_next, score
-from bench.errors import DataError, UsageError
-
-if TYPE_CHECKING:
-    from bench.harness import RunRequest
-    from bench.validation import ValidationReport
-
-LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # as `make leaderboard` wrote it; else the one that ships
+from bench.commands.runs import PROTOCOLS, Run, print_cost, print_runs, score
 
 
 def run(
@@ -30,26 +21,12 @@ def run(
     input_errors: options.InputErrors = None,
     protocol: options.Protocols = PROTOCOLS,
     split: options.Split = None,
-    recording: Annotated[
-        Sequence[str] | None,
-        typer.Option(help="Score this recording only; repeatable."),
-        options.Words(list[str] | None),
-    ] = None,
-    limit: Annotated[
-        int | None,
-        typer.Option(
-            min=2, max=10**9 - 1, metavar="N", help="Only the first N images of each camera, for a quick look."
-        ),
-    ] = None,
     out: Annotated[
-        str | Path | None,
+        Place,
         typer.Option(metavar="FOLDER", help="Folder of the run; default: reports/runs/<data set>-<method>."),
         TEXT,
     ] = None,
     overwrite: options.Overwrite = False,
-    require_valid: Annotated[
-        bool, typer.Option("--require-valid", help="Validate the data first; refuse errors, list warnings on the page.")
-    ] = False,
     pictures: options.Pictures = True,
     workers: options.Workers = 1,
     shard: Annotated[
@@ -71,11 +48,8 @@ def run(
             example `{"pitch_deg": 0.5}`; the reference keeps the truth.
         protocol: names or files with commas in between.
         split: of the data set; None for all of it.
-        recording: names, in place of a split.
-        limit: the first images of each camera; None for all.
         out: folder of the run; None for `reports/runs/<data set>-<method>`.
         overwrite: replace another run in the folder.
-        require_valid: refuse data in which `validate` finds errors.
         pictures: also draw an example frame of every category.
         workers: processes, or an executor, of `bench.execution` or any of `concurrent.futures`. More than one need a
             method that can be imported, not one of a notebook's cell, and in a program `if __name__ == "__main__":`
@@ -101,72 +75,25 @@ def run(
         settings=settings,
         input_errors=input_errors,
         protocol=protocol,
-        split=_part_of_data(split, recording, limit),
+        split=split,
         out=out,
         overwrite=overwrite,
     )
     part = None if shard is None else Part.parse(shard)
     executor = as_executor(workers)
     rendered_card(request.card, request.split, executor=executor)
-    validation = _validated(request) if require_valid else None
     if part is None:
         hint = f"a run does not validate its data; check them with: fisheye-bench validate {request.card.address}"
-        remarks = [hint] if request.card.scenario is None and validation is None else []
-        return score(
-            request,
-            executor=executor,
-            pictures=pictures,
-            validation=validation,
-            remarks=remarks,
-            progress=progress,
-        )
+        remarks = [hint] if request.card.scenario is None else []
+        return score(request, executor=executor, pictures=pictures, remarks=remarks, progress=progress)
     title = f"scoring part {part} of {request.card.name}"
     with resumable(request.folder), progress_bar(title, "images", progress) as report:
         return Run(folder=request.folder, part=score_part(request, part, executor=executor, progress=report))
 
 
-def _part_of_data(split: str | None, recordings: Sequence[str] | None, limit: int | None) -> str | None:
-    """The split that the options name together, as `open_dataset` reads it."""
-    if split is not None and recordings:
-        raise UsageError("--recording: expected none beside --split, which takes recordings as well")
-    chosen = ",".join(recordings) if recordings else split
-    return chosen if limit is None else f"{chosen or ''}[:{limit}]"
-
-
-def _validated(request: RunRequest) -> ValidationReport:
-    """Validate the data of a run and print what is wrong with them.
-
-    Raises:
-        DataError: it is more than warnings.
-    """
-    from bench.commands.validate import validate
-    from bench.plain_text import counted
-    from bench.reporting.findings import findings_report
-    from bench.validation import Severity
-
-    report = validate(request.card, split=request.split)
-    note_blocks(findings_report(report))
-    if errors := report.count(Severity.ERROR):
-        expected, got = "data that validate finds no errors in", counted(errors, "error")
-        hint = "correct them, leave these recordings out in the card, or run without --require-valid"
-        raise DataError(request.card.file, expected=expected, got=got, hint=hint)
-    return report
-
-
 def show(scored: Run) -> int:
-    """Print the run, how it compares with the best known, and the next command."""
-    if scored.part is not None:
-        return _show_part(scored)
-    from bench.recordings.cards import shipped_folder
-    from bench.reporting.leaderboard import best_line
-
-    passed = print_runs(scored)
-    board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
-    manifest = scored.last.manifest
-    if best := best_line(board, dataset=manifest.dataset.name, beside=manifest.protocol.name):
-        say(best)
-    say_next(scored)
-    return 0 if passed else options.FAILURES
+    """Print the run, or what was done of a part of one."""
+    return print_runs(scored) if scored.part is None else _show_part(scored)
 
 
 def _show_part(scored: Run) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,9 +10,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.commands.console import note, note_files, print_blocks, print_failures, say
+from bench.commands.console import FAILURES, note, note_files, print_blocks, print_failures, say
 from bench.commands.progress import Report, progress_bar, resumable
 from bench.errors import BenchError, UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,13 +26,12 @@ if TYPE_CHECKING:
     from bench.harness.run import Finish
     from bench.methods import Scorable
     from bench.recordings import DatasetCard
-    from bench.validation import ValidationReport
 
 RUNS = Path("reports/runs")
 PROTOCOLS = "paper-v1,surface-v1"  # that a run is scored by where none is named
 PURPOSES = {"paper-v1": "the paper's rules", "surface-v1": "the rules of the leaderboard"}
+LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # as `make leaderboard` wrote it; else the one that ships
 READ_FIRST = ("summary.json", "table.md", "range_map.png")
-LONGEST_NAME = 120  # characters of a folder's name
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,19 +142,8 @@ def load_run(folder: str | Path) -> Run:
 
 
 def run_folder(place: str | Path | Run) -> Path:
-    """The folder of a run that a user names.
-
-    Raises:
-        UsageError: an empty name, or an address.
-    """
-    if isinstance(place, Run):
-        return place.folder
-    if not str(place):
-        raise UsageError("expected a folder, got an empty name")
-    if "://" in str(place):
-        hint = "copy the run's folder with the storage's own tool (docs/large-runs.md)"
-        raise UsageError(f"expected a folder of this machine, got an address; {hint}")
-    return Path(place)
+    """The folder of a run that a user names."""
+    return place.folder if isinstance(place, Run) else Path(place)
 
 
 def run_request(
@@ -236,10 +224,7 @@ def default_folder(card: DatasetCard, method: str, settings: Iterable[tuple[str,
     """
     words = [card.name, method, *(f"{name}-{value}" for name, value in settings)]
     words += [split] if split is not None else []
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", "-".join(words))
-    if len(name) > LONGEST_NAME:
-        name = f"{name[:LONGEST_NAME]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
-    return RUNS / name
+    return RUNS / re.sub(r"[^A-Za-z0-9_.-]+", "_", "-".join(words))
 
 
 def _non_default_settings(method: Scorable, named: str) -> list[tuple[str, object]]:
@@ -258,7 +243,6 @@ def score(
     *,
     executor: TaskExecutor,
     pictures: bool,
-    validation: ValidationReport | None = None,
     finish: Finish | None = None,
     remarks: Sequence[str] = (),
     progress: Report | None = None,
@@ -269,7 +253,6 @@ def score(
         request: the run.
         executor: computes.
         pictures: also draw an example frame of every category.
-        validation: of the data; None where they were not validated.
         finish: as of `run_benchmark`, before the report.
         remarks: on the data.
         progress: as of `run`.
@@ -280,7 +263,6 @@ def score(
     Raises:
         DataError: nothing of the data set could be used, or the folder holds another run.
     """
-    from bench.atomic import write_text
     from bench.harness import run_benchmark
     from bench.reporting.frame_pictures import write_example_pictures
     from bench.reporting.run_tables import write_report_files
@@ -295,11 +277,6 @@ def score(
             with progress_bar("drawing", "pictures") as drawing:
                 drawn, missing = write_example_pictures(stored, card=request.card, progress=drawing)
             files += drawn
-        if validation is not None:
-            from bench.reporting.findings import VALIDATION  # it loads all checks
-
-            write_text(stored.folder / VALIDATION, validation.as_json())
-            files.append(stored.folder / VALIDATION)
         files.sort(key=lambda file: file.name not in READ_FIRST)
         missing = [f"no picture: {reason}" for reason in missing]
         runs.append(Run(folder=stored.folder, files=tuple(files), remarks=(*remarks, *missing)))
@@ -310,12 +287,16 @@ def score(
     return replace(runs[0], others=tuple(runs[1:]))
 
 
-def print_runs(first: Run) -> bool:
-    """Print for each protocol the table and what became of the images, then the cost, failures and files.
+def print_runs(first: Run) -> int:
+    """Print for each protocol the table and what became of the images, then cost, failures, files and what comes next.
+
+    Of a method that failed on every image one line says so.
 
     Returns:
-        True where nothing failed.
+        The exit status.
     """
+    from bench.recordings.cards import shipped_folder
+    from bench.reporting.leaderboard import best_line
     from bench.reporting.run_tables import (
         is_rendered,
         nothing_scored,
@@ -325,7 +306,15 @@ def print_runs(first: Run) -> bool:
         total_lines,
     )
 
-    runs = (first, *first.others)
+    runs, images, manifest = (first, *first.others), first.summary.images, first.manifest
+    if images.failed and images.failed == images.images - images.skipped:
+        say(f"{manifest.method.name} failed on all {counted(images.failed, 'image')}", style="bold red")
+        print_failures(first.summary.failures[:1], all_in="summary.json")
+        row = first.frames[first.frames["status"] == "failed"].iloc[0]
+        place = ["--recording", row["recording"], "--camera", row["camera"], "--time-ns", str(row["timestamp_ns"])]
+        words = ["fisheye-bench", "-v", "view", manifest.dataset.card, *manifest.method.options(), *place]
+        say(f"next, its traceback: {shlex.join(words)}")
+        return FAILURES
     for run in runs:
         summary, manifest = run.summary, run.manifest
         for warning in filter(None, (nothing_scored(summary), odd_masks(run.stored), *manifest.dataset.same_data)):
@@ -344,12 +333,11 @@ def print_runs(first: Run) -> bool:
         note_files(run.files)
     for remark in dict.fromkeys(remark for run in runs for remark in run.remarks):
         say(remark, style="yellow")
-    return not failures
-
-
-def say_next(first: Run) -> None:
-    """Print the command that writes the page of a run."""
+    board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
+    if best := best_line(board, dataset=manifest.dataset.name, beside=manifest.protocol.name):
+        say(best)
     say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(first.last.folder)])}")
+    return FAILURES if failures else 0
 
 
 def print_cost(made: Provenance) -> None:

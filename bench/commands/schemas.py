@@ -16,12 +16,12 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, models_json_schema
 from pydantic_core import core_schema
 
-from bench.adapters.aimotive.calibration import AimotiveOptions
-from bench.adapters.kitti360.calibration import Kitti360Options
-from bench.adapters.kitti_raw.adapter import KittiRawOptions
-from bench.adapters.log123d.rig import LogOptions
+from bench.adapters.aimotive import AimotiveOptions
+from bench.adapters.kitti360.adapter import Kitti360Options
+from bench.adapters.kitti_raw import KittiRawOptions
+from bench.adapters.log123d.adapter import LogOptions
 from bench.adapters.rosbag.rig import Rig, RosbagOptions
-from bench.adapters.woodscape.camera import WoodscapeOptions
+from bench.adapters.woodscape import WoodscapeOptions
 from bench.cameras import RollingShutter
 from bench.errors import UnknownNameError
 from bench.evaluation.protocol import (
@@ -36,8 +36,8 @@ from bench.gate.tolerances import Override, Tolerance, Tolerances, known_toleran
 from bench.harness.manifest import Manifest
 from bench.harness.stored import RunSummary
 from bench.recordings.cards import CardFile
-from bench.recordings.native import NativeOptions
-from bench.recordings.schema import RecordingHead, RollingShutterHead
+from bench.recordings.mounting import RollingShutterHead
+from bench.recordings.native import NativeOptions, RecordingHead
 from bench.records.reference import Limb, MotionSettings, OutlineErrors, ReferenceSettings
 
 Schema = dict[str, Any]
@@ -112,17 +112,13 @@ def _card() -> Schema:
 
 
 def _rules(model: type[BaseModel], known: Callable[[], Iterable[str]]) -> Schema:
-    """Of a file of rules, which says everything, or what it changes of those that it is `based_on`."""
-    whole = _read(model)
-    changes = model.model_json_schema(schema_generator=_Generator, ref_template="#/$defs/{model}Changes")
-    parts = changes.pop("$defs")
-    for part in (changes, *parts.values()):
+    """Of a file of rules, which may say only what it changes of those that it is `based_on`."""
+    rules = _read(model)
+    for part in (rules, *rules["$defs"].values()):
         part.pop("required", None)
     description = "The rules of the package that hold where this file says nothing."
-    changes["properties"]["based_on"] = {"enum": list(known()), "description": description}
-    definitions = whole.pop("$defs") | {f"{name}Changes": part for name, part in parts.items()}
-    texts = {key: whole[key] for key in ("title", "description")}
-    return texts | {"if": {"required": ["based_on"]}, "then": changes, "else": whole, "$defs": definitions}
+    rules["properties"]["based_on"] = {"enum": list(known()), "description": description}
+    return rules
 
 
 SCHEMAS: dict[str, Callable[[], Schema]] = {

@@ -5,20 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH, TEXT
+from bench.commands.command import PATH, TEXT, Place
 from bench.commands.console import note_files, say
 from bench.commands.progress import Report, progress_bar
 from bench.errors import UnknownNameError, UsageError
 
 if TYPE_CHECKING:
-    from bench.evaluation import Protocol
     from bench.harness import FramePipeline
     from bench.methods import Scorable
     from bench.recordings import DatasetCard, ImageRef, Recording
@@ -48,9 +46,13 @@ def view(
     camera: Annotated[
         str | None, typer.Option(help="Name of the camera; default: the first, with --calibration each.")
     ] = None,
-    frame: Annotated[int | None, typer.Option(help="Index of the image; default: the middle one.")] = None,
-    frames: Annotated[
-        str | None, typer.Option(metavar="FIRST:LAST[:STEP]", help="Several images, the last one included.")
+    frame: Annotated[
+        int | str | None,
+        typer.Option(
+            metavar="N|FIRST:LAST[:STEP]",
+            help="Index of an image, or of several, the last one included; default: the middle one; of films all.",
+        ),
+        TEXT,
     ] = None,
     time_ns: Annotated[int | None, typer.Option(help="The image nearest to this time, in ns.")] = None,
     method: Annotated[
@@ -61,21 +63,18 @@ def view(
     settings: options.Settings = None,
     protocol: options.ProtocolName = "paper-v1",
     out: Annotated[
-        str | Path | None,
+        Place,
         typer.Option(
             help="Folder of pictures; default: reports/runs/view/<camera>/<image>; none with --video or --rrd."
         ),
         PATH,
     ] = None,
     video: Annotated[
-        str | Path | None, typer.Option(help="Write a video (.mp4, .webm, .avi) of right and wrong areas."), PATH
+        Place, typer.Option(help="Write a video (.mp4, .webm, .avi) of right and wrong areas."), PATH
     ] = None,
     rrd: Annotated[
-        str | Path | None,
-        typer.Option(help="Write a log for the rerun viewer (extra `viewer`), with lidar and boxes."),
-        PATH,
+        Place, typer.Option(help="Write a log for the rerun viewer (extra `viewer`), with lidar and boxes."), PATH
     ] = None,
-    lidar: Annotated[bool, typer.Option(help="Draw lidar points in the video.")] = True,
     calibration: Annotated[
         bool,
         typer.Option(
@@ -91,16 +90,14 @@ def view(
         dataset: card, by path or by name.
         recording: name.
         camera: name.
-        frame: index of the image; of a video or log None is for all.
-        frames: "FIRST:LAST" or "FIRST:LAST:STEP".
-        time_ns: of an image.
+        frame: index of the image, "FIRST:LAST" or "FIRST:LAST:STEP"; of a video or log None is for all.
+        time_ns: of an image, in place of an index.
         method: by name, as "module:Class", or an object; None for the reference alone.
         settings: parameters of a method that is given by name.
         protocol: of the reference, by name or file.
         out: folder of pictures.
         video: file; None for none.
         rrd: file; None for none.
-        lidar: False for none.
         calibration: in place of reference and method.
         progress: called with the images that are drawn, and their number.
 
@@ -111,9 +108,11 @@ def view(
         DataError: an image or sweep that cannot be read.
     """
     from bench.evaluation import load_protocol
-    from bench.harness import build_scorable
+    from bench.harness import FramePipeline, build_scorable
+    from bench.harness.frames import InputOnly
     from bench.reporting.calibration import write_calibration
-    from bench.reporting.film import refuse_other_files
+    from bench.reporting.film import refuse_other_files, write_film
+    from bench.reporting.formats import made_by
 
     # mistakes are told before anything is rendered
     if settings and not isinstance(method, str):
@@ -122,81 +121,41 @@ def view(
     rules = load_protocol(protocol)
     if calibration and video is not None:
         raise UsageError("--video: expected none with --calibration, which draws pictures and logs (--out, --rrd)")
-    film, log = _path(video), _path(rrd)
+    pictures, film, log = (None if file is None else Path(file) for file in (out, video, rrd))
     refuse_other_files(video=film, rrd=log)
-    _refuse_several(frame=frame, frames=frames, time_ns=time_ns)
+    span = None if frame is None else parsed_span(str(frame))
+    if span is not None and time_ns is not None:
+        raise UsageError("expected one of --frame and --time-ns, got both")
     opened, cameras = _open(dataset, recording, camera)
-    choose = partial(chosen_frames, frame=frame, frames=frames, time_ns=time_ns)
     with progress_bar(f"drawing {opened.name}", "images", progress) as report:
-        if not calibration:
-            return _view(opened, cameras[0], built, rules, choose, out=_path(out), video=film, rrd=log, lidar=lidar,
-                         progress=report)  # fmt: skip
-        files = write_calibration(
-            opened,
-            {
-                name: choose(opened.images[name], history=1, all_without=False)
+        if calibration:
+            chosen = {
+                name: chosen_frames(opened.images[name], history=1, span=span, time_ns=time_ns)
                 for name in (cameras if camera is None else [camera])
-            },
-            out=_path(out) or PICTURES,
-            rrd=log,
-            progress=report,
-        )
-    return View(files=tuple(files))
-
-
-def _view(
-    recording: Recording,
-    camera: str,
-    method: Scorable | None,
-    protocol: Protocol,
-    choose: partial[range],
-    *,
-    out: Path | None,
-    video: Path | None,
-    rrd: Path | None,
-    lidar: bool,
-    progress: Report,
-) -> View:
-    """Draw frames of a camera with their reference and what a method finds."""
-    from bench.harness import FramePipeline
-    from bench.harness.frames import InputOnly, UnscorableFrame
-    from bench.records.reference import Status
-    from bench.reporting.film import write_film
-    from bench.reporting.formats import made_by
-
-    built = method or InputOnly(history=0)
-    pipeline = FramePipeline(recording, camera, method=built, protocol=protocol)
-    made = protocol.name if method is None else made_by(built.name, protocol.name)
-    filmed = video is not None or rrd is not None
-    indices = choose(pipeline.images, history=built.history, all_without=filmed)
-    with_method, files, remarks = method is not None, [], []
-    if filmed:
-        files += write_film(
-            pipeline,
-            indices,
-            video=video,
-            rrd=rrd,
-            lidar=lidar,
-            made_by=made,
-            with_method=with_method,
-            progress=progress,
-        )
-    if out is not None or not filmed:
-        for index in indices:
-            place = _picture_folder(pipeline, index, out, alone=len(indices) == 1)
-            try:
-                drawn, objects = _draw(pipeline, index, place, made_by=made, with_method=with_method)
-            except UnscorableFrame as reason:
-                if len(indices) == 1:
-                    raise UsageError(f"this frame has no score: {reason}") from reason
-                remarks.append(f"left out: {reason}")
-                continue
-            files += drawn
-            of_frame = "" if len(indices) == 1 else f"{place.name}: "
-            remarks += [
-                f"{of_frame}{_not_scored(target)}" for target in objects if target.status is not Status.EVALUATED
-            ]
-    return View(files=tuple(files), remarks=tuple(remarks))
+            }
+            return View(files=tuple(
+                write_calibration(opened, chosen, out=pictures or PICTURES, rrd=log, progress=report)
+            ))  # fmt: skip
+        asked = built or InputOnly(history=0)
+        pipeline = FramePipeline(opened, cameras[0], method=asked, protocol=rules)
+        made = rules.name if built is None else made_by(asked.name, rules.name)
+        filmed, files = film is not None or log is not None, list[Path]()
+        indices = chosen_frames(pipeline.images, history=asked.history, span=span, time_ns=time_ns, all_else=filmed)
+        if filmed:
+            files += write_film(
+                pipeline,
+                indices,
+                video=film,
+                rrd=log,
+                lidar=True,
+                made_by=made,
+                with_method=built is not None,
+                progress=report,
+            )
+        if filmed and pictures is None:
+            return View(files=tuple(files))
+        drawn = _draw(pipeline, indices, pictures, made_by=made, with_method=built is not None)
+        return View(files=(*files, *drawn.files), remarks=drawn.remarks)
 
 
 def _open(dataset: str | Path | DatasetCard, recording: str | None, camera: str | None) -> tuple[Recording, list[str]]:
@@ -219,34 +178,42 @@ def _open(dataset: str | Path | DatasetCard, recording: str | None, camera: str 
     return opened, sorted(opened.cameras, key=lambda name: (name != camera, name))
 
 
-def _path(file: str | Path | None) -> Path | None:
-    return None if file is None else Path(file)
-
-
-def _picture_folder(pipeline: FramePipeline, index: int, out: Path | None, *, alone: bool) -> Path:
-    """Folder of a frame's pictures, named by its image: its index and the name of its file.
-
-    Those of a single frame lie in the folder that was asked for itself.
-    """
-    from bench.reporting.formats import file_name
-
-    if out is not None and alone:
-        return out
-    usual = PICTURES / f"{file_name(pipeline.recording.name)}-{file_name(pipeline.camera.name)}"
-    return (out or usual) / f"{index:06d}-{file_name(pipeline.images[index].path.stem)}"
-
-
 def _draw(
-    pipeline: FramePipeline, index: int, place: Path, *, made_by: str, with_method: bool
-) -> tuple[list[Path], Sequence[ReferenceObject]]:
-    """Draw a frame; the files, and its annotated objects."""
+    pipeline: FramePipeline, indices: Sequence[int], out: Path | None, *, made_by: str, with_method: bool
+) -> View:
+    """Draw frames of a camera with their reference and what a method finds.
+
+    The folder of a frame's pictures is named by its image: its index and the name of its file. Those of a single frame
+    lie in the folder that was asked for itself.
+
+    Raises:
+        UsageError: the only frame has no score.
+    """
+    from bench.harness.frames import UnscorableFrame
+    from bench.reporting.formats import file_name
     from bench.reporting.frame_pictures import write_frame_pictures, write_reference_pictures
 
-    if not with_method:
-        objects = pipeline.reference(index).objects
-        return [*write_reference_pictures(pipeline, index, place, made_by=made_by)], objects
-    processed = pipeline.process(index)
-    return [*write_frame_pictures(processed, pipeline, place, made_by=made_by)], processed.reference.objects
+    usual = PICTURES / f"{file_name(pipeline.recording.name)}-{file_name(pipeline.camera.name)}"
+    alone, files, remarks = len(indices) == 1, list[Path](), list[str]()
+    for index in indices:
+        name = f"{index:06d}-{file_name(pipeline.images[index].path.stem)}"
+        place = out if out is not None and alone else (out or usual) / name
+        try:
+            if with_method:
+                processed = pipeline.process(index)
+                objects = processed.reference.objects
+                files += write_frame_pictures(processed, pipeline, place, made_by=made_by)
+            else:
+                objects = pipeline.reference(index).objects
+                files += write_reference_pictures(pipeline, index, place, made_by=made_by)
+        except UnscorableFrame as reason:
+            if alone:
+                raise UsageError(f"this frame has no score: {reason}") from reason
+            remarks.append(f"left out: {reason}")
+            continue
+        not_scored = [_not_scored(target) for target in objects if target.status != "evaluated"]
+        remarks += [text if alone else f"{name}: {text}" for text in not_scored]
+    return View(files=tuple(files), remarks=tuple(remarks))
 
 
 def _not_scored(target: ReferenceObject) -> str:
@@ -260,80 +227,56 @@ def _not_scored(target: ReferenceObject) -> str:
     return f"{what}: ignored, {target.reason.value.replace('_', ' ')}{number}"
 
 
+Span = tuple[int | None, int | None, int]
+
+
+def parsed_span(frame: str) -> Span:
+    """First and last index, either of which may be left out, and step; of "N" both are that.
+
+    Raises:
+        UsageError: neither a number nor a span.
+    """
+    match = re.fullmatch(r"(\d{1,9})|(\d{0,9}):(\d{0,9})(?::(\d{1,9}))?", frame)
+    if match is None:
+        raise UsageError(f"--frame: expected N, FIRST:LAST or FIRST:LAST:STEP, got {frame!r}")
+    if match[1]:
+        return int(match[1]), int(match[1]), 1
+    return int(match[2]) if match[2] else None, int(match[3]) if match[3] else None, int(match[4] or 1)
+
+
 def chosen_frames(
-    images: tuple[ImageRef, ...],
-    *,
-    history: int,
-    frame: int | None,
-    frames: str | None,
-    time_ns: int | None,
-    all_without: bool,
+    images: tuple[ImageRef, ...], *, history: int, span: Span | None, time_ns: int | None, all_else: bool = False
 ) -> range:
-    """Indices of images, from whichever of the three options is given.
+    """Indices of images.
 
     Args:
         images: of the camera.
         history: images before the first that can be chosen.
-        frame: one index.
-        frames: "FIRST:LAST" or "FIRST:LAST:STEP", the last one included; either end may be left out.
+        span: of indices, as of `parsed_span`.
         time_ns: the image nearest to this time.
-        all_without: without an option all images, else the middle one.
+        all_else: without span or time all images, else the middle one.
 
     Raises:
         UsageError: an index that does not exist, or a time outside of the images.
     """
+    import numpy as np
+
     last = len(images) - 1
     if history > last:
         raise UsageError(f"expected more than {history} images of the camera, got {len(images)}")
-    if frames is not None:
-        return _span(frames, history, last)
-    if time_ns is not None:
-        return _at(images, time_ns, history)
-    if frame is None and all_without:
-        return range(history, last + 1)
-    index = max(len(images) // 2, history) if frame is None else frame
-    if not history <= index <= last:
-        raise UsageError(f"--frame: expected {history} to {last}, got {index}")
-    return range(index, index + 1)
-
-
-def _refuse_several(*, frame: int | None, frames: str | None, time_ns: int | None) -> None:
-    """Refuse two choices of frames, and one that is none of any recording."""
-    given = [
-        name for name, value in (("--frame", frame), ("--frames", frames), ("--time-ns", time_ns)) if value is not None
-    ]
-    if len(given) > 1:
-        raise UsageError(f"expected one of --frame, --frames and --time-ns, got {' and '.join(given)}")
-    if frames is not None:
-        _parsed_span(frames)
-
-
-def _parsed_span(frames: str) -> re.Match[str]:
-    match = re.fullmatch(r"(\d{0,9}):(\d{0,9})(?::(\d{1,9}))?", frames)
-    if match is None:
-        raise UsageError(f"--frames: expected FIRST:LAST or FIRST:LAST:STEP, got {frames!r}")
-    return match
-
-
-def _span(frames: str, history: int, last: int) -> range:
-    match = _parsed_span(frames)
-    first = int(match[1]) if match[1] else history
-    end = int(match[2]) if match[2] else last
-    step = int(match[3]) if match[3] else 1
-    if not (history <= first <= end <= last and step > 0):
-        raise UsageError(f"--frames: expected indices from {history} to {last}, rising, got {frames!r}")
-    return range(first, end + 1, step)
-
-
-def _at(images: tuple[ImageRef, ...], time_ns: int, history: int) -> range:
-    import numpy as np
-
+    if span is not None:
+        first, end = history if span[0] is None else span[0], last if span[1] is None else span[1]
+        if not (history <= first <= end <= last and span[2] > 0):
+            raise UsageError(f"--frame: expected indices from {history} to {last}, rising, got {first}:{end}:{span[2]}")
+        return range(first, end + 1, span[2])
+    if time_ns is None:
+        middle = max(len(images) // 2, history)
+        return range(history, last + 1) if all_else else range(middle, middle + 1)
     times_ns = [image.timestamp_ns for image in images]
-    index = int(np.argmin([abs(time - time_ns) for time in times_ns]))
-    first, last = times_ns[history], times_ns[-1]
-    step_ns = int(np.median(np.diff(times_ns)))
-    if index < history or abs(times_ns[index] - time_ns) > step_ns:
-        raise UsageError(f"--time-ns: expected a time from {first} to {last}, got {time_ns}")
+    away_ns = [abs(image_ns - time_ns) for image_ns in times_ns]
+    index = away_ns.index(min(away_ns))
+    if index < history or away_ns[index] > np.median(np.diff(times_ns)):
+        raise UsageError(f"--time-ns: expected a time from {times_ns[history]} to {times_ns[-1]}, got {time_ns}")
     return range(index, index + 1)
 
 

@@ -4,9 +4,8 @@ A `Trajectory` is a sequence of poses. Between them the vehicle moves with const
 ends no pose is valid.
 """
 
-from bench.egomotion.bus import BusSignals, planar_trajectory, read_bus_signals
-from bench.egomotion.trajectory import Trajectory, camera_motion
-from bench.egomotion.tum import read_tum, write_tum
+from bench.egomotion.files import BusSignals, read_bus_signals, read_tum, write_tum
+from bench.egomotion.trajectory import Trajectory, camera_motion, planar_trajectory
 from bench.egomotion.visual import VisualMotion, VisualOdometry
 
 __all__ = [

@@ -1,7 +1,9 @@
-"""Poses of the vehicle over time, and the motion of a camera on it between two of them."""
+"""Poses of the vehicle over time, also by planar odometry, and the motion of a camera on it between two of them."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -138,6 +140,69 @@ class Trajectory:
         )
         on_pose = (times_ns == known[left]) | (times_ns == known[left + 1])
         return left, fraction, covered & ((span_ns <= self.max_gap_ns) | on_pose)
+
+
+LARGEST_SIGNAL = 1e6  # m/s or rad/s; larger ones are no signals, and their sums no numbers
+REVERSE_GEAR = re.compile(r"R[0-9]?|REV|REVERSE|-[0-9]+(\.0*)?")
+OTHER_GEAR = re.compile(r"[PNDSLMBE]?[0-9]*(\.0*)?|PARK|NEUTRAL|DRIVE|SPORT|LOW|MANUAL|NONE|UNKNOWN")
+
+
+def planar_trajectory(
+    *,
+    source: str,
+    timestamps_ns: NDArray[np.int64],
+    speed_mps: NDArray[np.float64],
+    yaw_rate_radps: NDArray[np.float64],
+    gear: Sequence[str | int] | None = None,
+) -> Trajectory:
+    """Integrate speed and yaw rate; the world's origin is the vehicle's at the first sample.
+
+    Over each interval the vehicle runs an exact arc at the mean of the two samples' speeds and yaw rates.
+
+    Args:
+        source: file that the signals come from, for messages.
+        timestamps_ns: (N,) int64, strictly increasing, N >= 2.
+        speed_mps: (N,) float64, negative backwards.
+        yaw_rate_radps: (N,) float64, positive to the left.
+        gear: N gears; "R" or a negative number is reverse, and the speed then counts backwards whatever its sign. None
+            where the speed has its sign.
+
+    Raises:
+        DataError: a word that is no gear, a value that is not finite, times that do not increase, or fewer than two
+            samples.
+    """
+    for column, values in (("speed_mps", speed_mps), ("yaw_rate_radps", yaw_rate_radps)):
+        unfit = ~(np.abs(values) <= LARGEST_SIGNAL)
+        if unfit.any():
+            row = int(np.argmax(unfit))
+            expected = f"a finite number, at most {LARGEST_SIGNAL:g}"
+            raise DataError(source, field=f"{column}, row {row + 1}", expected=expected, got=str(values[row]))
+    signed_mps = speed_mps if gear is None else np.where(_in_reverse(gear, source), -np.abs(speed_mps), speed_mps)
+    steps_s = np.diff(timestamps_ns) / SECOND_NS
+    advance_m, turn_rad = np.zeros((len(steps_s), 3)), np.zeros((len(steps_s), 3))
+    advance_m[:, 0] = 0.5 * (signed_mps[1:] + signed_mps[:-1]) * steps_s
+    turn_rad[:, 2] = 0.5 * (yaw_rate_radps[1:] + yaw_rate_radps[:-1]) * steps_s
+    _, arcs_m = advance_twist(turn_rad, advance_m, np.ones(len(steps_s)))
+    yaw_rad = np.concatenate([[0.0], np.cumsum(turn_rad[:, 2])])
+    rotations = Rotation.from_rotvec(yaw_rad[:, None] * np.array([0.0, 0.0, 1.0]))
+    positions_m = np.zeros((len(timestamps_ns), 3))
+    if len(steps_s):
+        np.cumsum(rotations[:-1].apply(arcs_m), axis=0, out=positions_m[1:])
+    return Trajectory(source=source, timestamps_ns=timestamps_ns, rotations=rotations, positions_m=positions_m)
+
+
+def _in_reverse(gear: Sequence[str | int], source: str) -> NDArray[np.bool_]:
+    """(N,) bool.
+
+    Raises:
+        DataError: a word that is no gear, and so perhaps reverse.
+    """
+    words = [str(word).strip().upper() for word in gear]
+    for row, word in enumerate(words, start=1):
+        if not (REVERSE_GEAR.fullmatch(word) or OTHER_GEAR.fullmatch(word)):
+            expected = "R or a negative number in reverse; P, N, D or another number otherwise"
+            raise DataError(source, field=f"gear, row {row}", expected=expected, got=repr(str(gear[row - 1])))
+    return np.array([REVERSE_GEAR.fullmatch(word) is not None for word in words], dtype=bool)
 
 
 def camera_motion(

@@ -31,13 +31,11 @@ class VisualMotion:
         direction: (3,) float64, unit vector of t = C - C' in the current camera frame, the previous centre seen from
             the current camera; NaN where the camera is stationary or only rotates.
         inliers: (N,) bool; tracks that agree with it.
-        parallax_rad: angle that the rotation leaves between the rays of a track, exceeded by a quarter of the tracks.
     """
 
     rotation: NDArray[np.float64]
     direction: NDArray[np.float64]
     inliers: NDArray[np.bool_]
-    parallax_rad: float
 
     @property
     def moves(self) -> bool:
@@ -269,8 +267,7 @@ class VisualOdometry:
         previous, current = rays_previous[usable], rays_current[usable]
         rotation = fit_rotation(previous, current, tolerance_rad=self.tolerance_rad)
         left_rad = angle_between(previous @ rotation.T, current)
-        parallax_rad = float(np.quantile(left_rad, STATIONARY_SHARE))
-        if parallax_rad < self.min_parallax_rad:
+        if np.quantile(left_rad, STATIONARY_SHARE) < self.min_parallax_rad:
             agree, direction = left_rad < 3 * self.min_parallax_rad, np.full(3, np.nan)
         else:
             rotation, direction = self._travel(previous, current, rotation)
@@ -279,7 +276,7 @@ class VisualOdometry:
             return None
         inliers = np.zeros(len(rays_current), dtype=bool)
         inliers[usable] = agree
-        return VisualMotion(rotation=rotation, direction=direction, inliers=inliers, parallax_rad=parallax_rad)
+        return VisualMotion(rotation=rotation, direction=direction, inliers=inliers)
 
     def _travel(
         self, previous: NDArray[np.float64], current: NDArray[np.float64], rotation: NDArray[np.float64]

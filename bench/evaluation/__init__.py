@@ -33,8 +33,8 @@ recording is left out of both at a time, so that what makes it hard cancels out.
 sums are added: the same values to within rounding, whatever the order of the rows and the size of the parts.
 
 The modules, in the order of the data: `protocol` (the rules, a versioned file with a digest), `counts` (region masks,
-counts and chance level of one image), `likelihood` (histograms of one image), `image_map` (where in the image), `rows`
-(the two tables, and reading them in parts), `scorer` (a sequence of images to its tables). These decide a unit; a
+counts, histograms, map and chance level of one image), `rows` (the two tables, and reading them in parts), `scorer` (a
+sequence of images to its tables). These decide a task; a
 change of the others, which reduce, computes no image again: `definitions` (every metric once), `sums` (one long table
 by slice, recording and metric), `intervals`, `summary` (all metrics of a run), `maps` (by place around the vehicle, by
 coverage), `thresholds` (metrics over all thresholds), `comparison` (two tables of sums), `published` (the paper's
@@ -52,9 +52,8 @@ from bench.evaluation.comparison import (
     holm,
     paired_change,
 )
-from bench.evaluation.counts import count_frame
+from bench.evaluation.counts import ImageMap, add_image_maps, count_frame
 from bench.evaluation.definitions import Definition, find_metric, headlines
-from bench.evaluation.image_map import ImageMap, add_image_maps
 from bench.evaluation.maps import CoverageCurve
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows, RowSource

@@ -1,13 +1,12 @@
-"""Integer pixel counts of one image: per object, for the frame, and by chance. No ratio is taken here.
+"""Integer pixel counts of one image: per object, for the frame, by likelihood, by place and by chance; no ratio yet.
 
 The regions are those of `bench.evaluation`: V valid, G_i of object i, I ignored, D detected within V.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from bench.errors import ShapeError
 from bench.records.reference import ReferenceFrame, Status
+from bench.records.segmentation import PAPER_THRESHOLD
 
 Mask = NDArray[np.bool_]
 Window = tuple[slice, slice]
@@ -308,35 +308,139 @@ def _canonical_order(reference: ReferenceFrame) -> NDArray[np.int64]:
     return np.array(sorted(range(len(ids)), key=ids.__getitem__), dtype=np.int64)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Mask:
-    timestamp_ns: int
-    packed: NDArray[np.uint8]
+# The paper's threshold is an edge, so that its operating point lies on the curve. 20 bins a decade, from a thousandth
+# of it to beyond pi, which no weighted mean of angles exceeds.
+PER_DECADE = 20
+_LOWEST, _HIGHEST = -3 * PER_DECADE, 4 * PER_DECADE
+EDGES: NDArray[np.float64] = np.concatenate(
+    [[0.0], PAPER_THRESHOLD * 10 ** (np.arange(_LOWEST, _HIGHEST + 1) / PER_DECADE), [np.inf]]
+)
+EDGES.setflags(write=False)
+BINS = len(EDGES) - 1
+
+# A score in [0, 1] is binned by its odds s / (1 - s), since networks crowd at both ends: 20 bins a decade, evenly to
+# both sides of 0.5, which is an edge. They reach from odds of 1 : 3162 to 3162 : 1; scores beyond share the end bins.
+_MIDDLE = (len(EDGES) - 1) // 2
+_ODDS = 10.0 ** ((np.arange(1, BINS) - _MIDDLE) / PER_DECADE)
+SCORE_EDGES: NDArray[np.float64] = np.concatenate([[0.0], _ODDS / (1.0 + _ODDS), [np.inf]])
+SCORE_EDGES.setflags(write=False)
+
+REFERENCE_COLUMN, OUTSIDE_COLUMN = "likelihood_reference_px", "likelihood_outside_px"
+
+
+def count_likelihood(
+    likelihood: NDArray[np.float32], regions: Regions, *, cell_size_px: int, is_score: bool = False
+) -> dict[str, NDArray[np.int64]]:
+    """Count an image into both histograms; bin k is the interval (EDGES[k], EDGES[k + 1]], and bin 0 holds 0 too.
+
+    Args:
+        likelihood: (rows, columns), of each cell; NaN counts as 0, as it is above no threshold.
+        regions: of the image.
+        cell_size_px: side of a cell, px.
+        is_score: whether the likelihood is a score in [0, 1], whose bins have the edges `SCORE_EDGES`.
+
+    Returns:
+        (BINS,) int64 each, pixels of all G by `REFERENCE_COLUMN`, of V outside all G and I by `OUTSIDE_COLUMN`.
+
+    Raises:
+        ShapeError: the cells do not tile the image.
+    """
+    bins = find_bins(likelihood, SCORE_EDGES if is_score else EDGES)
+    return {
+        column: sum_by_kind(region, bins, cell_size_px=cell_size_px, bins=BINS, name="likelihood")
+        for column, region in ((REFERENCE_COLUMN, regions.moving), (OUTSIDE_COLUMN, regions.outside))
+    }
+
+
+def find_bins(likelihood: NDArray[np.float32], edges: NDArray[np.float64] = EDGES) -> NDArray[np.int64]:
+    """The bin of each likelihood or score, in its shape; k where edges[k] < value <= edges[k + 1], 0 for NaN."""
+    return np.searchsorted(edges[1:-1], np.nan_to_num(likelihood, nan=0.0).astype(np.float64), side="left")
+
+
+CELL_PX = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Objects:
-    """The evaluated objects of a frame.
+class ImageMap:
+    """Sums over the scored images of one camera and size, on square cells that tile the image from its first pixel.
 
     Attributes:
-        timestamp_ns: of the frame.
-        evaluated: label of each, by track id.
-        pixel: (P,) index into the flattened image of every pixel in their regions.
-        label: (P,) whose it is.
+        camera: name.
+        width: of the images, px.
+        height: of the images, px.
+        cell_px: side of a cell, px.
+        frames: images summed.
+        reference_px: (rows, columns) int64, pixels of all G.
+        missed_px: (rows, columns) int64, pixels of all G minus D.
+        false_px: (rows, columns) int64, pixels of D minus (all G u I).
     """
 
-    timestamp_ns: int
-    evaluated: dict[str, int]
-    pixel: NDArray[np.int32]
-    label: NDArray[np.int32]
+    camera: str
+    width: int
+    height: int
+    cell_px: int
+    frames: int
+    reference_px: Counts
+    missed_px: Counts
+    false_px: Counts
+
+    @classmethod
+    def of(cls, regions: Regions, *, camera: str) -> ImageMap:
+        """Count one image."""
+        height, width = regions.moving.shape
+        return cls(
+            camera=camera,
+            width=width,
+            height=height,
+            cell_px=CELL_PX,
+            frames=1,
+            reference_px=count_by_cell(regions.moving, CELL_PX),
+            missed_px=count_by_cell(regions.moving & ~regions.true, CELL_PX),
+            false_px=count_by_cell(regions.false, CELL_PX),
+        )
+
+    def __add__(self, other: ImageMap) -> ImageMap:
+        """The sums over the images of both, which are of the same camera, size and cell."""
+        return replace(
+            self,
+            frames=self.frames + other.frames,
+            reference_px=self.reference_px + other.reference_px,
+            missed_px=self.missed_px + other.missed_px,
+            false_px=self.false_px + other.false_px,
+        )
+
+    @property
+    def missed_rate(self) -> NDArray[np.float64]:
+        """(rows, columns) float64, share of the reference's pixels that were missed; NaN where there never were any."""
+        seen = self.reference_px > 0
+        return np.where(seen, self.missed_px / np.where(seen, self.reference_px, 1), np.nan)
+
+    @property
+    def false_rate(self) -> NDArray[np.float64]:
+        """(rows, columns) float64, mean share of the cell that was false; NaN without images."""
+        area_px = count_by_cell(np.ones((self.height, self.width), dtype=bool), self.cell_px)
+        return self.false_px / (area_px * self.frames) if self.frames else np.full(area_px.shape, np.nan)
+
+
+def add_image_maps(maps: Iterable[ImageMap]) -> tuple[ImageMap, ...]:
+    """Add those of the same camera, size and cell; the order in which they come does not matter.
+
+    Returns:
+        One per camera, size and cell, in that order.
+    """
+    sums: dict[tuple[str, int, int, int], ImageMap] = {}
+    for item in maps:
+        key = (item.camera, item.width, item.height, item.cell_px)
+        sums[key] = sums[key] + item if key in sums else item
+    return tuple(sums[key] for key in sorted(sums))
 
 
 class ChanceScorer:
     """Scores the frames of one camera's sequence, fed in time order, against the mask of a frame `lag_ns` away.
 
-    A frame is scored against the latest mask at least `lag_ns` earlier. The first frames, which have none, wait for the
-    first mask at least `lag_ns` later. In a sequence that is too short for either there is no chance level. At most the
-    masks of one lag are kept, one bit a pixel.
+    A frame is scored against the latest mask at least `lag_ns` earlier. The first frames, which have none, are scored
+    against the first mask at least `lag_ns` later. In a sequence that is too short for either there is no chance level.
+    Masks are held at one bit a pixel, of objects the pixels of their regions.
 
     Args:
         lag_ns: how far away the other frame is.
@@ -344,28 +448,24 @@ class ChanceScorer:
 
     def __init__(self, *, lag_ns: int) -> None:
         self._lag_ns = lag_ns
-        self._masks: deque[_Mask] = deque()
-        self._waiting: deque[_Objects] = deque()
-        self._results: dict[int, dict[str, int]] = {}
+        self._times_ns: list[int] = []
+        self._masks: list[NDArray[np.uint8]] = []
+        self._objects: list[tuple[dict[str, int], NDArray[np.int32], NDArray[np.int32]]] = []
 
-    def add(self, reference: ReferenceFrame, detected: NDArray[np.bool_]) -> None:
+    def add(self, reference: ReferenceFrame, detected: Mask) -> None:
         """Take the next frame.
 
         Args:
             reference: of the frame.
             detected: (H, W) bool, the method's mask of the frame.
         """
-        assert not self._masks or reference.timestamp_ns > self._masks[-1].timestamp_ns, "frames come in time order"
-        mask = _Mask(timestamp_ns=reference.timestamp_ns, packed=np.packbits(detected))
-        while self._waiting and self._waiting[0].timestamp_ns <= mask.timestamp_ns - self._lag_ns:
-            self._score(self._waiting.popleft(), mask)
-        self._masks.append(mask)
-        objects = _objects(reference)
-        earlier = self._earlier_mask(reference.timestamp_ns)
-        if earlier is None:
-            self._waiting.append(objects)
-        else:
-            self._score(objects, earlier)
+        assert not self._times_ns or reference.timestamp_ns > self._times_ns[-1], "frames come in time order"
+        flat = reference.labels.reshape(-1)
+        pixels = np.flatnonzero(flat > 0).astype(np.int32)
+        labels = {o.track_id: k for k, o in enumerate(reference.objects, start=1) if o.status is Status.EVALUATED}
+        self._times_ns.append(reference.timestamp_ns)
+        self._masks.append(np.packbits(detected))
+        self._objects.append((labels, pixels, flat[pixels]))
 
     def finish(self) -> dict[int, dict[str, int]]:
         """End the sequence.
@@ -374,26 +474,14 @@ class ChanceScorer:
             By timestamp, then by track id: pixels of the object in the other frame's mask. Frames without another
             one are missing, and so are objects that are not evaluated.
         """
-        return self._results
-
-    def _earlier_mask(self, timestamp_ns: int) -> _Mask | None:
-        latest_ns = timestamp_ns - self._lag_ns
-        while len(self._masks) > 1 and self._masks[1].timestamp_ns <= latest_ns:
-            self._masks.popleft()
-        return self._masks[0] if self._masks[0].timestamp_ns <= latest_ns else None
-
-    def _score(self, objects: _Objects, mask: _Mask) -> None:
-        bits = mask.packed[objects.pixel >> 3] >> (7 - (objects.pixel & 7)).astype(np.uint8) & 1
-        found = np.bincount(objects.label[bits == 1], minlength=max(objects.evaluated.values(), default=0) + 1)
-        self._results[objects.timestamp_ns] = {name: int(found[label]) for name, label in objects.evaluated.items()}
-
-
-def _objects(reference: ReferenceFrame) -> _Objects:
-    flat = reference.labels.reshape(-1)
-    pixel = np.flatnonzero(flat > 0).astype(np.int32)
-    return _Objects(
-        timestamp_ns=reference.timestamp_ns,
-        evaluated={o.track_id: k + 1 for k, o in enumerate(reference.objects) if o.status is Status.EVALUATED},
-        pixel=pixel,
-        label=flat[pixel],
-    )
+        times_ns = np.array(self._times_ns, dtype=np.int64)
+        earlier = np.searchsorted(times_ns, times_ns - self._lag_ns, side="right") - 1
+        later = np.searchsorted(times_ns, times_ns + self._lag_ns, side="left")
+        others = np.where(earlier >= 0, earlier, later).tolist()
+        chance = {}
+        for time_ns, other, (labels, pixels, label_of) in zip(self._times_ns, others, self._objects, strict=True):
+            if other < len(self._masks):
+                bits = self._masks[other][pixels >> 3] >> (7 - (pixels & 7)).astype(np.uint8) & 1
+                px = np.bincount(label_of[bits == 1], minlength=max(labels.values(), default=0) + 1)
+                chance[time_ns] = {name: int(px[label]) for name, label in labels.items()}
+        return chance

@@ -14,6 +14,7 @@ from bench.errors import DataError
 from bench.evaluation.definitions import chance_coverage, coverage, detected
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import EVALUATED, Rows, read_parts
+from bench.evaluation.sums import refuse_strange
 from bench.records.reference import Direction
 
 # The limit is the camera's distance from the nearest return: to the vehicle's origin, and to the middle of a long
@@ -87,6 +88,8 @@ def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> Rang
         placed = rows.assign(x=x, y=y, object_frames=1, detected=found)[[*key, "object_frames", "detected"]]
         parts.append(placed.groupby(key, dropna=False).sum())
     counted = pd.concat(parts).groupby(key, dropna=False).sum().astype(np.int64).reset_index()
+    refuse_strange(counted["object_class"], protocol.reference.classes)
+    refuse_strange(counted["direction"], Direction)
     reached = abs(counted[["x", "y"]].to_numpy() + 0.5) + 0.5  # cells from the origin; NaN for masks, which tell none
     furthest_m = protocol.reference.range_limit_m + BEYOND_M
     if (reached > furthest_m / cell_m + 1).any():
@@ -99,14 +102,7 @@ def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> Rang
         for name in protocol.reference.classes
         for direction in Direction
     )
-    strange = counted[~counted["object_class"].isin(protocol.reference.classes)]
-    if len(strange):
-        expected, got = ", ".join(protocol.reference.classes), repr(strange["object_class"].iloc[0])
-        raise DataError("counts of the run", field="object_class of evaluated objects", expected=expected, got=got)
-    placed_rows = sum(int(one.object_frames.sum()) for one in maps)
-    unplaced = counted["direction"].isna()
-    assert placed_rows == counted["object_frames"][~unplaced].sum(), "every place lies on the grid"
-    return RangeMaps(maps=maps, unplaced=int(counted["object_frames"][unplaced].sum()))
+    return RangeMaps(maps=maps, unplaced=int(counted["object_frames"][counted["direction"].isna()].sum()))
 
 
 def _range_map(

@@ -9,7 +9,7 @@ compare on the images that all of them scored: `CommonImages`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, fields
 from typing import Any, Literal, Protocol, TypeAlias
 
@@ -17,23 +17,28 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from bench.evaluation.counts import FrameCounts, ObjectCounts
-from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
+from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN, FrameCounts, ObjectCounts
 
 Row = dict[str, Any]
 
 IMAGE = ["recording", "camera", "timestamp_ns"]
 OBJECT = [*IMAGE, "track_id"]
 EVALUATED, NOT_ANNOTATED = "evaluated", "not_annotated"
+IMAGE_STATUSES = (EVALUATED, "failed", "skipped", NOT_ANNOTATED)
 ROWS_AT_ONCE = 100_000  # in memory, unless one recording has more
 _IMAGE_KEY = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_ns", pa.int64())]
+
+
+def _schema(columns: Iterable[tuple[str, pa.DataType]], *, nullable: Set[str]) -> pa.Schema:
+    return pa.schema([pa.field(name, kind, nullable=name in nullable) for name, kind in columns])
+
 
 # One row per annotated object per image, whatever its status. The counts, `region_px` and `unknown_px` (pixels
 # beside the region that may be the object's) are 0 unless evaluated.
 # `ceiling_tp` and `ceiling_fp` are what the exact masks would have got; null unless evaluated and without exact masks.
 # `chance_tp` is null unless evaluated and where the recording is too short for another mask. Unknown speeds and places
 # are NaN, categories, directions and reasons that do not apply are null.
-OBJECTS_SCHEMA = pa.schema(
+OBJECTS_SCHEMA = _schema(
     [
         *_IMAGE_KEY,
         ("track_id", pa.string()),
@@ -55,15 +60,16 @@ OBJECTS_SCHEMA = pa.schema(
         ("unknown_px", pa.int64()),
         ("ceiling_tp", pa.int64()),
         ("ceiling_fp", pa.int64()),
-    ]
+    ],
+    nullable={"reason", "category", "direction", "chance_tp", "ceiling_tp", "ceiling_fp"},
 )
 
 FRAME_COUNTS = tuple(field.name for field in fields(FrameCounts) if field.name != "fp_by_cause")
 
 # One row per image. All counts are 0 where there is no mask; an image that is not annotated has those of its mask and
 # of V only. `fp_by_cause` is empty for a method that names no causes. The histograms over
-# `bench.evaluation.likelihood.EDGES` are null unless evaluated and where the method has no likelihood.
-FRAMES_SCHEMA = pa.schema(
+# `bench.evaluation.counts.EDGES` are null unless evaluated and where the method has no likelihood.
+FRAMES_SCHEMA = _schema(
     [
         *_IMAGE_KEY,
         ("ego_speed_mps", pa.float64()),
@@ -74,7 +80,8 @@ FRAMES_SCHEMA = pa.schema(
         ("fp_by_cause", pa.map_(pa.string(), pa.int64())),
         (REFERENCE_COLUMN, pa.list_(pa.int64())),
         (OUTSIDE_COLUMN, pa.list_(pa.int64())),
-    ]
+    ],
+    nullable={"problem", REFERENCE_COLUMN, OUTSIDE_COLUMN},
 )
 
 

@@ -11,9 +11,15 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation.counts import ChanceScorer, ObjectCounts, count_frame, find_regions, sum_by_kind
-from bench.evaluation.image_map import ImageMap
-from bench.evaluation.likelihood import count_likelihood
+from bench.evaluation.counts import (
+    ChanceScorer,
+    ImageMap,
+    ObjectCounts,
+    count_frame,
+    count_likelihood,
+    find_regions,
+    sum_by_kind,
+)
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import (
     EVALUATED,

@@ -27,7 +27,7 @@ from bench.evaluation.definitions import (
 )
 from bench.evaluation.intervals import ratio_interval
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED, Rows
+from bench.evaluation.rows import IMAGE_STATUSES, Rows
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, cameras_of, frame_breakdowns, object_breakdowns, sum_run
 from bench.records.reference import IgnoreReason, Status
 
@@ -215,7 +215,6 @@ class Summary(_SummaryModel):
     marked: Metric = NO_CASES
 
 
-OF_IMAGES = "status", "images"
 Ratios = dict[tuple[str, str, str], Metric]  # by breakdown, slice and metric
 
 
@@ -328,20 +327,15 @@ def _counts(sums: pd.DataFrame) -> dict[tuple[str, str, str], int]:
 def _object_ledger(counts: dict[tuple[str, str, str], int]) -> ObjectLedger:
     status = {one: counts.get(("status", one.value, "annotated"), 0) for one in Status}
     reasons = {one.value: counts.get(("reason", one.value, "annotated"), 0) for one in IgnoreReason}
-    found = ObjectLedger(
+    return ObjectLedger(
         annotated=sum(status.values()),
         evaluated=status[Status.EVALUATED],
         static=status[Status.STATIC],
         ignored={reason: count for reason, count in reasons.items() if count},
     )
-    ended = found.evaluated + found.static + sum(found.ignored.values())
-    assert ended == found.annotated, "every annotated object is evaluated, static or ignored for a known reason"
-    return found
 
 
 def _frame_ledger(counts: dict[tuple[str, str, str], int]) -> FrameLedger:
-    found = {name: count for (breakdown, name, metric), count in counts.items() if (breakdown, metric) == OF_IMAGES}
+    ended = {name: counts.get(("status", name, "images"), 0) for name in IMAGE_STATUSES}
     problems = {name: count for (breakdown, name, _), count in counts.items() if breakdown == "problem"}
-    ended = {name: found.pop(name, 0) for name in (EVALUATED, "failed", "skipped", NOT_ANNOTATED)}
-    assert not found, "every image is scored or accounted for"
     return FrameLedger(images=sum(ended.values()), problems=dict(sorted(problems.items())), **ended)

@@ -22,6 +22,7 @@ import pandas as pd
 
 from bench.atomic import open_regular, write_text
 from bench.errors import BenchError, DataError
+from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.definitions import (
     CAUSE,
     COUNTS,
@@ -32,18 +33,19 @@ from bench.evaluation.definitions import (
     image_metrics,
     object_metrics,
 )
-from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import (
     EVALUATED,
     FRAMES_SCHEMA,
     IMAGE,
+    IMAGE_STATUSES,
     NOT_ANNOTATED,
     OBJECT,
     OBJECTS_SCHEMA,
     Rows,
     read_parts,
 )
+from bench.records.reference import IgnoreReason, Status
 
 ALL_MOVING, FRAMES, CATEGORY = "all_moving", "frames", "category"
 CLASS_AND_SPEED = "class_and_speed"
@@ -159,8 +161,10 @@ def sum_objects(objects: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     """Reduce annotated object-frames of whole recordings, all columns, to sums that `add_sums` adds to others."""
     assert not objects.duplicated(OBJECT).any(), f"{OBJECT} names each row once"
     rows = objects[objects["status"] == EVALUATED]
-    known = rows["category"].isin([*map(str, protocol.reference.categories)])
-    assert (known & rows["object_class"].isin(protocol.reference.classes)).all(), "evaluated rows are of the protocol"
+    refuse_strange(objects["status"], Status)
+    refuse_strange(objects["reason"], IgnoreReason)
+    refuse_strange(rows["category"], protocol.reference.categories)
+    refuse_strange(rows["object_class"], protocol.reference.classes)
     breakdowns = {name: of(rows) for name, (_, of) in object_breakdowns(protocol).items()}
     metrics = object_metrics(
         protocol.scoring.detection_levels,
@@ -175,6 +179,7 @@ def sum_objects(objects: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
 def sum_frames(frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     """Reduce images of whole recordings, `COLUMNS_OF_FRAMES`, to sums that `add_sums` adds to others."""
     assert not frames.duplicated(IMAGE).any(), f"{IMAGE} names each row once"
+    refuse_strange(frames["status"], IMAGE_STATUSES)
     rows = frames[frames["status"] == EVALUATED]
     breakdowns = {name: of(rows) for name, (_, of) in frame_breakdowns(protocol).items()}
     metrics = image_metrics(sorted({cause for px in rows["fp_by_cause"] for cause in px}))
@@ -182,6 +187,17 @@ def sum_frames(frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     marked = sum_metrics(unknown, [MARKED], {FRAMES: pd.Series(FRAMES, unknown.index)})
     ledger = _count(frames, "images", ("status", "problem", "camera"))
     return pd.concat([sum_metrics(rows, metrics, breakdowns), marked, ledger], ignore_index=True)
+
+
+def refuse_strange(words: pd.Series[str], known: Iterable[str]) -> None:
+    """Refuse words that no run counts, as of one whose files were changed.
+
+    Raises:
+        DataError: there is such a word.
+    """
+    if strange := {*words.dropna().unique()} - {*map(str, known)}:
+        field = f"{words.name} of evaluated objects" if words.name in {"object_class", "direction"} else str(words.name)
+        raise DataError("counts of the run", field=field, expected=", ".join(known), got=repr(min(strange)))
 
 
 def sum_metrics(
@@ -258,17 +274,13 @@ def read_sums(file: Path) -> pd.DataFrame:
         raise DataError(file, expected=expected, got=" ".join(str(error).split()), hint=hint) from error
     above, below = table["numerator"], table["denominator"]
     bounded = table["metric"].map({name: _is_bounded(name, file) for name in table["metric"].unique()}).astype(bool)
-    for wrong, what in (
-        (~((above <= LARGEST) & (below <= LARGEST)), f"numbers up to {LARGEST:g}"),
-        ((above < 0) | (below < 0), "numbers that are not negative"),
-        (bounded & (above > below * (1 + 1e-9)), "a numerator that is at most the denominator"),
-        ((below == 0) & (above > 0), "no numerator without a denominator"),
-        (table.duplicated(KEY), "each slice, recording and metric once"),
-    ):
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            got = ", ".join(map(str, table.iloc[row]))
-            raise DataError(file, field=f"line {row + 2}", expected=what, got=got, hint=hint)
+    most = np.where(bounded | (below == 0), below * (1 + 1e-9), LARGEST)
+    wrong = ~((above >= 0) & (above <= most) & (below >= 0) & (below <= LARGEST)) | table.duplicated(KEY)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        got, what = ", ".join(map(str, table.iloc[row])), "at most its denominator where it is a share of it"
+        expected = f"each key once, with a numerator and a denominator from 0 to {LARGEST:g}, the numerator {what}"
+        raise DataError(file, field=f"line {row + 2}", expected=expected, got=got, hint=hint)
     return table
 
 

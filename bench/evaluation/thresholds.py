@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 from scipy.special import digamma
 
+from bench.evaluation.counts import BINS, EDGES, OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.intervals import FEWEST_RECORDINGS, RATIO, jackknife
-from bench.evaluation.likelihood import BINS, EDGES, OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.rows import Rows, read_parts
 from bench.evaluation.summary import Metric, Ratio
 
@@ -34,7 +34,6 @@ class ThresholdSweep:
     Attributes:
         thresholds: (K,) float64, increasing; the first, 0, stands for a mask of everything. For scores, `SCORE_EDGES`
             stand instead of these.
-        tpr: (K,) float64, share of the pixels of all G; the same as `recall`.
         false_positive_coverage: (K,) float64, mean over images of FP / (width x height).
         precision: (K,) float64, TP / (TP + FP); NaN where nothing is above the threshold.
         recall: (K,) float64, TP / (TP + FN); NaN without any G.
@@ -43,7 +42,6 @@ class ThresholdSweep:
     """
 
     thresholds: NDArray[np.float64]
-    tpr: NDArray[np.float64]
     false_positive_coverage: NDArray[np.float64]
     precision: NDArray[np.float64]
     recall: NDArray[np.float64]
@@ -71,7 +69,6 @@ def threshold_sweep(frames: Rows) -> ThresholdSweep | None:
     recall = _share(tp, positive.sum())
     return ThresholdSweep(
         thresholds=EDGES[:-1].copy(),
-        tpr=recall,
         false_positive_coverage=false_shares / images,
         precision=_share(tp, tp + fp),
         recall=recall,

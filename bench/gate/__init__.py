@@ -11,27 +11,18 @@ and fails nothing, but for methods without noise, whose tolerances say so. A sli
 reported, not judged. Before the metrics it is checked that both runs measured the same things: a score over fewer
 objects is not a better score. docs/gate.md has false alarms and power.
 
-Modules: `tolerances` (the rules, versioned files), `baseline` (sums and manifest of a run, stored), `changes` (what
-differs beside the scores), `judge` (the checks, and the verdict on each metric), `verdict` (the result, and how its
-numbers are written), `brief` (what of it is read first); `bench.reporting.verdict` writes it for people and CI.
-Only commands call this package.
+Modules: `tolerances` (the rules, versioned files), `baseline` (sums and manifest of a run, stored), `judge` (the
+checks, and the verdict on each metric), `verdict` (the result, and what of it is read first);
+`bench.reporting.verdict` writes it for people and CI. Only commands call this package.
 """
 
-from bench.gate.baseline import (
-    MissingBaselineError,
-    RunSums,
-    find_baseline,
-    read_baseline,
-    read_run_sums,
-    write_baseline,
-)
+from bench.gate.baseline import RunSums, find_baseline, read_baseline, read_run_sums, write_baseline
 from bench.gate.judge import judge
 from bench.gate.tolerances import Tolerances, known_tolerances, load_tolerances
 from bench.gate.verdict import Check, Outcome, Row, Verdict
 
 __all__ = [
     "Check",
-    "MissingBaselineError",
     "Outcome",
     "Row",
     "RunSums",

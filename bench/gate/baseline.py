@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pandas as pd
 
 from bench.errors import DataError, UsageError
 from bench.evaluation import read_sums, write_sums
+from bench.evaluation.protocol import known_protocols
 from bench.harness import read_run
 from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_manifest
@@ -17,17 +19,7 @@ from bench.recordings.cards import shipped_folder
 
 BASELINES = Path("reports/baselines")
 USUAL_PROTOCOL = "paper-v1"
-
-
-class MissingBaselineError(UsageError):
-    """There is no baseline to judge by, which is never a pass."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        super().__init__(f"{folder}: no baseline there, so nothing was judged; make one with --update")
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return MissingBaselineError, (self.folder,)
+BASELINE_RUN = "reports/runs/baseline"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,36 +48,28 @@ def read_run_sums(run: Path) -> RunSums:
     """
     stored = read_run(run)
     refuse_unscored(stored.summary, run)
-    return RunSums(
-        manifest=stored.manifest,
-        sums=stored.sums,
-        failures=stored.summary.failures,
-        unreviewed=stored.summary.unreviewed,
-    )
+    summary = stored.summary
+    return RunSums(manifest=stored.manifest, sums=stored.sums, failures=summary.failures, unreviewed=summary.unreviewed)
 
 
-def own_baseline(run: Manifest) -> Path:
-    """Folder of a run's own baseline unless another folder is named, below the working folder."""
-    words = [run.dataset.name, *([] if run.protocol.name == USUAL_PROTOCOL else [run.protocol.name])]
-    return BASELINES / "-".join(words)
+def find_baseline(run: Manifest, *, own: bool = False) -> Path:
+    """Folder of the baseline of a run unless another is named.
 
-
-def find_baseline(run: Manifest) -> Path:
-    """Folder that a run is judged by unless another is named: its own baseline, else one that the package ships."""
-    own = own_baseline(run)
-    shipped = shipped_folder("baselines") / own.name
-    return shipped if shipped.is_dir() and not own.is_dir() else own
+    Args:
+        run: its manifest.
+        own: only below the working folder; else the one that the package ships where there is none.
+    """
+    name = run.dataset.name if run.protocol.name == USUAL_PROTOCOL else f"{run.dataset.name}-{run.protocol.name}"
+    here, shipped = BASELINES / name, shipped_folder("baselines") / name
+    return here if own or here.is_dir() or not shipped.is_dir() else shipped
 
 
 def read_baseline(folder: Path) -> RunSums:
     """Read a baseline, which may be the folder of a run.
 
     Raises:
-        MissingBaselineError: no such folder.
         DataError: not a baseline; names file and field.
     """
-    if not folder.exists():
-        raise MissingBaselineError(folder)
     if any(folder.glob(f"*/{SUMMARY}")):
         folder = results_folder(folder)
     manifest = read_manifest(folder)
@@ -107,16 +91,50 @@ def write_baseline(run: RunSums, folder: Path, *, allow_dirty: bool = False) -> 
     if run.failures:
         count = len(run.failures)
         raise UsageError(f"a run with failures makes no baseline; this one has {count}, the first: {run.failures[0]}")
-    for whose, commit in (("", run.manifest.code.commit), ("the method's ", run.manifest.method.commit)):
-        if commit is not None and commit.endswith("+") and not allow_dirty:
-            raise UsageError(
-                f"when it ran, {whose}files were changed on top of commit {short_digest(commit.rstrip('+'))}, which "
-                "nobody can repeat; commit them and run again, or say --allow-dirty"
-            )
-    if not (run.manifest.method.is_own or run.manifest.method.commit or allow_dirty):
-        raise UsageError(
-            f"the code of method {run.manifest.method.name!r} is in no commit, so that nobody can repeat the run; "
-            "commit it and run again, or say --allow-dirty"
-        )
+    if not allow_dirty and (code := uncommitted(run.manifest)):
+        raise UsageError(f"{code}, so that nobody can repeat the run; commit it and run again, or say --allow-dirty")
     write_sums(run.sums, folder / SUMS)
     write_manifest(folder / MANIFEST, run.manifest)
+
+
+def uncommitted(run: Manifest) -> str:
+    """The code of a run that is in no commit, in words; "" where all is. That of an installed package has none."""
+    own, method = run.code.commit, run.method
+    if own is not None and own.endswith("+"):
+        return f"when it ran, files were changed on top of commit {short_digest(own.rstrip('+'))}"
+    if method.is_own or (method.commit is not None and not method.commit.endswith("+")):
+        return ""
+    if method.commit is None:
+        return f"the code of method {method.name!r} is in no commit"
+    return f"when it ran, the method's files were changed on top of commit {short_digest(method.commit.rstrip('+'))}"
+
+
+def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[str, ...]:
+    """Lines that tell how to make the baseline's run again and compare it with a run, with pictures of what changed.
+
+    Args:
+        baseline: which is sums only, without images.
+        run: that was judged.
+        folder: of that run.
+    """
+    was, now, method = baseline.code, run.code, baseline.method
+    other_code = (was.version, was.commit) != (now.version, now.commit)
+    other_method = not method.is_own and method.name == run.method.name and method.code_digest != run.method.code_digest
+    hindrance = ""
+    if baseline.dataset.recordings != run.dataset.recordings:
+        hindrance = "it is of other data"
+    elif other_code and was.commit is None:
+        hindrance = f"it is of version {was.version}, of an unknown commit"
+    elif other_code or other_method:
+        hindrance = uncommitted(baseline)
+    if hindrance:
+        return (f"no command makes the baseline's run again: {hindrance}",)
+    protocol = baseline.protocol.name
+    rules = protocol if protocol in known_protocols() else str(folder / "protocol.json")
+    words = ["run", run.dataset.card, *method.options(), "--protocol", rules]
+    words += ["--split", baseline.dataset.split] if baseline.dataset.split is not None else []
+    again = shlex.join(["fisheye-bench", *words, "--out", BASELINE_RUN, "--no-pictures", "--overwrite"])
+    place = f", the first in a checkout of {short_digest(str(was.commit))}" if other_code else ""
+    if other_method:
+        place += f", the first with {method.name!r} as in commit {short_digest(str(method.commit))}"
+    return f"compare image by image{place}:", again, shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])

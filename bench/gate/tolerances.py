@@ -113,6 +113,11 @@ class Tolerances(FileModel):
     metrics: Overrides = Field(default_factory=dict)
     slices: dict[SlicePattern, Overrides] = Field(default_factory=dict)
 
+    @property
+    def title(self) -> str:
+        """Name and version."""
+        return f"{self.name} version {self.version}"
+
     def tolerance(self, slice_name: str, metric: str) -> Tolerance | None:
         """The rule of a metric in a slice; None for a metric that neither its definition nor the file tolerates.
 

@@ -1,18 +1,28 @@
-"""The verdict of the gate, and how its numbers and rows are written for people, JUnit and annotations."""
+"""The verdict of the gate, what of it is read first, and how its numbers and rows are written.
+
+A verdict is read within a minute: what changed, the overall rows, where most was lost; the rest is folded. Breakdowns,
+as "range_m=[0, 2)", cut the same object-frames once more, so that one fault fails many of their rows. They are judged
+like all others, and named by their number and the worst of them.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 
-from bench.evaluation import PairedChange, find_metric
-from bench.gate.changes import OF_ITSELF, Change
-from bench.harness.manifest import Manifest
+from bench.errors import BenchError
+from bench.evaluation import PairedChange, find_metric, headlines
+from bench.evaluation.sums import ALL_MOVING, FRAMES
+from bench.harness.manifest import Aspect, Manifest, differences
 
 NOTHING_JUDGED = (
     "nothing was judged; a verdict needs metrics that decide, with cases in enough recordings, in baseline and run"
 )
+OF_ITSELF = ("method", "settings", "protocol", "code", "data", "reference")  # what may change, in the order of telling
+_TOLD_AS = {Aspect.METHOD_CODE: "code", Aspect.INPUT_ERRORS: "data"}
 
 
 class Outcome(StrEnum):
@@ -100,6 +110,27 @@ class Row(PairedChange):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """Something that is not as in the baseline.
+
+    Attributes:
+        what: one of `OF_ITSELF`.
+        text: what it is and what it was, one line.
+    """
+
+    what: str
+    text: str
+
+
+def changes(baseline: Manifest, run: Manifest) -> tuple[Change, ...]:
+    """List what changed, in the order of `OF_ITSELF`; what is not named is as it was."""
+    texts: dict[str, list[str]] = {}
+    for difference in differences(baseline, run):
+        texts.setdefault(_TOLD_AS.get(difference.aspect, str(difference.aspect)), []).append(difference.text)
+    return tuple(Change(what=what, text="; ".join(texts[what])) for what in OF_ITSELF if what in texts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
     """All of it.
 
@@ -110,16 +141,22 @@ class Verdict:
         changes: what is not as in the baseline beside the scores.
         checks: that both measured the same things, in a fixed order.
         rows: those of `compare_sums`, in its order.
-        refusal: why run and baseline were not compared; "" where they were.
+        refusal: why run and baseline were not compared; None where they were.
+        baseline_folder: folder of the baseline.
+        run_folder: folder of the run.
+        stored: what the run can judge as the new baseline, in words; "" where it was not stored as one.
     """
 
     baseline: Manifest | None
     run: Manifest | None
     tolerances: str
-    changes: tuple[Change, ...]
-    checks: tuple[Check, ...]
-    rows: tuple[Row, ...]
-    refusal: str = ""
+    changes: tuple[Change, ...] = ()
+    checks: tuple[Check, ...] = ()
+    rows: tuple[Row, ...] = ()
+    refusal: BenchError | None = None
+    baseline_folder: Path = Path()
+    run_folder: Path = Path()
+    stored: str = ""
 
     @property
     def dataset(self) -> str:
@@ -149,7 +186,7 @@ class Verdict:
     @property
     def why_none(self) -> str:
         """Reason that there is no verdict; "" where there is one."""
-        return "" if self.judged else self.refusal or NOTHING_JUDGED
+        return "" if self.judged else str(self.refusal or NOTHING_JUDGED)
 
     @property
     def subject(self) -> str:
@@ -177,15 +214,12 @@ class Verdict:
     def headline(self) -> str:
         """One line: passed or failed, and how many of each."""
         numbers = {outcome: len(self.rows_with(outcome)) for outcome in Outcome}
-        parts = [f"{count} {_plural(outcome)}" for outcome, count in numbers.items() if count]
+        words = {Outcome.PASSED: "within tolerance"}
+        parts = [f"{count} {words.get(outcome, outcome.value)}" for outcome, count in numbers.items() if count]
         if self.failed_checks:
             parts.insert(0, f"{len(self.failed_checks)} of {len(self.checks)} checks of the data failed")
         result = "passed" if self.passed else "FAILED" if self.judged else "WITHOUT A VERDICT"
         return f"gate {result}: {', '.join(parts) or 'nothing to compare'}"
-
-
-def _plural(outcome: Outcome) -> str:
-    return "within tolerance" if outcome is Outcome.PASSED else str(outcome)
 
 
 def _worst_first(row: Row) -> tuple[float, bool, str, str]:
@@ -235,3 +269,82 @@ def worst_text(row: Row) -> str:
     """Recording that most of a loss comes from: "most in drive-3"; "" for a row that is not worse than tolerated."""
     worse = row.outcome in {Outcome.FAILED, Outcome.SUSPECT}
     return f"most in {row.worst_recording}" if worse and row.worst_recording is not None else ""
+
+
+NOTABLE = (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED)
+
+
+def is_overlapping(row: Row) -> bool:
+    """Tell whether a row is of a breakdown, whose object-frames are in other rows too."""
+    return "=" in row.slice_name
+
+
+def overall_rows(verdict: Verdict) -> list[Row]:
+    """The headline metrics over everything."""
+    rows = {row.metric: row for row in verdict.rows if row.slice_name in {ALL_MOVING, FRAMES}}
+    return [rows[metric.name] for metric in headlines() if metric.name in rows]
+
+
+def main_rows(verdict: Verdict) -> list[Row]:
+    """Other rows over everything and by kind of motion that failed, are suspect or improved, worst first."""
+    shown = {(row.slice_name, row.metric) for row in overall_rows(verdict)}
+    rows = [row for outcome in NOTABLE for row in verdict.rows_with(outcome) if not is_overlapping(row)]
+    return [row for row in rows if (row.slice_name, row.metric) not in shown]
+
+
+def folded_lines(verdict: Verdict) -> list[str]:
+    """Lines of what the breakdowns say, and of how many metrics were not judged."""
+    lines = []
+    for outcome in NOTABLE:
+        rows = [row for row in verdict.rows_with(outcome) if is_overlapping(row)]
+        if rows:
+            kinds = Counter(row.slice_name.partition("=")[0] for row in rows)
+            counted = ", ".join(f"{name} {count}" for name, count in kinds.items())
+            first = f"; the worst: {row_text(rows[0])}" if outcome is Outcome.FAILED else ""
+            lines.append(f"{outcome} in breakdowns: {len(rows)} ({counted}){first}")
+    if skipped := not_judged_line(verdict):
+        lines.append(skipped)
+    return lines
+
+
+def not_judged_line(verdict: Verdict) -> str:
+    """Number of metrics that were not judged; "" where all were. The JSON has the reason for each."""
+    count = len(verdict.rows_with(Outcome.NOT_JUDGED))
+    return f"not judged: {count} metrics, for too few cases or recordings, or by the tolerances" if count else ""
+
+
+def check_lines(verdict: Verdict) -> list[str]:
+    """The checks that failed, a line each: the cause, then what probably follows from it."""
+    leads = ("failed", *("probably as a consequence" for _ in verdict.failed_checks))
+    return [f"{lead}: {check.message}" for lead, check in zip(leads, verdict.failed_checks, strict=False)]
+
+
+def change_lines(verdict: Verdict) -> list[str]:
+    """ "changed: settings: flow = dis, was farneback" for everything that changed and that no failed check tells
+    already, then what did not; none where the two were not compared."""
+    if verdict.refusal:
+        return []
+    told = {check.name.removesuffix("_digest") for check in verdict.failed_checks}
+    noted = [
+        check.message
+        for check in verdict.checks
+        if check.name in {"reference_digest", "annotations"} and check.outcome is Outcome.SUSPECT
+    ]
+    changed = [f"changed: {change.what}: {change.text}" for change in verdict.changes if change.what not in told]
+    unchanged = ", ".join(verdict.unchanged) or "nothing"
+    return [*changed, *(f"note: {message}" for message in noted), f"as in the baseline: {unchanged}"]
+
+
+def worst_line(verdict: Verdict) -> str:
+    """Recordings that most of the worst loss comes from, of the overall rows before others; "" without a loss."""
+    for rows in (overall_rows(verdict), main_rows(verdict), verdict.rows):
+        for outcome in (Outcome.FAILED, Outcome.SUSPECT):
+            worse = [row for row in rows if row.outcome is outcome and row.worst_recordings]
+            if worse:
+                worst = max(worse, key=lambda row: row.severity)
+                parts = [
+                    f"{own.name} {value_text(worst.metric, own.before)} -> {value_text(worst.metric, own.after)}"
+                    for own in worst.worst_recordings
+                ]
+                return f"most of {worst.metric} of {worst.slice_name} is lost in: {'; '.join(parts)}"
+    return ""

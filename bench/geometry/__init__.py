@@ -11,8 +11,7 @@ Conventions of the whole project, written here once:
 - Quaternions are wxyz. Angles are radians, times int64 nanoseconds, geometry is float64.
 """
 
-from bench.geometry.plane import RoadPlane
-from bench.geometry.rigid import RigidTransform, advance_twist, quaternions_wxyz, twist_between
+from bench.geometry.rigid import RigidTransform, RoadPlane, advance_twist, quaternions_wxyz, twist_between
 from bench.geometry.sphere import angle_between, cross, dot, normalise
 
 __all__ = [

@@ -2,7 +2,7 @@
 
 `answers/<recording>/<camera>-<first image>.parquet` has a row for each image of a task, `ANSWERS_SCHEMA`: the mask on
 the method's cells, one bit each, or the reason why there is none. A likelihood is stored as its bin of
-`bench.evaluation.likelihood`, one byte: histograms, and with them every curve, come out exactly; pictures show the
+`bench.evaluation.counts`, one byte: histograms, and with them every curve, come out exactly; pictures show the
 middle of the bin.
 
 Parquet files are opened here, as pyarrow by name waits for pipes and asks for UTF-8.
@@ -11,9 +11,8 @@ Parquet files are opened here, as pyarrow by name waits for pipes and asks for U
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 
 from bench.atomic import open_regular, replacing
 from bench.errors import DataError
-from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
+from bench.evaluation.counts import BINS, EDGES, SCORE_EDGES, find_bins
 from bench.records.segmentation import Segmentation, segmentation_fault
 
 ANSWERS = "answers"
@@ -51,6 +50,7 @@ ANSWERS_SCHEMA = pa.schema(
         ("threshold", pa.float64()),
     ]
 )
+Answer = Mapping[str, Any]  # a row of `ANSWERS_SCHEMA`; what is missing is null
 
 
 def safe_name(name: str) -> str:
@@ -62,9 +62,6 @@ def safe_name(name: str) -> str:
 def name_of(safe: str) -> str:
     """Name of a recording or camera whose file or folder it is."""
     return unquote(safe)
-
-
-Row = Mapping[str, Any]
 
 
 def write_table(file: Path, table: pa.Table, *, rows_at_once: int | None = None) -> None:
@@ -93,84 +90,56 @@ def read_table(file: Path, **chosen: Any) -> pa.Table:
         return pq.read_table(content, use_threads=False, **chosen)
 
 
-class Key(NamedTuple):
-    """An image, by which answers, references and counts are paired."""
+def answer_row(image: Mapping[str, object], segmentation: Segmentation, *, seconds: float) -> Answer:
+    """The answer of a method, copied: what it changes afterwards changes nothing.
 
-    recording: str
-    camera: str
-    timestamp_ns: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Answer:
-    """What was said of an image, as it is stored.
-
-    Attributes:
-        row: of `ANSWERS_SCHEMA`.
+    Args:
+        image: recording, camera and timestamp_ns.
+        segmentation: checked.
+        seconds: that the method took.
     """
+    return {**image, "status": ANSWERED, "problem": "", "seconds": seconds, **_cells(segmentation)}
 
-    row: Row
 
-    @classmethod
-    def of(cls, key: Key, segmentation: Segmentation, *, seconds: float) -> Answer:
-        """The answer of a method, copied: what it changes afterwards changes nothing.
+def no_answer(image: Mapping[str, object], status: str, problem: str) -> Answer:
+    """No answer.
 
-        Args:
-            key: of the image.
-            segmentation: checked.
-            seconds: that the method took.
-        """
-        cells = _cells(segmentation)
-        return cls({**key._asdict(), "status": ANSWERED, "problem": "", "seconds": seconds, **cells})
+    Args:
+        image: recording, camera and timestamp_ns.
+        status: `SKIPPED` where nothing is wrong, or `FAILED`.
+        problem: why there is none.
+    """
+    return {**image, "status": status, "problem": problem}
 
-    @classmethod
-    def none(cls, key: Key, status: str, problem: str) -> Answer:
-        """No answer.
 
-        Args:
-            key: of the image.
-            status: `SKIPPED` where nothing is wrong, or `FAILED`.
-            problem: why there is none.
-        """
-        return cls({**key._asdict(), "status": status, "problem": problem})
+def is_answered(row: Answer) -> bool:
+    """True where an answer is a segmentation."""
+    return bool(row["status"] == ANSWERED)
 
-    @property
-    def status(self) -> str:
-        """`ANSWERED`, `SKIPPED` or `FAILED`."""
-        return str(self.row["status"])
 
-    @property
-    def problem(self) -> str:
-        """Why there is none; "" where there is one."""
-        return str(self.row["problem"])
+def answers_agree(one: Answer, other: Answer) -> bool:
+    """Return whether both say the same of an image; masks may differ by what rounding on a GPU changes.
 
-    @property
-    def is_answered(self) -> bool:
-        """True where there is a segmentation."""
-        return self.status == ANSWERED
+    Raises:
+        DataError: a segmentation is damaged.
+    """
+    if not (is_answered(one) and is_answered(other)):
+        return (one["status"], one["problem"]) == (other["status"], other["problem"])
+    here, there = segmentation_of(one).mask, segmentation_of(other).mask
+    return here.shape == there.shape and float(np.mean(here != there)) <= ROUNDED_SHARE
 
-    def agrees_with(self, other: Answer) -> bool:
-        """Return whether both say the same of an image; masks may differ by what rounding on a GPU changes.
 
-        Raises:
-            DataError: a segmentation is damaged.
-        """
-        if not (self.is_answered and other.is_answered):
-            return (self.status, self.problem) == (other.status, other.problem)
-        here, there = self.segmentation().mask, other.segmentation().mask
-        return here.shape == there.shape and float(np.mean(here != there)) <= ROUNDED_SHARE
+def segmentation_of(row: Answer) -> Segmentation:
+    """Unpack the segmentation of an answer; it is checked as a method's own is.
 
-    def segmentation(self) -> Segmentation:
-        """Unpack the segmentation; it is checked as a method's own is.
-
-        Raises:
-            DataError: it is damaged.
-        """
-        try:
-            return _segmentation(self.row)
-        except (TypeError, ValueError, OverflowError) as error:
-            place = "{recording}, {camera}, {timestamp_ns} ns".format_map(self.row)
-            raise DataError(f"answer of {place}", expected="a mask of rows x columns cells", got=str(error)) from error
+    Raises:
+        DataError: it is damaged.
+    """
+    try:
+        return _segmentation(row)
+    except (TypeError, ValueError, OverflowError) as error:
+        place = "{recording}, {camera}, {timestamp_ns} ns".format_map(row)
+        raise DataError(f"answer of {place}", expected="a mask of rows x columns cells", got=str(error)) from error
 
 
 def write_answers(file: Path, answers: Sequence[Answer]) -> None:
@@ -179,8 +148,7 @@ def write_answers(file: Path, answers: Sequence[Answer]) -> None:
     Raises:
         OutputError: the disk is full, or may not be written.
     """
-    table = pa.Table.from_pylist([dict(answer.row) for answer in answers], schema=ANSWERS_SCHEMA)
-    write_table(file, table, rows_at_once=16)
+    write_table(file, pa.Table.from_pylist(list(answers), schema=ANSWERS_SCHEMA), rows_at_once=16)
 
 
 def read_answers(file: Path, *, timestamp_ns: int | None = None) -> list[Answer]:
@@ -195,10 +163,11 @@ def read_answers(file: Path, *, timestamp_ns: int | None = None) -> list[Answer]
     """
     wanted = None if timestamp_ns is None else [("timestamp_ns", "=", timestamp_ns)]
     try:
-        return [Answer(row) for row in read_table(file, schema=ANSWERS_SCHEMA, filters=wanted).to_pylist()]
+        rows: list[Answer] = read_table(file, schema=ANSWERS_SCHEMA, filters=wanted).to_pylist()
     except (OSError, pa.ArrowException) as error:
         got, hint = " ".join(str(error).split()), "remove the file, and run again"
         raise DataError(file, expected="answers of a run", got=got, hint=hint) from error
+    return rows
 
 
 def read_seconds(answers: Path) -> NDArray[np.float64]:
@@ -212,33 +181,32 @@ def read_seconds(answers: Path) -> NDArray[np.float64]:
     return np.concatenate([np.empty(0), *seconds])
 
 
-def _cells(found: Segmentation) -> Row:
+def _cells(said: Segmentation) -> Answer:
     bins = None
-    if found.likelihood is not None:
-        bins = find_bins(found.likelihood, _edges(is_score=found.likelihood_is_score)).astype(np.uint8).tobytes()
+    if said.likelihood is not None:
+        bins = find_bins(said.likelihood, _edges(is_score=said.likelihood_is_score)).astype(np.uint8).tobytes()
     return {
-        "cell_size_px": int(found.cell_size_px),
-        "rows": found.mask.shape[0],
-        "columns": found.mask.shape[1],
-        "mask": np.packbits(found.mask).tobytes(),
-        "undefined": None if found.undefined is None else np.packbits(found.undefined).tobytes(),
-        "cause": None if found.cause is None else found.cause.tobytes(),
-        "causes": list(found.causes),
+        "cell_size_px": int(said.cell_size_px),
+        "rows": said.mask.shape[0],
+        "columns": said.mask.shape[1],
+        "mask": np.packbits(said.mask).tobytes(),
+        "undefined": None if said.undefined is None else np.packbits(said.undefined).tobytes(),
+        "cause": None if said.cause is None else said.cause.tobytes(),
+        "causes": list(said.causes),
         "likelihood": bins,
-        "likelihood_is_score": found.likelihood_is_score,
-        "threshold": None if found.threshold is None else float(found.threshold),
+        "likelihood_is_score": said.likelihood_is_score,
+        "threshold": None if said.threshold is None else float(said.threshold),
     }
 
 
-def _segmentation(row: Row) -> Segmentation:
-    """The segmentation of a row."""
+def _segmentation(row: Answer) -> Segmentation:
     size_px, shape, is_score = row["cell_size_px"], (row["rows"], row["columns"]), row["likelihood_is_score"]
     if not (min(shape) > 0 and max(shape) <= LARGEST_SIDE_PX and 0 < size_px <= LARGEST_SIDE_PX):
         raise ValueError(f"{shape[0]} x {shape[1]} cells of {size_px} px")
     bins, cause = (_plane(row[name], shape) for name in ("likelihood", "cause"))
     if bins is not None and bins.max() >= BINS:
         raise ValueError(f"likelihood: bin {bins.max()} of {BINS}")
-    found = Segmentation(
+    said = Segmentation(
         cell_size_px=size_px,
         mask=_bits(row["mask"], shape),
         undefined=None if row["undefined"] is None else _bits(row["undefined"], shape),
@@ -248,9 +216,9 @@ def _segmentation(row: Row) -> Segmentation:
         likelihood_is_score=is_score,
         threshold=row["threshold"],
     )
-    if fault := segmentation_fault(found, width=shape[1] * size_px, height=shape[0] * size_px):
+    if fault := segmentation_fault(said, width=shape[1] * size_px, height=shape[0] * size_px):
         raise ValueError(fault)
-    return found
+    return said
 
 
 def _bits(content: bytes, shape: tuple[int, int]) -> NDArray[np.bool_]:

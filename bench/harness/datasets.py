@@ -1,9 +1,10 @@
-"""Open a data set and walk through its images, each with what a method may see and with the reference."""
+"""Open a data set and walk through its images, with what a method may see and the reference; and those of a run."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,10 @@ from numpy.typing import NDArray
 
 from bench.errors import UnknownNameError
 from bench.evaluation import load_protocol
-from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
+from bench.evaluation.counts import count_frame
+from bench.harness.answers import is_answered, segmentation_of
+from bench.harness.frames import FramePipeline, InputOnly, ProcessedFrame, UnscorableFrame
+from bench.harness.stored import StoredRun, find_answer
 from bench.methods import MethodInput
 from bench.recordings import DatasetCard, Recording, RecordingHandle, chosen_recordings, load_card
 from bench.recordings import open_dataset as list_recordings
@@ -184,3 +188,75 @@ def _frames(pipeline: FramePipeline, history: int, *, exact: bool) -> Iterator[F
             reference=reference,
             exact=pipeline.exact_mask(index, reference) if exact else None,
         )
+
+
+COMPARED = ("valid_px", "reference_px", "ignored_px", "tp_px", "fp_px")
+
+
+class StoredFrames:
+    """Images of a stored run as they were scored: its answers, and the reference.
+
+    The run's method is neither imported nor called. Images whose counts differ from the stored ones, because code or
+    data changed since, are refused: a picture shows what was scored, or nothing.
+
+    Args:
+        run: whose images they are.
+        card: the data set; None for the card that the run names.
+
+    Raises:
+        DataError: its card or data set is not there.
+    """
+
+    def __init__(self, run: StoredRun, *, card: DatasetCard | None = None) -> None:
+        named = card or load_card(run.manifest.dataset.card)
+        self._run = run
+        self._dataset = Dataset(card=named, handles=list_recordings(named, run.manifest.dataset.split))
+        # A recording at a time, or memory would grow with their number.
+        self.pipeline = lru_cache(maxsize=1)(self._pipeline)
+        self._counts = lru_cache(maxsize=1)(self._read_counts)
+
+    def _pipeline(self, recording: str, camera: str) -> FramePipeline:
+        opened = self._dataset[recording]
+        if camera not in opened.cameras:
+            raise UnknownNameError("camera", camera, opened.cameras)
+        looks = InputOnly(history=self._run.manifest.method.history)
+        return FramePipeline(opened, camera, method=looks, protocol=self._run.protocol)
+
+    def process(self, recording: str, camera: str, timestamp_ns: int) -> ProcessedFrame:
+        """An image with its stored answer and its reference.
+
+        Raises:
+            BenchError: the image, its answer or its reference is not there or cannot be used.
+            UnscorableFrame: it has no answer, or its counts differ from the stored ones.
+        """
+        where = f"recording {recording!r}, camera {camera!r}, image at {timestamp_ns} ns"
+        pipeline, answer = (
+            self.pipeline(recording, camera),
+            find_answer(self._run.answers, recording, camera, timestamp_ns),
+        )
+        index = next((k for k, image in enumerate(pipeline.images) if image.timestamp_ns == timestamp_ns), None)
+        if index is None or answer is None or not is_answered(answer):
+            lacks = "the data set has no such image" if index is None else "the run holds no answer"
+            raise UnscorableFrame(f"{where}: {lacks if index is None or answer is None else answer['problem']}")
+        frame = ProcessedFrame(
+            image=pipeline.images[index],
+            given=pipeline.method_input(index),
+            segmentation=segmentation_of(answer),
+            reference=pipeline.reference(index),
+        )
+        height, width = frame.reference.valid.shape
+        counted, _ = count_frame(frame.reference, frame.segmentation.mask_at(width, height), component_size_px=0)
+        then = self._counts(recording).get((camera, timestamp_ns))
+        now = [getattr(counted, name) for name in COMPARED]
+        if now != then:
+            pairs = zip(COMPARED, then or [], now, strict=False)
+            stored = ", ".join(f"{name} {was}, now {is_now}" for name, was, is_now in pairs if was != is_now)
+            raise UnscorableFrame(
+                f"{where}: the run stored {stored or 'no counts'}; code or data changed since, so that a picture would "
+                f"not show what was scored"
+            )
+        return frame
+
+    def _read_counts(self, recording: str) -> dict[tuple[str, int], list[int]]:
+        rows = self._run.frames.read([recording], ["camera", "timestamp_ns", *COMPARED])
+        return {(camera, timestamp_ns): counts for camera, timestamp_ns, *counts in rows.to_numpy().tolist()}

@@ -35,7 +35,7 @@ OPTIONAL_LIBRARIES = (
 _READING = ("errors.py", "geometry", "cameras", "lidar", "egomotion", "records", "recordings", "adapters")
 REFERENCE_CODE = (*_READING, "reference", "harness/references.py")
 ANSWER_CODE = (*_READING, "flow", "methods", "harness/frames.py", "harness/answers.py", "harness/exact.py")
-_COUNTING = ("counts", "image_map", "likelihood", "protocol", "rows", "scorer")  # other modules of `evaluation` reduce
+_COUNTING = ("counts", "protocol", "rows", "scorer")  # other modules of `evaluation` reduce
 COUNT_CODE = (
     *REFERENCE_CODE,
     *(f"evaluation/{name}.py" for name in _COUNTING),

@@ -7,7 +7,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from bench.errors import DataError, UsageError
 from bench.evaluation import Protocol
 from bench.geometry import RigidTransform
 from bench.harness.exact import exact_mask, is_oracle
-from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Scorable, Segmentation, UnansweredImage, ask_method
 from bench.methods.contract import not_derived, own_copy
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image, read_truth
@@ -63,7 +62,7 @@ class FramePipeline:
         camera: name of the camera.
         method: asked for segmentations; anything with the history and colour of one where only its input is wanted.
         protocol: the rules of the reference; None where none is wanted.
-        clock: adds up the time of each stage.
+        clock: of no use any more.
     """
 
     def __init__(
@@ -73,19 +72,17 @@ class FramePipeline:
         *,
         method: Scorable,
         protocol: Protocol | None = None,
-        clock: StageClock | None = None,
+        clock: object = None,  # noqa: ARG002
     ) -> None:
         self.recording, self.camera = recording, recording.cameras[camera]
         self.images = recording.images[camera]
         self._protocol = protocol
         self._method = own_copy(method)
-        self._clock = clock or StageClock()
         self._valid = _read_only_copy(visible_region(self.camera))
-        self._gaps = {gap.index: gap for gap in frame_gaps(recording, camera)}
+        self._gaps = frame_gaps(recording, camera)
         self._held: dict[int, NDArray[np.uint8] | DataError] = {}
         self._pose_times_ns = [perturbed_time_ns(image.timestamp_ns, recording.input_errors) for image in self.images]
-        with self._clock.stage("ego-motion"):
-            self._poses = recording.trajectory.at(np.array(self._pose_times_ns, dtype=np.int64))
+        self._poses = recording.trajectory.at(np.array(self._pose_times_ns, dtype=np.int64))
         told = perturbed_camera(self.camera, recording.input_errors)
         self._perturbed_mounting = told.vehicle_from_camera
         self._camera_given, self._road_given = deepcopy((told.model, told.road))
@@ -114,8 +111,7 @@ class FramePipeline:
         Raises:
             DataError: a sweep or the ego-motion of the image cannot be used.
         """
-        with self._clock.stage("reference"):
-            return self.references.build(self.images[index])
+        return self.references.build(self.images[index])
 
     def exact_mask(self, index: int, reference: ReferenceFrame) -> NDArray[np.bool_] | None:
         """The exact mask of what moves in an image, (H, W); None where the data have none.
@@ -137,20 +133,18 @@ class FramePipeline:
         """
         if not isinstance(self._method, Method):
             raise UsageError(f"{self._method.name}: {not_derived(type(self._method).__name__)}")
-        with self._clock.stage("method"):
-            try:
-                return ask_method(self._method, given)
-            except UnansweredImage as reason:
-                raise UnscorableFrame(str(reason)) from reason
+        try:
+            return ask_method(self._method, given)
+        except UnansweredImage as reason:
+            raise UnscorableFrame(str(reason)) from reason
 
     def method_input(self, index: int) -> MethodInput:
         """Return what a method may see of the images up to `index`."""
         first = index - self._method.history
         for later in range(first + 1, index + 1):
             if later in self._gaps:
-                gap = self._gaps[later]
                 raise UnscorableFrame(
-                    f"{self.images[later].path}: {(gap.current_ns - gap.previous_ns) / 1e6:.1f} ms after the image "
+                    f"{self.images[later].path}: {self._gaps[later] / 1e6:.1f} ms after the image "
                     f"before it, where {self.recording.frame_interval_ns / 1e6:.1f} ms are due"
                 )
         first = self._oldest(first)
@@ -158,15 +152,12 @@ class FramePipeline:
         if self._method.reads_images:
             images = tuple(images)  # a damaged image is an error even if it is not used
         self._held = {i: held for i, held in self._held.items() if i >= index - self._method.most_history}
-        with self._clock.stage("ego-motion"):
-            times_ns = tuple(self.images[i].timestamp_ns for i in range(first, index + 1))
-            motions = self._motions(first, index)
         return MethodInput(
             images=images,
-            timestamps_ns=times_ns,
+            timestamps_ns=tuple(image.timestamp_ns for image in self.images[first : index + 1]),
             camera=self._camera_given,
             road=self._road_given,
-            current_from_previous=motions,
+            current_from_previous=self._motions(first, index),
             valid=_read_only_copy(self._valid),
             rolling_shutter=self.camera.rolling_shutter,
             recording=self.recording.name,
@@ -207,12 +198,11 @@ class FramePipeline:
         """An image as the method is told of it; its file is read once, also where it cannot be used."""
         if index not in self._held:
             image, errors = self.images[index], self.recording.input_errors
-            with self._clock.stage("decode"):
-                try:
-                    pixels = read_image(image, self.camera, colour=self._method.colour)
-                    self._held[index] = perturbed_pixels(pixels, image, recording=self.recording.name, errors=errors)
-                except DataError as error:
-                    self._held[index] = error
+            try:
+                pixels = read_image(image, self.camera, colour=self._method.colour)
+                self._held[index] = perturbed_pixels(pixels, image, recording=self.recording.name, errors=errors)
+            except DataError as error:
+                self._held[index] = error
         held = self._held[index]
         if isinstance(held, DataError):
             raise held
@@ -254,13 +244,9 @@ class _ImagesOnDemand(Sequence[NDArray[np.uint8]]):
     def __len__(self) -> int:
         return len(self._indices)
 
-    @overload
-    def __getitem__(self, key: int) -> NDArray[np.uint8]: ...
-
-    @overload
-    def __getitem__(self, key: slice) -> Sequence[NDArray[np.uint8]]: ...
-
-    def __getitem__(self, key: int | slice) -> NDArray[np.uint8] | Sequence[NDArray[np.uint8]]:
-        if isinstance(key, slice):
-            return _ImagesOnDemand(self._indices[key], self._read)
-        return self._read(self._indices[key])
+    def __getitem__(self, key: Any) -> Any:
+        return (
+            _ImagesOnDemand(self._indices[key], self._read)
+            if isinstance(key, slice)
+            else self._read(self._indices[key])
+        )

@@ -24,18 +24,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.atomic import new_folder, path_inside, write_bytes, write_text
-from bench.errors import BenchError, DataError, OutputError, UnknownNameError
+from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol
-from bench.evaluation.summary import ProtocolOfRun
 from bench.execution import FailedTask, TaskExecutor
-from bench.harness.counts import told
+from bench.harness.references import told
 from bench.harness.stages import Progress
 from bench.harness.tasks import first_scored
-from bench.recordings import DatasetCard, ImageRef, Recording, RecordingHandle, open_dataset
+from bench.recordings import DatasetCard, ImageRef, RecordingHandle, open_dataset
 from bench.records.reference import ReferenceFrame, ReferenceObject
 from bench.reference import ReferenceBuilder
 
 HEAD = "reference.json"
+Entry = dict[str, object]
 
 AS_COUNTED = ("track_id", "object_class", "status", "reason", "category", "direction", "points", "polygon_px",
               "region_px", "unknown_px")  # fmt: skip
@@ -73,7 +73,6 @@ def export_references(
     out: Path,
     executor: TaskExecutor,
     split: str | None = None,
-    recording: str | None = None,
     progress: Progress | None = None,
 ) -> ReferenceExport:
     """Write the reference of each image of a data set; the folder appears whole or not at all.
@@ -84,34 +83,29 @@ def export_references(
         out: a folder that is new or empty.
         executor: computes the recordings.
         split: of the data set; None for all of it.
-        recording: name of the only one to export; None for all.
         progress: called with the recordings done and their number.
 
     Raises:
         DataError: the folder holds something, or a recording cannot be opened.
-        UnknownNameError: no such split or recording.
+        UnknownNameError: no such split.
     """
-    known = open_dataset(card, split)
-    handles = [handle for handle in known if recording in (None, handle.name)]
-    if not handles:
-        raise UnknownNameError("recording", str(recording), (handle.name for handle in known))
-    images: dict[str, int] = {}
-    problems: dict[str, tuple[str, ...]] = {}
+    handles = open_dataset(card, split)
+    entries: dict[str, list[Entry]] = {}
     with new_folder(out) as folder, executor:
         task = partial(_export_recording, folder=folder, protocol=protocol)
         with closing(executor.compute(task, handles)) as results:
             for handle, outcome in results:
                 if isinstance(outcome, FailedTask):
                     raise DataError(handle.name, expected="a recording that can be exported", got=outcome.reason)
-                images[handle.name], problems[handle.name] = outcome
+                entries[handle.name] = outcome
                 if progress is not None:
-                    progress(len(images), len(handles))
-        counts = {handle.name: images[handle.name] for handle in handles}
-        rules = ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest).model_dump()
-        head = {"schema_version": 1, "dataset": card.name, "split": split, "protocol": rules, "recordings": counts}
+                    progress(len(entries), len(handles))
+        images = {handle.name: len(entries[handle.name]) for handle in handles}
+        rules = {"name": protocol.name, "version": protocol.version, "digest": protocol.digest}
+        head = {"schema_version": 1, "dataset": card.name, "split": split, "protocol": rules, "recordings": images}
         write_text(folder / HEAD, _json(head))
-    lines = tuple(line for handle in handles for line in problems[handle.name])
-    return ReferenceExport(folder=out, images=counts, problems=lines)
+    problems = [str(entry["problem"]) for name in images for entry in entries[name] if entry["problem"]]
+    return ReferenceExport(folder=out, images=images, problems=tuple(problems))
 
 
 def label_image(frame: ReferenceFrame) -> NDArray[np.uint8]:
@@ -124,52 +118,47 @@ def label_image(frame: ReferenceFrame) -> NDArray[np.uint8]:
     return labels
 
 
-def _export_recording(handle: RecordingHandle, *, folder: Path, protocol: Protocol) -> tuple[int, tuple[str, ...]]:
-    """Write the reference of a recording; the number of its images, and a line for each without a reference."""
-    recording, entries = handle.open(), list[dict[str, object]]()
-    for name in sorted(recording.cameras):
-        builder = ReferenceBuilder(recording, name, protocol.reference_settings())
-        images = recording.images[name]
-        for image in images[first_scored(images) :]:
-            try:
-                frame = builder.build(image)
-                _write_pixels(folder, frame)
-                entries.append(_entry(image, recording, frame))
-            except OutputError:
-                raise
-            except BenchError as error:
-                entries.append(_entry(image, recording, problem=told(error, recording)))
+def _export_recording(handle: RecordingHandle, *, folder: Path, protocol: Protocol) -> list[Entry]:
+    """Write the reference of a recording; its images without their objects."""
+    recording = handle.open()
+    entries = [
+        _export_image(builder, image, folder)
+        for name in sorted(recording.cameras)
+        for builder in [ReferenceBuilder(recording, name, protocol.reference_settings())]
+        for image in recording.images[name][first_scored(recording.images[name]) :]
+    ]
     file = path_inside(folder, f"{recording.name}.json", file=folder / HEAD, field="recordings")
     write_text(file, _json({"recording": recording.name, "images": entries}))
-    return len(entries), tuple(str(entry["problem"]) for entry in entries if entry["problem"])
+    return [entry | {"objects": []} for entry in entries]
 
 
-def _write_pixels(folder: Path, frame: ReferenceFrame) -> None:
-    for what, values in (("instances", frame.labels.astype(np.uint16)), ("labels", label_image(frame))):
-        name = f"{frame.recording}/{what}/{frame.camera}/{frame.timestamp_ns}.png"
-        write_bytes(path_inside(folder, name, file=folder / HEAD), cv2.imencode(".png", values)[1].tobytes())
-
-
-def _entry(
-    image: ImageRef, recording: Recording, frame: ReferenceFrame | None = None, *, problem: str = ""
-) -> dict[str, object]:
-    """An image as `<recording>.json` has it; its objects stand nearest first, and what is unknown is null."""
-    inside, model = image.path.is_relative_to(recording.root), recording.cameras[image.camera].model
-    return {
+def _export_image(builder: ReferenceBuilder, image: ImageRef, folder: Path) -> Entry:
+    """Write the pixels of an image; return it as `<recording>.json` has it, its objects nearest first."""
+    recording, model = builder.recording, builder.camera.model
+    inside = image.path.is_relative_to(recording.root)
+    entry: Entry = {
         "file_name": image.path.relative_to(recording.root).as_posix() if inside else image.path.name,
         "camera": image.camera,
         "timestamp_ns": image.timestamp_ns,
         "width": model.width,
         "height": model.height,
-        "ego_speed_mps": None if frame is None else frame.ego_speed_mps,
-        "annotated": frame is None or frame.annotated,
-        "objects": [] if frame is None else [_object(k, item) for k, item in enumerate(frame.objects, start=1)],
-        "problem": problem,
     }
+    try:
+        frame = builder.build(image)
+    except BenchError as error:
+        return entry | {"ego_speed_mps": None, "annotated": True, "objects": [], "problem": told(error, recording)}
+    for what, values in (("instances", frame.labels.astype(np.uint16)), ("labels", label_image(frame))):
+        file = path_inside(
+            folder, f"{recording.name}/{what}/{image.camera}/{image.timestamp_ns}.png", file=folder / HEAD
+        )
+        write_bytes(file, cv2.imencode(".png", values)[1].tobytes())
+    objects = [_object(number, item) for number, item in enumerate(frame.objects, start=1)]
+    of_frame = {"ego_speed_mps": frame.ego_speed_mps, "annotated": frame.annotated}
+    return entry | of_frame | {"objects": objects, "problem": ""}
 
 
 def _object(number: int, item: ReferenceObject) -> dict[str, object]:
-    """An annotated object; `instance_id` is the number of its pixels in `instances`."""
+    """An annotated object; `instance_id` is the number of its pixels in `instances`, what is unknown is null."""
     centre_m = [float(value) for value in item.centroid_m]
     return {
         "instance_id": number,

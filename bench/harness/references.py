@@ -11,7 +11,6 @@ import os
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ from platformdirs import user_cache_path
 from bench.errors import BenchError, OutputError
 from bench.harness.answers import read_table, write_table
 from bench.harness.digests import REFERENCE_CODE, code_digest, digest_of, library_versions
-from bench.harness.stages import StageClock
 from bench.recordings import ImageRef, Recording
 from bench.records.reference import Category, Direction, IgnoreReason, ReferenceFrame, ReferenceObject, Status
 from bench.reference import ReferenceBuilder, ReferenceSettings
@@ -32,19 +30,21 @@ from bench.reference import ReferenceBuilder, ReferenceSettings
 CACHE_VARIABLE = "FISHEYE_BENCH_CACHE"
 LIMIT_BYTES = 4 << 30
 
-_SAME = ("track_id", "object_class", "speed_mps", "range_m", "points", "polygon_px", "region_px", "unknown_px")
 _ENUMS = {"status": Status, "reason": IgnoreReason, "category": Category, "direction": Direction}
 _OBJECT = pa.struct(
     [
         *((name, pa.string()) for name in ("track_id", "object_class", *_ENUMS)),
-        *((name, pa.float64()) for name in ("speed_mps", "range_m", "x_m", "y_m")),
+        *((name, pa.float64()) for name in ("speed_mps", "range_m")),
         *((name, pa.int64()) for name in ("points", "polygon_px", "region_px", "unknown_px")),
+        ("centroid_m", pa.list_(pa.float64())),
         ("polygon", pa.binary()),  # WKB
     ]
 )
+_KINDS = ("ignored", "unknown", "left_out", "valid")
 # Pixels are runs of equal label and kind, in rows from the first pixel: where each begins, int32, and what it is.
 REFERENCES_SCHEMA = pa.schema(
     [
+        ("problem", pa.string()),  # why there is none; then all else is null
         ("camera", pa.string()),
         ("timestamp_ns", pa.int64()),
         ("ego_speed_mps", pa.float64()),
@@ -57,8 +57,7 @@ REFERENCES_SCHEMA = pa.schema(
         ("objects", pa.list_(_OBJECT)),
     ]
 )
-_KINDS = ("ignored", "unknown", "left_out", "valid")
-Row = Mapping[str, Any]
+StoredReference = Mapping[str, Any]  # a row of `REFERENCES_SCHEMA`; what is missing is null
 
 
 def cache_folder() -> Path:
@@ -67,35 +66,13 @@ def cache_folder() -> Path:
     return Path(named).absolute() if named else user_cache_path("fisheye-bench")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StoredReference:
-    """The reference of an image, not unpacked yet, or the reason why there is none."""
-
-    row: Row | None
-    problem: BenchError | None = None
-
-    def frame(self, recording: str) -> ReferenceFrame:
-        """Unpack it.
-
-        Args:
-            recording: name.
-
-        Raises:
-            BenchError: there is none.
-        """
-        if self.problem is not None:
-            raise self.problem
-        assert self.row is not None, "a reference, or a problem"
-        return _frame(self.row, recording)
+def told(error: BaseException, recording: Recording) -> str:
+    """The message of an error, the same wherever the data lie."""
+    return str(error).replace(str(recording.root), recording.name)
 
 
 def find_references(
-    recording: Recording,
-    images: Sequence[ImageRef],
-    *,
-    settings: Sequence[ReferenceSettings],
-    digest: str,
-    clock: StageClock,
+    recording: Recording, images: Sequence[ImageRef], *, settings: Sequence[ReferenceSettings], digest: str
 ) -> list[list[StoredReference]]:
     """The references of the images of a task, from the cache where they are there, else built and put there.
 
@@ -104,75 +81,93 @@ def find_references(
         images: of one camera, at least one.
         settings: of each protocol.
         digest: `RecordingDigests.reference` of the recording.
-        clock: adds up the time that building takes.
 
     Returns:
-        For each of `settings`, a reference for each image.
+        For each of `settings`, a row for each image, which `reference_of` unpacks.
     """
     camera, key = images[0].camera, [images[0].timestamp_ns, images[-1].timestamp_ns, len(images)]
     code = digest_of(code_digest(REFERENCE_CODE), library_versions())
-    files = [
-        cache_folder() / "references" / digest_of(code, digest, one)[:32] / f"{digest_of(camera, key)[:32]}.parquet"
-        for one in settings
-    ]
-    found = [_read(file) for file in files]
     builder: ReferenceBuilder | None = None
-    for number, (file, one) in enumerate(zip(files, settings, strict=True)):
-        if found[number] is None:
-            with clock.stage("reference"):
-                builder = ReferenceBuilder(recording, camera, one, beside=builder)
-                found[number] = [_build(builder, image) for image in images]
-            _write(file, found[number] or [])
-    return [one or [] for one in found]
+    references = []
+    for rules in settings:
+        folder = cache_folder() / "references" / digest_of(code, digest, rules)[:32]
+        file = folder / f"{digest_of(camera, key)[:32]}.parquet"
+        rows = _read(file)
+        if rows is None:
+            builder = ReferenceBuilder(recording, camera, rules, beside=builder)
+            rows = [_built(builder, image) for image in images]
+            if not any("problem" in row for row in rows):
+                with suppress(OutputError):
+                    write_table(file, pa.Table.from_pylist([dict(row) for row in rows], REFERENCES_SCHEMA))
+        references.append(rows)
+    return references
+
+
+def reference_of(row: StoredReference, recording: str) -> ReferenceFrame:
+    """Unpack a reference, equal in every value to that which was built.
+
+    Args:
+        row: of the image.
+        recording: name.
+
+    Raises:
+        BenchError: there is none.
+    """
+    if row.get("problem") is not None:
+        raise BenchError(row["problem"])
+    shape = row["height"], row["width"]
+    starts = np.frombuffer(row["starts"], dtype=np.int32)
+    lengths = np.diff(starts, append=shape[0] * shape[1])
+
+    def spread(content: bytes, kind: type[np.generic]) -> NDArray[Any]:
+        return np.repeat(np.frombuffer(content, dtype=kind), lengths).reshape(shape)
+
+    kinds = spread(row["kinds"], np.uint8)
+    return ReferenceFrame(
+        recording=recording,
+        objects=tuple(_object(item) for item in row["objects"]),
+        labels=spread(row["labels"], np.int32),
+        camera=row["camera"],
+        timestamp_ns=row["timestamp_ns"],
+        ego_speed_mps=row["ego_speed_mps"],
+        annotated=row["annotated"],
+        **{name: (kinds >> bit & 1) > 0 for bit, name in enumerate(_KINDS)},
+    )
 
 
 def evict_cache(limit_bytes: int = LIMIT_BYTES) -> None:
     """Remove the references that were used longest ago until the rest takes no more than a limit."""
-    folders = [entry for entry in _entries(cache_folder() / "references") if entry.is_dir()]
-    sizes = {folder: sum(entry.stat().st_size for entry in _entries(Path(folder.path))) for folder in folders}
-    total = sum(sizes.values())
-    for folder in sorted(folders, key=lambda folder: folder.stat().st_mtime):
-        if total <= limit_bytes:
-            break
-        shutil.rmtree(folder.path, ignore_errors=True)
-        total -= sizes[folder]
-
-
-def _entries(folder: Path) -> list[os.DirEntry[str]]:
-    try:
-        with os.scandir(folder) as entries:
-            return list(entries)
-    except OSError:
-        return []
+    with suppress(FileNotFoundError):  # another process does the same
+        folders = [folder for folder in (cache_folder() / "references").glob("*") if folder.is_dir()]
+        sizes = {folder: sum(file.stat().st_size for file in folder.iterdir()) for folder in folders}
+        total = sum(sizes.values())
+        for folder in sorted(folders, key=lambda folder: folder.stat().st_mtime):
+            if total <= limit_bytes:
+                break
+            shutil.rmtree(folder, ignore_errors=True)
+            total -= sizes[folder]
 
 
 def _read(file: Path) -> list[StoredReference] | None:
     """What a file of the cache holds; None where there is none that can be read."""
     try:
-        rows = read_table(file, schema=REFERENCES_SCHEMA).to_pylist()
+        rows: list[StoredReference] = read_table(file, schema=REFERENCES_SCHEMA).to_pylist()
     except (OSError, pa.ArrowException):
         return None
     with suppress(OSError):
         os.utime(file.parent)  # it was used
-    return [StoredReference(row) for row in rows]
+    return rows
 
 
-def _write(file: Path, references: Sequence[StoredReference]) -> None:
-    """Put references into the cache, unless some could not be built, or the cache cannot be written."""
-    if not any(reference.problem for reference in references):
-        table = pa.Table.from_pylist([dict(reference.row or {}) for reference in references], REFERENCES_SCHEMA)
-        with suppress(OutputError):
-            write_table(file, table)
-
-
-def _build(builder: ReferenceBuilder, image: ImageRef) -> StoredReference:
+def _built(builder: ReferenceBuilder, image: ImageRef) -> StoredReference:
     try:
-        return StoredReference(_row(builder.build(image)))
+        return reference_row(builder.build(image))
     except BenchError as error:
-        return StoredReference(None, error)
+        return {"problem": told(error, builder.recording)}
 
 
-def _row(frame: ReferenceFrame) -> Row:
+def reference_row(frame: ReferenceFrame) -> StoredReference:
+    """Pack a reference."""
     kinds = np.zeros(frame.valid.size, dtype=np.uint8)
     for bit, name in enumerate(_KINDS):
         kinds |= getattr(frame, name).ravel().view(np.uint8) << bit
@@ -192,43 +187,13 @@ def _row(frame: ReferenceFrame) -> Row:
     }
 
 
-def _object_row(item: ReferenceObject) -> Row:
-    return {
-        **{name: getattr(item, name) for name in _SAME},
-        **{name: None if getattr(item, name) is None else getattr(item, name).value for name in _ENUMS},
-        "x_m": float(item.centroid_m[0]),
-        "y_m": float(item.centroid_m[1]),
-        "polygon": None if item.polygon is None else item.polygon.wkb,
-    }
+def _object_row(item: ReferenceObject) -> Mapping[str, Any]:
+    row = {name: getattr(item, name) for name in ReferenceObject.__slots__}
+    outline = None if item.polygon is None else item.polygon.wkb
+    return row | {"centroid_m": item.centroid_m.tolist(), "polygon": outline}
 
 
-def _frame(row: Row, recording: str) -> ReferenceFrame:
-    """The reference again, equal in every value."""
-    shape = row["height"], row["width"]
-    starts = np.frombuffer(row["starts"], dtype=np.int32)
-    lengths = np.diff(starts, append=shape[0] * shape[1])
-
-    def spread(content: bytes, kind: type[np.generic]) -> NDArray[Any]:
-        return np.repeat(np.frombuffer(content, dtype=kind), lengths).reshape(shape)
-
-    kinds = spread(row["kinds"], np.uint8)
-    return ReferenceFrame(
-        recording=recording,
-        camera=row["camera"],
-        timestamp_ns=row["timestamp_ns"],
-        ego_speed_mps=row["ego_speed_mps"],
-        objects=tuple(_object(item) for item in row["objects"]),
-        labels=spread(row["labels"], np.int32),
-        **{name: (kinds >> bit & 1) > 0 for bit, name in enumerate(_KINDS)},
-        annotated=row["annotated"],
-    )
-
-
-def _object(row: Row) -> ReferenceObject:
+def _object(row: Mapping[str, Any]) -> ReferenceObject:
     enums: dict[str, Any] = {name: None if row[name] is None else kind(row[name]) for name, kind in _ENUMS.items()}
-    return ReferenceObject(
-        **{name: row[name] for name in _SAME},
-        **enums,
-        centroid_m=np.array([row["x_m"], row["y_m"]]),
-        polygon=None if row["polygon"] is None else shapely.from_wkb(row["polygon"]),
-    )
+    polygon = None if row["polygon"] is None else shapely.from_wkb(row["polygon"])
+    return ReferenceObject(**{**row, **enums, "centroid_m": np.array(row["centroid_m"]), "polygon": polygon})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -28,14 +28,13 @@ from bench.harness.manifest import (
     Aspect,
     CodeOfRun,
     DatasetOfRun,
-    Difference,
     Manifest,
+    MethodOfRun,
     differences,
     write_manifest,
 )
-from bench.harness.method_of_run import MethodOfRun
 from bench.harness.references import evict_cache
-from bench.harness.stages import Progress, Provenance, add_up, largest_resident_mb, provenance_since
+from bench.harness.stages import Progress, Provenance, largest_resident_mb, provenance_since
 from bench.harness.stored import RESULT_FILES, SUMMARY, SUMS, StoredRun, failed_images, write_run
 from bench.harness.tasks import (
     Code,
@@ -177,8 +176,8 @@ class ScoredPart:
     @property
     def failures(self) -> list[str]:
         """One line for each recording and task that could not be used."""
-        failed = [outcome.failure for outcome in self.tasks.values() if outcome.failure]
-        return [recording.failure for recording in self.recordings if recording.failure is not None] + failed
+        told = [recording.failure for recording in self.recordings] + [task.failure for task in self.tasks.values()]
+        return [failure for failure in told if failure]
 
     def provenance(self, *, images: int) -> Provenance:
         """How the results came about.
@@ -186,10 +185,8 @@ class ScoredPart:
         Args:
             images: that were scored.
         """
-        opening = {"open": sum(recording.seconds for recording in self.recordings)}
         return provenance_since(
             self.start_s,
-            stage_seconds=add_up([opening, *(outcome.seconds for outcome in self.tasks.values())]),
             images=images,
             images_asked=sum(outcome.asked for outcome in self.tasks.values()),
             workers=self.workers,
@@ -214,7 +211,7 @@ def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: P
         if part.count == 1:  # nobody else writes here
             _remove_half_written(request.folder)
         code = code_here(request.method)
-        recordings = _plan(request, code, handles, executor, progress)
+        recordings = _plan(request, handles, executor, progress)
         manifest = _manifest(request, method, recordings)
         _begin(request, manifest)
         tasks = [task for recording in recordings for task in recording.tasks]
@@ -235,17 +232,13 @@ def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: P
 
 
 def _plan(
-    request: RunRequest,
-    code: Code,
-    handles: Sequence[RecordingHandle],
-    executor: TaskExecutor,
-    progress: Progress | None,
+    request: RunRequest, handles: Sequence[RecordingHandle], executor: TaskExecutor, progress: Progress | None
 ) -> list[PlannedRecording]:
     """The recordings in the order of the data set."""
     if progress is not None:
         progress(0, 0)
     planned: dict[str, PlannedRecording] = {}
-    with closing(executor.compute(partial(plan_recording, request, code), handles)) as results:
+    with closing(executor.compute(partial(plan_recording, request.method), handles)) as results:
         for handle, recording in results:
             if isinstance(recording, FailedTask):
                 failure = f"recording {handle.name!r}: it could not be opened: {recording.reason}"
@@ -307,28 +300,27 @@ def _begin(request: RunRequest, manifest: AnswersManifest) -> None:
     """
     file = request.folder / ANSWERS_MANIFEST
     there = _read(AnswersManifest, file, overwrite=request.overwrite)
-    other = () if there is None else [d for d in differences(there, manifest) if d.decides]
-    if other:
-        _refuse(request.folder, other, overwrite=request.overwrite)
-    if there is None or not manifest.method.is_identified or any(d.aspect is not Aspect.DATA for d in other):
-        _remove_answers(request.folder)
-    elif other:
+    others = _refused(there, manifest, request, folder=request.folder)
+    if there is None or not manifest.method.is_identified or others - {Aspect.DATA}:
+        _remove(request.folder / ANSWERS)
+        for results in request.folder.glob(f"*/{MANIFEST}"):
+            _remove_results(results.parent)
+    elif others:
         was, now = there.dataset.recordings, manifest.dataset.recordings
-        _remove_recordings(request.folder, [name for name in was if was[name] != now.get(name)])
+        for name in (name for name in was if was[name] != now.get(name)):
+            for place in (ANSWERS, f"*/{ANSWERS}", f"*/{COUNTS}"):
+                _remove(*request.folder.glob(f"{place}/{safe_name(name)}"))
     write_manifest(file, manifest)
     for results, protocol in request.results.items():
         mine = manifest.by(protocol)
         stored = _read(Manifest, results / MANIFEST, overwrite=request.overwrite)
-        other = () if stored is None else [d for d in differences(stored, mine) if d.decides and d.aspect in _OF_COUNTS]
-        if other:
-            _refuse(results, other, overwrite=request.overwrite)
-        if stored is None or other:
+        if stored is None or _refused(stored, mine, request, folder=results, of=_OF_COUNTS):
             _remove_results(results)
         if not (results / SUMMARY).is_file():
             write_manifest(results / MANIFEST, mine)
 
 
-_OF_COUNTS = {Aspect.PROTOCOL, Aspect.CODE}
+_OF_COUNTS = frozenset({Aspect.PROTOCOL, Aspect.CODE})  # beside what decides the answers, too
 
 
 def _read(model: type[Read], file: Path, *, overwrite: bool) -> Read | None:
@@ -343,10 +335,24 @@ def _read(model: type[Read], file: Path, *, overwrite: bool) -> Read | None:
         raise DataError(error.file, field=error.field, expected=error.expected, got=error.got, hint=REPLACE) from error
 
 
-def _refuse(folder: Path, others: Sequence[Difference], *, overwrite: bool) -> None:
-    if not overwrite:
+def _refused(
+    stored: AnswersManifest | None,
+    asked: AnswersManifest,
+    request: RunRequest,
+    *,
+    folder: Path,
+    of: Set[Aspect] = frozenset(Aspect),
+) -> set[Aspect]:
+    """What decides results and is another in the stored run.
+
+    Raises:
+        DataError: there is such, and `overwrite` is not set.
+    """
+    others = [] if stored is None else [one for one in differences(stored, asked) if one.decides and one.aspect in of]
+    if others and not request.overwrite:
         got = f"another one: {'; '.join(map(str, others))}"
         raise DataError(folder, expected="an empty folder or the run that is asked for", got=got, hint=REPLACE)
+    return {one.aspect for one in others}
 
 
 def refuse_foreign(folder: Path) -> None:
@@ -365,37 +371,21 @@ def refuse_foreign(folder: Path) -> None:
 
 def _remove_half_written(folder: Path) -> None:
     """Remove what a process left that was killed while it wrote."""
-    for file in [entry for entry in folder.rglob(".*") if is_temporary(entry.name) and entry.is_file()]:
-        file.unlink()
-
-
-def _remove_answers(folder: Path) -> None:
-    """Remove the answers of a run, and all that was made of them."""
-    _remove(folder / ANSWERS)
-    for manifest in folder.glob(f"*/{MANIFEST}"):
-        _remove_results(manifest.parent)
-
-
-def _remove_recordings(folder: Path, names: Sequence[str]) -> None:
-    """Remove the answers of some recordings, and their counts."""
-    for name in names:
-        for place in (ANSWERS, f"*/{ANSWERS}", f"*/{COUNTS}"):
-            for found in folder.glob(f"{place}/{safe_name(name)}"):
-                _remove(found)
+    _remove(*(entry for entry in folder.rglob(".*") if is_temporary(entry.name)))
 
 
 def _remove_results(results: Path) -> None:
     """Remove the results by a protocol; what this program did not write stays."""
     for pattern in RESULT_FILES:
-        for found in results.glob(pattern):
-            _remove(found)
+        _remove(*results.glob(pattern))
 
 
-def _remove(place: Path) -> None:
-    if place.is_dir() and not place.is_symlink():
-        shutil.rmtree(place)
-    else:
-        place.unlink(missing_ok=True)
+def _remove(*places: Path) -> None:
+    for place in places:
+        if place.is_dir() and not place.is_symlink():
+            shutil.rmtree(place)
+        else:
+            place.unlink(missing_ok=True)
 
 
 def _write_results(results: Path, protocol: Protocol, request: RunRequest, scored: ScoredPart) -> StoredRun:

@@ -1,56 +1,33 @@
-"""Work that goes on, and how a result was made: seconds by stage, how far it is, when, how long, how much memory."""
+"""Work that goes on, and how a result was made: how far it is, when, how long, how much memory."""
 
 from __future__ import annotations
 
 import platform
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from time import perf_counter
-from typing import TypeVar
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
-Number = TypeVar("Number", int, float)
+Progress = Callable[[float, int], None]
 
 
 class StageClock:
-    """Adds up seconds per named stage; time of a stage within another counts once, for the inner one.
+    """Of no use any more; audits still make one."""
 
-    Args:
-        now: tells seconds.
-    """
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
 
-    def __init__(self, now: Callable[[], float] = perf_counter) -> None:
-        self._now = now
-        self.seconds: defaultdict[str, float] = defaultdict(float)
-        self._within: list[float] = []  # seconds of inner stages, for each stage that is open
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time the block as part of a stage."""
-        start = self._now()
-        self._within.append(0.0)
-        try:
-            yield
-        finally:
-            whole = self._now() - start
-            self.seconds[name] += whole - self._within.pop()
-            if self._within:
-                self._within[-1] += whole
+    def stage(self, name: str) -> AbstractContextManager[None]:  # noqa: ARG002
+        """Time nothing."""
+        return nullcontext()
 
 
-def add_up(counted: Iterable[Mapping[str, Number]]) -> dict[str, Number]:
-    """Add up by name, for example the seconds of several clocks."""
-    total: Counter[str] = Counter()
-    for one in counted:
-        total.update(one)
-    return dict(sorted(total.items()))
-
-
-Progress = Callable[[float, int], None]
+def add_up(counted: Iterable[Mapping[str, float]]) -> dict[str, float]:  # noqa: ARG001
+    """Nothing."""
+    return {}
 
 
 def no_progress(_done: float, _total: int) -> None:
@@ -76,7 +53,7 @@ class Provenance(BaseModel):
     Attributes:
         started_utc: ISO 8601.
         seconds: wall time.
-        stage_seconds: time of each stage, summed over images; what was stored already took none.
+        stage_seconds: of no use any more; empty.
         images: scored images.
         images_asked: of which the method was asked; the answers of the others were stored.
         workers: processes.
@@ -87,7 +64,7 @@ class Provenance(BaseModel):
 
     started_utc: str
     seconds: float
-    stage_seconds: dict[str, float]
+    stage_seconds: dict[str, float] = Field(default_factory=dict, exclude=True)
     images: int
     images_asked: int
     workers: int
@@ -97,8 +74,8 @@ class Provenance(BaseModel):
 def provenance_since(
     start_s: float,
     *,
-    stage_seconds: Mapping[str, float],
     images: int,
+    stage_seconds: object = None,  # noqa: ARG001
     images_asked: int | None = None,
     workers: int = 1,
     peak_memory_mb: float | None = None,
@@ -107,8 +84,8 @@ def provenance_since(
 
     Args:
         start_s: when it began, by `time.perf_counter`, which never goes back.
-        stage_seconds: time of each stage.
         images: that were scored.
+        stage_seconds: of no use any more.
         images_asked: of which the method was asked; None for all.
         workers: processes.
         peak_memory_mb: of the largest process; None for this one.
@@ -117,7 +94,6 @@ def provenance_since(
     return Provenance(
         started_utc=(datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(timespec="seconds"),
         seconds=seconds,
-        stage_seconds={name: round(seconds, 3) for name, seconds in sorted(stage_seconds.items())},
         images=images,
         images_asked=images if images_asked is None else images_asked,
         workers=workers,

@@ -31,7 +31,6 @@ from bench.errors import DataError, UsageError
 from bench.evaluation import (
     FRAMES_SCHEMA,
     OBJECTS_SCHEMA,
-    ObjectMetrics,
     Protocol,
     Summary,
     ThresholdFreeMetrics,
@@ -41,13 +40,13 @@ from bench.evaluation import (
     summary_of,
     threshold_free_metrics,
 )
+from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.definitions import level_metrics
-from bench.evaluation.likelihood import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.rows import IMAGE, ChosenRows, CommonImages, Rows, RowsOnImages, RowSource, read_parts, sort_rows
 from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
-from bench.harness.counts import COUNTS, StoredRows, open_tables
+from bench.harness.counts import COUNTS, open_tables
 from bench.harness.digests import short_digest
-from bench.harness.manifest import MANIFEST, PREDICTIONS_DIGEST, Manifest, read_manifest, write_manifest
+from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_manifest
 from bench.harness.stages import Provenance
 from bench.recordings.openlabel import NOT_REVIEWED
 from bench.recordings.validation import read_json
@@ -67,7 +66,7 @@ REFERENCE_OF_OBJECTS = (
     *("points", "polygon_px", "region_px"),
 )
 REFERENCE_OF_FRAMES = ("recording", "camera", "timestamp_ns", "status", "valid_px", "reference_px", "ignored_px")
-HISTOGRAMS = frozenset({REFERENCE_COLUMN, OUTSIDE_COLUMN})
+HISTOGRAMS = {REFERENCE_COLUMN, OUTSIDE_COLUMN}
 
 
 class RunSummary(Summary):
@@ -100,14 +99,14 @@ def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Tab
 
     Args:
         run: folder of the run, or of its results by a protocol.
-        histograms: whether to read those over the likelihood, which take ten times the rest of a frame's row; they
-            are null otherwise.
+        histograms: with those over the likelihood, which take ten times the rest of a frame's row.
 
     Raises:
         DataError: missing or damaged.
     """
     objects, frames = open_tables(results_folder(run))
-    return objects.table(), frames.table(unread=frozenset() if histograms else HISTOGRAMS)
+    names = [name for name in FRAMES_SCHEMA.names if histograms or name not in HISTOGRAMS]
+    return objects.table(OBJECTS_SCHEMA.names), frames.table(names)
 
 
 def failed_images(frames: RowSource) -> list[str]:
@@ -184,53 +183,31 @@ class StoredRun:
         return self.summary if self._is_whole else summary_of(self.sums, protocol=self.protocol)
 
     @property
-    def table_files(self) -> tuple[StoredRows, StoredRows]:
-        """All objects and all frames, on disk."""
-        return open_tables(self.folder)
-
-    def answer(self, recording: str, camera: str, timestamp_ns: int) -> Answer | None:
-        """What was answered of an image; None where the run knows no such image.
-
-        Raises:
-            DataError: the answers are damaged.
-        """
-        return find_answer(self.folder, recording, camera, timestamp_ns)
-
-    @property
     def answers(self) -> Path:
-        """Folder of the answers."""
-        return answers_folder(self.folder)
-
-    @property
-    def commit(self) -> str | None:
-        """Commit of the method's code, "+" behind it where files were changed; None where it is unknown, and of
-        predictions from disk."""
-        method = self.manifest.method
-        if PREDICTIONS_DIGEST in method.settings:
-            return None
-        return self.manifest.code.commit if method.is_own else method.commit
+        """Folder of the answers: those of an oracle lie beside the results, those of a method above."""
+        own = self.folder / ANSWERS
+        return own if own.is_dir() else self.folder.parent / ANSWERS
 
     @property
     def _is_whole(self) -> bool:
         return self.category is None and self.images is None
 
 
-def answers_folder(results: Path) -> Path:
-    """Folder of the answers that results are of: those of an oracle lie beside them, those of a method above."""
-    own = results / ANSWERS
-    return own if own.is_dir() else results.parent / ANSWERS
+def find_answer(answers: Path, recording: str, camera: str, timestamp_ns: int) -> Answer | None:
+    """What was answered of an image; None where there is no such image.
 
-
-def find_answer(results: Path, recording: str, camera: str, timestamp_ns: int) -> Answer | None:
-    """What was answered of an image; None where the run knows no such image.
+    Args:
+        answers: folder of a run's answers.
+        recording: name.
+        camera: name.
+        timestamp_ns: of the image.
 
     Raises:
         DataError: the answers are damaged.
     """
-    folder = answers_folder(results) / safe_name(recording)
-    for file in sorted(folder.glob(f"{safe_name(camera)}-{'[0-9]' * 8}.parquet")):
-        if found := read_answers(file, timestamp_ns=timestamp_ns):
-            return found[0]
+    for file in sorted((answers / safe_name(recording)).glob(f"{safe_name(camera)}-{'[0-9]' * 8}.parquet")):
+        if rows := read_answers(file, timestamp_ns=timestamp_ns):
+            return rows[0]
     return None
 
 
@@ -350,18 +327,10 @@ def _read_protocol(folder: Path, manifest: Manifest, summary: RunSummary) -> Pro
         expected = f"the protocol of {MANIFEST}, with digest {short_digest(manifest.protocol.digest)}"
         got = f"{protocol.name!r} with digest {short_digest(protocol.digest)}"
         raise DataError(file, expected=expected, got=got)
-    rows = {str(category) for category in protocol.reference.categories}
-    metrics = {
-        *ObjectMetrics.model_fields,
-        *(metric.name for metric in level_metrics(protocol.scoring.detection_levels)),
-    }
-    if rows != summary.categories.keys():
-        got = ", ".join(summary.categories)
-        raise DataError(folder / SUMMARY, field="categories", expected=", ".join(sorted(rows)), got=got)
-    for name, row in (*summary.categories.items(), ("all_moving", summary.all_moving)):
-        if missing := sorted(metrics - set(row.metric_names()) - {"object_frames", "tracks", "recordings"}):
-            got = f"no {missing[0]}"
-            raise DataError(folder / SUMMARY, field=name, expected="the metrics of its protocol", got=got)
+    levels = {metric.name for metric in level_metrics(protocol.scoring.detection_levels)}
+    if missing := sorted(levels - {*summary.all_moving.metric_names()}):
+        expected, got = "the metrics of its protocol", f"no {missing[0]}"
+        raise DataError(folder / SUMMARY, field="all_moving", expected=expected, got=got, hint="run again")
     return protocol
 
 

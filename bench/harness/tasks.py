@@ -13,8 +13,19 @@ from time import perf_counter
 from bench.errors import BenchError, DataError, OutputError
 from bench.evaluation import Protocol
 from bench.flow import memoise_flow
-from bench.harness.answers import ANSWERS, FAILED, SKIPPED, Answer, Key, read_answers, safe_name, write_answers
-from bench.harness.counts import count_answers, counts_folder, is_counted, remove_counts, told
+from bench.harness.answers import (
+    ANSWERS,
+    FAILED,
+    SKIPPED,
+    Answer,
+    answer_row,
+    answers_agree,
+    no_answer,
+    read_answers,
+    safe_name,
+    write_answers,
+)
+from bench.harness.counts import count_answers, counts_folder, is_counted, remove_counts, write_counts
 from bench.harness.digests import (
     ANSWER_CODE,
     COUNT_CODE,
@@ -25,9 +36,9 @@ from bench.harness.digests import (
 )
 from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
-from bench.harness.method_of_run import method_digest
-from bench.harness.references import StoredReference, find_references
-from bench.harness.stages import StageClock, largest_resident_mb
+from bench.harness.manifest import method_digest
+from bench.harness.references import StoredReference, find_references, reference_of, told
+from bench.harness.stages import largest_resident_mb
 from bench.methods import Scorable
 from bench.recordings import (
     NO_INPUT_ERRORS,
@@ -73,14 +84,6 @@ class Task:
         """Name of its files."""
         return f"{safe_name(self.camera)}-{self.start:08d}"
 
-    def answers(self, folder: Path) -> Path:
-        """File of its answers.
-
-        Args:
-            folder: that holds `answers`.
-        """
-        return folder / ANSWERS / safe_name(self.handle.name) / f"{self.name}.parquet"
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunRequest:
@@ -117,9 +120,10 @@ class RunRequest:
         """The recordings to be scored, with the input errors."""
         return [replace(handle, input_errors=self.input_errors) for handle in open_dataset(self.card, self.split)]
 
-    def answers_folder(self, results: Path) -> Path:
-        """Folder that holds the answers that are scored by a protocol; those of an oracle depend on it."""
-        return results if is_oracle(self.method) else self.folder
+    def answers(self, results: Path, task: Task) -> Path:
+        """File of the answers of a task that are scored by a protocol; those of an oracle depend on it."""
+        folder = results if is_oracle(self.method) else self.folder
+        return folder / ANSWERS / safe_name(task.handle.name) / f"{task.name}.parquet"
 
 
 Code = Mapping[str, str]
@@ -144,16 +148,14 @@ class PlannedRecording:
         digest: of its content; None where it does not open.
         vehicle_outline_m: the ego vehicle from above, vehicle frame.
         reviewed: False where objects were proposed and nobody has looked at them.
-        failure: why it cannot be used; None where it can.
-        seconds: that opening took.
+        failure: why it cannot be used; "" where it can.
     """
 
     name: str
     tasks: tuple[Task, ...] = ()
     digest: str | None = None
     vehicle_outline_m: tuple[tuple[float, float], ...] = ()
-    failure: str | None = None
-    seconds: float = 0.0
+    failure: str = ""
     reviewed: bool = True
 
 
@@ -164,37 +166,27 @@ class Outcome:
     Attributes:
         failure: why there are none; "" where there are.
         asked: images of which the method was asked.
-        seconds: by stage.
         peak_memory_mb: of the process so far.
     """
 
     failure: str = ""
     asked: int = 0
-    seconds: Mapping[str, float] = field(default_factory=dict)
     peak_memory_mb: float = 0.0
 
 
-def plan_recording(request: RunRequest, code: Code, handle: RecordingHandle) -> PlannedRecording:
-    """Open a recording, take its digest and list its tasks; what is wrong with it is returned, not raised.
-
-    Raises:
-        DataError: this process has other code than the run began with.
-    """
-    _refuse_other_code(request.method, code)
-    began = perf_counter()
+def plan_recording(method: Scorable, handle: RecordingHandle) -> PlannedRecording:
+    """Open a recording, take its digest and list its tasks; what is wrong with it is returned, not raised."""
     try:
         recording = handle.open()
         digests = digest_recording(recording)
-        _hold(handle, digests, recording)
     except BenchError as error:
-        failure = f"recording {handle.name!r}: {error}"
-        return PlannedRecording(name=handle.name, failure=failure, seconds=perf_counter() - began)
+        return PlannedRecording(name=handle.name, failure=f"recording {handle.name!r}: {error}")
+    _hold(handle, digests, recording)
     return PlannedRecording(
         name=handle.name,
-        tasks=tuple(cut_tasks(handle, recording, digests, request.method)),
+        tasks=tuple(cut_tasks(handle, recording, digests, method)),
         digest=digests.whole,
         vehicle_outline_m=tuple((float(x), float(y)) for x, y in recording.vehicle_outline_m),
-        seconds=perf_counter() - began,
         reviewed=all(track.reviewed for track in recording.tracks),
     )
 
@@ -223,72 +215,47 @@ def process_task(request: RunRequest, code: Code, task: Task) -> Outcome:
         DataError: this process has other code than the run began with.
     """
     _refuse_other_code(request.method, code)
-    clock = StageClock()
     failure, asked = "", 0
     try:
         with memoise_flow(request.flow_cache):
-            asked = _process(request, task, clock)
+            asked = _process(request, task)
     except OutputError:
         raise
     except BenchError as error:
         failure = f"recording {task.handle.name!r}, camera {task.camera!r}: {error}"
     except MemoryError:
         failure = f"{task}: the memory that the process may use was not enough"
-    return Outcome(failure=failure, asked=asked, seconds=dict(clock.seconds), peak_memory_mb=largest_resident_mb())
+    return Outcome(failure=failure, asked=asked, peak_memory_mb=largest_resident_mb())
 
 
-def _process(request: RunRequest, task: Task, clock: StageClock) -> int:
-    """Ask, find the reference and count, each where its file is missing; return how many images were asked of."""
-    due = [
-        results
-        for results in request.results
+def _process(request: RunRequest, task: Task) -> int:
+    """Find the references, ask and count, each where its file is missing; return how many images were asked of."""
+    due = {
+        results: protocol
+        for results, protocol in request.results.items()
         if not is_counted(counts_folder(results, task.handle.name), task.name)
-        or not task.answers(request.answers_folder(results)).is_file()
-    ]
+        or not request.answers(results, task).is_file()
+    }
     if not due:
         return 0
-    with clock.stage("open"):
-        recording = _open(task.handle, task.digests)
-    images, protocols = (
-        recording.images[task.camera][task.start : task.stop],
-        [request.results[results] for results in due],
-    )
-    references = find_references(
-        recording,
-        images,
-        settings=[protocol.reference_settings() for protocol in protocols],
-        digest=task.digests.reference,
-        clock=clock,
-    )
-    answers: dict[Path, list[Answer]] = {}
+    recording = _open(task.handle, task.digests)
+    images = recording.images[task.camera][task.start : task.stop]
+    settings = [protocol.reference_settings() for protocol in due.values()]
+    found = find_references(recording, images, settings=settings, digest=task.digests.reference)
     asked = 0
-    for results, reference in zip(due, references, strict=True):
-        folder = request.answers_folder(results)
-        file = task.answers(folder)
-        if folder not in answers:
-            if file.is_file():
-                answers[folder] = read_answers(file)
-            else:
-                asked += task.images
-                answers[folder] = ask(recording, task, request.method, reference, clock)
-                with clock.stage("store"):
-                    write_answers(file, answers[folder])
-    counted = count_answers(
-        recording,
-        images,
-        answers=[answers[request.answers_folder(results)] for results in due],
-        references=references,
-        protocols=protocols,
-        clock=clock,
-    )
-    with clock.stage("store"):
-        for results, counts in zip(due, counted, strict=True):
-            counts.write(counts_folder(results, task.handle.name), task.name)
+    for (results, protocol), reference in zip(due.items(), found, strict=True):
+        file = request.answers(results, task)
+        if not file.is_file():
+            asked += task.images
+            write_answers(file, ask(recording, task, request.method, reference))
+        scorer = count_answers(recording, images, said=read_answers(file), reference=reference, protocol=protocol)
+        objects, frames = scorer.finish()
+        write_counts(counts_folder(results, task.handle.name), task.name, objects, frames, scorer.image_map())
     return asked
 
 
 def ask(
-    recording: Recording, task: Task, method: Scorable, references: Sequence[StoredReference | None], clock: StageClock
+    recording: Recording, task: Task, method: Scorable, reference: Sequence[StoredReference | None]
 ) -> list[Answer]:
     """Ask a method, or an oracle, for each image of a task; an image without an answer says why.
 
@@ -296,29 +263,26 @@ def ask(
         recording: the drive.
         task: which images.
         method: to be asked.
-        references: of the images, for oracles; None for others.
-        clock: adds up the time of each stage.
+        reference: of the images, for oracles; None for others.
     """
-    pipeline = FramePipeline(recording, task.camera, method=method, clock=clock)
-    answers = []
-    for index, reference in zip(range(task.start, task.stop), references, strict=True):
+    pipeline = FramePipeline(recording, task.camera, method=method)
+    answers: list[Answer] = []
+    for index, row in zip(range(task.start, task.stop), reference, strict=True):
         image = pipeline.images[index]
-        key = Key(recording.name, task.camera, image.timestamp_ns)
-        before = clock.seconds["method"]
+        key = {"recording": recording.name, "camera": task.camera, "timestamp_ns": image.timestamp_ns}
         try:
             given = pipeline.method_input(index)
+            began = perf_counter()
             if is_oracle(method):
-                assert reference is not None, "an oracle answers with the reference"
-                with clock.stage("method"):
-                    segmentation = method.answer(recording, image, reference.frame(recording.name))
+                assert row is not None, "an oracle answers with the reference"
+                said = method.answer(recording, image, reference_of(row, recording.name))
             else:
-                segmentation = pipeline.ask(given)
+                said = pipeline.ask(given)
+            answers.append(answer_row(key, said, seconds=perf_counter() - began))
         except UnscorableFrame as reason:
-            answers.append(Answer.none(key, SKIPPED, told(reason, recording)))
+            answers.append(no_answer(key, SKIPPED, told(reason, recording)))
         except BenchError as error:
-            answers.append(Answer.none(key, FAILED, told(error, recording)))
-        else:
-            answers.append(Answer.of(key, segmentation, seconds=clock.seconds["method"] - before))
+            answers.append(no_answer(key, FAILED, told(error, recording)))
     return answers
 
 
@@ -331,25 +295,24 @@ def ask_again(request: RunRequest, code: Code, task: Task) -> Outcome:
     Raises:
         OutputError: a result cannot be stored.
     """
-    file = task.answers(request.folder)
+    file = request.answers(request.folder, task)
     try:
         recording, (first, *others) = _open(task.handle, task.digests), read_answers(file)
     except BenchError as error:
         return Outcome(failure=f"{task}: {error}")
     with memoise_flow(request.flow_cache):
-        (again,) = ask(recording, replace(task, stop=task.start + 1), request.method, [None], StageClock())
-    if again.agrees_with(first):
+        (again,) = ask(recording, replace(task, stop=task.start + 1), request.method, [None])
+    if answers_agree(first, again):
         return Outcome()
-    key = Key(recording.name, task.camera, recording.images[task.camera][task.start].timestamp_ns)
-    where = f"method {request.method.name!r}, recording {key.recording!r}, camera {key.camera!r}"
+    key = {name: first[name] for name in ("recording", "camera", "timestamp_ns")}
     problem = (
-        f"{where}, image at {key.timestamp_ns} ns: expected the same answer when asked again at the end, got another; "
-        f"what is noted in a module or class, and random numbers without a seed of their own, make scores depend on "
-        f"--workers"
+        f"method {request.method.name!r}, recording {recording.name!r}, camera {task.camera!r}, image at "
+        f"{key['timestamp_ns']} ns: expected the same answer when asked again at the end, got another; what is noted "
+        f"in a module or class, and random numbers without a seed of their own, make scores depend on --workers"
     )
     for results in request.results:
         remove_counts(counts_folder(results, task.handle.name), task.name)
-    write_answers(file, [Answer.none(key, FAILED, problem), *others])
+    write_answers(file, [no_answer(key, FAILED, problem), *others])
     return process_task(request, code, task)
 
 
@@ -370,16 +333,11 @@ _held: dict[object, Recording] = {}  # the last one that was opened; tasks of a 
 
 
 def _open(handle: RecordingHandle, digests: RecordingDigests) -> Recording:
-    key = _key(handle, digests)
-    if key not in _held:
+    if (handle.name, digests, handle.input_errors) not in _held:
         _hold(handle, digests, handle.open())
-    return _held[key]
+    return _held[handle.name, digests, handle.input_errors]
 
 
 def _hold(handle: RecordingHandle, digests: RecordingDigests, recording: Recording) -> None:
     _held.clear()
-    _held[_key(handle, digests)] = recording
-
-
-def _key(handle: RecordingHandle, digests: RecordingDigests) -> object:
-    return handle.name, digests, handle.input_errors
+    _held[handle.name, digests, handle.input_errors] = recording

@@ -16,25 +16,53 @@ import pandas as pd
 
 from bench.atomic import write_text
 from bench.errors import OutputError
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, known_protocols, load_protocol
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, RowSource, known_protocols, load_protocol
 from bench.evaluation.comparison import SIDES
 from bench.evaluation.rows import IMAGE, OBJECT, merge_rows
 from bench.evaluation.sums import KEY, TERMS
 from bench.execution import TaskExecutor
-from bench.harness.counts import StoredRows
+from bench.harness.answers import is_answered, segmentation_of
 from bench.harness.digests import digest_file
 from bench.harness.manifest import MANIFEST, Aspect, differences
 from bench.harness.references import cache_folder
-from bench.harness.replay import StoredAnswers
 from bench.harness.run import run_benchmark
 from bench.harness.stages import Progress
-from bench.harness.stored import SUMMARY, SUMS, StoredRun, read_run
+from bench.harness.stored import SUMMARY, SUMS, StoredRun, find_answer, read_run
 from bench.harness.tasks import RunRequest
+from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
 from bench.recordings import DatasetCard
 
 CHECKED = {Aspect.DATASET, Aspect.SPLIT, Aspect.PROTOCOL, Aspect.DATA, Aspect.REFERENCE}
 UNCHECKED = {"provenance", "failures"}  # of a summary
 RELATIVE = 1e-9  # of what is no count: another processor may tip the last bit
+
+
+class StoredAnswers(Method):
+    """Answers as a run did, in place of the method that made the answers; it reads no images.
+
+    Args:
+        answers: folder of the run's answers.
+        history: images that the run's method needs before one.
+    """
+
+    name = "stored-answers"
+    reads_images = False
+
+    def __init__(self, answers: str, history: int) -> None:
+        self.answers, self.history = answers, history
+
+    def segment(self, frame: MethodInput) -> Segmentation:
+        """The answer of the current image.
+
+        Raises:
+            UnansweredImage: the run has none, and says why.
+            DataError: the run's answers are damaged.
+        """
+        answer = find_answer(Path(self.answers), frame.recording, frame.camera_name, frame.timestamps_ns[-1])
+        if answer is None or not is_answered(answer):
+            tuple(frame.images)  # one that cannot be read fails here, as it did in the run
+            raise UnansweredImage("the run holds no answer, though the data allow to score the image")
+        return segmentation_of(answer)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +96,7 @@ def verify_run(
     with TemporaryDirectory(prefix="fisheye-bench-") as folder:
         request = RunRequest(
             card=card,
-            method=StoredAnswers.of(stored),
+            method=StoredAnswers(str(stored.answers.absolute()), stored.manifest.method.history),
             folder=Path(folder) / "recount",
             protocols=[stored.protocol],
             split=stored.manifest.dataset.split,
@@ -76,8 +104,8 @@ def verify_run(
         (again,) = run_benchmark(request, executor=executor, progress=progress)
         found = (
             *_of_manifest(stored, again),
-            *_of_tables("objects", stored.table_files[0], again.table_files[0], OBJECT, OBJECTS_SCHEMA.names),
-            *_of_tables("frames", stored.table_files[1], again.table_files[1], IMAGE, FRAMES_SCHEMA.names),
+            *_of_tables("objects", stored.objects, again.objects, OBJECT, OBJECTS_SCHEMA.names),
+            *_of_tables("frames", stored.frames, again.frames, IMAGE, FRAMES_SCHEMA.names),
             *_of_rows(SUMS, stored.sums, again.sums, key=KEY, columns=TERMS),
             *_of_summary(stored, again),
         )
@@ -120,7 +148,7 @@ def _of_manifest(run: StoredRun, again: StoredRun) -> Iterator[str]:
 
 
 def _of_tables(
-    name: str, stored: StoredRows, counted: StoredRows, key: Sequence[str], columns: Sequence[str]
+    name: str, stored: RowSource, counted: RowSource, key: Sequence[str], columns: Sequence[str]
 ) -> Iterator[str]:
     for recording in sorted(stored.recordings().keys() | counted.recordings().keys()):
         sides = [rows.read([recording], columns) for rows in (stored, counted)]

@@ -1,4 +1,4 @@
-"""Point-cloud files: .npz (ours) and .bin (KITTI) here, .pcd, .ply, .las and .laz by their own modules.
+"""Point-cloud files: .npz (ours) and .bin (KITTI) here, .pcd, .las and .laz by their own modules.
 
 Every reader gives named arrays: `points_lidar` (N, 3) and what else the file has, by the file's own names.
 """
@@ -19,14 +19,12 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from bench.errors import DataError, UnknownNameError
-from bench.lidar.cloud_files import read_cloud
+from bench.lidar.cloud_files import read_pcd
 from bench.lidar.fields import FARTHEST_TIME_NS, sweep_of
 from bench.lidar.laz_files import read_laz
 from bench.lidar.sweep import LARGEST_BYTES, Arrays, LidarSweep
 
-BIN_COLUMNS = 4  # x, y, z, intensity
-LEAST_BIN_VALUES = 400  # from which on the numbers show their columns
-BIN_TOLERANCE, SMALLEST_SPREAD = 0.3, 1e-3
+BIN_COLUMNS = ("x", "y", "z", "intensity")
 BIN_HINT = "name the columns in the card's option bin_columns, for example [x, y, z, intensity, ring]"
 UNREADABLE = (
     *(OSError, ValueError, EOFError, KeyError, AttributeError, TypeError, MemoryError),
@@ -103,53 +101,29 @@ def _array(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDAr
 
 
 def read_bin(path: Path, columns: Sequence[str] | None = None) -> Arrays:
-    """Read float32 rows of x, y, z and, as KITTI has it, intensity.
+    """Read rows of little-endian float32.
 
     Args:
         path: the file.
-        columns: names of the columns, x, y and z among them; None for as many as the numbers themselves show: the
-            fourth is then taken for the intensity, and further ones are called by their number.
+        columns: names of the columns, x, y and z among them; None for x, y, z, intensity, as KITTI has them.
 
     Raises:
         DataError: empty, or not whole rows.
     """
-    size = path.stat().st_size
-    values = np.fromfile(path, dtype="<f4")
-    count = (bin_columns(values) or BIN_COLUMNS) if columns is None else len(columns)
-    if not size or size % (4 * count):
+    names, size = columns or BIN_COLUMNS, path.stat().st_size
+    if not size or size % (4 * len(names)):
         got = f"{size} bytes; the file may be cut short, or have another number of columns"
-        raise DataError(path, expected=f"rows of {count} float32 ({4 * count} bytes)", got=got, hint=BIN_HINT)
-    names = columns or [*"xyz", "intensity", *(f"column {i + 1}" for i in range(BIN_COLUMNS, count))][:count]
-    rows = values.reshape(-1, count)
-    table = {name: rows[:, i] for i, name in enumerate(names)}
-    return {"points_lidar": np.stack([table.pop(axis) for axis in "xyz"], axis=1)} | {
-        name: column.copy() for name, column in table.items()
-    }
-
-
-def bin_columns(values: NDArray[np.float32]) -> int | None:
-    """How many columns rows of numbers have, 3 to 8; None where that cannot be told.
-
-    By the right number, each column is of one kind: their spreads, as logarithms, have the lowest mean. Twice
-    the number is as good, so the smallest counts.
-    """
-    if len(values) < LEAST_BIN_VALUES or not np.isfinite(values).all():
-        return None
-    mean_logs = {}
-    for count in range(3, 9):
-        if len(values) % count == 0:
-            low, high = np.percentile(values.reshape(-1, count), (10, 90), axis=0)
-            mean_logs[count] = float(np.log(high - low + SMALLEST_SPREAD).mean())
-    best = min(mean_logs.values(), default=0.0)
-    likely = [count for count, mean_log in mean_logs.items() if mean_log < best + BIN_TOLERANCE]
-    return None if not likely or BIN_COLUMNS in likely else likely[0]
+        expected = f"rows of {len(names)} float32 ({4 * len(names)} bytes)"
+        raise DataError(path, expected=expected, got=got, hint=BIN_HINT)
+    table = dict(zip(names, np.fromfile(path, dtype="<f4").reshape(-1, len(names)).T, strict=True))
+    points = np.stack([table.pop(axis) for axis in "xyz"], axis=1)
+    return {"points_lidar": points} | {name: column.copy() for name, column in table.items()}
 
 
 FORMATS: Mapping[str, Callable[[Path], Arrays]] = {
     ".npz": read_npz,
     ".bin": read_bin,
-    ".pcd": read_cloud,
-    ".ply": read_cloud,
+    ".pcd": read_pcd,
     ".las": read_laz,
     ".laz": read_laz,
 }
@@ -160,7 +134,7 @@ def read_points(path: Path, *, bin_columns: Sequence[str] | None = None) -> Arra
 
     Args:
         path: the file.
-        bin_columns: names of the columns of .bin; None for what the numbers show.
+        bin_columns: names of the columns of .bin; None for x, y, z, intensity.
 
     Returns:
         points_lidar: (N, 3) float32 or float64, m; NaN or infinity where a return has no position.
@@ -204,7 +178,7 @@ def read_sweep(path: Path, timestamp_ns: int, *, bin_columns: Sequence[str] | No
     Args:
         path: the file.
         timestamp_ns: the sweep's reference time.
-        bin_columns: names of the columns of .bin; None for what the numbers show.
+        bin_columns: names of the columns of .bin; None for x, y, z, intensity.
 
     Raises:
         DataError: as `read_points`, or points a second or more away from the sweep's time.

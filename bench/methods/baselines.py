@@ -16,9 +16,9 @@ from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.flow import dense_flow
 from bench.geometry import angle_between
-from bench.methods.cells import cell_flow, flow_parts, flow_rays
 from bench.methods.contract import Method, MethodInput
 from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD
+from bench.methods.two_views import cell_flow, flow_parts, flow_rays
 from bench.records.segmentation import Segmentation
 
 GREY_LEVELS = 255

@@ -10,10 +10,11 @@ from dataclasses import asdict, dataclass, is_dataclass
 from functools import partial
 from math import isfinite
 from pathlib import Path, PurePath
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
 
 from bench.cameras import CameraModel, RollingShutter
 from bench.errors import BenchError, DataError, UsageError
@@ -73,7 +74,7 @@ class Scorable:
             again only as long as settings, code and the content of these files are the same.
     """
 
-    name: str
+    name: str = ""
     history: int = 1
     longest_history: int = 1
     colour: bool = False
@@ -124,21 +125,28 @@ class Method(Scorable, ABC):
         """Segment the current image into moving and static cells."""
 
 
-_KINDS: dict[str, tuple[str, Callable[[Any], bool]]] = {
-    "name": ("some text", lambda value: isinstance(value, str) and bool(value.strip())),
-    "history": ("a whole number of images", lambda value: type(value) is int and value >= 0),
-    "longest_history": ("a whole number of images", lambda value: type(value) is int and value >= 0),
-    "colour": ("True or False", lambda value: isinstance(value, bool)),
-    "reads_images": ("True or False", lambda value: isinstance(value, bool)),
-    "files": (
-        "a sequence of paths",
-        lambda value: (
-            isinstance(value, Sequence)
-            and not isinstance(value, str | bytes)
-            and all(isinstance(entry, str | Path) for entry in value)
-        ),
-    ),
+_ATTRIBUTES = {
+    "name": Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)],
+    "history": Annotated[int, Field(ge=0)],
+    "longest_history": Annotated[int, Field(ge=0)],
+    "colour": bool,
+    "reads_images": bool,
+    "files": Sequence[str | Path],
 }
+
+
+def unlike(kind: Any, value: object, *, strict: bool = False) -> str | None:
+    """What was expected of a value of a type, as pydantic understands types; None where the value is of it."""
+    try:
+        TypeAdapter(kind).validate_python(value, strict=strict)
+    except ValidationError as error:
+        return (
+            error.errors()[0]["msg"]
+            .removeprefix("Input should be ")
+            .replace("String should", "text to")
+            .partition(",")[0]
+        )
+    return None
 
 
 def refuse_unfit(method: Scorable) -> None:
@@ -147,19 +155,17 @@ def refuse_unfit(method: Scorable) -> None:
     Raises:
         UsageError: names the class and the attribute.
     """
-    for name, (expected, fits) in _KINDS.items():
+    for name, kind in _ATTRIBUTES.items():
         value = _attribute(method, name, partial(getattr, method, name))
-        if not fits(value):
-            raise UsageError(f"method {_called(method)}: {name}: expected {expected}, got {_shown(value)}")
+        if expected := unlike(kind, value, strict=True):
+            raise UsageError(f"method {_called(method)}: {name}: expected {expected}, got {value!r}")
     settings = _attribute(method, "settings()", method.settings)
     if not isinstance(settings, Mapping):
-        raise UsageError(
-            f"method {_called(method)}: settings(): expected a dictionary of values by name, got {_shown(settings)}"
-        )
+        raise UsageError(f"method {_called(method)}: settings(): expected a dictionary by name, got {settings!r}")
     for place, value in _unstorable("", settings):
         raise UsageError(
             f"method {_called(method)}: settings(): {place}: expected finite numbers, text, None, and lists and "
-            f"dictionaries of them, got {_shown(value)} of {type(value)}; convert it, for example by float()"
+            f"dictionaries of them, got {value!r} of {type(value)}; convert it, for example by float()"
         )
 
 
@@ -173,14 +179,7 @@ def _attribute(method: Scorable, name: str, read: Callable[[], Any]) -> Any:
 
 
 def _called(method: Scorable) -> str:
-    return f"{_shown(method.name)} of class {type(method).__name__}"
-
-
-def _shown(value: object) -> str:
-    try:
-        return repr(value)
-    except Exception:  # noqa: BLE001 - of the method's own class
-        return f"a {type(value).__name__}"
+    return f"{method.name!r} of class {type(method).__name__}"
 
 
 def _unstorable(place: str, value: object) -> Iterator[tuple[str, object]]:
@@ -190,7 +189,7 @@ def _unstorable(place: str, value: object) -> Iterator[tuple[str, object]]:
             if type(name) is str:
                 yield from _unstorable(f"{place}.{name}".strip("."), inner)
             else:
-                yield f"{place} {_shown(name)}".strip(), name
+                yield f"{place} {name!r}".strip(), name
     elif isinstance(value, list | tuple):
         for number, inner in enumerate(value):
             yield from _unstorable(f"{place}[{number}]", inner)

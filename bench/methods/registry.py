@@ -9,10 +9,8 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from pydantic import TypeAdapter, ValidationError
-
 from bench.errors import BenchError, UnknownNameError, UsageError
-from bench.methods.contract import Method, Scorable, not_derived, refuse_unfit
+from bench.methods.contract import Method, Scorable, not_derived, refuse_unfit, unlike
 from bench.plug_ins import Undisturbed, describe_error, imported, known_targets
 
 Kind = TypeVar("Kind", bound=Scorable)
@@ -21,13 +19,13 @@ ENTRY_POINTS = "fisheye_bench.methods"
 METHODS = {
     "spherical": "bench.methods.spherical.method:SphericalMethod",
     "spherical-guided": "bench.methods.spherical.method:GuidedSphericalMethod",
-    "spherical-sparse": "bench.methods.spherical.sparse:SparseSphericalMethod",
-    "spherical-visual-odometry": "bench.methods.spherical.visual_odometry:VisualOdometryMethod",
+    "spherical-sparse": "bench.methods.spherical.tracks:SparseSphericalMethod",
+    "spherical-visual-odometry": "bench.methods.spherical.tracks:VisualOdometryMethod",
     "epipolar-only": "bench.methods.spherical.method:EpipolarOnly",
     "positive-depth-only": "bench.methods.spherical.method:PositiveDepthOnly",
     "positive-height-only": "bench.methods.spherical.method:PositiveHeightOnly",
     "anti-parallel-only": "bench.methods.spherical.method:AntiParallelOnly",
-    "three-view-only": "bench.methods.spherical.sparse:ThreeViewOnly",
+    "three-view-only": "bench.methods.spherical.tracks:ThreeViewOnly",
     "rigid-scene": "bench.methods.rigid_scene.method:RigidSceneMethod",
     "learned": "bench.methods.learned.method:LearnedMethod",
     "followed": "bench.methods.followed:FollowedMethod",
@@ -127,11 +125,8 @@ def _refuse_values(name: str, kind: type, parameters: Mapping[str, object]) -> N
         return
     for parameter in parameters.keys() & {known for known, hint in hints.items() if _is_plain(hint)}:
         value = parameters[parameter]
-        try:
-            TypeAdapter(hints[parameter]).validate_python(value)
-        except ValidationError as error:
-            expected = error.errors()[0]["msg"].removeprefix("Input should be ").partition(",")[0]
-            raise UsageError(f"{name}: expected {expected} for {parameter}, got {value!r}") from error
+        if expected := unlike(hints[parameter], value):
+            raise UsageError(f"{name}: expected {expected} for {parameter}, got {value!r}")
 
 
 def _is_plain(hint: object) -> bool:

@@ -9,8 +9,6 @@ from typing import Any
 from bench.errors import DataError, UsageError
 from bench.plain_yaml import parse_yaml
 
-MAX_CHARS = 1000  # of one setting
-
 
 def parse_settings(pairs: Sequence[str] | None, *, option: str = "--set") -> dict[str, Any]:
     """Parse assignments; none for None: `weights.anti_parallel=0` becomes `{"weights": {"anti_parallel": 0}}`.
@@ -20,8 +18,6 @@ def parse_settings(pairs: Sequence[str] | None, *, option: str = "--set") -> dic
     """
     flat: dict[str, object] = {}
     for pair in pairs or ():
-        if len(pair) > MAX_CHARS:
-            raise UsageError(f"{option}: expected at most {MAX_CHARS} characters, got {len(pair)}")
         name, equals, text = pair.partition("=")
         if not (equals and name):
             raise UsageError(f"{option}: expected NAME=VALUE, got {pair!r}")

@@ -6,9 +6,8 @@ conventions once, here, so that no other package depends on the data set.
 """
 
 from bench.recordings.annotations import read_annotations
-from bench.recordings.cards import DatasetCard, list_cards, load_card
-from bench.recordings.catalogue import ADAPTERS, chosen_recordings, open_dataset
-from bench.recordings.handles import Exclusion, RecordingHandle
+from bench.recordings.cards import DatasetCard, Exclusion, list_cards, load_card
+from bench.recordings.catalogue import ADAPTERS, RecordingHandle, chosen_recordings, open_dataset
 from bench.recordings.images import read_image, read_truth
 from bench.recordings.native import open_native
 from bench.recordings.writing import RecordingWriter, write_annotations
@@ -19,7 +18,6 @@ from bench.records.recording import (
     NOT_ANNOTATED,
     Annotated,
     Cuboid,
-    FrameGap,
     GroundPolygon,
     ImageRef,
     InputErrors,
@@ -45,7 +43,6 @@ __all__ = [
     "Cuboid",
     "DatasetCard",
     "Exclusion",
-    "FrameGap",
     "GroundPolygon",
     "ImageRef",
     "InputErrors",

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from bench.errors import DataError, refuse
+from bench.errors import DataError
 from bench.geometry import RigidTransform, quaternions_wxyz
 from bench.recordings import openlabel
 from bench.recordings.validation import FileModel, TimeNs, read_json
@@ -105,24 +105,18 @@ def _states(content: openlabel.OpenLabel, file: Path) -> dict[str, list[ObjectSt
         expected, got = "nanoseconds, each time once", f"{len(times_ns)} frames at {len(set(times_ns))} times"
         raise DataError(file, field="openlabel.frames: timestamp", expected=expected, got=got, hint=hint)
     last_ns: dict[str, int] = {}
-    errors: list[DataError] = []
     for number, frame in sorted(content.frames.items(), key=lambda item: item[1].frame_properties.timestamp):
         timestamp_ns = frame.frame_properties.timestamp
         for uid, entry in frame.objects.items():
             field = f"openlabel.frames.{number}.objects.{uid}"
             if uid not in content.objects:
                 expected = "an object listed under openlabel.objects"
-                errors.append(DataError(file, field=field, expected=expected, got=repr(uid)))
+                raise DataError(file, field=field, expected=expected, got=repr(uid))
             if last_ns.get(uid) == timestamp_ns:
                 got = f"{timestamp_ns} twice"
-                errors.append(DataError(file, field=field, expected="one frame for each time", got=got))
+                raise DataError(file, field=field, expected="one frame for each time", got=got)
             last_ns[uid] = timestamp_ns
-            try:
-                state = read_state(entry.object_data, timestamp_ns, file=file, field=field)
-                states.setdefault(uid, []).append(state)
-            except DataError as error:
-                errors.append(error)
-    refuse(errors)
+            states[uid].append(read_state(entry.object_data, timestamp_ns, file=file, field=field))
     return states
 
 

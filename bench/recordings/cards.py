@@ -14,23 +14,62 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from platformdirs import user_cache_path, user_config_path
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from bench.errors import DataError, UnknownNameError
 from bench.plain_yaml import parse_yaml
 from bench.recordings.annotations import Statement
 from bench.recordings.files import read_text
-from bench.recordings.handles import Exclusion
 from bench.recordings.validation import FileModel, validated
 
 WORKING_FOLDER = Path("datasets")
 OWN_CARDS, OWN_DATA = "FISHEYE_BENCH_DATASETS", "FISHEYE_BENCH_DATA"
 RENDERED = PurePath("data")  # it holds the roots of the cards that ship
 LARGEST_CARD_BYTES = 1_000_000
-OTHER_SUFFIX = {".yaml": ".yml", ".yml": ".yaml"}
+
+
+def _in_order(span: tuple[int | None, int | None]) -> tuple[int | None, int | None]:
+    first, last = span
+    if first is not None and last is not None and first > last:
+        raise ValueError(f"first and last in order, not {first} before {last}")
+    return span
+
+
+# First and last, both included; None for open.
+Span = Annotated[tuple[int | None, int | None], AfterValidator(_in_order)]
+
+
+class Exclusion(FileModel):
+    """Images that a card leaves out; without any limit the whole recording.
+
+    Attributes:
+        recording: name.
+        reason: why.
+        frames: images of each camera, counted from 0.
+        timestamps_ns: times of images.
+    """
+
+    recording: str
+    reason: str = Field(min_length=1)
+    frames: Span | None = None
+    timestamps_ns: Span | None = None
+
+    @property
+    def covers_all(self) -> bool:
+        """True where the whole recording is left out."""
+        return all(limit is None for span in (self.frames, self.timestamps_ns) for limit in span or ())
+
+    def covers(self, frame: int, timestamp_ns: int) -> bool:
+        """Return True where an image is left out."""
+        return _within(frame, self.frames) and _within(timestamp_ns, self.timestamps_ns)
+
+
+def _within(value: int, span: Span | None) -> bool:
+    first, last = span or (None, None)
+    return (first is None or value >= first) and (last is None or value <= last)
 
 
 class CardFile(FileModel):
@@ -195,13 +234,11 @@ def load_card(path_or_name: Path | str, *, folder: Path | None = None) -> Datase
         DataError: a card that is missing or says what a card cannot say.
     """
     path = Path(path_or_name)
-    if path.suffix not in OTHER_SUFFIX:
+    if path.suffix not in {".yaml", ".yml"}:
         path = _find_card(str(path_or_name), card_folders() if folder is None else (folder,))
     elif not path.exists() and (shipped_folder() / path.name).is_file():
         hint = f"the card {path.stem!r} ships with the package and is found by this name, without folder and suffix"
         raise DataError(path, expected="a readable card", got="no such file", hint=hint)
-    elif not path.exists() and (other := path.with_suffix(OTHER_SUFFIX[path.suffix])).is_file():
-        raise DataError(path, expected="a readable card", got="no such file", hint=f"is {other.name} meant?")
     return DatasetCard(file=path, content=validated(CardFile, _read_yaml(path), file=path))
 
 

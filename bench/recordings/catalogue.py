@@ -1,22 +1,20 @@
-"""From a data set's card to its recordings: the adapters, and what of a data set a split holds."""
+"""From a data set's card to its recordings, not opened yet: the adapters, and what of a data set a split holds."""
 
 from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Any, Protocol
 
 from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_targets
 from bench.recordings.annotations import REVIEW_SUFFIX, annotated_as
-from bench.recordings.cards import DatasetCard
-from bench.recordings.handles import RecordingHandle
-
-if TYPE_CHECKING:
-    from bench.recordings.contract import Adapter
+from bench.recordings.cards import DatasetCard, Exclusion
+from bench.records.recording import NO_INPUT_ERRORS, NOT_ANNOTATED, Annotated, ImageRef, InputErrors, Recording
 
 ADAPTERS = {
     "native": "bench.recordings.native:native_recordings",
@@ -30,6 +28,88 @@ ADAPTERS = {
 ENTRY_POINTS = "fisheye_bench.adapters"
 SHOWN = 10  # names that a message lists
 FIRST_IMAGES = re.compile(r"\[:([1-9][0-9]{0,8})\]$")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingHandle:
+    """A recording by name; it travels to other processes and is opened there.
+
+    Attributes:
+        name: of the recording.
+        opener: opens it; a function of a module, or a `functools.partial` of one. The first error ends it.
+        exclusions: images that are left out on opening.
+        first_images: of each camera that is left, how many there are after opening; None for all.
+        input_errors: injected into the method's input.
+        annotated: what the card says is annotated of a recording that is; None for what that says itself.
+    """
+
+    name: str
+    opener: Callable[[], Recording]
+    exclusions: tuple[Exclusion, ...] = ()
+    first_images: int | None = None
+    input_errors: InputErrors = NO_INPUT_ERRORS
+    annotated: Annotated | None = None
+
+    def open(self) -> Recording:
+        """Open the recording: calibration, lists of images and sweeps, ego-motion and annotations; no bulk data.
+
+        Raises:
+            DataError: something in it is not what the format asks for, or an exclusion leaves none of its images out.
+        """
+        recording = self.opener()
+        if self.input_errors != NO_INPUT_ERRORS:
+            recording = replace(recording, input_errors=self.input_errors)
+        if self.annotated is not None and recording.annotated != NOT_ANNOTATED:
+            recording = replace(recording, annotated=self.annotated)
+        if not self.exclusions and self.first_images is None:
+            return recording
+        for exclusion in self.exclusions:
+            _refuse_void(exclusion, recording)
+        images = {camera: self._included(refs)[: self.first_images] for camera, refs in recording.images.items()}
+        return replace(recording, images=images)
+
+    def _included(self, refs: tuple[ImageRef, ...]) -> tuple[ImageRef, ...]:
+        return tuple(
+            ref for i, ref in enumerate(refs) if not any(e.covers(i, ref.timestamp_ns) for e in self.exclusions)
+        )
+
+
+def _refuse_void(exclusion: Exclusion, recording: Recording) -> None:
+    """Refuse an exclusion that leaves nothing out: its times may be in another unit, or of another drive."""
+    images = [(i, ref.timestamp_ns) for refs in recording.images.values() for i, ref in enumerate(refs)]
+    if not images or any(exclusion.covers(*image) for image in images):
+        return
+    times_ns = [time_ns for _, time_ns in images]
+    about = [f"frames {exclusion.frames}"] if exclusion.frames else []
+    about += [f"times {exclusion.timestamps_ns}"] if exclusion.timestamps_ns else []
+    raise DataError(
+        f"exclusions of {recording.name}",
+        expected=f"images that they leave out, of {max(map(len, recording.images.values()))} from {min(times_ns)} to "
+        f"{max(times_ns)} ns",
+        got=f"{' and '.join(about)}, which leave none out ({exclusion.reason})",
+        hint="correct the card: frames count from 0, times are nanoseconds",
+    )
+
+
+class Adapter(Protocol):
+    """Adapter of a data set: a function that lists the recordings below a folder without opening them."""
+
+    def __call__(
+        self, root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
+    ) -> tuple[RecordingHandle, ...]:
+        """List recordings.
+
+        Args:
+            root: the data set's folder, which exists.
+            options: the card's `options`, for the adapter to validate.
+            card: the card's file, for messages.
+            annotations: folder of `<recording>.json` files that stand in for the data set's own annotations where
+                they exist; None for none.
+
+        Raises:
+            DataError: options that are wrong, or a folder that is not of this data set.
+        """
+        ...
 
 
 def known_adapters() -> dict[str, str]:
@@ -157,15 +237,6 @@ def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, Recordi
         )
     files = sorted(file for file in folder.glob("*.json") if not file.name.endswith(REVIEW_SUFFIX))
     known = [file for file in files if file.stem in handles]
-    if known and card.content.annotated == "none":
-        hint = "take `annotated: none` out of the card to score by these files, or `annotations` to leave them unread"
-        raise DataError(
-            card.file,
-            field="annotated",
-            expected="one statement about annotations",
-            got=f"`none`, and {len(known)} files of them, as {known[0].name}",
-            hint=hint,
-        )
     if files and not known:
         expected = f"files called as recordings in {folder}: {', '.join(sorted(handles)[:SHOWN])}"
         raise DataError(card.file, field="annotations", expected=expected, got=f"{len(files)}, as {files[0].name}")

@@ -7,7 +7,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from os import scandir
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import IO, Any
 from xml.etree.ElementTree import Element, ParseError
 
@@ -16,7 +16,7 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
 from bench.atomic import open_regular, read_regular, refuse_escape
-from bench.errors import DataError, refuse
+from bench.errors import DataError
 from bench.records.recording import Content
 
 LARGEST_BYTES = 100_000_000  # a million rows of poses
@@ -45,25 +45,17 @@ def numbered_files(
         return {}
     refuse_escape(root, folder, file=folder, links_into=links_into)
     files: dict[int, Path] = {}
-    errors: list[DataError] = []
     for entry in sorted(scandir(folder), key=lambda entry: entry.name):
         path = folder / entry.name
-        try:
-            number = number_of(path)
-            if number is None:
-                continue
-            if entry.is_symlink():
-                refuse_escape(root, path, file=path, links_into=links_into)
-            if number in files:
-                raise DataError(path, expected=f"one file for each {each}", got=f"also {files[number].name}")
-            files[number] = path
-        except DataError as error:
-            errors.append(error)
-    refuse(errors)
+        number = number_of(path)
+        if number is None:
+            continue
+        if entry.is_symlink():
+            refuse_escape(root, path, file=path, links_into=links_into)
+        if number in files:
+            raise DataError(path, expected=f"one file for each {each}", got=f"also {files[number].name}")
+        files[number] = path
     return dict(sorted(files.items()))
-
-
-PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".lz4")
 
 
 def file_contents(
@@ -84,7 +76,7 @@ def file_contents(
     groups: dict[tuple[str, bool], list[str]] = defaultdict(list)
     for entry in scandir(folder):
         if not entry.name.startswith("."):
-            pattern = f"{entry.name}/" if entry.is_dir() else f"*{_whole_suffix(entry.name)}"
+            pattern = f"{entry.name}/" if entry.is_dir() else f"*{Path(entry.name).suffix}"
             groups[pattern, entry.name in names].append(pattern if entry.is_dir() else entry.name)
     place = "" if folder == root else f"{folder.relative_to(root).as_posix()}/"
     why = f"no {' or '.join(suffixes)}" if suffixes else "not asked for"
@@ -96,12 +88,6 @@ def file_contents(
             why="" if is_read else why,
             suspect=bool(suffixes) and not is_read,
         )
-
-
-def _whole_suffix(name: str) -> str:
-    """The suffix of a file, with that of what is packed in it."""
-    path = PurePath(name)
-    return "".join(path.suffixes[-2:]) if path.suffix.lower() in PACKED else path.suffix
 
 
 def framed_files(root: Path, folder: Path, pattern: str) -> dict[int, Path]:

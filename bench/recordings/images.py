@@ -84,12 +84,8 @@ def read_truth(image: ImageRef, camera: MountedCamera | None = None) -> NDArray[
     """
     if image.truth_path is None:
         raise DataError(image.path, expected="an image with truth beside it", got="one of a recording without")
-    ids = decode_values(_content(image.truth_path), file=image.truth_path)
-    if ids.dtype != np.uint16 or ids.ndim != 2:
-        raise DataError(image.truth_path, expected="a 16-bit grey PNG", got=f"{ids.dtype} {ids.shape}")
-    if camera is not None:
-        ids = _at_model_size(ids, image.truth_path, camera, cv2.INTER_NEAREST)
-    return np.asarray(ids, dtype=np.uint16)
+    ids = _grey_values(image.truth_path, np.uint16, "a 16-bit grey PNG")
+    return np.asarray(ids if camera is None else _at_model_size(ids, image.truth_path, camera, cv2.INTER_NEAREST))
 
 
 def read_moving_mask(image: ImageRef, camera: MountedCamera) -> NDArray[np.bool_]:
@@ -107,10 +103,15 @@ def read_moving_mask(image: ImageRef, camera: MountedCamera) -> NDArray[np.bool_
     """
     if image.moving_path is None:
         raise DataError(image.path, expected="an image with a mask of what moves", got="one without")
-    classes = decode_values(_content(image.moving_path), file=image.moving_path)
-    if classes.dtype != np.uint8 or classes.ndim != 2:
-        raise DataError(image.moving_path, expected="an 8-bit grey PNG", got=f"{classes.dtype} {classes.shape}")
+    classes = _grey_values(image.moving_path, np.uint8, "an 8-bit grey PNG")
     return np.asarray(_at_model_size(classes, image.moving_path, camera, cv2.INTER_NEAREST) > 0)
+
+
+def _grey_values(file: Path, dtype: type[np.generic], expected: str) -> NDArray[Any]:
+    values = decode_values(_content(file), file=file)
+    if values.dtype != dtype or values.ndim != 2:
+        raise DataError(file, expected=expected, got=f"{values.dtype} {values.shape}")
+    return values
 
 
 def read_mask(path: Path, size_px: tuple[int, int]) -> NDArray[np.bool_]:

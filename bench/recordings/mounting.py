@@ -5,22 +5,131 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Generic, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, field_validator
 
-from bench.cameras import CameraModel, camera_from_parameters
+from bench.atomic import MOST_LINK_LEVELS
+from bench.cameras import CameraModel, RollingShutter, camera_from_parameters
+from bench.cameras.model import LONGEST_READOUT_S, ReadoutDirection
 from bench.errors import DataError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings.schema import RollingShutterHead
-from bench.recordings.validation import SidePx, located
+from bench.recordings.images import MOST_WHITE
+from bench.recordings.validation import FileModel, Measured, SidePx, located
 from bench.records.recording import MountedCamera
 
-Polygon = tuple[tuple[float, float], ...]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+WhiteLevel = Annotated[int, Field(ge=255, le=MOST_WHITE)]
+Quaternion = tuple[float, float, float, float]
+Polygon = tuple[tuple[Measured, Measured], ...]
 SizePx = tuple[SidePx, SidePx]  # width, height
 EvaluatedSize = SizePx | dict[str, SizePx] | None  # of all cameras, or by camera
+
+
+class Mounting(FileModel):
+    """A rigid transform as files state it, for example where a sensor sits on the vehicle.
+
+    Attributes:
+        quaternion_wxyz: of length 1.
+        translation_m: x, y and z.
+    """
+
+    quaternion_wxyz: Quaternion
+    translation_m: tuple[Measured, Measured, Measured]
+
+    @field_validator("quaternion_wxyz")
+    @classmethod
+    def _unit(cls, wxyz: Quaternion) -> Quaternion:
+        length = sum(part * part for part in wxyz) ** 0.5
+        if abs(length - 1.0) > 1e-3:
+            raise ValueError(f"a quaternion w, x, y, z of length 1 (this one has {length:.4g})")
+        return wxyz
+
+    @classmethod
+    def of(cls, transform: RigidTransform) -> Mounting:
+        """Return the file's form of a transform."""
+        w, x, y, z = transform.quaternion_wxyz.tolist()
+        along_x, along_y, along_z = transform.translation_m.tolist()
+        return cls(quaternion_wxyz=(w, x, y, z), translation_m=(along_x, along_y, along_z))
+
+    @property
+    def transform(self) -> RigidTransform:
+        """The transform that a file states."""
+        return RigidTransform.from_quaternion(self.quaternion_wxyz, self.translation_m)
+
+
+class RollingShutterHead(FileModel):
+    """A rolling shutter as files state it; keys as of `RollingShutter`."""
+
+    readout_s: float = Field(gt=0, le=LONGEST_READOUT_S)
+    direction: ReadoutDirection = "down"
+
+    @property
+    def shutter(self) -> RollingShutter:
+        """The shutter that a file states."""
+        return RollingShutter(readout_s=self.readout_s, direction=self.direction)
+
+
+CameraName = TypeVar("CameraName", bound=str)
+
+
+class CameraOptions(FileModel, Generic[CameraName]):
+    """What a card says of the cameras of a published data set.
+
+    Attributes:
+        evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
+            stored.
+        body_polygons: per camera, outlines of the ego vehicle's body, (u, v) in stored pixels.
+        rolling_shutter: per camera, its readout; the data do not state it. Absent where all rows are exposed at once.
+        follow_links: how many levels below `root` links to folders are followed; 1 for those in `root` itself.
+    """
+
+    evaluated_size_px: EvaluatedSize = None
+    body_polygons: dict[CameraName, tuple[Polygon, ...]] = Field(default_factory=dict)
+    rolling_shutter: dict[CameraName, RollingShutterHead] = Field(default_factory=dict)
+    follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
+
+    def mounted(
+        self,
+        camera: CameraName,
+        model: CameraModel,
+        vehicle_from_camera: RigidTransform,
+        *,
+        ground_height_m: float = 0.0,
+        file: Path,
+        field: str,
+    ) -> MountedCamera:
+        """A camera with these options; arguments and errors as of `mounted_camera`."""
+        return mounted_camera(
+            camera,
+            model,
+            vehicle_from_camera,
+            ground_height_m=ground_height_m,
+            ego_body=body_mask((model.width, model.height), self.body_polygons.get(camera, ())),
+            evaluated_size_px=self.evaluated_size_px,
+            rolling_shutter=self.rolling_shutter.get(camera),
+            file=file,
+            field=field,
+        )
+
+
+class FisheyeOptions(CameraOptions[CameraName], Generic[CameraName]):
+    """The same of cameras whose lenses see less than their calibration says.
+
+    Attributes:
+        field_of_view_deg: per camera, full angle of the lens, beyond which the image is dark; absent for as far as the
+            calibration holds.
+    """
+
+    field_of_view_deg: dict[CameraName, float] = Field(default_factory=dict)
+
+    def max_angle_rad(self, camera: CameraName) -> float | None:
+        """Half of the field of view; None where the card does not say it."""
+        field_deg = self.field_of_view_deg.get(camera)
+        return None if field_deg is None else float(np.deg2rad(field_deg / 2))
 
 
 def mounted_camera(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from os.path import lexists
@@ -20,12 +20,20 @@ from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
 from bench.lidar.files import FORMATS
 from bench.recordings.annotations import Statement, annotated_as, annotation_file_in, read_annotations
+from bench.recordings.catalogue import RecordingHandle
 from bench.recordings.files import file_contents, numbered_files
-from bench.recordings.handles import RecordingHandle
 from bench.recordings.images import WhiteLevelImage, read_mask
-from bench.recordings.mounting import EvaluatedSize, camera_model, mounted_camera
-from bench.recordings.schema import RecordingHead, TrueCalibration
-from bench.recordings.validation import LATEST_NS, FileModel, read_json, validated
+from bench.recordings.mounting import (
+    EvaluatedSize,
+    Mounting,
+    Name,
+    RollingShutterHead,
+    SizePx,
+    WhiteLevel,
+    camera_model,
+    mounted_camera,
+)
+from bench.recordings.validation import LATEST_NS, FileModel, Measured, read_json, validated
 from bench.records.recording import (
     NOT_ANNOTATED,
     Annotated,
@@ -43,6 +51,98 @@ SWEEP_SUFFIXES = tuple(FORMATS)
 EGOMOTION_FILES = ("egomotion.csv", "poses.csv")
 READ = (HEAD, *EGOMOTION_FILES, "annotations.json", "images", "lidar", "truth", "ego_body")
 TRUE_POSES, TRUE_CALIBRATION = "truth/poses.csv", "truth/calibration.json"
+
+SCHEMA_VERSION = 1
+LONGEST_INTERVAL_NS = 3_600_000_000_000  # an hour
+CONVENTIONS = (
+    "Vehicle frame: x forward, y left, z up, metres, origin on the ground below the middle of the rear axle. "
+    "Camera frame: x right, y down, z along the optical axis. a_from_b maps points of frame b into frame a. "
+    "Pixels are (u, v), the centre of the first pixel is (0, 0). Quaternions are w, x, y, z here and x, y, z, w in "
+    "annotations.json, as OpenLABEL has it. Times are nanoseconds."
+)
+
+FolderName = Of[str, Field(pattern=r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$")]
+
+
+class VehicleHead(FileModel):
+    """The ego vehicle.
+
+    Attributes:
+        outline_m: x and y of its outline seen from above.
+        ground_height_m: height of the road in the vehicle frame.
+    """
+
+    outline_m: tuple[tuple[Measured, Measured], ...] = Field(min_length=3)
+    ground_height_m: Measured = 0.0
+
+
+class CameraHead(FileModel):
+    """A camera.
+
+    Attributes:
+        model: `model` is the name of a camera model, the rest are its parameters without the image size.
+        image_size: width and height of the stored images, px.
+        vehicle_from_camera: the mounting.
+        ego_body_mask: image in the recording, not 0 where the camera sees its own vehicle; null for nowhere.
+        rolling_shutter: null where all rows are exposed at once.
+        white_level: value of files of 16 bits that is white; fixed, since flow compares images. null for 65535.
+    """
+
+    model: dict[str, Any]
+    image_size: SizePx
+    vehicle_from_camera: Mounting
+    ego_body_mask: str | None = None
+    rolling_shutter: RollingShutterHead | None = None
+    white_level: WhiteLevel | None = None
+
+
+class LidarHead(FileModel):
+    """The lidar.
+
+    Attributes:
+        vehicle_from_lidar: from the frame in which the sweeps give their points.
+        lidar_from_sensor: where in that frame the beams start and the axes about which they turn; null where points are
+            given in the sensor's own axes.
+    """
+
+    vehicle_from_lidar: Mounting
+    lidar_from_sensor: Mounting | None = None
+
+
+class TrueCalibration(FileModel):
+    """`truth/calibration.json` of a synthetic recording: where the sensors sit, apart from what the head says.
+
+    Attributes:
+        vehicle_from_camera: by the camera's name.
+        vehicle_from_lidar: of the lidar.
+    """
+
+    vehicle_from_camera: dict[Name, Mounting]
+    vehicle_from_lidar: Mounting
+
+
+class RecordingHead(FileModel):
+    """`recording.json`.
+
+    Attributes:
+        schema_version: of this format.
+        name: of the recording, the same as its folder's.
+        licence: of the data.
+        frame_interval_ns: nominal time between images.
+        conventions: frames and orders of numbers in words, for readers of the file.
+        annotated: "complete", "none", or which times and areas are; null for complete where there are annotations.
+    """
+
+    schema_version: Literal[1]
+    name: FolderName
+    licence: str
+    frame_interval_ns: int = Field(gt=0, le=LONGEST_INTERVAL_NS)
+    conventions: str = CONVENTIONS
+    annotated: Statement | None = None
+    vehicle: VehicleHead
+    cameras: dict[Name, CameraHead] = Field(min_length=1)
+    lidar: LidarHead
+
 
 Source = Literal["recorded", "exact"]
 
@@ -64,7 +164,7 @@ class NativeOptions(FileModel):
             stored.
         ego_motion: "recorded", what the car reports, or "exact", the true poses of a synthetic recording.
         calibration: "recorded", what `recording.json` says, or "exact", where the sensors of a synthetic recording are.
-        bin_columns: names of the columns of sweeps in .bin; null for x, y, z, the intensity, and what the numbers show.
+        bin_columns: names of the columns of sweeps in .bin; null for x, y, z, intensity.
         links_into: folder of files that links in a recording may lead to, relative to the data set's root, such as the
             cache of DVC or of Hugging Face; null for none.
     """
@@ -120,12 +220,6 @@ class NativeFolder:
             lidar_from_sensor=RigidTransform.identity() if beams is None else beams.transform,
             contents=tuple(self._contents(images, sweeps)),
         )
-
-    def parts(self) -> tuple[Callable[[], object], ...]:
-        """Readers of the files, one by one."""
-        cameras = sorted(path.name for path in self.root.glob("images/*/"))
-        images = (partial(self._images, name) for name in cameras)
-        return (self._head, *images, self._trajectory, self._sweeps, self._tracks)
 
     def _head(self) -> RecordingHead:
         """`recording.json`, with the true mountings where the card asks for these."""
@@ -192,7 +286,7 @@ class NativeFolder:
             )
         return cameras
 
-    def _images(self, camera: str, white_level: int | None = None) -> tuple[ImageRef, ...]:
+    def _images(self, camera: str, white_level: int | None) -> tuple[ImageRef, ...]:
         """The images of a camera, by time."""
         paths = self._timed_files(f"images/{camera}", IMAGE_SUFFIXES)
         if not paths:
@@ -243,7 +337,7 @@ class NativeFolder:
         file = self._inside(present[0])
         return read_bus_signals(file).trajectory() if present[0] == "egomotion.csv" else read_tum(file)
 
-    def _tracks(self, stated: Statement | None = None) -> tuple[tuple[Track, ...], Annotated]:
+    def _tracks(self, stated: Statement | None) -> tuple[tuple[Track, ...], Annotated]:
         """The objects of `annotations`, else of the recording's own file, and what they cover; without one nothing."""
         if self.annotations is not None:  # what "none" is said of is the recording's own file
             return read_annotations(self.annotations), annotated_as("complete" if stated in {None, "none"} else stated)
@@ -311,7 +405,7 @@ def native_recordings(
         )
         for path in names
     ]
-    return tuple(RecordingHandle(name=each.root.name, opener=each.open, parts=each.parts) for each in folders)
+    return tuple(RecordingHandle(name=each.root.name, opener=each.open) for each in folders)
 
 
 def _is_recording(folder: Path) -> bool:

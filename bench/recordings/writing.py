@@ -21,8 +21,9 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.lidar.files import write_sweep
 from bench.recordings.annotations import PartlyAnnotated, Statement, annotation_document
+from bench.recordings.mounting import Mounting
+from bench.recordings.native import CONVENTIONS, HEAD, SCHEMA_VERSION, TRUE_CALIBRATION, TRUE_POSES, RecordingHead
 from bench.recordings.openlabel import AnnotationFile
-from bench.recordings.schema import CONVENTIONS, SCHEMA_VERSION, Mounting, RecordingHead
 from bench.recordings.validation import parse_json, validated
 from bench.records.recording import MountedCamera, Track
 
@@ -85,7 +86,7 @@ class RecordingWriter:
         if annotated is not None:
             head["annotated"] = annotated.model_dump() if isinstance(annotated, PartlyAnnotated) else annotated
         text = _json(head)
-        file = self.root / "recording.json"
+        file = self.root / HEAD
         parse_json(RecordingHead, text.encode(), file)
         write_text(file, text)
 
@@ -93,15 +94,12 @@ class RecordingWriter:
         self, camera: str, timestamp_ns: int, pixels: NDArray[np.uint8], *, jpeg_quality: int | None = None
     ) -> None:
         """Write an image: (H, W) grey or (H, W, 3) BGR, uint8; as PNG, or as JPEG of a quality from 1 to 100."""
-        path = self.root / "images" / camera / f"{int(timestamp_ns)}.png"
-        if jpeg_quality is None:
-            _write_png(path, pixels, np.uint8)
-        else:
-            _write_encoded(path.with_suffix(".jpg"), pixels, np.uint8, options=[cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
+        suffix, options = (".png", []) if jpeg_quality is None else (".jpg", [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
+        _write_image(self.root / "images" / camera / f"{int(timestamp_ns)}{suffix}", pixels, np.uint8, options)
 
     def truth(self, camera: str, timestamp_ns: int, instance_ids: NDArray[np.uint16]) -> None:
         """Write the true instance ids of an image: (H, W) uint16, 0 where no object is seen."""
-        _write_png(self.root / "truth" / camera / f"{int(timestamp_ns)}.png", instance_ids, np.uint16)
+        _write_image(self.root / "truth" / camera / f"{int(timestamp_ns)}.png", instance_ids, np.uint16)
 
     def sweep(self, sweep: LidarSweep) -> None:
         """Write a lidar sweep."""
@@ -140,7 +138,7 @@ class RecordingWriter:
             positions_m: (N, 3) float64, m.
             truth: write `truth/poses.csv` instead: the exact poses of a synthetic drive, which no method sees.
         """
-        path = self.root / "truth" / "poses.csv" if truth else self.root / "poses.csv"
+        path = self.root / (TRUE_POSES if truth else "poses.csv")
         with replacing(path) as temporary:
             write_tum(
                 temporary, timestamps_ns=timestamps_ns, rotations=rotations, positions_m=positions_m,
@@ -158,7 +156,7 @@ class RecordingWriter:
             "vehicle_from_camera": {name: _mounting(camera.vehicle_from_camera) for name, camera in cameras.items()},
             "vehicle_from_lidar": _mounting(vehicle_from_lidar),
         }
-        write_text(self.root / "truth" / "calibration.json", _json(_rounded(mountings, self._decimals)))
+        write_text(self.root / TRUE_CALIBRATION, _json(_rounded(mountings, self._decimals)))
 
     def annotations(self, tracks: Sequence[Track], *, timestamps_ns: Iterable[int] = ()) -> None:
         """Write `annotations.json`.
@@ -180,7 +178,7 @@ class RecordingWriter:
         mask = None
         if camera.ego_body is not None:
             mask = f"ego_body/{name}.png"
-            _write_png(self.root / mask, camera.ego_body.astype(np.uint8) * 255, np.uint8)
+            _write_image(self.root / mask, camera.ego_body.astype(np.uint8) * 255, np.uint8)
         shutter = {} if camera.rolling_shutter is None else {"rolling_shutter": asdict(camera.rolling_shutter)}
         return {
             "model": {key: value for key, value in parameters.items() if key not in {"width", "height"}},
@@ -239,11 +237,7 @@ def _json(values: Any) -> str:
     return json.dumps(values, indent=1, allow_nan=False) + "\n"
 
 
-def _write_png(path: Path, pixels: NDArray[Any], dtype: type[np.generic]) -> None:
-    _write_encoded(path, pixels, dtype, options=[])
-
-
-def _write_encoded(path: Path, pixels: NDArray[Any], dtype: type[np.generic], *, options: list[int]) -> None:
+def _write_image(path: Path, pixels: NDArray[Any], dtype: type[np.generic], options: Sequence[int] = ()) -> None:
     if pixels.dtype != dtype or pixels.ndim not in {2, 3}:
         raise ShapeError(f"{path.name}: expected an image of {dtype.__name__}, got {pixels.dtype} {pixels.shape}")
     written, encoded = cv2.imencode(path.suffix, pixels, options)

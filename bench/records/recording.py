@@ -371,30 +371,11 @@ class Recording:
 GAP_INTERVALS = 1.5  # a pair further apart than this many nominal intervals has an image missing between
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameGap:
-    """Two neighbouring images too far apart to be compared.
-
-    Attributes:
-        index: of the later image among the camera's.
-        previous_ns: time of the earlier image.
-        current_ns: time of the later image.
-    """
-
-    index: int
-    previous_ns: int
-    current_ns: int
-
-
-def frame_gaps(recording: Recording, camera: str) -> tuple[FrameGap, ...]:
-    """Neighbouring images of a camera that lie more than 1.5 nominal intervals apart, in order of time."""
-    images = recording.images[camera]
-    limit_ns = GAP_INTERVALS * recording.frame_interval_ns
-    return tuple(
-        FrameGap(index=i, previous_ns=before.timestamp_ns, current_ns=after.timestamp_ns)
-        for i, (before, after) in enumerate(pairwise(images), start=1)
-        if after.timestamp_ns - before.timestamp_ns > limit_ns
-    )
+def frame_gaps(recording: Recording, camera: str) -> dict[int, int]:
+    """Gaps between neighbouring images of a camera of more than 1.5 nominal intervals: index of the later one -> ns."""
+    times_ns = [image.timestamp_ns for image in recording.images[camera]]
+    gaps_ns = {i: after - before for i, (before, after) in enumerate(pairwise(times_ns), start=1)}
+    return {i: gap_ns for i, gap_ns in gaps_ns.items() if gap_ns > GAP_INTERVALS * recording.frame_interval_ns}
 
 
 TURN_SPAN_NS = 500_000_000  # headings are compared over about this time, since single ones jitter

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 Outline: TypeAlias = Polygon | MultiPolygon  # of several parts where the lidar sees an object in several
-# The strategies are in `bench.reference.kinds`.
+# The strategies are in `bench.reference.regions`.
 RegionKindName = Literal["convex", "concave", "surface-patches"]
 ObjectClass = Literal["pedestrian", "cyclist", "vehicle", "animal"]
 OBJECT_CLASSES: tuple[str, ...] = get_args(ObjectClass)

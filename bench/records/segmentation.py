@@ -74,22 +74,23 @@ def _faults(answer: object, width: int, height: int) -> Iterator[str]:
         yield f"cell_size_px: expected a whole number from 1 to {max(width, height)}, got {size!r}"
         return
     shape = -(-height // int(size)), -(-width // int(size))
-    yield from _array_faults("mask", answer.mask, shape, np.bool_)
-    if answer.undefined is not None:
-        yield from _array_faults("undefined", answer.undefined, shape, np.bool_)
+    arrays: list[tuple[str, object, type[np.generic]]] = [
+        ("mask", answer.mask, np.bool_),
+        ("undefined", answer.undefined, np.bool_),
+        ("likelihood", answer.likelihood, np.floating),
+        ("cause", answer.cause, np.uint8),
+        *((f"parts[{name!r}]", values, np.floating) for name, values in (answer.parts or {}).items()),
+    ]
+    for name, values, kind in arrays:
+        if values is not None or name == "mask":
+            yield from _array_faults(name, values, shape, kind)
     if answer.likelihood is not None:
-        yield from _array_faults("likelihood", answer.likelihood, shape, np.floating)
         yield from _likelihood_faults(answer.likelihood, score=answer.likelihood_is_score)
     yield from _threshold_faults(answer)
     if not (isinstance(answer.causes, tuple) and all(isinstance(name, str) for name in answer.causes)):
         yield f"causes: expected a tuple of names, got {answer.causes!r}"
-        return
-    if answer.cause is not None:
-        yield from _array_faults("cause", answer.cause, shape, np.uint8)
-        if answer.cause.max(initial=0) >= max(len(answer.causes), 1):
-            yield f"cause: expected indices into {len(answer.causes)} causes, got {answer.cause.max()}"
-    for name, values in (answer.parts or {}).items():
-        yield from _array_faults(f"parts[{name!r}]", values, shape, np.floating)
+    elif answer.cause is not None and answer.cause.max(initial=0) >= max(len(answer.causes), 1):
+        yield f"cause: expected indices into {len(answer.causes)} causes, got {answer.cause.max()}"
 
 
 def _array_faults(name: str, values: object, shape: tuple[int, int], kind: type[np.generic]) -> Iterator[str]:

@@ -22,7 +22,7 @@ from bench.records.reference import (
 )
 from bench.reference.build import ReferenceBuilder
 from bench.reference.exposure import visible_region
-from bench.reference.kinds import REGION_KINDS
+from bench.reference.regions import REGION_KINDS
 
 __all__ = [
     "REGION_KINDS",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from math import atan2, hypot
 
 import numpy as np
@@ -11,8 +11,43 @@ from numpy.typing import NDArray
 
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
-from bench.records.recording import Cuboid, GroundPolygon, ObjectState, Recording, Track, world_velocities
+from bench.records.recording import (
+    Cuboid,
+    GroundPolygon,
+    ObjectShape,
+    ObjectState,
+    Recording,
+    Track,
+    world_velocities,
+)
 from bench.records.reference import Category, Direction, MotionSettings, ReferenceSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ObjectAtExposure:
+    """An annotated object at an exposure.
+
+    Attributes:
+        track: the object.
+        state: its annotation nearest in time.
+        world_from_vehicle: pose of the vehicle at the time of the annotation.
+        velocity_world_mps: (3,) float64, over the ground, by which its points are moved; NaN where unknown.
+        smooth_world_mps: (3,) float64, averaged along the track, which decides the category; NaN where unknown.
+        moving: by its own speed, with hysteresis.
+    """
+
+    track: Track
+    state: ObjectState
+    world_from_vehicle: RigidTransform
+    velocity_world_mps: NDArray[np.float64]
+    smooth_world_mps: NDArray[np.float64]
+    moving: bool
+
+    @property
+    def static(self) -> bool:
+        """It stands, and the data set says neither that it moves nor that its motion is unclear."""
+        stated = self.state.category is not None or self.state.unclear
+        return not (stated or self.moving) and bool(np.isfinite(self.smooth_world_mps).all())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -20,15 +55,28 @@ class TrackMotion:
     """Motion of a track at each of its states.
 
     Attributes:
+        track: of N states.
         velocity_world_mps: (N, 3) float64, over the ground, world axes, as annotated or from the track's positions;
             NaN where neither tells.
         smooth_world_mps: (N, 3) float64, the same averaged along the track; NaN where unknown.
         moving: (N,) bool, with hysteresis and minimum run length; False where unknown.
     """
 
+    track: Track
     velocity_world_mps: NDArray[np.float64]
     smooth_world_mps: NDArray[np.float64]
     moving: NDArray[np.bool_]
+
+    def at(self, index: int, world_from_vehicle: RigidTransform) -> ObjectAtExposure:
+        """The object by one of its states, with the pose of the vehicle then."""
+        return ObjectAtExposure(
+            track=self.track,
+            state=self.track.states[index],
+            world_from_vehicle=world_from_vehicle,
+            velocity_world_mps=self.velocity_world_mps[index],
+            smooth_world_mps=self.smooth_world_mps[index],
+            moving=bool(self.moving[index]),
+        )
 
 
 def track_motion(track: Track, trajectory: Trajectory, settings: MotionSettings) -> TrackMotion:
@@ -41,14 +89,22 @@ def track_motion(track: Track, trajectory: Trajectory, settings: MotionSettings)
     rotations, positions_m, _ = trajectory.at(times_ns)
     annotated = np.array([state.velocity_mps for state in track.states], dtype=np.float64).reshape(-1, 3)
     velocity = np.einsum("nij,nj->ni", rotations, annotated)
-    centres = np.array([_centre(state) for state in track.states]).reshape(-1, 3)
+    centres = np.array([centre_vehicle(state.shape) for state in track.states]).reshape(-1, 3)
     centres_world = np.einsum("nij,nj->ni", rotations, centres) + positions_m
     velocity = np.where(np.isfinite(velocity), velocity, world_velocities(times_ns, centres_world))
     smooth = _smoothed(times_ns, velocity, settings.smoothing_ns)
-    speed = np.hypot(smooth[:, 0], smooth[:, 1])
-    return TrackMotion(
-        velocity_world_mps=velocity, smooth_world_mps=smooth, moving=moving_states(times_ns, speed, settings)
-    )
+    moving = moving_states(times_ns, np.hypot(smooth[:, 0], smooth[:, 1]), settings)
+    return TrackMotion(track=track, velocity_world_mps=velocity, smooth_world_mps=smooth, moving=moving)
+
+
+def centre_vehicle(shape: ObjectShape) -> NDArray[np.float64]:
+    """(3,) float64, m, a point that moves with the object, vehicle frame; NaN for point indices: it takes the sweep."""
+    match shape:
+        case Cuboid():
+            return shape.vehicle_from_object.translation_m
+        case GroundPolygon():
+            return np.array([*shape.outline_m.mean(axis=0), shape.bottom_m])
+    return np.full(3, np.nan)
 
 
 def moving_states(
@@ -108,16 +164,6 @@ def relative_direction(velocity_vehicle_mps: NDArray[np.float64], ego_vehicle_mp
     return Direction.LATERAL if abs(relative[1]) > abs(relative[0]) else Direction.LONGITUDINAL
 
 
-def _centre(state: ObjectState) -> NDArray[np.float64]:
-    """A point that moves with the object, vehicle frame; NaN for point indices, whose centre needs the sweep."""
-    match state.shape:
-        case Cuboid():
-            return state.shape.vehicle_from_object.translation_m
-        case GroundPolygon():
-            return np.array([*state.shape.outline_m.mean(axis=0), state.shape.bottom_m])
-    return np.full(3, np.nan)
-
-
 def _smoothed(times_ns: NDArray[np.int64], values: NDArray[np.float64], window_ns: int) -> NDArray[np.float64]:
     """Mean over a window around each time, NaN rows left out."""
     known: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
@@ -143,33 +189,6 @@ def _without_short_runs(times_ns: NDArray[np.int64], moving: NDArray[np.bool_], 
         moving[starts[shortest] : starts[shortest + 1]] ^= True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ObjectAtExposure:
-    """An annotated object at an exposure.
-
-    Attributes:
-        track: the object.
-        state: its annotation nearest in time.
-        world_from_vehicle: pose of the vehicle at the time of the annotation.
-        velocity_world_mps: (3,) float64, over the ground, by which its points are moved; NaN where unknown.
-        smooth_world_mps: (3,) float64, averaged along the track, which decides the category; NaN where unknown.
-        moving: by its own speed, with hysteresis.
-    """
-
-    track: Track
-    state: ObjectState
-    world_from_vehicle: RigidTransform
-    velocity_world_mps: NDArray[np.float64]
-    smooth_world_mps: NDArray[np.float64]
-    moving: bool
-
-    @property
-    def static(self) -> bool:
-        """It stands, and the data set says neither that it moves nor that its motion is unclear."""
-        stated = self.state.category is not None or self.state.unclear
-        return not (stated or self.moving) and bool(np.isfinite(self.smooth_world_mps).all())
-
-
 class AnnotationIndex:
     """Finds the objects of an exposure among all annotations of a recording, in time order or not.
 
@@ -179,37 +198,20 @@ class AnnotationIndex:
     """
 
     def __init__(self, recording: Recording, settings: ReferenceSettings) -> None:
-        self._recording, self._settings = recording, settings
+        self._trajectory, self._gap_ns = recording.trajectory, settings.max_annotation_gap_ns
+        self._motion = cache(lambda number: track_motion(recording.tracks[number], self._trajectory, settings.motion))
         rows = [(s.timestamp_ns, t, i) for t, track in enumerate(recording.tracks) for i, s in enumerate(track.states)]
         self._rows = np.array(sorted(rows), dtype=np.int64).reshape(-1, 3)
-        self._motions: dict[int, TrackMotion] = {}
 
     def at(self, exposure_ns: int) -> list[ObjectAtExposure]:
         """Every track's state nearest to the exposure, where one is within the protocol's gap."""
-        gap_ns = self._settings.max_annotation_gap_ns
-        first = np.searchsorted(self._rows[:, 0], exposure_ns - gap_ns, side="left")
-        last = np.searchsorted(self._rows[:, 0], exposure_ns + gap_ns, side="right")
+        first = np.searchsorted(self._rows[:, 0], exposure_ns - self._gap_ns, side="left")
+        last = np.searchsorted(self._rows[:, 0], exposure_ns + self._gap_ns, side="right")
         nearest: dict[int, tuple[int, int]] = {}
         for time_ns, number, index in self._rows[first:last].tolist():
             wait_ns = abs(time_ns - exposure_ns)
             if number not in nearest or wait_ns < nearest[number][0]:
                 nearest[number] = wait_ns, index
-        chosen = [(self._recording.tracks[number], number, index) for number, (_, index) in sorted(nearest.items())]
-        times_ns = {track.states[index].timestamp_ns for track, _, index in chosen}
-        poses = {time_ns: self._recording.trajectory.world_from_vehicle(time_ns) for time_ns in times_ns}
-        return [self._annotated(track, number, index, poses) for track, number, index in chosen]
-
-    def _annotated(
-        self, track: Track, number: int, index: int, poses: Mapping[int, RigidTransform]
-    ) -> ObjectAtExposure:
-        if number not in self._motions:
-            self._motions[number] = track_motion(track, self._recording.trajectory, self._settings.motion)
-        motion = self._motions[number]
-        return ObjectAtExposure(
-            track=track,
-            state=track.states[index],
-            world_from_vehicle=poses[track.states[index].timestamp_ns],
-            velocity_world_mps=motion.velocity_world_mps[index],
-            smooth_world_mps=motion.smooth_world_mps[index],
-            moving=bool(motion.moving[index]),
-        )
+        pose = cache(self._trajectory.world_from_vehicle)  # most tracks share the time
+        motions = [(self._motion(number), index) for number, (_, index) in sorted(nearest.items())]
+        return [motion.at(index, pose(motion.track.states[index].timestamp_ns)) for motion, index in motions]

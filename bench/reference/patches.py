@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.geometry.raster import Raster
 from bench.reference.exposure import Exposure
 from bench.reference.grid import DOWN, LEFT, RIGHT, UP, Grid
 
@@ -29,7 +30,7 @@ TALL, WIDE = [UP, UP, DOWN, DOWN], [LEFT, RIGHT, RIGHT, LEFT]  # sides that meet
 OPPOSITE = [RIGHT, LEFT, DOWN, UP]
 
 
-class Bounds(NamedTuple):
+class CutOff(NamedTuple):
     """Parts that the clearance and the lidar's vertical field cut off, restored as far as the annotated shape goes.
 
     Patches that end within the clearance above the ground stand on it: shoes and tyres. Below the lowest beam and above
@@ -47,7 +48,16 @@ class Bounds(NamedTuple):
     bottom_m: float
     top_m: NDArray[np.float64]
 
-    def extend(self, corners_world: NDArray[np.float64]) -> NDArray[np.float64]:
+    @classmethod
+    def nothing(cls, count: int) -> CutOff:
+        """Of returns without an annotated shape."""
+        return cls(grounded_m=np.full(count, -np.inf), bottom_m=0.0, top_m=np.full(count, -np.inf))
+
+    def take(self, rows: NDArray[np.intp]) -> CutOff:
+        """Of some of the returns."""
+        return CutOff(self.grounded_m[rows], self.bottom_m, self.top_m[rows])
+
+    def restored(self, corners_world: NDArray[np.float64]) -> NDArray[np.float64]:
         """Patches, (3, 4, N) float64, m, that reach as far."""
         reached = corners_world.copy()
         upper, lower = reached[2, :2], reached[2, 2:]
@@ -83,18 +93,18 @@ class Patches:
             half-way to where the next beam would be.
         step: (3, 4, N) float64, m, to where the next beam would be.
         corners: (3, 4, N) float64, m, world frame: left above, right above, right below, left below.
-        unbounded: (N,) bool, to which the bounds give nothing back.
+        restored: (N,) bool, to which something is given back.
         grid: neighbours of the returns.
-        bounds: None to give nothing back.
+        cut_off: what is given back.
     """
 
     points: NDArray[np.float64]
     reach: NDArray[np.float64]
     step: NDArray[np.float64]
     corners: NDArray[np.float64]
-    unbounded: NDArray[np.bool_]
+    restored: NDArray[np.bool_]
     grid: Grid
-    bounds: Bounds | None
+    cut_off: CutOff
 
     def layers(self, error_m: NDArray[np.float64], *, solid: bool) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         """The patches of all extents.
@@ -112,16 +122,12 @@ class Patches:
         layer = np.where(linked, Layer.SHARED, Layer.FREE)
         spread = end_spread(self.grid.step_m.take(free, axis=1), error_m[free]).repeat(2, axis=0)
         change = np.where(self.grid.linked.take(free, axis=1), 0.0, self.step.take(free, axis=2) * spread)
-        points, reach, bounds = (
-            self.points.take(free, axis=1),
-            self.reach.take(free, axis=2),
-            self.bounds and Bounds(self.bounds.grounded_m[free], self.bounds.bottom_m, self.bounds.top_m[free]),
-        )
-        drawn_in, drawn_out = _corners(points, reach - change, bounds), _corners(points, reach + change, bounds)
+        points, reach, cut_off = self.points.take(free, axis=1), self.reach.take(free, axis=2), self.cut_off.take(free)
+        drawn_in, drawn_out = (cut_off.restored(_corners(points, reach + sign * change)) for sign in (-1.0, 1.0))
         moved = (drawn_out != self.corners.take(free, axis=2)).any(axis=(0, 1))
         parts = {Layer.DRAWN_IN: drawn_in, Layer.DRAWN_OUT: drawn_out.compress(moved, axis=2)}
         if not solid:
-            doubtful = ~(self.grid.certain.all(axis=0) & self.unbounded)
+            doubtful = ~self.grid.certain.all(axis=0) | self.restored
             layer[linked & doubtful] = Layer.DOUBTFUL
             parts[Layer.CERTAIN] = self._certain_corners(np.flatnonzero(doubtful))
         numbers = [np.full(corners.shape[2], number) for number, corners in parts.items()]
@@ -130,9 +136,9 @@ class Patches:
     def _certain_corners(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Only between neighbours that leave no doubt, and not beyond a return without such a neighbour on its other
         side, since of a thing as thin as a beam nobody knows how thin it is; nothing is given back."""
-        certain, reach, step = self.grid.certain.take(rows, axis=1), self.reach, self.step
-        reach = np.where(certain, reach.take(rows, axis=2), step.take(rows, axis=2) * 0.5 * certain[OPPOSITE])
-        return _corners(self.points.take(rows, axis=1), reach, None)
+        certain = self.grid.certain.take(rows, axis=1)
+        step, reach = self.step.take(rows, axis=2), self.reach.take(rows, axis=2)
+        return _corners(self.points.take(rows, axis=1), np.where(certain, reach, step * 0.5 * certain[OPPOSITE]))
 
 
 def surface_patches(
@@ -140,7 +146,7 @@ def surface_patches(
     *,
     world_from_sensor: NDArray[np.float64],
     grid: Grid,
-    bounds: Bounds | None = None,
+    cut_off: CutOff | None = None,
 ) -> Patches:
     """The patch of each return.
 
@@ -151,27 +157,28 @@ def surface_patches(
         points_world: (N, 3) float64, m, the returns at exposure.
         world_from_sensor: (3, 3) float64, from sensor axes to those of `points_world`.
         grid: neighbours of the same returns.
-        bounds: of the object.
+        cut_off: what to give back; None for nothing.
     """
+    cut_off = cut_off or CutOff.nothing(len(points_world))
     points = np.ascontiguousarray(points_world.T)
     left, above = np.moveaxis((world_from_sensor @ grid.step_sensor.reshape(3, -1)).reshape(3, 2, -1), 1, 0)
     step = np.stack([left, -left, above, -above], axis=1)
     ways = points.take(grid.neighbours, axis=1) - points[:, None]
     reach = np.where(grid.linked, ways, step * 0.5)
-    plain = _corners(points, reach, None)
-    corners = plain if bounds is None else bounds.extend(plain)
-    unbounded = (corners[2] == plain[2]).all(axis=0)
+    plain = _corners(points, reach)
+    corners = cut_off.restored(plain)
+    restored = (corners[2] != plain[2]).any(axis=0)
     return Patches(
-        points=points, reach=reach, step=step, corners=corners, unbounded=unbounded, grid=grid, bounds=bounds
+        points=points, reach=reach, step=step, corners=corners, restored=restored, grid=grid, cut_off=cut_off
     )
 
 
-def _corners(points: NDArray[np.float64], reach: NDArray[np.float64], bounds: Bounds | None) -> NDArray[np.float64]:
+def _corners(points: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.float64]:
     corners = np.empty_like(reach)
     for corner, (tall, wide) in enumerate(zip(TALL, WIDE, strict=True)):
         np.add(reach[:, tall], reach[:, wide], out=corners[:, corner])
     corners += points[:, None]
-    return corners if bounds is None else bounds.extend(corners)
+    return corners
 
 
 def end_spread(step_m: NDArray[np.float64], error_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -208,6 +215,12 @@ def draw(
     if not seen.all():
         patches_px, layer = patches_px.compress(seen, axis=2), layer[seen]
     return count_patches(patches_px, layer, layers=layers, width=camera.width, height=camera.height)
+
+
+def draw_closed(corners: NDArray[np.float64], exposure: Exposure) -> Raster:
+    """The pixels in V of patches, (3, 4, N) float64, m, world frame, without slits."""
+    counts, corner = draw(corners, exposure)
+    return exposure.crop(without_slits(union(counts)), corner - 1)
 
 
 def count_patches(

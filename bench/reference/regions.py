@@ -1,8 +1,8 @@
-"""Pixels of an image that are an object's, and which object they belong to where several overlap."""
+"""Pixels of an image that are an object's, by kinds of regions, and whose they are where several objects overlap."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,8 +12,10 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from bench.geometry.raster import Raster
+from bench.geometry.raster import Raster, rasterise
 from bench.records.reference import IgnoreReason, Outline, ReferenceObject, Status
+from bench.reference.scanned import ScannedObject
+from bench.reference.silhouette import silhouette
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,6 +44,92 @@ class Region:
         return cls(polygon=polygon, polygon_px=pixels, window=window, core=covered, possible=covered)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegionKind:
+    """A kind of region: how the pixels of a scanned object follow from its returns.
+
+    Attributes:
+        region: the region of an object with enough returns, all of it certain; None where these span no area.
+        clears_shape: returns within the ground clearance above the bottom of the annotated shape are always left out,
+            not only where the protocol says so.
+        follows_outline: it is meant to end where the object ends, so that `audit` asks how well it does.
+    """
+
+    region: Callable[[ScannedObject], Region | None]
+    clears_shape: bool = False
+    follows_outline: bool = True
+
+
+def convex_hull(scanned: ScannedObject) -> Region | None:
+    """The paper's bounding polygon."""
+    return _hull_region(scanned, ratio=None)
+
+
+def concave_hull(scanned: ScannedObject) -> Region | None:
+    """A hull as tight as `ReferenceSettings.concave_ratio` says."""
+    return _hull_region(scanned, ratio=scanned.settings.concave_ratio)
+
+
+def surface_patch_polygon(scanned: ScannedObject) -> Region | None:
+    """The union of the surface patches; the concave hull where too few returns lie in rows."""
+    likely, corner = scanned.surface.likely, scanned.surface.corner
+    polygon = trace_polygon(likely, corner)
+    if polygon is None:
+        return concave_hull(scanned)
+    return Region.of(polygon, scanned.exposure.crop(likely, corner))
+
+
+REGION_KINDS = {
+    "convex": RegionKind(region=convex_hull, follows_outline=False),
+    "concave": RegionKind(region=concave_hull),
+    "surface-patches": RegionKind(region=surface_patch_polygon, clears_shape=True),
+}
+
+
+def annotated_outline(scanned: ScannedObject) -> Region | None:
+    """The region that shows the annotated shape; of an object whose points are named, the hull of these."""
+    if not len(scanned.parts_world):
+        return convex_hull(scanned)
+    exposure = scanned.exposure
+    raster = silhouette(exposure.seen(exposure.camera_from_world.apply(scanned.parts_world)), exposure.camera.model)
+    rows, columns = raster.window
+    polygon = trace_polygon(raster.covered, np.array([columns.start, rows.start]))
+    return None if polygon is None else Region.of(polygon, exposure.in_valid(raster))
+
+
+def _hull_region(scanned: ScannedObject, *, ratio: float | None) -> Region | None:
+    seen, camera = np.isfinite(scanned.pixels[:, 0]), scanned.exposure.camera.model
+    pixels = scanned.pixels if seen.all() else scanned.pixels[seen]
+    polygon = hull_polygon(pixels, ratio=ratio, width=camera.width, height=camera.height)
+    if polygon is None:
+        return None
+    raster = rasterise(polygon, width=camera.width, height=camera.height)
+    return Region.of(polygon, scanned.exposure.in_valid(raster))
+
+
+def hull_polygon(pixels: NDArray[np.float64], *, ratio: float | None, width: int, height: int) -> Polygon | None:
+    """The hull of projected points.
+
+    Args:
+        pixels: (N, 2) float64, px, (u, v), finite; may lie outside the image.
+        ratio: tightness of a concave hull, 0 to 1; None for the convex hull.
+        width: of the image, px.
+        height: of the image, px.
+
+    Returns:
+        The polygon, cut off one image size beyond the border; None for fewer than three points or points on a line.
+    """
+    if len(pixels) < 3:
+        return None
+    row = shapely.linestrings(pixels)  # the hulls take its corners; far faster to build than a MultiPoint
+    hull = shapely.convex_hull(row) if ratio is None else shapely.concave_hull(row, ratio=ratio)
+    frame = (-width, -height, 2 * width, 2 * height)
+    left, top, right, bottom = shapely.bounds(hull).tolist()
+    if left < frame[0] or top < frame[1] or right > frame[2] or bottom > frame[3]:  # never for an empty one, all NaN
+        hull = max(shapely.get_parts(shapely.clip_by_rect(hull, *frame)), key=lambda part: part.area, default=hull)
+    return hull if isinstance(hull, Polygon) and not hull.is_empty else None
+
+
 def compose(
     objects: Sequence[ReferenceObject], regions: Sequence[Region | None], valid: NDArray[np.bool_]
 ) -> tuple[tuple[ReferenceObject, ...], NDArray[np.int32], NDArray[np.bool_], NDArray[np.bool_]]:
@@ -65,9 +153,9 @@ def compose(
     labels = np.zeros(valid.shape, dtype=np.int32)
     ignored, unknown, hidden, uncertain = (np.zeros(valid.shape, dtype=bool) for _ in range(4))
     settled = []
-    for number, (found, region) in enumerate(zip(objects, regions, strict=True), start=1):
+    for number, (item, region) in enumerate(zip(objects, regions, strict=True), start=1):
         if region is None:
-            settled.append(found)
+            settled.append(item)
             continue
         window, core, possible = region.window, region.core, region.possible
         visible = possible & ~hidden[window]
@@ -75,17 +163,16 @@ def compose(
         hidden[window] |= core
         uncertain[window] |= possible & ~core
         region_px = int(np.count_nonzero(certain))
-        result = found
-        if found.status is Status.EVALUATED and region_px:
+        if item.status is Status.EVALUATED and region_px:
             band = visible & ~certain
             np.copyto(labels[window], number, where=certain)
             unknown[window] |= band
-            result = replace(found, region_px=region_px, unknown_px=int(np.count_nonzero(band)))
-        elif found.status is Status.EVALUATED:
-            result = replace(found, status=Status.IGNORED, reason=IgnoreReason.OCCLUDED)
-        if result.status is Status.IGNORED:
+            item = replace(item, region_px=region_px, unknown_px=int(np.count_nonzero(band)))
+        elif item.status is Status.EVALUATED:
+            item = replace(item, status=Status.IGNORED, reason=IgnoreReason.OCCLUDED)
+        if item.status is Status.IGNORED:
             ignored[window] |= possible & (labels[window] == 0)  # later G begin where this polygon ends
-        settled.append(result)
+        settled.append(item)
     return tuple(settled), labels, ignored | unknown, unknown
 
 
@@ -100,10 +187,10 @@ def trace_polygon(covered: NDArray[np.bool_], corner: NDArray[np.int64]) -> Outl
     Returns:
         None where no pixel is covered.
     """
+    if not covered.any():
+        return None
     fine = np.repeat(np.repeat(_without_touching_corners(covered), 2, axis=0), 2, axis=1).view(np.uint8)
     rings, tree = cv2.findContours(fine, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
-    if not len(rings):
-        return None
     outlines: list[Any] = [shapely.linearrings(ring[:, 0] / 2 - 0.25 + corner) for ring in rings]
     parents = tree[0, :, 3].tolist()
     parts: list[Polygon] = [

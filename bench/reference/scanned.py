@@ -1,30 +1,41 @@
-"""Lidar data of one object at an exposure: its returns, its surface, how sure it is, what was out of reach."""
+"""Lidar data of one object at an exposure: its returns, its surface, and how sure its outline is.
+
+The uncertainty of the outline, as a standard deviation near each return:
+
+- **beam spacing**: the outline lies anywhere between the outermost return and the next beam, which missed, uniform over
+  one step between columns or rows: step / sqrt(12), along that step. Lidars have rows close together near the horizon
+  and far apart below. It differs by direction, so its part moves the ends of the patches (`patches.end_spread`). Where
+  the returns form no rows, each of N stands for an N-th of the region: s = sqrt(area / N).
+- **range noise** moves a return along the lidar's ray, which the camera sees from the side: noise x sin(parallax).
+- **calibration** between lidar and camera: an angle, and a displacement over the distance.
+- **time** between return and exposure: the object's own motion is compensated, that of its limbs is not. A limb swings
+  along the direction of travel, as a sine (rms = peak / sqrt(2)), the faster the farther from its joint: feet move, the
+  head does not. The camera sees the part of it that lies across its ray.
+  Without times of points the relative motion during a revolution is not compensated either: uniform over one.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from bench.geometry import RigidTransform, cross, dot, normalise
 from bench.geometry.raster import Raster
-from bench.records.reference import ReferenceSettings
-from bench.reference.clusters import Cluster, parts_at_exposure
-from bench.reference.envelope import Beam
+from bench.records.reference import Limb, OutlineErrors, ReferenceSettings
 from bench.reference.exposure import Exposure
 from bench.reference.grid import Grid
 from bench.reference.motion import ObjectAtExposure
-from bench.reference.outline_errors import limb_motion_m, outline_error_m
 from bench.reference.patches import (
     CERTAIN,
     LEAST,
     LIKELY,
-    Bounds,
+    CutOff,
     Layer,
     Patches,
     draw,
@@ -32,12 +43,11 @@ from bench.reference.patches import (
     union,
     without_slits,
 )
-from bench.reference.silhouette import Prism, silhouette
-from bench.reference.sweeps import PosedSweep
+from bench.reference.sweeps import Cluster, PosedSweep, parts_at_exposure
 from bench.times import SECOND_NS
 
-OUTLINE_STEP_M = 0.25  # the height of a cone that falls by 24 degrees, 1.5 m from its axis, is right to 3 mm
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
+SINE_RMS = 2.0**-0.5  # of a peak speed, over a stride
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,7 +87,23 @@ class ScannedObject:
     settings: ReferenceSettings
     cluster: Cluster
     placed: PosedSweep | None
-    left_out_ground: BaseGeometry = field(default_factory=Polygon)
+    left_out_ground: BaseGeometry
+
+    @property
+    def sweep(self) -> PosedSweep:
+        """The sweep that has met the object."""
+        assert self.placed is not None, "only of an object with returns"
+        return self.placed
+
+    @property
+    def has_enough_returns(self) -> bool:
+        """Enough returns fall into the image for the protocol."""
+        return self.placed is not None and self.points >= self.settings.min_points
+
+    @property
+    def solid(self) -> bool:
+        """It cannot be looked through."""
+        return self.annotated.track.object_class in SOLID_CLASSES
 
     @cached_property
     def pixels(self) -> NDArray[np.float64]:
@@ -94,36 +120,23 @@ class ScannedObject:
         """Number of returns that fall into the image."""
         return int(np.count_nonzero(self.inside))
 
-    @property
-    def has_enough_returns(self) -> bool:
-        """Enough of them fall into the image for the protocol."""
-        return self.placed is not None and self.points >= self.settings.min_points
-
-    @property
-    def solid(self) -> bool:
-        """It cannot be looked through."""
-        return self.annotated.track.object_class in SOLID_CLASSES
-
     @cached_property
     def parts_world(self) -> NDArray[np.float64]:
         """(P, K, 3) float64, m, the annotated shape at exposure, corners of convex bodies, world frame; none for point
         indices."""
-        return parts_at_exposure(
-            self.annotated.state,
-            velocity_world_mps=self.annotated.velocity_world_mps,
-            world_from_vehicle=self.annotated.world_from_vehicle,
-            exposure_ns=self.exposure.timestamp_ns,
-        )
+        return parts_at_exposure(self.annotated, self.exposure.timestamp_ns)
+
+    @cached_property
+    def _known_world(self) -> NDArray[np.float64]:
+        """(K, 3), corners of the annotated shape, or the returns where these are the annotation."""
+        return (self.parts_world if len(self.parts_world) else self.cluster.points_world).reshape(-1, 3)
 
     @property
     def left_out(self) -> bool:
         """Its middle stands in an area that the annotations leave out."""
-        if self.left_out_ground.is_empty:
+        if self.left_out_ground.is_empty or not len(self._known_world):
             return False
-        corners = (self.parts_world if len(self.parts_world) else self.cluster.points_world).reshape(-1, 3)
-        if not len(corners):
-            return False
-        x_m, y_m, _ = self.exposure.vehicle_from_world.apply(corners.mean(axis=0))
+        x_m, y_m, _ = self.exposure.vehicle_from_world.apply(self._known_world.mean(axis=0))
         return bool(shapely.contains_xy(self.left_out_ground, x_m, y_m))
 
     @cached_property
@@ -151,17 +164,15 @@ class ScannedObject:
     @cached_property
     def points_from_beams(self) -> NDArray[np.float64]:
         """(N, 3) float64, m, its returns from where their beams start, sensor axes at each one's own time."""
-        assert self.placed is not None, "only where a sweep has met the object"
-        return self.placed.points_from_beams(self.cluster.rows)
+        return self.sweep.points_from_beams(self.cluster.rows)
 
     @cached_property
     def world_from_sensor(self) -> RigidTransform:
         """Pose of the sensor when it met the object, by the median of its returns."""
-        placed = self.placed
-        assert placed is not None, "only where a sweep has met the object"
-        interpolated = np.searchsorted(placed.interpolation_ns, np.median(placed.times_ns[self.cluster.rows]))
-        at = min(int(interpolated), len(placed.rotations) - 1)
-        return RigidTransform(placed.rotations[at], placed.positions_m[at]) @ placed.lidar_from_sensor
+        sweep = self.sweep
+        interpolated = np.searchsorted(sweep.interpolation_ns, np.median(sweep.times_ns[self.cluster.rows]))
+        at = min(int(interpolated), len(sweep.rotations) - 1)
+        return RigidTransform(sweep.rotations[at], sweep.positions_m[at]) @ sweep.lidar_from_sensor
 
     @cached_property
     def grid(self) -> Grid | None:
@@ -172,18 +183,19 @@ class ScannedObject:
     def patches(self) -> Patches:
         """The surface that each return stands for, where there is a grid."""
         assert self.grid is not None, "patches lie between neighbours"
-        rotation, bounds = self.world_from_sensor.rotation, self._bounds(self.grid)
-        return surface_patches(self.cluster.points_world, world_from_sensor=rotation, grid=self.grid, bounds=bounds)
+        return surface_patches(
+            self.cluster.points_world,
+            world_from_sensor=self.world_from_sensor.rotation,
+            grid=self.grid,
+            cut_off=self._cut_off(self.grid) if len(self.parts_world) else None,
+        )
 
-    def _bounds(self, grid: Grid) -> Bounds | None:
-        if not len(self.parts_world):
-            return None
-        assert self.placed is not None, "there is a grid"
-        (x, y, z), (lowest, highest) = self.points_from_beams.T, self.placed.envelope
+    def _cut_off(self, grid: Grid) -> CutOff:
+        (x, y, z), (lowest, highest) = self.points_from_beams.T, self.sweep.envelope
         slopes = z / np.maximum(np.hypot(x, y), 1e-9)
         heights_m, half_row = self.parts_world[..., 2], grid.row_step_rad / 2
         bottom_m = float(heights_m.min())
-        return Bounds(
+        return CutOff(
             grounded_m=np.where(slopes < lowest.slope + half_row, np.inf, bottom_m + self.settings.ground_clearance_m),
             bottom_m=bottom_m,
             top_m=np.where(slopes > highest.slope - half_row, heights_m.max(), -np.inf),
@@ -193,33 +205,31 @@ class ScannedObject:
     def error_m(self) -> NDArray[np.float64]:
         """(N,) float64, m, how uncertain the outline is near each return but for the spacing of the beams; see
         `outline_error_m`."""
-        camera_from_world, errors, placed = self.exposure.camera_from_world, self.settings.outline, self.placed
+        camera_from_world, errors = self.exposure.camera_from_world, self.settings.outline
         assert errors is not None, "only for protocols with unknown bands"
-        assert placed is not None, "only where a sweep has met the object"
         velocity_mps = np.nan_to_num(self.annotated.velocity_world_mps)
         speed_mps, limbs = float(np.hypot(*velocity_mps[:2])), errors.limbs.get(self.annotated.track.object_class, ())
-        variance_m2 = np.full(len(self.cluster.rows), self._revolution_m2(placed, velocity_mps))
+        variance_m2 = np.full(len(self.cluster.rows), self._revolution_m2(velocity_mps))
         if limbs and speed_mps:
-            times_ns = placed.times_ns[self.cluster.rows] - self.exposure.timestamp_ns
-            swung_m = limb_motion_m(limbs, self._heights(), speed_mps=speed_mps, times_ns=times_ns)
+            heights_m = self.cluster.points_world[:, 2] - self._known_world[:, 2].min()
+            swung_m = limb_motion_m(
+                limbs,
+                np.asarray(heights_m / np.ptp(self._known_world[:, 2])),
+                speed_mps=speed_mps,
+                times_ns=self.sweep.times_ns[self.cluster.rows] - self.exposure.timestamp_ns,
+            )
             across = cross(normalise(self.points_camera), camera_from_world.rotate(velocity_mps / speed_mps))
             variance_m2 += swung_m**2 * dot(across, across)
         sensor_camera = camera_from_world.apply(self.world_from_sensor.translation_m)
         return outline_error_m(self.points_camera, sensor_camera=sensor_camera, variance_m2=variance_m2, errors=errors)
 
-    def _heights(self) -> NDArray[np.float64]:
-        """(N,), of each return above the object's bottom, over the object's height."""
-        points_world = self.cluster.points_world
-        heights_m = (self.parts_world if len(self.parts_world) else points_world)[..., 2]
-        return np.asarray((points_world[:, 2] - heights_m.min()) / np.ptp(heights_m))
-
-    def _revolution_m2(self, placed: PosedSweep, velocity_mps: NDArray[np.float64]) -> float:
+    def _revolution_m2(self, velocity_mps: NDArray[np.float64]) -> float:
         """Variance of what nothing tells of lidars without times of points: when in the revolution was it met? At
         either end the object was elsewhere, seen from the vehicle."""
-        sweep, half_ns = placed.sweep, placed.revolution_ns // 2
-        if sweep.time_offset_ns is not None:
+        points, half_ns = self.sweep.sweep, self.sweep.revolution_ns // 2
+        if points.time_offset_ns is not None:
             return 0.0
-        rotations, positions_m, _ = self.exposure.trajectory.at(sweep.timestamp_ns + np.array([-half_ns, half_ns]))
+        rotations, positions_m, _ = self.exposure.trajectory.at(points.timestamp_ns + np.array([-half_ns, half_ns]))
         middle_m = self.cluster.points_world.mean(axis=0)
         centres_m = middle_m + velocity_mps * np.array([[-half_ns], [half_ns]]) / SECOND_NS
         first_m, last_m = np.einsum("nji,nj->ni", rotations, centres_m - positions_m)
@@ -249,59 +259,45 @@ class ScannedObject:
             certain=None if self.solid else self.exposure.crop(union(counts, CERTAIN), corner),
         )
 
-    def shadow(self) -> Raster | None:
-        """Part of the annotated shape that lies behind its own returns: there the lidar sees nothing, and a camera may.
 
-        Its pixels are those that the middle lines of the outline's patches, across and upright, sweep on their way
-        along the beam to the end of the shape. None where no such patch or no shape is known.
-        """
-        shape = Prism.around(self.parts_world)
-        if self.grid is None or shape is None:
-            return None
-        outermost = (self.grid.neighbours < 0).any(axis=0)
-        beams = normalise(self.world_from_sensor.rotate(self.points_from_beams[outermost]))
-        _, leave_m = shape.ways_m(self.cluster.points_world[outermost], beams)
-        ways = beams * leave_m.clip(0.0)[:, None]
-        corners = self.patches.corners.compress(outermost, axis=2)
-        if not corners.size:
-            return None
-        following = np.roll(corners, -1, axis=1)  # above, right, below, left: from corner to corner
-        above, right, below, left = np.moveaxis((corners + following) / 2, 1, 0)
-        lines = np.concatenate([np.stack([left, right], axis=1), np.stack([above, below], axis=1)], axis=2)
-        swept = np.concatenate([lines, lines[:, ::-1] + np.tile(ways.T, 2)[:, None]], axis=1)
-        counts, corner = draw(swept, self.exposure)
-        return self.exposure.crop(without_slits(union(counts)), corner - 1)
-
-    def unseen(self) -> Raster | None:
-        """Part of the annotated shape below the lowest beam or above the highest; None where there is none."""
-        assert self.placed is not None, "only where a sweep has met the object"
-        camera_from_sensor = self.exposure.camera_from_world @ self.world_from_sensor
-        bodies = [
-            self.exposure.seen(camera_from_sensor.apply(body))
-            for corners in self.world_from_sensor.inverse().apply(self.parts_world)
-            for beam, end_m in zip(self.placed.envelope, (corners[:, 2].min(), corners[:, 2].max()), strict=True)
-            if len(body := beyond_beam(corners, beam, end_m=end_m))
-        ]
-        return silhouette(bodies, self.exposure.camera.model) if bodies else None
-
-
-def beyond_beam(corners: NDArray[np.float64], beam: Beam, *, end_m: float) -> NDArray[np.float64]:
-    """Part of an upright convex body between a beam's cone and the body's bottom or top.
-
-    The cone is curved: along a side it is followed in steps of at most `OUTLINE_STEP_M`.
+def limb_motion_m(
+    limbs: Sequence[Limb], heights: NDArray[np.float64], *, speed_mps: float, times_ns: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return how far points moved with limbs: (N,) float64, m, standard deviation along the direction of travel.
 
     Args:
-        corners: (K, 3) float64, m, of the body, sensor frame.
-        beam: the lowest or the highest.
-        end_m: m, height of the body's bottom for the lowest beam, of its top for the highest.
+        limbs: of the object; the fastest at each return's height counts.
+        heights: (N,) float64, of each return above the object's bottom, over the object's height.
+        speed_mps: of the object.
+        times_ns: (N,) int64, of each return, since the exposure.
+    """
+    shares = [limb.speed * (limb.joint - heights) / (limb.joint - limb.end) for limb in limbs]
+    reached = [np.where(heights >= limb.end, share, 0.0) for limb, share in zip(limbs, shares, strict=True)]
+    fastest = np.maximum.reduce([np.zeros_like(heights), *reached])
+    return np.asarray(fastest * SINE_RMS * speed_mps * np.abs(times_ns) / SECOND_NS)
+
+
+def outline_error_m(
+    points_camera: NDArray[np.float64],
+    *,
+    sensor_camera: NDArray[np.float64],
+    variance_m2: NDArray[np.float64],
+    errors: OutlineErrors,
+) -> NDArray[np.float64]:
+    """Uncertainty of an object's outline near each of its returns, for all causes but the spacing of the beams.
+
+    Args:
+        points_camera: (N, 3) float64, m, these returns at exposure.
+        sensor_camera: (3,) float64, m, where the lidar was.
+        variance_m2: (N,) float64, square of the standard deviation of the unknown part of each return's motion, as
+            the camera sees it.
+        errors: of the protocol.
 
     Returns:
-        (J, 3) float64, m, points whose convex hull is the part; none where the beam reaches the end everywhere.
+        (N,) float64, m, standard deviation across the camera's ray.
     """
-    ground = shapely.convex_hull(shapely.multipoints(corners[:, :2]))
-    outline_m = shapely.get_coordinates(shapely.segmentize(ground, OUTLINE_STEP_M))
-    heights_m = beam.heights_m(np.hypot(*outline_m.T)).clip(corners[:, 2].min(), corners[:, 2].max())
-    missed = heights_m != end_m
-    end = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(outline_m[missed])))
-    cut = np.column_stack([outline_m[missed], heights_m[missed]])
-    return np.concatenate([cut, np.column_stack([end, np.full(len(end), end_m)])])
+    beams = points_camera - sensor_camera
+    distance2_m2, aside = dot(points_camera, points_camera), cross(points_camera, beams)
+    parallax2 = np.nan_to_num(dot(aside, aside) / (distance2_m2 * dot(beams, beams)))  # squared sine
+    variance_m2 = variance_m2 + errors.range_noise_m**2 * parallax2 + errors.position_m**2
+    return np.asarray(np.sqrt(errors.angle_rad**2 * distance2_m2 + variance_m2))

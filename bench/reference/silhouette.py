@@ -191,8 +191,7 @@ class _Blocks:
         covered[inside] = np.isfinite(self.rays[inside, 0])
         cut = self.pixels[reached & ~whole].ravel()
         covered[cut] |= (planes @ self.rays[cut].T >= 0.0).all(axis=0)  # False for NaN
-        found: NDArray[np.bool_] = reached
-        return found
+        return np.asarray(reached)
 
     def window(self, reached: NDArray[np.bool_], shape: tuple[int, int]) -> tuple[slice, slice]:
         """Rows and columns of an image of this shape that hold the blocks."""

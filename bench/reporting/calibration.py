@@ -20,7 +20,7 @@ from bench.reporting import canvas
 from bench.reporting.film import rerun_log
 from bench.reporting.formats import file_name, image_name
 from bench.reporting.frame import FARTHEST_M, NEAREST_M, SeenSweep, SweepViewer, draw_points
-from bench.validation.static_flow import SeenFlow, reduced, seen_flow
+from bench.validation.fits.flow import SeenFlow, reduced, seen_flow
 
 GRID_M, GRID_STEP_M, LINE_STEP_M = 10.0, 1.0, 0.05  # reach of the grid, between its lines, between points of a line
 HORIZON_POINTS = 1441

@@ -299,7 +299,7 @@ def _threshold_charts(run: StoredRun) -> list[Chart]:
     pixels, area = run.summary.segmentation, run.metrics.false_positives.coverage.value
     recall, precision = pixels.recall.value, pixels.precision.value
     found = _draw_threshold_curve(
-        sweep.false_positive_coverage, sweep.tpr, marked=(area, recall), legend=True, xlim=(0, None),
+        sweep.false_positive_coverage, sweep.recall, marked=(area, recall), legend=True, xlim=(0, None),
         xlabel="false-positive coverage (% of the image)", ylabel="pixel recall (%)",
         title="Found against wrongly marked",
     )  # fmt: skip

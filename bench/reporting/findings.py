@@ -10,10 +10,9 @@ from bench.methods.predictions import FaultKind, PredictionIndex
 from bench.plain_text import counted, listed
 from bench.reporting.document import Block, Heading, Paragraph, Style, Table
 from bench.reporting.formats import shortened
-from bench.validation import Count, Depth, Finding, RecordingReport, Severity, ValidationReport, read_report
+from bench.validation import Count, Depth, Finding, RecordingReport, Severity, ValidationReport
 
 SWEEP = "sweep.csv"  # the runs in a folder with this file are values of a sweep, and no entries of a leaderboard
-VALIDATION = "validation.json"  # of a run whose data were validated
 SHOWN = 5  # findings of one check in one recording, of which the file has all; faults of a kind
 SHOWN_PLACES = 3  # of findings that read alike
 STYLES: dict[Severity, Style] = {Severity.ERROR: "bad", Severity.WARNING: "warn"}
@@ -48,18 +47,6 @@ def _contents(report: ValidationReport) -> Iterator[Block]:
     for (what, read_as, why), count in sorted(counts.items(), key=lambda entry: not entry[0][1]):
         made = f"read as {read_as}" if read_as else f"not read: {why}"
         yield Paragraph(f"  {what} ({count}): {made}" if count > 1 else f"  {what}: {made}", "dim")
-
-
-def run_findings(run: Path) -> list[Block]:
-    """Findings of a validation in the data of a run before it was scored.
-
-    Raises:
-        DataError: the stored report is damaged.
-    """
-    file = run / VALIDATION
-    if not file.is_file():
-        return [Paragraph("The data were not validated before they were scored; run --require-valid does that.", "dim")]
-    return [Heading("Findings in the data"), *findings_report(read_report(file))]
 
 
 def _findings(recording: RecordingReport) -> Iterator[Block]:

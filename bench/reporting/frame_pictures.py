@@ -22,8 +22,8 @@ from bench.errors import BenchError
 from bench.evaluation import Rows
 from bench.evaluation.rows import EVALUATED, IMAGE, pick, read_parts
 from bench.harness import FramePipeline, ProcessedFrame
+from bench.harness.datasets import StoredFrames
 from bench.harness.frames import UnscorableFrame
-from bench.harness.replay import StoredFrames
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun
 from bench.recordings import DatasetCard, ImageRef, read_image

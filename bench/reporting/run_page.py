@@ -29,7 +29,6 @@ from bench.reference import Category
 from bench.reporting.charts import Chart, draw_charts, figure_uri
 from bench.reporting.compare import pair_on_common_images, read_comparable
 from bench.reporting.document import (
-    Bar,
     Block,
     Cell,
     Choice,
@@ -44,7 +43,6 @@ from bench.reporting.document import (
     Table,
     to_page,
 )
-from bench.reporting.findings import run_findings
 from bench.reporting.formats import (
     LABELS,
     headline_metrics,
@@ -103,21 +101,6 @@ def _cause_table(metrics: Summary, *, of_recordings: str) -> Table | None:
         rows=[[name.replace("_", " "), bar_cell(cause)] for name, cause in ordered],
         look="narrow",
     )
-
-
-def _time_table(stage_seconds: Mapping[str, float], *, images: int) -> Table:
-    """The stages of a run, the longest first."""
-    total = sum(stage_seconds.values()) or 1.0
-    return Table(
-        title="Share of the time by stage",
-        columns=["stage", "share"],
-        rows=[
-            [name, Cell(f"{1000 * seconds / max(images, 1):.1f} ms per image ({seconds:.1f} s)",
-                        bar=Bar(share=seconds / total))]
-            for name, seconds in sorted(stage_seconds.items(), key=lambda item: -item[1])
-        ],
-        look="narrow",
-    )  # fmt: skip
 
 
 def _origin_table(run: StoredRun) -> Table:
@@ -373,7 +356,7 @@ def _sections(
 ) -> Iterator[Group]:
     """The sections of the page, each of which opens with a sentence."""
     section = partial(Group, look="section")
-    whole, metrics, summary, made = run.category is None, run.metrics, run.summary, run.summary.provenance
+    whole, metrics, summary = run.category is None, run.metrics, run.summary
     cards = [card for *_, of_gallery in galleries for card in of_gallery]
     charts = draw_charts(run)
     banded = "unknown_share" in metrics.all_moving.metric_names()
@@ -413,11 +396,6 @@ def _sections(
     yield section(name="worst", title="Worst cases", count=f"{len(cards)} cases",
                   blocks=[*_worst(galleries, missing, whole=whole, pictures=pictures)])  # fmt: skip
     yield _object_section(run, cards)
-    rate = f", {made.images_asked / made.seconds:.1f} images per second" if made.seconds and made.images_asked else ""
-    rate = rate if made.images_asked else ", since all answers were stored already"
-    yield section(name="time", title="Time", blocks=[
-        Paragraph("Time of every stage of the run, per image, for all protocols of its pass; the whole took "
-                  f"{made.seconds:.1f} s{rate}."), _time_table(made.stage_seconds, images=made.images)])  # fmt: skip
     yield section(name="origin", title="Origin of the values", blocks=[
         Paragraph("What made this run; the same code, settings and data give the same values."),
         _origin_table(run)])  # fmt: skip
@@ -426,7 +404,7 @@ def _sections(
     yield section(name="ledger", title="What was left out, and why", count=f"{len(summary.failures)} failures", blocks=[
         Paragraph(f"Every annotated object in every image ends in exactly one of these lines{here}; detections on "
                   "ignored objects count neither as right nor as wrong."),
-        *_ledger_tables(metrics), *run_findings(run.folder),
+        *_ledger_tables(metrics),
         *_folded("Messages of images that were not scored", messages),
         *_folded(f"{len(summary.failures)} failures", summary.failures)])  # fmt: skip
 

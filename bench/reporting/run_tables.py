@@ -463,15 +463,7 @@ def odd_masks(run: StoredRun) -> str:
 def cost_lines(made: Provenance) -> Iterator[str]:
     """Work of a run, and the time and memory that it took."""
     rate = f", {made.images_asked / made.seconds:.1f} images per second" if made.images_asked and made.seconds else ""
-    yield (
-        f"{made.seconds:.1f} s{rate}, peak memory of a process {made.peak_memory_mb:.0f} MB; "
-        f"seconds by stage, over all processes: {stage_times(made.stage_seconds)}"
-    )
+    yield f"{made.seconds:.1f} s{rate}, peak memory of a process {made.peak_memory_mb:.0f} MB"
     stored = made.images - made.images_asked
     found = f"; the answers of {counted(stored, 'image')} were there" if stored > 0 else ""
     yield f"{counted(made.workers, 'process')}; the method was asked for {counted(made.images_asked, 'image')}{found}"
-
-
-def stage_times(seconds: Mapping[str, float]) -> str:
-    """Seconds by stage, as "decode 1.4, method 30.9"."""
-    return ", ".join(f"{name} {spent:.1f}" for name, spent in seconds.items())

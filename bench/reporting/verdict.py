@@ -21,24 +21,22 @@ from junitparser.junitparser import FinalResult
 
 from bench.atomic import write_output
 from bench.errors import UsageError
-from bench.gate.brief import (
-    change_lines,
-    check_lines,
-    is_overlapping,
-    main_rows,
-    not_judged_line,
-    overall_rows,
-    worst_line,
-)
 from bench.gate.verdict import (
     Outcome,
     Row,
     Verdict,
     allowed_text,
+    change_lines,
     change_text,
+    check_lines,
     interval_text,
+    is_overlapping,
+    main_rows,
+    not_judged_line,
+    overall_rows,
     row_text,
     value_text,
+    worst_line,
     worst_text,
 )
 from bench.plain_text import plain

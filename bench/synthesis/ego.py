@@ -12,11 +12,10 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import camera_from_parameters, ray_grid
 from bench.geometry import RigidTransform, RoadPlane
 from bench.records.recording import MountedCamera
-from bench.synthesis.draws import named_rng
 from bench.synthesis.mesh import Mesh, Surface, box, convex, joined, slab, tube
 from bench.synthesis.motion import Path
 from bench.synthesis.rays import RayScene
-from bench.synthesis.scenario import BusSpec, CalibrationSpec, CameraSpec, RecordingSpec, Scenario
+from bench.synthesis.scenario import BusSpec, CalibrationSpec, CameraSpec, RecordingSpec, Scenario, named_rng
 from bench.times import SECOND_NS
 
 # Seen from above, x forward: a compact car of 4.7 m by 1.8 m with its origin below the rear axle.
@@ -177,11 +176,8 @@ def bus_report(path: Path, spec: BusSpec | None, rng: np.random.Generator) -> Bu
     if spec is None:
         return BusReport(times_ns=times_ns, speeds_mps=speeds_mps, yaw_rates_radps=yaw_rates_radps)
     scale, phase, bias = 1.0 + rng.normal(0.0, spec.speed_scale_sigma), rng.uniform(), rng.normal()
-    if spec.ticks_per_turn:
-        ticks_ns = _tick_times_ns(path, 2 * np.pi * spec.tyre_radius_m / spec.ticks_per_turn / scale, phase)
-        speeds_mps = _counted(times_ns, ticks_ns, interval_ns=interval_ns, spec=spec)
-    else:
-        speeds_mps = speeds_mps * scale
+    ticks_ns = _tick_times_ns(path, 2 * np.pi * spec.tyre_radius_m / spec.ticks_per_turn / scale, phase)
+    speeds_mps = _counted(times_ns, ticks_ns, interval_ns=interval_ns, spec=spec)
     errors = np.radians(bias * spec.yaw_rate_bias_degps + rng.normal(size=len(times_ns)) * spec.yaw_rate_noise_degps)
     return BusReport(
         times_ns=times_ns,

@@ -18,9 +18,8 @@ from bench.egomotion import camera_motion
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane, cross, dot
 from bench.records.recording import MountedCamera
-from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.rays import RayScene
-from bench.synthesis.scene import Scene
+from bench.synthesis.scene import FIRST_IMAGE_NS, Scene
 
 # What is met this little before a point does not hide it: single precision, and a lane marking on the road below it.
 SAME_POINT_M, SAME_POINT_SHARE = 0.05, 0.002

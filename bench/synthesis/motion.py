@@ -6,7 +6,6 @@ vehicle at that time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.geometry import RigidTransform
-from bench.synthesis.scenario import BumpSpec, SuspensionSpec
+from bench.synthesis.scenario import SuspensionSpec
 from bench.times import SECOND_NS
 
 STEP_NS = 1_000_000  # between the nodes of a path: linear in between is off by less than a micrometre
@@ -193,25 +192,20 @@ class RoadProfile:
         waves_per_m: (W,) float64, cycles per metre.
         amplitudes_m: (2, W) float64: of the mean of both wheel tracks, and of half their difference.
         phases_rad: (2, W) float64.
-        bumps: across both tracks.
     """
 
     waves_per_m: NDArray[np.float64]
     amplitudes_m: NDArray[np.float64]
     phases_rad: NDArray[np.float64]
-    bumps: tuple[BumpSpec, ...] = ()
 
     def heights_m(self, distances_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Heights below the left and the right wheel at (N,) distances."""
         angles = 2 * np.pi * np.outer(distances_m, self.waves_per_m)
         mean, half = (np.cos(angles + p) @ a for a, p in zip(self.amplitudes_m, self.phases_rad, strict=True))
-        for bump in self.bumps:
-            part = np.clip((distances_m - bump.at_m) / bump.length_m, -0.5, 0.5)
-            mean = mean + bump.height_m * (0.5 + 0.5 * np.cos(2 * np.pi * part))
         return mean + half, mean - half
 
 
-def road_profile(road_class: str | None, bumps: Sequence[BumpSpec], rng: np.random.Generator) -> RoadProfile:
+def road_profile(road_class: str | None, rng: np.random.Generator) -> RoadProfile:
     """Draw a road of a class.
 
     Each wave has the power that its class gives it. Left and right tracks of an isotropic road agree for waves that are
@@ -231,7 +225,6 @@ def road_profile(road_class: str | None, bumps: Sequence[BumpSpec], rng: np.rand
         waves_per_m=waves,
         amplitudes_m=np.sqrt(2 * powers * shares),
         phases_rad=rng.uniform(0, 2 * np.pi, (2, WAVES)),
-        bumps=tuple(bumps),
     )
 
 
@@ -350,20 +343,17 @@ class EgoMotion:
         )
 
 
-def ego_motion(
-    ground: Path, suspension: SuspensionSpec | None, *, bumps: Sequence[BumpSpec] = (), rng: np.random.Generator
-) -> EgoMotion:
+def ego_motion(ground: Path, suspension: SuspensionSpec | None, *, rng: np.random.Generator) -> EgoMotion:
     """The motion of the ego vehicle's body.
 
     Args:
         ground: the path of the level vehicle.
-        suspension: None for a rigid car, which no bump moves.
-        bumps: on the path.
+        suspension: None for a rigid car, which no unevenness moves.
         rng: the unevenness of the road.
     """
     if suspension is None:
         return EgoMotion(ground=ground, attitude=None, centre_m=np.zeros(3))
-    road = road_profile(suspension.road_class, bumps, rng)
+    road = road_profile(suspension.road_class, rng)
     return EgoMotion(
         ground=ground, attitude=body_attitude(ground, road, suspension), centre_m=np.array(suspension.centre_m)
     )

@@ -30,13 +30,19 @@ from bench.plain_yaml import parse_yaml_tree
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.files import read_text
 from bench.recordings.validation import validated
-from bench.synthesis.draws import DrawError, named_rng
 from bench.synthesis.ego import OUTLINE_M, bus_report, mounted_rig
 from bench.synthesis.imaging.renderer import write_images
-from bench.synthesis.placement import FIRST_IMAGE_NS, camera_fault, first_clash
 from bench.synthesis.scanner import scans
-from bench.synthesis.scenario import RecordingSpec, Scenario, ScenarioFile, ScenarioHead, interval_ns
-from bench.synthesis.scene import Actor, Scene, build_scene
+from bench.synthesis.scenario import (
+    DrawError,
+    RecordingSpec,
+    Scenario,
+    ScenarioFile,
+    ScenarioHead,
+    interval_ns,
+    named_rng,
+)
+from bench.synthesis.scene import FIRST_IMAGE_NS, Actor, Scene, build_scene, camera_fault, first_clash
 
 LARGEST_BYTES = 4_000_000
 Model = TypeVar("Model", bound=BaseModel)

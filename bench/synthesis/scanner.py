@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform, dot
 from bench.lidar import LidarSweep
-from bench.synthesis.draws import named_rng
 from bench.synthesis.ego import own_body
 from bench.synthesis.mesh import COLUMN_OF, Mesh
 from bench.synthesis.motion import EgoMotion
-from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.rays import RayScene, depths_m
-from bench.synthesis.scenario import LidarSpec, RecordingSpec, Scenario
-from bench.synthesis.scene import Actor, Scene
+from bench.synthesis.scenario import LidarSpec, RecordingSpec, Scenario, named_rng
+from bench.synthesis.scene import FIRST_IMAGE_NS, Actor, Scene
 from bench.times import SECOND_NS
 
 FIRINGS_PER_S = 20_833  # of all 64 lasers: 2083 columns, 0.1728 degrees apart, at 10 Hz

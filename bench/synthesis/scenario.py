@@ -1,19 +1,183 @@
-"""The records of a scenario file: sensors, vehicle, street, light, actors, drives and series of drives."""
+"""The records of a scenario file: sensors, vehicle, street, light, actors, drives and series of drives with draws.
+
+Instead of a value of a series stands a mapping with one of these keys:
+
+    {uniform: [a, b]}        any number from a to b
+    {choice: [p, q, ...]}    one of these, which may be whole lists or mappings
+    {steps: [a, b]}          from a in the first recording of the series to b in the last, evenly
+    {each: [p, q, ...]}      the k-th of these in the k-th repeat of an actor
+    {value: name}            what `values` of the series calls so
+    {sum: [p, q, ...]}       of numbers, drawn or not
+    {product: [p, q, ...]}   likewise
+
+Every draw has random numbers of its own, named by the series, the recording's number in it and the position of the draw
+in the file: another series, another field or a longer series change nothing in a recording (a longer series moves its
+`steps` alone).
+"""
 
 from __future__ import annotations
 
+import hashlib
 import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from bench.cameras import camera_from_parameters
 from bench.errors import BenchError, UnknownNameError
-from bench.recordings.schema import RollingShutterHead
+from bench.recordings.mounting import RollingShutterHead
 from bench.recordings.validation import FileModel
 from bench.synthesis.bodies import BODIES
-from bench.synthesis.draws import DrawError, Sampler
+
+DECIMALS = 4  # of drawn numbers: a tenth of a millimetre
+
+
+class DrawError(ValueError):
+    """A draw that cannot be made.
+
+    Args:
+        path: keys on the path to it, from the series on.
+        expected: what can stand there.
+        got: what does.
+    """
+
+    def __init__(self, path: str, expected: str, got: object) -> None:
+        self.path, self.expected, self.got = path, expected, repr(got)
+        super().__init__(f"{path}: expected {expected}, got {got!r}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sampler:
+    """Draws the values of one recording of a series.
+
+    Attributes:
+        seed: of the scenario.
+        series: name of the series.
+        index: of the recording in the series, from 0.
+        count: recordings of the series.
+        attempt: 0, or how often the recording was drawn before with bodies that overlapped.
+        values: the series' named values, drawn where a field asks for them.
+    """
+
+    seed: int
+    series: str
+    index: int
+    count: int
+    attempt: int = 0
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def drawn(self, node: Any, path: str, *, repeat: int | None = None) -> Any:
+        """A part of the series with every draw replaced by what it gives.
+
+        Args:
+            node: the part.
+            path: keys on the path to it.
+            repeat: number of the repeat that it stands in, from 0.
+
+        Raises:
+            DrawError: something that is not a draw.
+        """
+        if isinstance(node, dict):
+            if len(node) == 1 and (kind := next(iter(node))) in DRAWS:
+                return DRAWS[kind](self, node[kind], path, repeat)
+            return {key: self.drawn(part, f"{path}.{key}", repeat=repeat) for key, part in node.items()}
+        if isinstance(node, list):
+            return [self.drawn(part, f"{path}.{k}", repeat=repeat) for k, part in enumerate(node)]
+        return node
+
+    def number(self, node: Any, path: str, repeat: int | None) -> float:
+        """A number, drawn or not."""
+        value = self.drawn(node, path, repeat=repeat)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise DrawError(path, "a number", value)
+        return value
+
+    def share(self, path: str, repeat: int | None) -> float:
+        """The random number of a position in the file, from 0 to 1."""
+        names = (self.series, self.index, self.attempt, path, "" if repeat is None else repeat)
+        return float(named_rng(self.seed, "series", *names).random())
+
+
+def _uniform(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
+    low, high = _two(sampler, node, path, repeat)
+    return round(low + (high - low) * sampler.share(path, repeat), DECIMALS)
+
+
+def _choice(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:
+    options = _filled(node, path)
+    number = int(sampler.share(path, repeat) * len(options))
+    return sampler.drawn(options[number], f"{path}.choice.{number}", repeat=repeat)
+
+
+def _steps(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
+    low, high = _two(sampler, node, path, repeat)
+    return round(low + (high - low) * (sampler.index / max(sampler.count - 1, 1)), DECIMALS)
+
+
+def _each(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:
+    options = _filled(node, path)
+    if repeat is None or repeat >= len(options):
+        raise DrawError(path, f"at most {len(options)} repeats of the actor", "none" if repeat is None else repeat + 1)
+    return sampler.drawn(options[repeat], f"{path}.each.{repeat}", repeat=repeat)
+
+
+def _value(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:  # noqa: ARG001
+    if not isinstance(node, str) or node not in sampler.values:
+        raise DrawError(path, f"a name under values ({', '.join(sampler.values) or 'there are none'})", node)
+    rest = {name: value for name, value in sampler.values.items() if name != node}  # so that none can hold itself
+    return replace(sampler, values=rest).drawn(sampler.values[node], f"values.{node}")
+
+
+def _sum(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
+    parts = _filled(node, path)
+    return round(math.fsum(sampler.number(part, f"{path}.sum.{k}", repeat) for k, part in enumerate(parts)), DECIMALS)
+
+
+def _product(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
+    parts = _filled(node, path)
+    return round(
+        math.prod(sampler.number(part, f"{path}.product.{k}", repeat) for k, part in enumerate(parts)), DECIMALS
+    )
+
+
+def _filled(node: Any, path: str) -> list[Any]:
+    if not isinstance(node, list) or not node:
+        raise DrawError(path, "a list of at least one", node)
+    return node
+
+
+def _two(sampler: Sampler, node: Any, path: str, repeat: int | None) -> tuple[float, float]:
+    if not isinstance(node, list) or len(node) != 2:
+        raise DrawError(path, "two numbers, [from, to]", node)
+    low, high = (sampler.number(part, f"{path}.{k}", repeat) for k, part in enumerate(node))
+    return low, high
+
+
+DRAWS: dict[str, Callable[[Sampler, Any, str, int | None], Any]] = {
+    "uniform": _uniform,
+    "choice": _choice,
+    "steps": _steps,
+    "each": _each,
+    "value": _value,
+    "sum": _sum,
+    "product": _product,
+}
+
+
+def named_rng(seed: int, *names: str | int) -> np.random.Generator:
+    """A generator of its own for each purpose, the same on every run and in every process.
+
+    Args:
+        seed: of the scenario.
+        names: what the numbers are for: recording, sensor, frame.
+    """
+    text = "/".join([str(seed), *map(str, names)])
+    return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "little"))
+
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
 Number = Annotated[float, Field(ge=-1e4, le=1e4)]  # metres, degrees, seconds: nothing of a scene lies beyond
@@ -54,17 +218,12 @@ class SensorSpec(FileModel):
         edge_light: light at the lens's widest angle against that in the middle; 1 for no vignetting.
         read_noise_grey: standard deviation of the noise in the dark, grey values of 255 at gain 1; 0 for none.
         full_well_electrons: that white stands for at gain 1, which gives the shot noise; null for none.
-        exposure_ms: for how long the shutter is open, which blurs what moves; 0 for a still, null for what the
-            recording's light asks for: 2 in the sun, 5 in low sun, 6 under clouds, 20 by night.
-        gain: that noise grows with; null for what the light asks for: 1 by day, 1.5 in low sun, 6 by night.
         jpeg_quality: of OpenCV's encoder, with images in JPEG; null for PNG, without loss.
     """
 
     edge_light: Share = 0.6
     read_noise_grey: NotNegative = 1.0
     full_well_electrons: Positive | None = 10_000.0
-    exposure_ms: NotNegative | None = Field(default=None, le=60)
-    gain: Positive | None = None
     jpeg_quality: Quality | None = None
 
 
@@ -148,22 +307,6 @@ class ActorSpec(FileModel):
         return self
 
 
-class BumpSpec(FileModel):
-    """A bump across the road that the suspension feels: a patch's edge, a sunken manhole, a low speed bump.
-
-    It is too low to be part of the rendered street.
-
-    Attributes:
-        at_m: its middle, distance ahead of the rear axle at the first image.
-        height_m: negative for a dip.
-        length_m: along the path; the profile is a raised cosine.
-    """
-
-    at_m: Number
-    height_m: float = Field(ge=-0.1, le=0.1)
-    length_m: float = Field(default=0.6, gt=0.1, le=10)
-
-
 class EgoSpec(FileModel):
     """`host` of a file, how the ego vehicle drives: values at `times_s`, linear in between; one value if steady.
 
@@ -174,7 +317,6 @@ class EgoSpec(FileModel):
         gear: "reverse" drives backwards.
         ramp_s: time over which changes of acceleration and steering are spread, half of it before and half after; a
             driver's foot takes about 0.3 s.
-        bumps: felt by an ego vehicle with a suspension.
     """
 
     times_s: tuple[Number, ...] = (0.0,)
@@ -182,7 +324,6 @@ class EgoSpec(FileModel):
     yaw_rate_degps: tuple[Number, ...] = (0.0,)
     gear: Literal["forward", "reverse"] = "forward"
     ramp_s: float = Field(default=0.0, ge=0, le=2)
-    bumps: tuple[BumpSpec, ...] = ()
 
     @model_validator(mode="after")
     def _profile_fits(self) -> EgoSpec:
@@ -226,18 +367,14 @@ class LidarSpec(FileModel):
 
 
 class LightSpec(FileModel):
-    """Sun and sky, or night.
+    """Sun and sky, or night; where the sun stands is drawn.
 
     Attributes:
         kind: "sunny", a bright day; "overcast", no sun, no shadows; "low_sun", morning or evening, long shadows;
             "night", street lamps and the ego vehicle's headlights.
-        azimuth_deg: direction to the sun, to the left of the world's x axis; null draws one for the recording.
-        elevation_deg: of the sun above the horizon; null draws one that fits the kind.
     """
 
     kind: Literal["sunny", "overcast", "low_sun", "night"] = "sunny"
-    azimuth_deg: Number | None = None
-    elevation_deg: float | None = Field(default=None, gt=0, le=90)
 
 
 class SuspensionSpec(FileModel):
@@ -277,7 +414,7 @@ class BusSpec(FileModel):
 
     Attributes:
         rate_hz: messages per second.
-        ticks_per_turn: edges of one turn of a wheel; 0 for a speed without ticks.
+        ticks_per_turn: edges of one turn of a wheel.
         tyre_radius_m: that the control unit assumes.
         standstill_after_s: without a tick for so long, the reported speed is 0. One tick in that time, 0.1 m/s by the
             defaults, is the slowest motion that the bus registers.
@@ -289,7 +426,7 @@ class BusSpec(FileModel):
     """
 
     rate_hz: float = Field(default=50.0, ge=5, le=1000)
-    ticks_per_turn: int = Field(default=96, ge=0, le=10_000)
+    ticks_per_turn: int = Field(default=96, ge=1, le=10_000)
     tyre_radius_m: Positive = 0.31
     standstill_after_s: Positive = 0.2
     speed_step_kmh: NotNegative = 0.01
@@ -380,7 +517,6 @@ class StreetSpec(FileModel):
             vehicle come near stay free.
         trees: share of the positions for trees, 9 m apart on each pavement, that have one.
         hedges: share of the fronts that are a garden behind a hedge, fence or wall instead of a house.
-        wear: of the road, from 0, just laid, to 1, cracked and patched all over; null draws one.
         wet: whether rain has darkened road, kerbs and pavement; no water stands on them that would mirror anything.
         zebra_at_m: zebra crossings with lowered kerbs.
         side_streets: with rounded corners and a line to stop or give way at.
@@ -398,7 +534,6 @@ class StreetSpec(FileModel):
     parked_cars: Density = 0.6
     trees: Density = 0.4
     hedges: Density = 0.25
-    wear: Density | None = None
     wet: bool = False
     zebra_at_m: tuple[Along, ...] = ()
     side_streets: tuple[SideStreetSpec, ...] = ()

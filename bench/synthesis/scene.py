@@ -1,4 +1,4 @@
-"""The scene of a recording: the static world, actors, ego motion, light, and the times of its sensors.
+"""The scene of a recording: trajectories, the static world, actors, ego motion, light, and the times of its sensors.
 
 Brightness is what the picture shows, 1 is white, after exposure and the camera's tone curve: a day's shadows, a fifth
 as bright as the sun in the street, come out half as bright in the picture.
@@ -6,19 +6,274 @@ as bright as the sun in the street, come out half as bright in the picture.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
+import shapely
+from numpy.typing import ArrayLike, NDArray
 
 from bench.synthesis.bodies import make_body
 from bench.synthesis.bodies.body import Body
-from bench.synthesis.draws import named_rng
+from bench.synthesis.ego import OUTLINE_M, own_body
 from bench.synthesis.mesh import Mesh, PlacedMesh
-from bench.synthesis.motion import EgoMotion, Path, ego_motion
-from bench.synthesis.placement import plan_trajectories, swept_ground
-from bench.synthesis.scenario import LightSpec, RecordingSpec, ScenarioHead
+from bench.synthesis.motion import EgoMotion, Path, Poses, driven_path, ego_motion
+from bench.synthesis.scenario import (
+    ActorSpec,
+    CameraSpec,
+    EgoSpec,
+    LightSpec,
+    RecordingSpec,
+    ScenarioHead,
+    interval_ns,
+    named_rng,
+)
 from bench.synthesis.world import build_world
+from bench.times import SECOND_NS
+
+FIRST_IMAGE_NS = SECOND_NS  # the recording's clock at the scene's time 0
+MARGIN_NS = 200_000_000  # that paths are known before the first and after the last sensor reading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trajectories:
+    """Poses of the ego vehicle and the actors at any time, and the times at which the sensors measure.
+
+    Attributes:
+        ego: path of the ego vehicle.
+        actors: their paths, in the scenario's order.
+        image_times_ns: scene clock; 0 is the first image.
+        sweep_times_ns: scene clock, reference times.
+    """
+
+    ego: Path
+    actors: tuple[Path, ...]
+    image_times_ns: NDArray[np.int64]
+    sweep_times_ns: NDArray[np.int64]
+
+
+def plan_trajectories(head: ScenarioHead, spec: RecordingSpec) -> Trajectories:
+    """The trajectories of a recording."""
+    revolution_ns = interval_ns(head.lidar.rotation_hz)
+    image_times_ns = np.arange(spec.frames, dtype=np.int64) * interval_ns(head.frame_rate_hz)
+    # One revolution before the first image and one after the last, so that every image lies between two sweeps.
+    # Camera and lidar keep their own time: where in its revolution the lidar is at the first image is up to chance.
+    phase_ns = int(named_rng(head.seed, spec.name, "lidar phase").integers(revolution_ns))
+    sweep_times_ns = (
+        np.arange(-1, int(image_times_ns[-1]) // revolution_ns + 2, dtype=np.int64) * revolution_ns + phase_ns
+    )
+    actor_times_ns = [_milliseconds(actor.at_s) for actor in spec.actors]
+    first_ns = int(sweep_times_ns[0]) - revolution_ns - MARGIN_NS
+    last_ns = max([int(sweep_times_ns[-1]) + revolution_ns + MARGIN_NS, *actor_times_ns])
+    ego = _ego_path(spec.host, first_ns, last_ns)
+    return Trajectories(
+        ego=ego,
+        actors=tuple(_actor_path(actor, ego, first_ns, last_ns) for actor in spec.actors),
+        image_times_ns=image_times_ns,
+        sweep_times_ns=sweep_times_ns,
+    )
+
+
+def _ego_path(spec: EgoSpec, first_ns: int, last_ns: int) -> Path:
+    return driven_path(
+        times_s=spec.times_s,
+        speeds_mps=_sign(spec.gear) * np.array(spec.speed_kmh) / 3.6,
+        yaw_rates_radps=np.radians(spec.yaw_rate_degps),
+        first_ns=first_ns,
+        last_ns=last_ns,
+        ramp_s=spec.ramp_s,
+    )
+
+
+def _actor_path(spec: ActorSpec, ego: Path, first_ns: int, last_ns: int) -> Path:
+    at_ns = _milliseconds(spec.at_s)
+    world_from_vehicle = ego.at([at_ns]).transform()
+    position = world_from_vehicle.apply(np.array([*spec.position_m, 0.0]))
+    forward = world_from_vehicle.rotation[:, 0]
+    heading_rad = float(np.arctan2(forward[1], forward[0]) + np.radians(spec.heading_deg))
+    return driven_path(
+        times_s=spec.times_s,
+        speeds_mps=_sign(spec.gear) * np.array(spec.speed_mps),
+        yaw_rates_radps=np.radians(spec.yaw_rate_degps),
+        first_ns=first_ns,
+        last_ns=last_ns,
+        through=(float(position[0]), float(position[1]), heading_rad),
+        through_ns=at_ns,
+        floor_m=spec.floor_m,
+    )
+
+
+def _sign(gear: str) -> float:
+    return -1.0 if gear == "reverse" else 1.0
+
+
+def _milliseconds(seconds: float) -> int:
+    """Time in ns, to the millisecond, as paths have their nodes."""
+    return round(seconds * 1000) * 1_000_000
+
+
+KEEP_CLEAR_M = 0.4  # from the paths to whatever stands beside them: 10 cm more than a mirror is wide
+
+
+def watched_times(trajectories: Trajectories) -> NDArray[np.int64]:
+    """(N,) int64, ns: the image times, carried on to where the lidar sees its first and its last point."""
+    revolution_ns = int(trajectories.sweep_times_ns[1] - trajectories.sweep_times_ns[0])
+    first_ns, last_ns = (
+        int(trajectories.sweep_times_ns[0]) - revolution_ns,
+        int(trajectories.sweep_times_ns[-1]) + revolution_ns,
+    )
+    images = trajectories.image_times_ns
+    step_ns = int(images[1] - images[0]) if len(images) > 1 else revolution_ns
+    return np.arange(-(-first_ns // step_ns), last_ns // step_ns + 1, dtype=np.int64) * step_ns
+
+
+def footprints(poses: Poses, outline_m: ArrayLike, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.object_]:
+    """Return an outline at N poses of its body.
+
+    Args:
+        poses: world from body.
+        outline_m: (K, 2), m, in the body's frame, not closed.
+        rows: some of the poses.
+
+    Returns:
+        (N,) shapely polygons, world, m.
+    """
+    outline, rotations = np.asarray(outline_m, dtype=np.float64), poses.rotations[rows]
+    rings = np.einsum("nij,kj->nki", rotations[:, :2, :2], outline) + poses.positions_m[rows][:, None, :2]
+    return np.asarray(shapely.polygons(rings))
+
+
+def box_outline(size_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4, 2) float64, m: the box around a body from above, in its own frame."""
+    return np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * size_m[:2]
+
+
+def swept_ground(trajectories: Trajectories, sizes_m: Sequence[NDArray[np.float64]]) -> tuple[shapely.Polygon, ...]:
+    """Areas that the ego vehicle and each actor cover during a recording, with a margin; nothing else may stand there.
+
+    Args:
+        trajectories: of the recording.
+        sizes_m: (3,) each, m, the boxes around the actors' bodies.
+    """
+    times_ns = watched_times(trajectories)
+    rows = [footprints(trajectories.ego.at(times_ns), OUTLINE_M)]
+    rows += [
+        footprints(path.at(times_ns), box_outline(size))
+        for path, size in zip(trajectories.actors, sizes_m, strict=True)
+    ]
+    return tuple(_swept(row) for row in rows)
+
+
+def _swept(row: NDArray[np.object_]) -> shapely.Polygon:
+    """One polygon around a row of footprints: hulls of neighbours leave no gaps, however fast the body is."""
+    pairs = shapely.convex_hull(shapely.union(row[:-1], row[1:]))
+    swept = shapely.buffer(shapely.union_all(pairs), KEEP_CLEAR_M, join_style="mitre")
+    return swept if isinstance(swept, shapely.Polygon) else shapely.convex_hull(swept)
+
+
+TOUCH_M2 = 0.01  # boxes that overlap by less only touch
+
+
+def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | None:
+    """The first pair of bodies that overlap at any time of a recording, or a camera inside a body.
+
+    Args:
+        head: of the scenario: times and cameras.
+        spec: the recording.
+
+    Returns:
+        Row of the actor to report, and who is inside whom and when; None if nothing overlaps.
+    """
+    trajectories = plan_trajectories(head, spec)
+    times_ns = watched_times(trajectories)
+    ego = _MovingOutline(poses=trajectories.ego.at(times_ns), outline_m=OUTLINE_M)
+    sizes_m = [box_size(actor.kind) for actor in spec.actors]
+    movers = [
+        _MovingOutline(poses=path.at(times_ns), outline_m=box_outline(size))
+        for path, size in zip(trajectories.actors, sizes_m, strict=True)
+    ]
+    for number, actor in enumerate(spec.actors):
+        if (at := _first_overlap(movers[number], ego)) is not None:
+            return number, f"{actor.name!r} inside the ego vehicle at {_seconds(times_ns[at])}"
+        for camera in head.cameras:
+            if (at := _first_inside(camera, ego, movers[number], sizes_m[number])) is not None:
+                return number, f"the camera {camera.name!r} inside {actor.name!r} at {_seconds(times_ns[at])}"
+    for one, other in combinations(range(len(movers)), 2):
+        if (at := _first_overlap(movers[one], movers[other])) is not None:
+            names = f"{spec.actors[other].name!r} inside {spec.actors[one].name!r}"
+            return other, f"{names} at {_seconds(times_ns[at])}"
+    return None
+
+
+def camera_fault(camera: CameraSpec) -> str | None:
+    """Fault in the position of a camera on the ego vehicle; None without one."""
+    if camera.position_m[2] <= 0:
+        return f"a camera {abs(camera.position_m[2]):g} m under the road"
+    if _winding(own_body().corners_m, np.array(camera.position_m)) > 0.5:
+        return "a camera inside the ego vehicle's own body"
+    return None
+
+
+@cache
+def box_size(kind: str) -> NDArray[np.float64]:
+    """(3,) float64, m: the box around a body of a kind; individual bodies differ by a centimetre or two."""
+    return make_body(kind, named_rng(0, "box", kind)).size_m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _MovingOutline:
+    """A body at all times that are looked at.
+
+    Attributes:
+        poses: of the body, N rows.
+        outline_m: (K, 2), m, in its frame.
+    """
+
+    poses: Poses
+    outline_m: NDArray[np.float64]
+
+
+def _first_overlap(one: _MovingOutline, other: _MovingOutline) -> int | None:
+    """Row of the first time at which two footprints overlap by more than a touch."""
+    apart_m = (one.poses.positions_m - other.poses.positions_m)[:, :2]
+    reach_m = sum(float(np.linalg.norm(outline, axis=1).max()) for outline in (one.outline_m, other.outline_m))
+    rows = np.flatnonzero(np.hypot(*apart_m.T) <= reach_m)  # elsewhere not even the circles around the outlines meet
+    if rows.size == 0:
+        return None
+    first, second = (footprints(mover.poses, mover.outline_m, rows) for mover in (one, other))
+    shared = shapely.intersection(first, second)
+    inside = rows[shapely.area(shared) > TOUCH_M2]
+    return int(inside[0]) if inside.size else None
+
+
+def _first_inside(
+    camera: CameraSpec, ego: _MovingOutline, other: _MovingOutline, size_m: NDArray[np.float64]
+) -> int | None:
+    """Row of the first time at which a camera is inside the box around an actor."""
+    cameras_world = ego.poses.rotations @ np.array(camera.position_m) + ego.poses.positions_m
+    local_m = np.einsum("nji,nj->ni", other.poses.rotations, cameras_world - other.poses.positions_m)
+    middle_m = np.array([0.0, 0.0, size_m[2] / 2])
+    inside = np.flatnonzero((np.abs(local_m - middle_m) < size_m / 2).all(axis=1))
+    return int(inside[0]) if inside.size else None
+
+
+def _winding(corners_m: NDArray[np.float64], point_m: NDArray[np.float64]) -> float:
+    """Winding number of closed surfaces around a point: about 0 outside all of them.
+
+    Source:
+        Van Oosterom and Strackee 1983, the solid angle of a plane triangle.
+    """
+    a, b, c = np.moveaxis(corners_m - point_m, 1, 0)
+    la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+    triple = np.einsum("ni,ni->n", a, np.cross(b, c))
+    dots = (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    return float(np.arctan2(triple, la * lb * lc + dots).sum() / (2 * np.pi))
+
+
+def _seconds(time_ns: np.int64) -> str:
+    return f"{time_ns / 1e9:.2f} s"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,11 +344,9 @@ class Lighting:
 
 
 def lighting(spec: LightSpec, rng: np.random.Generator) -> Lighting:
-    """The light that a recording asks for; what it leaves open is drawn."""
+    """The light that a recording asks for; where the sun stands is drawn."""
     kind = KINDS[spec.kind]
-    azimuth_deg, elevation_deg = rng.uniform(0, 360), rng.uniform(*kind.elevations_deg)
-    azimuth = np.radians(azimuth_deg if spec.azimuth_deg is None else spec.azimuth_deg)
-    elevation = np.radians(elevation_deg if spec.elevation_deg is None else spec.elevation_deg)
+    azimuth, elevation = np.radians(rng.uniform(0, 360)), np.radians(rng.uniform(*kind.elevations_deg))
     flat = np.cos(elevation)
     towards_sun = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)])
     return Lighting(kind=kind, towards_sun=towards_sun)
@@ -161,12 +414,7 @@ def build_scene(scenario: ScenarioHead, spec: RecordingSpec) -> Scene:
                 zip(spec.actors, bodies, trajectories.actors, strict=True), start=1
             )
         ),
-        ego=ego_motion(
-            trajectories.ego,
-            scenario.vehicle.suspension,
-            bumps=spec.host.bumps,
-            rng=named_rng(scenario.seed, spec.name, "road"),
-        ),
+        ego=ego_motion(trajectories.ego, scenario.vehicle.suspension, rng=named_rng(scenario.seed, spec.name, "road")),
         light=lighting(spec.light, named_rng(scenario.seed, spec.name, "light")),
         image_times_ns=trajectories.image_times_ns,
         sweep_times_ns=trajectories.sweep_times_ns,

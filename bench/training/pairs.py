@@ -23,7 +23,7 @@ from bench.errors import DataError
 from bench.execution import FailedTask, local_executor
 from bench.harness.datasets import Dataset, Frame, open_dataset
 from bench.methods.learned import inputs
-from bench.methods.rigid_scene.views import Views
+from bench.methods.rigid_scene.scene import Views
 from bench.recordings import load_card
 from bench.training import appearance
 

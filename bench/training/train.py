@@ -2,7 +2,7 @@
 
 The data are rendered and the network's inputs prepared where that is missing; both continue where they were
 interrupted, and so does the training, from the last whole epoch. Everything random follows from the seed.
-`DIR` then holds `learned.onnx` and its card `learned.json`, `log.csv` and `curves.png`. To score what was trained:
+`DIR` then holds `learned.onnx` and its card `learned.json`, and `log.csv`. To score what was trained:
 `fisheye-bench run demo --method learned --set weights=DIR/learned.onnx`.
 """
 
@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import cv2
-import matplotlib as mpl
 import numpy as np
 import torch
 import typer
@@ -448,26 +447,12 @@ def _running_mean(mean: Tensor, now: Tensor, steps: Tensor) -> Tensor:
 
 
 def write_log(out: Path, log: Sequence[dict[str, float]]) -> None:
-    """Write `log.csv` and `curves.png`."""
+    """Write `log.csv`: a line for each epoch."""
     text = io.StringIO()
     table = csv.DictWriter(text, fieldnames=list(log[0]), lineterminator="\n")
     table.writeheader()
     table.writerows({name: f"{value:.6g}" for name, value in line.items()} for line in log)
     write_text(out / "log.csv", text.getvalue())
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
-    epochs = [line["epoch"] for line in log]
-    left.plot(epochs, [line["loss"] for line in log])
-    left.set(xlabel="epoch", ylabel="loss on training drives")
-    for name, label in (("iou_of_images", "IoU, mean of images"), ("iou", "IoU of pixels"), ("recall", "recall")):
-        right.plot(epochs, [100 * line[name] for line in log], label=label)
-    right.set(xlabel="epoch", ylabel="validation drives, %", ylim=(0, 100))
-    right.legend()
-    with replacing(out / "curves.png") as file:
-        figure.savefig(file, dpi=110, format="png")
-    plt.close(figure)
 
 
 def export(

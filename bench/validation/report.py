@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from itertools import count
@@ -20,19 +20,17 @@ from bench.errors import BenchError, DataError
 from bench.recordings import Recording, RecordingHandle
 from bench.recordings.validation import FileModel, read_json
 from bench.records.recording import Content
-from bench.validation.box_fit import BoxFit
-from bench.validation.boxes import check_annotated, check_boxes
-from bench.validation.calibration import check_calibration
-from bench.validation.cameras import check_cameras
-from bench.validation.clocks import check_annotation_times, check_clocks, check_coverage
 from bench.validation.drive import annotation_file, calibration_file
-from bench.validation.findings import Finding, Severity, Undecided, unusable
-from bench.validation.images import check_images
-from bench.validation.motion import check_motion
-from bench.validation.static_world import check_static_world
-from bench.validation.sweeps import SweepChecks
-from bench.validation.unboxed import check_unboxed
-from bench.validation.units import check_ego_limits, check_length_units, check_time_units
+from bench.validation.findings import Finding, Severity, Undecided, causes, new_finding, unusable
+from bench.validation.fits.box_fit import BoxFit
+from bench.validation.fits.cameras import check_cameras
+from bench.validation.fits.static_world import check_static_world
+from bench.validation.fits.unboxed import check_unboxed
+from bench.validation.quick.boxes import check_annotated, check_boxes
+from bench.validation.quick.calibration import check_calibration, check_length_units
+from bench.validation.quick.motion import check_ego_limits, check_motion
+from bench.validation.quick.sensors import SweepChecks, check_images
+from bench.validation.quick.times import check_annotation_times, check_clocks, check_coverage, check_time_units
 
 SAMPLED_IMAGES, NEIGHBOURING_IMAGES = 120, 6  # of each camera, in runs of so many
 SAMPLED_SWEEPS, NEIGHBOURING_SWEEPS = 24, 2
@@ -90,27 +88,6 @@ CHECKS: tuple[tuple[Check, Callable[[Recording], object]], ...] = (
     (check_cameras, calibration_file),
 )
 
-BY_EGO_MOTION = frozenset({
-    "object-jump", "object-speed", "heading", "velocity", "empty-box", "tight-box", "box-time", "box-short",
-    "box-reading", "box-place",
-})  # fmt: skip
-BY_TIMES = frozenset({
-    "image-times", "ego-motion-missing", "sensor-overlap", "point-times", "annotation-time", "annotation-outside",
-})  # fmt: skip
-BY_LENGTHS = BY_EGO_MOTION | {
-    "camera-mounting", "lidar-mounting", "sensor-outside", "sweep-range", "road-height", "box-size", "box-grows",
-    "box-height", "object-in-ego", "same-object", "crowded-boxes",
-}  # fmt: skip
-EGO_MOTION = frozenset({
-    "ego-speed", "ego-turn", "ego-cornering", "ego-jump", "ego-motion-unit", "ego-motion-scale",
-})  # fmt: skip
-CAUSES = (  # what causes it, by which findings that is known, and findings that may follow from it
-    ("the unit of times", frozenset({"time-unit"}), BY_TIMES),
-    ("the unit of lengths", frozenset({"length-unit"}), BY_LENGTHS),
-    ("the lidar's mounting", frozenset({"lidar-pose"}), BY_EGO_MOTION),
-    ("the ego-motion", EGO_MOTION, BY_EGO_MOTION),
-)
-
 
 def validate_recording(
     handle: RecordingHandle, *, depth: Depth = Depth.SAMPLED, progress: Callable[[float], None] = lambda _: None
@@ -122,94 +99,67 @@ def validate_recording(
         depth: how many images and sweeps are read.
         progress: called with the share that is done, 0 to 1.
     """
-    findings: list[Finding] = []
-    undecided: list[Undecided] = []
-    images = sweeps = Count()
-    contents: tuple[Content, ...] = ()
     try:
         recording = handle.open()
     except DataError as error:
-        findings += _file_by_file(handle, error)
-    else:
-        for check, file in CHECKS:
-            for told in check(recording):
-                if isinstance(told, Undecided):
-                    undecided.append(told)
-                else:
-                    findings.append(replace(told, file=told.file or str(file(recording))))
-        rows = {
-            camera: _sampled(len(recording.images[camera]), depth, SAMPLED_IMAGES, NEIGHBOURING_IMAGES)
-            for camera in recording.cameras
-        }
-        sweep_rows = _sampled(len(recording.sweeps), depth, SAMPLED_SWEEPS, NEIGHBOURING_SWEEPS)
-        images = Count(read=sum(map(len, rows.values())), all=sum(map(len, recording.images.values())))
-        sweeps = Count(read=len(sweep_rows), all=len(recording.sweeps))
-        box_fit = BoxFit(recording)
-        steps = count(1)
+        faults = (unusable(each) for each in (error, *error.others))
+        return RecordingReport(name=handle.name, findings=_ordered(faults, handle.name))
+    findings: list[Finding] = []
+    undecided: list[Undecided] = []
 
-        def step() -> None:
-            progress(next(steps) / (images.read + sweeps.read))
+    def add(told: Iterable[Finding | Undecided], file: object = "") -> None:
+        for each in told:
+            if isinstance(each, Undecided):
+                undecided.append(each)
+            else:
+                findings.append(replace(each, file=each.file or str(file)))
 
-        for camera in recording.cameras:
-            findings += check_images(recording, camera, rows[camera], step)
-        sweep_checks = SweepChecks(recording, box_fit)
-        findings += sweep_checks.check(sweep_rows, step)
-        contents = (*recording.contents, *sweep_checks.contents())
-        findings += _passed_over(recording)
-        findings += box_fit.findings()
-        if not any(finding.severity is Severity.ERROR for finding in findings):
-            findings += check_unboxed(recording)  # by wrong calibration or boxes nothing would have its box
-    named = [replace(finding, recording=handle.name) for finding in findings]
-    for name, causing, following in CAUSES:
-        named = _causes_first(named, name, causing, following)
-    ordered = tuple(sorted(named, key=lambda finding: finding.severity != "error"))
+    for check, file in CHECKS:
+        add(check(recording), file(recording))
+    rows = {
+        camera: _sampled(len(images), depth, SAMPLED_IMAGES, NEIGHBOURING_IMAGES)
+        for camera, images in recording.images.items()
+    }
+    sweep_rows = _sampled(len(recording.sweeps), depth, SAMPLED_SWEEPS, NEIGHBOURING_SWEEPS)
+    images = Count(read=sum(map(len, rows.values())), all=sum(map(len, recording.images.values())))
+    steps = count(1)
+
+    def step() -> None:
+        progress(next(steps) / (images.read + len(sweep_rows)))
+
+    for camera in recording.cameras:
+        add(check_images(recording, camera, rows[camera], step))
+    box_fit = BoxFit(recording)
+    sweep_checks = SweepChecks(recording, box_fit.add)
+    add(sweep_checks.check(sweep_rows, step))
+    for content in recording.contents:
+        if content.suspect:
+            got = f"{content.count} that are passed over: {content.why}"
+            add([new_finding("not-read", got, file=recording.root, field=content.what, times=content.count)])
+    add(box_fit.findings(), annotation_file(recording))
+    if not any(finding.severity is Severity.ERROR for finding in findings):
+        # By wrong calibration or boxes nothing would have its box.
+        add(check_unboxed(recording), annotation_file(recording))
     return RecordingReport(
         name=handle.name,
-        findings=ordered,
+        findings=_ordered(findings, handle.name),
         undecided=tuple(undecided),
-        contents=contents,
+        contents=(*recording.contents, *sweep_checks.contents()),
         images=images,
-        sweeps=sweeps,
+        sweeps=Count(read=len(sweep_rows), all=len(recording.sweeps)),
     )
 
 
-def _passed_over(recording: Recording) -> Iterator[Finding]:
-    """Files and messages that lie among those that are read, and are not."""
-    for content in recording.contents:
-        if content.suspect:
-            yield Finding(
-                check="not-read",
-                severity=Severity.WARNING,
-                file=str(recording.root),
-                field=content.what,
-                expected="files and messages that are read",
-                got=f"{content.count} that are passed over: {content.why}",
-                hint="convert, unpack or remove them",
-                times=content.count,
-            )
-
-
-def _file_by_file(handle: RecordingHandle, error: DataError) -> Iterator[Finding]:
-    """The error that opening raised, and those of every file that can be read by itself."""
-    errors = {str(each): each for each in (error, *error.others)}
-    for read in handle.parts():
-        try:
-            read()
-        except DataError as other:
-            errors |= {str(each): each for each in (other, *other.others)}
-    return (unusable(each) for each in errors.values())
-
-
-def _causes_first(
-    findings: list[Finding], name: str, causing: frozenset[str], following: frozenset[str]
-) -> list[Finding]:
-    """Move findings that may follow from a cause to the end, as warnings; as they are where it is not found."""
-    if not any(finding.check in causing and finding.severity is Severity.ERROR for finding in findings):
-        return findings
-    hint = f"may follow from {name}: correct that, validate again"
-    return [finding for finding in findings if finding.check not in following] + [
-        replace(finding, severity=Severity.WARNING, hint=hint) for finding in findings if finding.check in following
-    ]
+def _ordered(findings: Iterable[Finding], recording: str) -> tuple[Finding, ...]:
+    """Errors first; findings that may follow from a cause that was found come last, as warnings."""
+    ordered = [replace(finding, recording=recording) for finding in findings]
+    for cause in causes():
+        if any(finding.check in cause.known_by and finding.severity is Severity.ERROR for finding in ordered):
+            hint = f"may follow from {cause.name}: correct that, validate again"
+            consequences = [finding for finding in ordered if finding.check in cause.following]
+            ordered = [finding for finding in ordered if finding.check not in cause.following]
+            ordered += [replace(finding, severity=Severity.WARNING, hint=hint) for finding in consequences]
+    return tuple(sorted(ordered, key=lambda finding: finding.severity is not Severity.ERROR))
 
 
 def _sampled(count: int, depth: Depth, most: int, run: int) -> list[int]:
@@ -273,7 +223,7 @@ def validate_dataset(
     handles: Sequence[RecordingHandle],
     *,
     depth: Depth = Depth.SAMPLED,
-    progress: Callable[[float, int], None] | None = None,
+    progress: Callable[[float, int], None] = lambda _done, _all: None,
 ) -> ValidationReport:
     """Validate recordings one after the other; memory does not grow with their number or length.
 
@@ -284,38 +234,21 @@ def validate_dataset(
         progress: called with recordings done, fractions allowed, and their number.
     """
     reports = []
-    report = progress or (lambda _done, _total: None)
+    first: dict[bytes, str] = {}
     for number, handle in enumerate(handles):
 
         def share_done(share: float, number: int = number) -> None:
-            report(number + share, len(handles))
+            progress(number + share, len(handles))
 
-        reports.append(validate_recording(handle, depth=depth, progress=share_done))
-        report(number + 1, len(handles))
-    same = _same_drives(handles)
-    told = (one.model_copy(update={"findings": (*one.findings, *same.get(one.name, ()))}) for one in reports)
-    return ValidationReport(dataset=name, depth=depth, recordings=tuple(told))
-
-
-def _same_drives(handles: Sequence[RecordingHandle]) -> dict[str, tuple[Finding, ...]]:
-    """Findings of recordings whose middle images and sweep are, byte by byte, those of one before."""
-    findings: dict[str, tuple[Finding, ...]] = {}
-    first: dict[bytes, str] = {}
-    for handle in handles if len(handles) > 1 else ():
-        digest = _middle_digest(handle)
-        if digest in first:
-            finding = Finding(
-                check="same-drive",
-                severity=Severity.WARNING,
-                recording=handle.name,
-                expected="another drive under each name",
-                got=f"the images and the sweep of {first[digest]!r} in the middle of it",
-                hint="leave one of them out: intervals take recordings as independent",
-            )
-            findings[handle.name] = (finding,)
-        elif digest is not None:
-            first[digest] = handle.name
-    return findings
+        report = validate_recording(handle, depth=depth, progress=share_done)
+        digest = _middle_digest(handle) if len(handles) > 1 else None
+        if digest is not None and first.setdefault(digest, handle.name) != handle.name:
+            got = f"the images and the sweep of {first[digest]!r} in the middle of it"
+            same = replace(new_finding("same-drive", got), recording=handle.name)
+            report = report.model_copy(update={"findings": (*report.findings, same)})
+        reports.append(report)
+        progress(number + 1, len(handles))
+    return ValidationReport(dataset=name, depth=depth, recordings=tuple(reports))
 
 
 def _middle_digest(handle: RecordingHandle) -> bytes | None:

@@ -173,14 +173,13 @@ def thin_recording(opened: OpenedSource, *, beams: Sequence[int], predictions: S
         (with_beams(opened.recording, count, of=own), protocol.reference_settings()) for count in counts if count != own
     ]
     for image in predicted_images(opened, predictions, protocol, others=others):
-        with opened.clock.stage("counts"):
-            whole = image.references[0]
-            pairs = [same_objects([whole, one], image.ids, opened.instance_of)[1:] for one in image.references]
-            evaluated = _classes(pairs[0][0])
-            for count, pair in zip(counts, pairs, strict=True):
-                rows[count].add(pair, image.masks)
-                kept = _classes(pair[0])
-                lost[count] += [of_class for track, of_class in evaluated.items() if track not in kept]
+        whole = image.references[0]
+        pairs = [same_objects([whole, one], image.ids, opened.instance_of)[1:] for one in image.references]
+        evaluated = _classes(pairs[0][0])
+        for count, pair in zip(counts, pairs, strict=True):
+            rows[count].add(pair, image.masks)
+            kept = _classes(pair[0])
+            lost[count] += [of_class for track, of_class in evaluated.items() if track not in kept]
     return RankingSums(
         scores=pd.concat([found.scores().assign(beams=count) for count, found in rows.items()]),
         fits=pd.concat([_fits(found, lost[count]).assign(beams=count) for count, found in rows.items()]),

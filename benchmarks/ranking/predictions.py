@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from bench.errors import UsageError
 from bench.evaluation import Protocol
 from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
-from bench.harness.stages import StageClock
 from bench.methods import Method, MethodInput, Scorable, UnansweredImage, ask_method, build_method
 from bench.methods.settings import parse_settings, split_methods
 from bench.recordings import Recording
@@ -97,7 +96,6 @@ class CameraPredictions:
         camera: name of the camera.
         predictions: at least one.
         protocol: of the reference that decides which objects move.
-        clock: adds up the time of each stage.
     """
 
     def __init__(
@@ -107,16 +105,15 @@ class CameraPredictions:
         *,
         predictions: Sequence[Prediction],
         protocol: Protocol,
-        clock: StageClock,
     ) -> None:
-        self._recording, self._predictions, self._clock = recording, predictions, clock
+        self._recording, self._predictions = recording, predictions
         methods = [prediction.method for prediction in predictions]
         self.history = max(method.history for method in methods)
         longest = max(method.most_history for method in methods)
         self._pipelines = {}
         for colour in sorted({method.colour for method in methods}):
             together = InputOnly(history=self.history, longest_history=longest, colour=colour)
-            self._pipelines[colour] = FramePipeline(recording, camera, method=together, protocol=protocol, clock=clock)
+            self._pipelines[colour] = FramePipeline(recording, camera, method=together, protocol=protocol)
         self._pipeline = next(iter(self._pipelines.values()))
         self.images, self.camera = self._pipeline.images, self._pipeline.camera
 
@@ -138,8 +135,7 @@ class CameraPredictions:
             UnscorableFrame: images before it are missing, or a method has no answer.
         """
         inputs = {colour: pipeline.method_input(index) for colour, pipeline in self._pipelines.items()}
-        with self._clock.stage("method"):
-            return [self._mask(prediction, inputs, reference, ids) for prediction in self._predictions]
+        return [self._mask(prediction, inputs, reference, ids) for prediction in self._predictions]
 
     def _mask(
         self,

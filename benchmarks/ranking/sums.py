@@ -156,8 +156,7 @@ def rank_recording(opened: OpenedSource, *, predictions: Sequence[Prediction]) -
     rows = RankingRows(names, component_size_px=protocol.scoring.false_positive_component_px)
     others = [(opened.recording, settings) for settings in [*lidar_references().values()][1:]]
     for image in predicted_images(opened, predictions, protocol, others=others):
-        with opened.clock.stage("counts"):
-            rows.add(same_objects(image.references, image.ids, opened.instance_of), image.masks)
+        rows.add(same_objects(image.references, image.ids, opened.instance_of), image.masks)
     return RankingSums(scores=rows.scores(), fits=rows.fits())
 
 
@@ -191,16 +190,13 @@ def predicted_images(
         others: of the other references: of which recording, and how.
     """
     for name in sorted(opened.recording.cameras):
-        predicted = CameraPredictions(
-            opened.recording, name, predictions=predictions, protocol=protocol, clock=opened.clock
-        )
+        predicted = CameraPredictions(opened.recording, name, predictions=predictions, protocol=protocol)
         builders = [predicted.references, *(ReferenceBuilder(one, name, settings) for one, settings in others)]
         for index in range(predicted.history, len(predicted.images)):
             image = predicted.images[index]
             try:
-                with opened.clock.stage("reference"):
-                    references = [builder.build(image) for builder in builders]
-                    ids = read_truth(image, predicted.camera)
+                references = [builder.build(image) for builder in builders]
+                ids = read_truth(image, predicted.camera)
                 masks = predicted.masks(index, references[0], ids)
             except UnscorableFrame:
                 continue

@@ -1,18 +1,10 @@
-"""The real sample of aiMotive, and the library 123D where only its own programs find it."""
+"""The library 123D, where only its own programs find it."""
 
 import fcntl
-from pathlib import Path
 
 import pytest
 
-from bench.recordings import load_card, open_dataset
 from tests.support import log123d
-
-
-@pytest.fixture
-def real():
-    (handle,) = open_dataset(load_card(Path(__file__).parents[2] / "datasets/aimotive-sample.yaml"))
-    return handle.open()
 
 
 @pytest.fixture(scope="session")

@@ -1,17 +1,12 @@
 """The adapter of 123D: a drive as a log, written by pyarrow and by the library's own writer, reads as itself."""
 
 from functools import partial
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pyarrow as pa
 import pytest
 
-from bench.adapters.log123d.adapter import log123d_recordings
-from bench.adapters.log123d.boxes import CLASSES
-from bench.adapters.log123d.rig import CameraHead
-from bench.adapters.log123d.sensors import decode_points
+from bench.adapters.log123d.adapter import CLASSES, CameraHead, log123d_recordings
 from bench.cameras import RadialPolynomialCamera, RollingShutter, UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.evaluation import load_protocol
@@ -20,7 +15,6 @@ from bench.recordings.cards import shipped_folder
 from bench.records.recording import Cuboid
 from bench.records.reference import OBJECT_CLASSES
 from bench.reference import ReferenceBuilder, Status
-from tests.hostile.files import LAZ_FILES
 from tests.support import log123d, tiny
 
 
@@ -34,8 +28,8 @@ def opened(root, **options):
     return handle.open()
 
 
-def assert_same(found, native, *, points_m=1e-5):
-    """The same cameras, images, poses, boxes and points, times to a microsecond, points within `points_m`."""
+def assert_same(found, native):
+    """The same cameras, images, poses, boxes and points, times to a microsecond."""
     (camera,), (own,) = found.cameras.values(), native.cameras.values()
     assert isinstance(camera.model, RadialPolynomialCamera)
     rays = np.random.default_rng(3).normal(size=(500, 3))
@@ -53,7 +47,7 @@ def assert_same(found, native, *, points_m=1e-5):
         assert np.abs(sweep.times_ns - then.times_ns).max() <= 500
         points = found.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64))
         expected = native.vehicle_from_lidar.apply(then.points_lidar.astype(np.float64))
-        np.testing.assert_allclose(points, expected, atol=points_m)
+        np.testing.assert_allclose(points, expected, atol=1e-5)
         np.testing.assert_array_equal(sweep.ring, then.ring)
         np.testing.assert_allclose(sweep.intensity, then.intensity, atol=1 / 255)
     mounting = native.vehicle_from_lidar @ native.lidar_from_sensor
@@ -82,11 +76,10 @@ def test_a_log_reads_as_the_recording_that_it_was_made_of(native, tmp_path, comp
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("codec", "points_m"), [("ipc_zstd", 1e-5), ("laz", 0.01)])  # it rounds to centimetres
-def test_a_log_of_the_librarys_own_writer_reads_as_the_recording(native, tmp_path, library, codec, points_m):
-    settings = {"camera_store_option": "png_binary", "lidar_codec": codec}
+def test_a_log_of_the_librarys_own_writer_reads_as_the_recording(native, tmp_path, library):
+    settings = {"camera_store_option": "png_binary", "lidar_codec": "ipc_zstd"}
     log123d.write_log_by_library(native, tmp_path, library, **settings)
-    assert_same(opened(tmp_path), native, points_m=points_m)
+    assert_same(opened(tmp_path), native)
 
 
 @pytest.mark.slow
@@ -94,7 +87,7 @@ def test_points_by_draco_are_refused_with_what_to_do(native, tmp_path, library):
     settings = {"camera_store_option": "jpeg_binary", "lidar_codec": "draco"}
     log123d.write_log_by_library(native, tmp_path, library, **settings)
     recording = opened(tmp_path)
-    with pytest.raises(DataError, match="convert again with lidar_codec"):
+    with pytest.raises(DataError, match=r"expected points as an Arrow stream, .*; convert again with .*: ipc_zstd"):
         recording.sweeps[0].read()
     (camera,) = recording.cameras.values()
     assert read_image(recording.images["ftcam_f0"][0], camera).shape == (tiny.HEIGHT, tiny.WIDTH)
@@ -209,26 +202,6 @@ def test_a_card_without_data_says_what_to_do(card, tmp_path, monkeypatch):
         open_dataset(card)
 
 
-def test_images_of_a_video_are_found_by_their_number(native, tmp_path):
-    folder = log123d.write_log(native, tmp_path)
-    smooth = [np.full((tiny.HEIGHT, tiny.WIDTH, 3), grey, np.uint8) for grey in (40, 120, 200)]
-    video = cv2.VideoWriter(
-        str(folder / "camera.ftcam_f0.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 15, (tiny.WIDTH, tiny.HEIGHT)
-    )
-    for image in smooth:
-        video.write(image)
-    video.release()
-    numbers = pa.array([0, 1, 2], pa.int32())
-    rewritten(folder / "camera.ftcam_f0.arrow", lambda t: t.set_column(1, "camera.ftcam_f0.data", numbers))
-    recording = opened(tmp_path)
-    for number in (2, 0, 1):
-        image = recording.images["ftcam_f0"][number]
-        assert abs(float(read_image(image, recording.cameras["ftcam_f0"]).mean()) - smooth[number].mean()) < 4
-    (folder / "camera.ftcam_f0.mp4").unlink()
-    with pytest.raises(DataError, match=r"ftcam_f0\.mp4: expected frame 2 of the video, got no such file"):
-        read_image(recording.images["ftcam_f0"][2], recording.cameras["ftcam_f0"])
-
-
 def test_lenses_are_those_of_the_head():
     head = {"width": 1400, "height": 1400, "camera_to_imu_se3": (0, 0, 0, 1, 0, 0, 0)}
     mei = CameraHead(
@@ -254,7 +227,7 @@ def test_every_label_is_one_of_our_classes():
 def test_labels_are_numbered_as_the_library_does(library):
     """And joined as its own default labels are, but for riders and people with or on small wheels."""
     known = log123d.names_in_123d(library)["labels"]
-    assert {*known} == {*CLASSES}
+    assert {*CLASSES} <= {*known}
     own = {
         "VEHICLE": "vehicle",
         "TRAIN": "vehicle",
@@ -264,8 +237,8 @@ def test_labels_are_numbered_as_the_library_does(library):
     }
     riders = {"RIDER", "BICYCLIST", "MOTORCYCLIST"}
     wheels = {"STROLLER", "WHEELCHAIR", "WHEELED_DEVICE", "PERSONAL_MOBILITY_DEVICE"}
-    for kind, labels in known.items():
-        for number, (name, default) in labels.items():
+    for kind in CLASSES:
+        for number, (name, default) in known[kind].items():
             expected = "cyclist" if name in riders else "pedestrian" if name in wheels else own.get(default)
             assert CLASSES[kind].get(int(number)) == expected, f"{kind}.{name}"
 
@@ -294,7 +267,7 @@ FAULTS = {
     "no points": (
         "lidar.lidar_top",
         lambda f: rewritten(f, lambda t: t.set_column(2, "lidar.lidar_top.data", pa.array([b"x", b"y"]))),
-        "points as Arrow or .laz",
+        "points as an Arrow stream",
     ),
     "no head": (
         "camera.ftcam_f0",
@@ -319,20 +292,13 @@ def test_a_damaged_table_is_one_clear_error(native, tmp_path, fault):
     assert file.stem in str(found.value)
 
 
-@pytest.mark.parametrize("what", ["four billion points", "nine million points", "damaged stream", "cut short"])
-def test_compressed_points_that_lie_are_refused_before_they_are_unpacked(what):
-    with pytest.raises(DataError, match=r"drive/lidar\.arrow"):
-        decode_points(LAZ_FILES[what], Path("drive/lidar.arrow"))
-
-
-def test_paths_of_images_stay_inside_the_data_set(native, tmp_path):
+@pytest.mark.parametrize("stored", [["images/1.png"] * 3, [0, 1, 2], [None] * 3], ids=["paths", "a video", "none"])
+def test_images_that_are_not_in_the_log_are_refused_with_what_to_do(native, tmp_path, stored):
     file = log123d.write_log(native, tmp_path) / "camera.ftcam_f0.arrow"
-    paths = pa.array(["../../secret.png"] * len(tiny.TIMES_NS))
-    rewritten(file, lambda t: t.set_column(1, "camera.ftcam_f0.data", paths))
-    with pytest.raises(DataError, match="set the card's option sensors"):
-        opened(tmp_path)
-    with pytest.raises(DataError, match=r"camera\.ftcam_f0"):
-        opened(tmp_path, sensors="images")
+    rewritten(file, lambda t: t.set_column(1, "camera.ftcam_f0.data", pa.array(stored)))
+    recording = opened(tmp_path)
+    with pytest.raises(DataError, match=r"ftcam_f0\.arrow: batch 0, row 1: expected data in the log.*; convert again"):
+        read_image(recording.images["ftcam_f0"][1], recording.cameras["ftcam_f0"])
 
 
 @pytest.mark.slow

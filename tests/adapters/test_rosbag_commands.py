@@ -3,7 +3,6 @@
 import json
 import shutil
 from functools import partial
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -122,42 +121,12 @@ def _without_ceilings(content):
     return {key: _without_ceilings(value) for key, value in content.items() if not key.startswith("ceiling_")}
 
 
-@pytest.mark.slow
-def test_validate_and_view(command, cards, tmp_path, capsys):
-    _, card = cards
-    assert command("validate", card, "--deep") == 0
-    assert "0 errors and 0 warnings" in capsys.readouterr().out
-    assert command("view", card, "--out", tmp_path / "pictures", "--frame", 2, "--method", "spherical") == 0
-    for picture in ("panels", "areas"):
-        assert cv2.imread(str(tmp_path / "pictures" / f"{picture}.png")) is not None
-
-
-def cut(file):
-    content = file.read_bytes()
-    file.write_bytes(content[: len(content) * 2 // 3])
-
-
-REPAIR = "mcap recover crossing.mcap"
-DAMAGES = {  # file, what is done to it, what `validate` reports and `run` says to do
-    "cut short": ("crossing.mcap", cut, f"{REPAIR} -o crossing-repaired.mcap", REPAIR),
-    "no metadata": ("metadata.yaml", Path.unlink, "the metadata that a recorder writes last", "accept_losses"),
-}
-
-
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_validate_and_run_say_what_to_do_with_a_damaged_bag(command, cards, tmp_path, capsys, damage):
-    name, spoil, reported, told = DAMAGES[damage]
+def test_validate_and_run_say_what_to_do_with_a_bag_that_was_cut_short(command, cards, tmp_path, capsys):
     shutil.copytree(cards[1].parent, tmp_path, dirs_exist_ok=True)
-    spoil(tmp_path / "data" / "crossing" / name)
+    file = tmp_path / "data" / "crossing" / "crossing.mcap"
+    file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
     assert command("validate", tmp_path / "bags.yaml", "--json", tmp_path / "report.json") == 1
     assert "crossing" in " ".join(capsys.readouterr().out.split())
-    assert reported in (tmp_path / "report.json").read_text()
+    assert "mcap recover crossing.mcap -o crossing-repaired.mcap" in (tmp_path / "report.json").read_text()
     assert command("run", tmp_path / "bags.yaml", "--out", tmp_path / "run", "--no-pictures") == 2
-    assert told in " ".join(capsys.readouterr().err.split())
-
-
-def test_without_annotations_it_has_masks_but_no_scores(command, cards, tmp_path, capsys):
-    card = write_card(tmp_path, adapter="rosbag", root=str(cards[1].parent / "data"))
-    assert command("view", card, "--out", tmp_path / "pictures", "--frame", 2) == 0
-    assert command("run", card, "--out", tmp_path / "run", "--no-pictures") == 0
-    assert "Not annotated: no scores" in " ".join("".join(capsys.readouterr()).split())
+    assert "mcap recover crossing.mcap" in " ".join(capsys.readouterr().err.split())

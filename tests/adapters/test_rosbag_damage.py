@@ -14,8 +14,8 @@ import yaml
 from backports import zstd
 
 from bench.adapters.rosbag.adapter import rosbag_recordings
-from bench.adapters.rosbag.storage import read_message, stored_messages
-from bench.errors import BenchError, DataError
+from bench.adapters.rosbag.messages import read_message, stored_messages
+from bench.errors import DataError
 from bench.recordings import read_image
 from tests.support import tiny
 from tests.support import tiny_rosbag as bags
@@ -218,30 +218,6 @@ def test_a_chunk_that_is_damaged_after_opening(written, tmp_path):
         read_image(images[25], camera)
 
 
-@pytest.mark.parametrize("storage", ["mcap", "db3"])
-def test_random_damage_is_told_and_never_a_bug(tmp_path, storage):
-    small = bags.write_bag(tmp_path / "small", bags.drive(), storage=storage)
-    content = small.read_bytes()
-    random = np.random.default_rng(5)
-    told = 0
-    for _ in range(40):
-        damaged = bytearray(content)
-        for place in random.integers(0, len(content), random.integers(1, 30)):
-            damaged[place] = random.integers(0, 256)
-        if random.random() < 0.3:
-            damaged = damaged[: random.integers(1, len(content))]
-        root = copied(small, tmp_path, bytes(damaged))
-        try:
-            recording = handle_of(root, accept_losses=True).open()
-            for ref in recording.images["front"]:
-                read_image(ref, recording.cameras["front"])
-            for ref in recording.sweeps:
-                ref.read()
-        except BenchError:
-            told += 1
-    assert told > 5
-
-
 def record(kind, content):
     return bytes([kind]) + struct.pack("<Q", len(content)) + content
 
@@ -326,7 +302,7 @@ def test_hostile_databases_are_told_and_take_little_memory(tmp_path, statements,
     database(file)
     ((_, _, position, start),) = stored_messages(file, {"/imu": 1})
     assert start == b"a"
-    assert read_message(file, position, compressed=False) == b"ab"
+    assert read_message(file, position) == b"ab"
     file.unlink()
     database(file, *statements)
     with memory_below(60_000_000), pytest.raises(DataError, match=told) as caught:
@@ -357,21 +333,6 @@ def test_metadata_that_names_files_elsewhere(tmp_path, path):
     with pytest.raises(
         DataError, match=r"metadata\.yaml: rosbag2_bagfile_information\.relative_file_paths\.0: expected"
     ):
-        handle_of(root, accept_losses=True).open()
-
-
-def test_links_that_lead_outside(tmp_path):
-    root = bags.write_rig(tmp_path / "data")
-    file = bags.write_bag(root / "drive", bags.drive())
-    file.rename(tmp_path / "elsewhere.mcap")
-    file.symlink_to(tmp_path / "elsewhere.mcap")
-    with pytest.raises(DataError, match=r"a link that leads outside"):
-        handle_of(root, accept_losses=True).open()
-    file.unlink()
-    (root / "drive" / "metadata.yaml").unlink()
-    (root / "drive").rmdir()
-    (root / "drive.mcap").symlink_to(tmp_path / "elsewhere.mcap")
-    with pytest.raises(DataError, match=r"a link that leads outside"):
         handle_of(root, accept_losses=True).open()
 
 
@@ -423,33 +384,20 @@ def with_stamps(*stamps_ns):
 
 
 FIRST, SECOND, THIRD = tiny.TIMES_NS
-SECOND_LOG_NS, THIRD_LOG_NS = SECOND + bags.LATE_NS, THIRD + bags.LATE_NS
 STAMPS = [
-    (
-        (FIRST, FIRST, THIRD),
-        f"one message for each time, got others at the time of one before in 1 of 3 messages, "
-        f"the first recorded at {SECOND_LOG_NS}",
-        [0, 2],
-    ),
-    (
-        (FIRST, FIRST + 10**12, THIRD),
-        f"stamps of one clock, got jumps in 1 of 3 messages, the first recorded at {SECOND_LOG_NS}",
-        [0, 2],
-    ),
-    (
-        (FIRST, SECOND, 0),
-        f"a time in the header, got none in 1 of 3 messages, the first recorded at {THIRD_LOG_NS}",
-        [0, 1],
-    ),
+    ((FIRST, FIRST, THIRD), "one message for each time, got others at the time of one before", SECOND, [0, 2]),
+    ((FIRST, FIRST + 10**12, THIRD), "stamps of one clock, got jumps", SECOND, [0, 2]),
+    ((FIRST, SECOND, 0), "a time in the header, got none", THIRD, [0, 1]),
 ]
 
 
-@pytest.mark.parametrize(("stamps_ns", "told", "kept"), STAMPS)
-def test_stamps_that_no_clock_gives(tmp_path, stamps_ns, told, kept):
+@pytest.mark.parametrize(("stamps_ns", "told", "bad_ns", "kept"), STAMPS)
+def test_stamps_that_no_clock_gives(tmp_path, stamps_ns, told, bad_ns, kept):
     root = bags.data_set(tmp_path, with_stamps(*stamps_ns))
     with pytest.raises(DataError) as caught:
         handle_of(root).open()
-    assert f"/camera/front: expected {told} ns" in str(caught.value)
+    told += f" in 1 of 3 messages, the first recorded at {bad_ns + bags.LATE_NS} ns"
+    assert f"/camera/front: expected {told}" in str(caught.value)
     assert ("clock: bag" in str(caught.value)) == (0 in stamps_ns)
     assert indices_of_tiny(handle_of(root, accept_losses=True).open()) == kept
     assert len(handle_of(root, clock="bag").open().images["front"]) == 3
@@ -472,7 +420,7 @@ def test_a_pose_that_was_recorded_twice_counts_once(tmp_path):
     assert twice.timestamps_ns.tolist() == once.timestamps_ns.tolist()
 
 
-@pytest.mark.parametrize("rate", [0.2, 0.5, 1.0, 2.0, 25.0])
+@pytest.mark.parametrize("rate", [0.2, 1.0, 25.0])
 def test_a_simulated_clock_may_be_slower_or_faster_than_the_recorders(tmp_path, rate):
     """Stamps of a simulation that begins at 1 s; the recorder has the wall's clock."""
     count, wall_ns = 60, 1_700_000_000_000_000_000

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.adapters.woodscape.adapter import woodscape_recordings
-from bench.adapters.woodscape.camera import WoodscapeOptions, read_camera
+from bench.adapters.woodscape import WoodscapeOptions, read_camera, woodscape_recordings
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.harness.tasks import cut_tasks
@@ -124,42 +123,6 @@ def test_half_the_size(root):
 
 
 CALIBRATION, VEHICLE = "calibration_data/calibration/00000_FV.json", "vehicle_data/rgb_images/00000_FV.json"
-FAULTS = [
-    (VEHICLE, {"ego_speed": "fast"}, "ego_speed: expected a valid number, got 'fast'"),
-    (VEHICLE, {"ego_speed": "nan"}, "ego_speed: expected a finite number, got nan"),
-    (VEHICLE, {"ego_speed": "3600"}, "ego_speed: expected at most 360 km/h"),
-    (VEHICLE, {"timestamp": "1" * 30}, "timestamp: expected a valid integer"),
-    (
-        VEHICLE,
-        {"timestamp": str(tiny.TIME_US + 10_000_000)},
-        "timestamp: expected a time up to 500000 microseconds after",
-    ),
-    (VEHICLE, {"timestamp": str(tiny.TIME_US - tiny.WAIT_US)}, "got one 0 after it"),
-    (CALIBRATION, {"name": "RV"}, "name: expected 'FV', got 'RV'"),
-    (CALIBRATION, {"name": "../x"}, "name: expected 'FV', 'RV', 'MVL' or 'MVR', got '../x'"),
-    (
-        CALIBRATION,
-        {"extrinsic": {"quaternion": [0, 0, 0, 0], "translation": [0, 0, 1]}},
-        "quaternion_wxyz: expected four",
-    ),
-    (CALIBRATION, {"intrinsic": {}}, "intrinsic.model: expected a value, got nothing"),
-]
-
-
-@pytest.mark.parametrize(("file", "values", "message"), FAULTS, ids=[message for *_, message in FAULTS])
-def test_faults_name_file_and_field(root, file, values, message):
-    edited(root / file, **values)
-    with pytest.raises(DataError) as caught:
-        opened(root)
-    assert file in str(caught.value)
-    assert message in str(caught.value)
-
-
-@pytest.mark.parametrize("content", [b"", b"\xff\xfe{", b'{"name": ', b"[" * 100_000])
-def test_files_that_are_no_json(root, content):
-    (root / CALIBRATION).write_bytes(content)
-    with pytest.raises(DataError, match=r"00000_FV\.json: expected JSON"):
-        opened(root)
 
 
 @pytest.mark.parametrize(
@@ -199,6 +162,37 @@ def test_the_card(root, monkeypatch):
     assert [handle.name for handle in open_dataset(load_card("woodscape"))] == list(tiny.NAMES)
 
 
+CARS = [
+    {"indices": [None, 95], "body_polygons": {"FV": [[[0, 40], [20, 40], [20, 47], [0, 47]]]}},
+    {"indices": [96, None]},
+]
+
+
+def test_each_car_has_its_own_outlines_of_its_body(root):
+    body = opened(root, 0, cars=CARS).cameras["FV"].ego_body
+    assert body[40:44, :21].all()  # this car's
+    assert body[44:, :].all()  # of every car
+    assert not body[40:44, 22:].any()
+    for cars in (CARS, CARS[:1]):  # of a car without outlines, and of no car
+        mirror = opened(root, 1, cars=cars).cameras["MVR"].ego_body
+        assert mirror.tolist() == opened(root, 1).cameras["MVR"].ego_body.tolist()
+
+
+@pytest.mark.parametrize(
+    ("cars", "message"),
+    [
+        ([{"indices": [0, 10]}, {"indices": [10, 20]}], "options: expected cars whose indices do not overlap"),
+        ([{"indices": [0, 10]}, {}], "options: expected cars whose indices do not overlap"),
+        ([{"indices": [5, 4]}], r"options.cars.0: expected the first index not after the last"),
+        ([{"indices": [-1, 4]}], r"options.cars.0.indices.0: expected greater than or equal to 0, got -1"),
+        ([{"body_polygons": {"LV": []}}], r"options.cars.0.body_polygons.LV"),
+    ],
+)
+def test_cars_that_cannot_be(root, cars, message):
+    with pytest.raises(DataError, match=message):
+        handles(root, cars=cars)
+
+
 @needs_real
 @pytest.mark.parametrize(
     ("name", "height_m", "looks"),
@@ -211,7 +205,7 @@ def test_the_card(root, monkeypatch):
 )
 def test_the_real_calibrations(name, height_m, looks):
     folder = REAL / "woodscape/calibration"
-    camera = read_camera(folder, folder / f"{name}.json", name, WoodscapeOptions())
+    camera = read_camera(folder / f"{name}.json", name, WoodscapeOptions())
     assert (camera.name, camera.stored_size_px) == (name.split("_")[1], (1280, 966))
     along = camera.vehicle_from_camera.rotation[:2, 2]
     assert along / np.linalg.norm(along) == pytest.approx(looks, abs=0.05)
@@ -220,70 +214,6 @@ def test_the_real_calibrations(name, height_m, looks):
     rays, valid = camera.model.unproject(pixels)
     assert valid.all()
     assert camera.model.project(rays)[0] == pytest.approx(pixels, abs=1e-6)
-
-
-CARS = [
-    {"indices": [None, 95], "body_polygons": {"FV": [[[0, 40], [20, 40], [20, 47], [0, 47]]]}},
-    {
-        "indices": [96, None],
-        "body_masks": {"MVR": "masks/car2_MVR.png"},
-        "vehicle_outline_m": [[-1.2, -1.0], [4.1, -1.0], [4.1, 1.0], [-1.2, 1.0]],
-    },
-]
-
-
-def write_mask(root, pixels=None):
-    (root / "masks").mkdir(exist_ok=True)
-    mask = np.zeros((tiny.HEIGHT, tiny.WIDTH), dtype=np.uint8)
-    mask[:, 60:] = 255
-    assert cv2.imwrite(str(root / "masks/car2_MVR.png"), mask if pixels is None else pixels)
-
-
-def test_each_car_has_its_own_masks_and_outline(root):
-    write_mask(root)
-    front, mirror = opened(root, 0, cars=CARS), opened(root, 1, cars=CARS)
-    body = front.cameras["FV"].ego_body
-    assert body[40:44, :21].all()  # this car's
-    assert body[44:, :].all()  # of every car
-    assert not body[40:44, 22:].any()
-    assert front.vehicle_outline_m[:, 0].max() == pytest.approx(3.9)
-    body = mirror.cameras["MVR"].ego_body
-    assert body[:, 60:].all()
-    assert body[41, 20]  # of every car
-    assert not body[:40, :60].any()
-    assert mirror.vehicle_outline_m[:, 0].max() == pytest.approx(4.1)
-
-
-def test_an_index_of_no_car_has_the_masks_of_every_car(root):
-    alone = opened(root, 1, cars=CARS[:1]).cameras["MVR"].ego_body
-    assert alone.tolist() == opened(root, 1).cameras["MVR"].ego_body.tolist()
-
-
-@pytest.mark.parametrize(
-    ("cars", "message"),
-    [
-        ([{"indices": [0, 10]}, {"indices": [10, 20]}], "options: expected cars whose indices do not overlap"),
-        ([{"indices": [0, 10]}, {}], "options: expected cars whose indices do not overlap"),
-        ([{"indices": [5, 4]}], r"options.cars.0: expected the first index not after the last"),
-        ([{"indices": [-1, 4]}], r"options.cars.0.indices.0: expected greater than or equal to 0, got -1"),
-        ([{"colour": "red"}], r"options.cars.0.colour: expected no such key, got 'red'"),
-        ([{"body_masks": {"LV": "x.png"}}], r"options.cars.0.body_masks.LV"),
-    ],
-)
-def test_cars_that_cannot_be(root, cars, message):
-    with pytest.raises(DataError, match=message):
-        handles(root, cars=cars)
-
-
-def test_masks_of_a_car_that_cannot_be_used(root, tmp_path):
-    with pytest.raises(DataError, match=r"car2_MVR\.png: expected an image file, got No such file"):
-        opened(root, 1, cars=CARS)
-    write_mask(root, np.zeros((10, 10), dtype=np.uint8))
-    with pytest.raises(DataError, match="expected 64 x 48 px, got 10 x 10"):
-        opened(root, 1, cars=CARS)
-    for path in ("../mask.png", "/etc/passwd"):
-        with pytest.raises(DataError, match=r"body_masks\.MVR: expected a relative path without '\.\.'"):
-            opened(root, 1, cars=[{"body_masks": {"MVR": path}}])
 
 
 @pytest.mark.parametrize(
@@ -307,22 +237,3 @@ def test_every_variant_of_the_folders(root, file, elsewhere):
     assert recording.name == "00000_FV"
     before, now = recording.images["FV"]
     assert all(path.is_file() for path in (before.path, now.path, now.moving_path))
-
-
-@needs_real
-def test_a_car_of_the_real_size_with_masks_at_half_of_it(tmp_path):
-    """Real calibrations in the miniature's place: 1280 x 966, evaluated at half."""
-    root = tiny.write_data_set(tmp_path / "WoodScape")
-    for name in tiny.NAMES:
-        place = root / f"calibration_data/calibration/{name}.json"
-        place.write_bytes((REAL / f"woodscape/calibration/{name}.json").read_bytes())
-    (root / "masks").mkdir()
-    mask = np.zeros((966, 1280), dtype=np.uint8)
-    mask[900:] = 1
-    assert cv2.imwrite(str(root / "masks/MVR.png"), mask)
-    cars = [{"indices": [0, 6053], "body_masks": {"MVR": "masks/MVR.png"}}]
-    camera = opened(root, 1, cars=cars, body_polygons={}, evaluated_size_px=[640, 483]).cameras["MVR"]
-    assert camera.stored_size_px == (1280, 966)
-    assert camera.ego_body.shape == (483, 640)
-    assert camera.ego_body[450:].all()
-    assert not camera.ego_body[:450].any()

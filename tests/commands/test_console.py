@@ -1,6 +1,7 @@
-"""A progress bar tells the rate and the time that is left, and nothing where nobody watches."""
+"""What is printed of long work and of many files, and that nothing is where nobody watches."""
 
 import io
+import re
 from pathlib import Path
 
 import pytest
@@ -17,34 +18,25 @@ def _program_runs():
     console.be_silent()
 
 
-def watched(monkeypatch, *, terminal: bool, now=lambda: 0.0) -> io.StringIO:
+def watched(monkeypatch, *, terminal: bool) -> io.StringIO:
     """Where a bar is drawn."""
     shown = io.StringIO()
-    there = Console(file=shown, force_terminal=terminal, width=140, color_system=None, get_time=now)
+    there = Console(file=shown, force_terminal=terminal, width=140, color_system=None)
     monkeypatch.setattr(progress, "Console", lambda **_: there)
-    monkeypatch.setattr(progress, "monotonic", now)
     return shown
 
 
-@pytest.mark.parametrize(("each_s", "rate"), [(0.5, "20.0 images/s"), (40.0, "15.0 images/min")])
-def test_the_rate_and_the_time_left_are_shown(monkeypatch, each_s, rate):
-    now = [0.0]
-    shown = watched(monkeypatch, terminal=True, now=lambda: now[0])
+def test_a_bar_tells_how_far_it_is(monkeypatch):
+    shown = watched(monkeypatch, terminal=True)
     with progress.progress_bar("scoring", "images") as report:
-        report(0, 100)
-        for done in range(10, 60, 10):
-            now[0] += each_s
-            report(done, 100)
-    last = shown.getvalue().splitlines()[-2]
-    assert "50/100 images" in last
-    assert rate in last
-    left_s = int(5 * each_s + 0.5)
-    assert f"left 0:0{left_s // 60}:{left_s % 60:02d}" in last
+        report(0, 0)
+        report(50.5, 100)
+    assert "scoring" in shown.getvalue()
+    assert re.search("50/100 +images", shown.getvalue())
 
 
 def test_a_log_has_no_bar_but_a_line_now_and_then_of_what_takes_long(monkeypatch, capsys):
     shown = watched(monkeypatch, terminal=False)
-    monkeypatch.undo()
     now = [0.0]
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
     with progress.progress_bar("scoring", "images") as report:
@@ -55,24 +47,8 @@ def test_a_log_has_no_bar_but_a_line_now_and_then_of_what_takes_long(monkeypatch
             now[0] = float(second)
             report(second, 1000)
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "scoring: 10/1000 images after 10 s, about 990 s left"
-    assert lines[1].startswith("scoring: 20/1000 images after 20 s")
+    assert lines[:2] == ["scoring: 10/1000 images after 10 s", "scoring: 20/1000 images after 20 s"]
     assert 20 < len(lines) < 50, "ever fewer"
-
-
-def test_the_time_left_is_told_when_three_are_done_that_were_not_there_before(monkeypatch, capsys):
-    now = [0.0]
-    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
-    with progress.progress_bar("rendering", "recordings") as report:
-        for done in range(4, 8):
-            report(done, 20)
-            now[0] += 30.0
-    lines = capsys.readouterr().err.splitlines()
-    assert lines == [
-        "rendering: 5/20 recordings after 30 s",
-        "rendering: 6/20 recordings after 60 s",
-        "rendering: 7/20 recordings after 90 s, about 390 s left",
-    ]
 
 
 def test_no_number_of_a_wide_table_is_cut_where_there_is_no_terminal(capsys):

@@ -129,37 +129,30 @@ def test_classes_frames_units_and_the_first_frame_reach_the_format(monkeypatch, 
     for frame in content["openlabel"]["frames"].values():
         frame["frame_properties"]["timestamp"] /= 1e9
     labels.write_text(json.dumps(content))
-    source = ("annotate", "import", "openlabel", labels, *words(card, "--out", tmp_path / "seconds"))
-    assert "--time-unit" in error_line(monkeypatch, capsys, *source)
-    assert call(monkeypatch, *source, "--time-unit", "s") == 0
+    source = ("import", "openlabel", labels, *words(card, "--out", tmp_path / "seconds"))
+    assert "--time-unit" in error_line(monkeypatch, capsys, "annotate", *source)
+    assert call(monkeypatch, "annotate", *source, "--time-unit", "s") == 0
+
+
+IMPORT = ("import", "openlabel", "x", "--dataset", "CARD", "--recording")
+EXPORT = ("export", "CARD", "--out", "x", "--annotated")
 
 
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        (("import", "openlable", "x", "--recording", "drive"), "did you mean 'openlabel'?"),
-        (("import", "openlabel", "nowhere.json", "--recording", "drive"), "nowhere.json: expected a readable file"),
-        (("import", "openlabel", "x", "--recording", "../drive"), "unknown recording '../drive': known are drive"),
-        (
-            ("import", "openlabel", "x", "--recording", "drive", "--class", "Car"),
-            "--class: expected TOOL'S=OURS, got 'Car'",
-        ),
-        (("import", "openlabel", "x", "--recording", "drive", "--class", "Car=truck"), "class 'Car': expected one of"),
-        (("import", "boxes", "x", "--recording", "drive", "--frame", "base=camera"), "frame 'base': expected one of"),
+        (("import", "openlable", *IMPORT[2:], "drive"), "did you mean 'openlabel'?"),
+        ((*IMPORT[:2], "nowhere.json", *IMPORT[3:], "drive"), "nowhere.json: expected a readable file"),
+        ((*IMPORT, "../drive"), "unknown recording '../drive': known are drive"),
+        ((*IMPORT, "drive", "--class", "Car"), "--class: expected TOOL'S=OURS, got 'Car'"),
+        ((*IMPORT, "drive", "--class", "Car=truck"), "class 'Car': expected one of"),
+        ((*IMPORT, "drive", "--class", "Car=animal", "--class", "Car=none"), "--class Car: expected once, got twice"),
+        ((*IMPORT, "drive", "--frame", "base=camera"), "frame 'base': expected one of"),
+        ((*EXPORT, "--format", "openlabel", "--recording", "dirve"), "did you mean 'drive'?"),
+        ((*EXPORT, "--format", "kitti"), "unknown label format 'kitti'"),
+        ((*EXPORT, "--format", "semantickitti"), "got one that is only read"),
+        (EXPORT, "expected a format to write annotations in, got none; name one with --format"),
     ],
 )
-def test_a_mistake_of_import_is_one_line(monkeypatch, capsys, card, given, told):
-    assert told in error_line(monkeypatch, capsys, "annotate", *given, "--dataset", card)
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        (("--annotated", "--format", "openlabel", "--recording", "dirve"), "did you mean 'drive'?"),
-        (("--annotated", "--format", "kitti"), "unknown label format 'kitti'"),
-        (("--annotated", "--format", "semantickitti"), "got one that is only read"),
-        (("--annotated",), "expected a format to write annotations in, got none; name one with --format"),
-    ],
-)
-def test_a_mistake_of_export_is_one_line(monkeypatch, capsys, card, given, told):
-    assert told in error_line(monkeypatch, capsys, "annotate", "export", card, "--out", card.parent / "x", *given)
+def test_a_mistake_is_one_line(monkeypatch, capsys, card, given, told):
+    assert told in error_line(monkeypatch, capsys, "annotate", *(card if word == "CARD" else word for word in given))

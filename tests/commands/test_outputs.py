@@ -1,4 +1,7 @@
-"""Every command that writes, where it cannot: one line that names the place, status 2, and no half-written file."""
+"""Every command that writes, where it cannot: one line that names the place, status 2, and no half-written file.
+
+Files that a command did not write are never replaced by its output; those that it wrote are.
+"""
 
 import ast
 import io
@@ -14,10 +17,10 @@ import pytest
 
 import bench
 from bench.commands import console
-from tests.support.commands import call
+from tests.support.commands import call, error_line
 from tests.support.processes import files_of
 
-pytestmark = pytest.mark.slow
+slow = pytest.mark.slow
 
 FILE_SIZE = 150  # bytes that a process may write into one file, where a disk is to be full
 
@@ -60,7 +63,6 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         assert call(monkeypatch, *words) == 0
         words = ("annotate", "export", tiny_card, "--annotated", "--format", "openlabel", "--out", folder / "labels")
         assert call(monkeypatch, *words, "--recording", "crossing") == 0
-    shutil.copytree(folder / "runs" / "nothing", folder / "copy")
     *_, image = sorted((tiny_card.parent / "data" / "tiny" / "crossing" / "images" / "front").glob("*.png"))
     (folder / "predictions" / "crossing" / "front").mkdir(parents=True)
     cv2.imwrite(str(folder / "predictions" / "crossing" / "front" / image.name), np.zeros((240, 320), np.uint8))
@@ -71,7 +73,6 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         "RUNS": str(folder / "runs"),
         "RUN": str(folder / "runs" / "nothing"),
         "OTHER": str(folder / "runs" / "everything"),
-        "COPY": str(folder / "copy"),
         "LABELS": str(next((folder / "labels").rglob("openlabel.json"))),
         "BASELINE": str(folder / "b"),
     }
@@ -88,6 +89,48 @@ def one_line(told: str, *, about: Path) -> bool:
     return line.startswith("error: ") and str(about) in line and slow
 
 
+# Outputs in the place of a file of the user's, by its name below OUT, or of a file of a run.
+TAKEN = {
+    "report": (("report", "RUN", "--no-pictures", "--out", "OUT/mine.html"), "mine.html"),
+    "report, of the run": (("report", "RUN", "--no-pictures", "--out", "RUN/paper-v1/summary.json"), ""),
+    "compare": (("compare", "RUN", "OTHER", "--no-pictures", "--out", "OUT"), "compare.md"),
+    "compare, changes": (("compare", "RUN", "OTHER", "--no-pictures", "--out", "OUT"), "object_changes.csv"),
+    "leaderboard": (("leaderboard", "RUNS", "--out", "OUT"), "index.html"),
+    "leaderboard, table": (("leaderboard", "RUNS", "--out", "OUT"), "leaderboard.json"),
+    "video": (("view", "CARD", "--recording", "crossing", "--video", "OUT/mine.avi"), "mine.avi"),
+    "gate": (("gate", "RUN", "--baseline", "BASELINE", "--json", "OUT/mine.json"), "mine.json"),
+    "gate, junit": (("gate", "RUN", "--baseline", "BASELINE", "--junit", "OUT/mine.xml"), "mine.xml"),
+    "gate, sums of a run": (("gate", "RUN", "--baseline", "BASELINE", "--junit", "RUN/paper-v1/sums.csv"), ""),
+    "gate, summary of a run": (("gate", "RUN", "--baseline", "BASELINE", "--json", "RUN/paper-v1/summary.json"), ""),
+}
+
+
+def placed(words, places: dict[str, str]) -> list[str]:
+    first = [str(word).partition("/") for word in words]
+    return ["".join([places.get(head, head), *rest]) for head, *rest in first]
+
+
+@pytest.mark.parametrize("name", TAKEN)
+def test_a_file_of_the_users_or_of_a_run_stays(monkeypatch, capsys, places, tmp_path, name):
+    run, out = shutil.copytree(places["RUN"], tmp_path / "run"), tmp_path / "out"
+    words, there = TAKEN[name]
+    out.mkdir()
+    if there:
+        (out / there).write_text("mine")
+    before = {file: file.read_bytes() for file in [*out.iterdir(), *run.rglob("*")] if file.is_file()}
+    line = error_line(monkeypatch, capsys, *placed(words, places | {"RUN": str(run), "OUT": str(out)}))
+    assert "got a file that is there and is something else; move it away, or name another place" in line
+    assert {file: file.read_bytes() for file in before} == before
+
+
+@slow
+@pytest.mark.parametrize("name", ["report", "compare", "leaderboard", "gate", "gate, junit"])
+def test_an_earlier_output_is_replaced(monkeypatch, places, tmp_path, name):
+    words = placed(TAKEN[name][0], places | {"OUT": str(tmp_path / "out")})
+    assert call(monkeypatch, *words) == call(monkeypatch, *words) != 2
+
+
+@slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_place_that_cannot_be_made(monkeypatch, capsys, places, tmp_path, name):
     if "log" in name:
@@ -100,6 +143,7 @@ def test_a_place_that_cannot_be_made(monkeypatch, capsys, places, tmp_path, name
     assert above.read_text() == "a file"
 
 
+@slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_full_disk(monkeypatch, capsys, places, tmp_path, name):
     if "log" in name:
@@ -114,30 +158,21 @@ def test_a_full_disk(monkeypatch, capsys, places, tmp_path, name):
     assert [file for file in tmp_path.rglob(".*") if file.is_file()] == [], "nothing half-written stays"
 
 
-@pytest.mark.parametrize("name", ["validate", "gate, junit", "gate, json", "report", "view, video"])
-def test_a_folder_or_device_in_the_place_of_a_file(monkeypatch, capsys, places, tmp_path, name):
+@slow
+@pytest.mark.parametrize("name", ["validate", "gate, junit", "report", "view, video"])
+def test_a_folder_or_a_device_in_the_place_of_a_file(monkeypatch, capsys, places, tmp_path, name):
     folder = tmp_path / ("out.avi" if "video" in name else "out")
     folder.mkdir()
     assert call(monkeypatch, *words_of(name, places, tmp_path / "out")) == 2
     assert one_line(capsys.readouterr().err, about=folder)
     assert list(tmp_path.iterdir()) == [folder]
+    if name != "view, video":
+        assert call(monkeypatch, *words_of(name, places, Path("/dev/full"))) == 2
+        assert one_line(capsys.readouterr().err, about=Path("/dev/full"))
+        assert Path("/dev/full").is_char_device()
 
 
-def test_a_device_is_not_replaced(monkeypatch, capsys, places):
-    assert call(monkeypatch, "gate", places["RUN"], "--baseline", places["BASELINE"], "--json", "/dev/full") == 2
-    assert one_line(capsys.readouterr().err, about=Path("/dev/full"))
-    assert Path("/dev/full").is_char_device()
-
-
-@pytest.mark.parametrize("name", ["index.html", "figures"])
-def test_a_run_in_which_a_page_cannot_be_written(monkeypatch, capsys, places, tmp_path, name):
-    run = shutil.copytree(places["RUN"], tmp_path / "run")
-    place = run / "paper-v1" / name
-    place.mkdir() if name == "index.html" else place.write_text("a file")
-    assert call(monkeypatch, "report", run, "--no-pictures") == 2
-    assert one_line(capsys.readouterr().err, about=run / "paper-v1" / name)
-
-
+@slow
 @pytest.mark.parametrize("suffix", [".avi", ".mp4", ".webm"])
 def test_a_film_that_is_cut_is_no_film(monkeypatch, capsys, places, tmp_path, suffix):
     def film(name: str) -> int:
@@ -156,28 +191,29 @@ def test_a_film_that_is_cut_is_no_film(monkeypatch, capsys, places, tmp_path, su
         assert [path.name for path in tmp_path.iterdir()] == [f"whole{suffix}"]
 
 
+def judged(places, run, output):
+    words = ("gate", places[run], "--baseline", places["BASELINE"])
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-m", "bench", *words]
+    return subprocess.run(command, stdout=output, stderr=subprocess.PIPE, text=True, env=environment, check=False)
+
+
+@slow
 def test_a_full_disk_behind_the_output_is_told(places):
-    command = [sys.executable, "-m", "bench", "gate", places["RUN"], "--baseline", places["BASELINE"]]
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
     with Path("/dev/full").open("w") as full:
-        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, env=environment, check=False)
-    assert ended.returncode == 2
+        ended = judged(places, "RUN", full)
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
     assert ended.stderr.startswith("error: standard output: ")
-    assert ended.stderr.count("\n") == 1
 
 
-def test_a_reader_who_goes_away_changes_no_verdict(monkeypatch, places):
-    words = ["gate", places["OTHER"], "--baseline", places["BASELINE"]]
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+@slow
+def test_a_reader_who_goes_away_changes_no_verdict(places):
     read, write = os.pipe()
     os.close(read)
-    ended = subprocess.run(
-        [sys.executable, "-m", "bench", *words], stdout=write, stderr=subprocess.PIPE, env=environment, check=False
-    )
+    ended = judged(places, "OTHER", write)
     os.close(write)
-    assert ended.returncode == call(monkeypatch, *words)
-    assert ended.stderr.count(b"\n") == 1
-    assert ended.stderr.startswith(b"error: nothing was judged"), "three recordings are too few"
+    assert (ended.returncode, ended.stderr.count("\n")) == (3, 1)
+    assert ended.stderr.startswith("error: nothing was judged"), "three recordings are too few"
 
 
 def test_letters_that_the_output_has_no_code_for_are_shown(monkeypatch):
@@ -187,17 +223,12 @@ def test_letters_that_the_output_has_no_code_for_are_shown(monkeypatch):
     assert written.getvalue() == b"stra\\xdfe\n"
 
 
-def test_a_bug_keeps_its_traceback(monkeypatch, capsys, places):
+def test_a_bug_keeps_its_traceback(monkeypatch, capsys):
     def fail(_: object) -> None:
         raise OSError("no file is named")
 
     monkeypatch.setattr("bench.recordings.list_cards", fail)
-    monkeypatch.setattr(sys, "argv", ["fisheye-bench", "list", "datasets"])
-    from bench.commands.app import main
-
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 70
+    assert call(monkeypatch, "list", "datasets") == 70
     shown = capsys.readouterr().err
     assert "no file is named" in shown
     assert "Traceback" in shown

@@ -79,7 +79,7 @@ def test_an_image_without_a_reference_is_told(tiny_card, tmp_path, monkeypatch, 
     without_scenario(card)
     for sweep in (card.parent / "data" / "tiny" / "crossing" / "lidar").iterdir():
         sweep.write_bytes(sweep.read_bytes()[:1000])
-    words = ("--recording", "crossing", "--workers", 1, "--out", tmp_path / "out")
+    words = ("--split", "crossing", "--workers", 1, "--out", tmp_path / "out")
     assert call(monkeypatch, "reference", "export", card, *words) == 2
     assert capsys.readouterr().out.count("no reference: crossing/lidar/") >= 4
     images = json.loads((tmp_path / "out" / "crossing.json").read_text())["images"]

@@ -5,7 +5,8 @@ import json
 
 import pytest
 
-from bench.methods.settings import split_values
+from bench.errors import UsageError
+from bench.methods.settings import parse_settings, split_values
 from tests.support.commands import call, error_line
 
 UNLIKE = {"provenance": None, "sha256": None}  # of equal runs
@@ -80,7 +81,15 @@ def test_images_that_a_value_cannot_use_are_said_and_the_status_is_2(monkeypatch
     assert [row["images"] for row in table(tmp_path)] != ["12", "12"]
 
 
-def test_values_are_yaml_between_commas():
+def test_settings_nest_numbers_are_numbers_and_values_are_yaml_between_commas():
+    parsed = parse_settings(["weights.anti_parallel=0", "threshold=6e-4", "flow=dis", "root_sum=true"])
+    assert parsed == {"weights": {"anti_parallel": 0}, "threshold": 6e-4, "flow": "dis", "root_sum": True}
+    for texts, message in (
+        (["weights=1", "weights.epipolar=2"], "already has the value"),
+        (["flow=["], "a YAML value"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            parse_settings(texts)
     assert split_values("x", "1e-4, 3,dis") == {"1e-4": '"1e-4"', "3": "3", "dis": '"dis"'}
     assert split_values("x", "[1,2],[3]") == {"[1, 2]": "[1, 2]", "[3]": "[3]"}
     assert split_values("x", "{epipolar: 0},{}") == {'{"epipolar": 0}': '{"epipolar": 0}', "{}": "{}"}

@@ -1,4 +1,4 @@
-"""`validate`: exit status, text and JSON; `validate --adapter`."""
+"""`validate`: exit status, text and JSON."""
 
 import json
 import shutil
@@ -107,32 +107,8 @@ def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder)
         (("nowhere.yaml",), "nowhere.yaml"),
         (("OTHER_SUFFIX",), "is street.yaml meant?"),
         (("CARD", "--split", "test"), "unknown split or recording 'test'"),
-        (("DATA", "--adapter", "nomodule"), "expected module:function, got 'nomodule'"),
-        (("DATA", "--adapter", "no_such_module_here:list"), "that can be imported"),
-        (("DATA", "--adapter", "bench.recordings:no_such"), "that can be imported"),
-        (("DATA", "--adapter", "my_adapter.py:list"), "name the module without .py: my_adapter:list"),
-        (("nowhere", "--adapter", "bench.recordings.native:native_recordings"), "which is missing"),
     ],
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, clean, words, message):
-    named = {"CARD": clean / "street.yaml", "OTHER_SUFFIX": clean / "street.yml", "DATA": clean / "data"}
+    named = {"CARD": clean / "street.yaml", "OTHER_SUFFIX": clean / "street.yml"}
     assert message in error_line(monkeypatch, capsys, "validate", *(named.get(word, word) for word in words))
-
-
-def test_an_adapter_of_the_users_own(monkeypatch, capsys, clean, tmp_path):
-    """A module in the folder where the command is called, not installed."""
-    (tmp_path / "my_own_adapter.py").write_text(
-        "from functools import partial\n"
-        "from bench.recordings import RecordingHandle, open_native\n"
-        "def listing(root, *, options, card, annotations):\n"
-        "    return tuple(RecordingHandle(name=p.name, opener=partial(open_native, p)) for p in root.glob('*/'))\n"
-    )
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    assert call(monkeypatch, "validate", clean / "data", "--adapter", "my_own_adapter:listing") == 1
-    shown = capsys.readouterr().out
-    assert "options: expected a DataError for an option that does not exist, got none" in shown
-    assert "my_own_adapter:listing breaks 1 promise of the contract of adapters" in shown
-    name = "bench.recordings.native:native_recordings"
-    assert call(monkeypatch, "validate", clean / "data", "--adapter", name, "--set", "evaluated_size_px=[32,24]") == 0
-    assert f"{name} keeps the contract of adapters" in capsys.readouterr().out

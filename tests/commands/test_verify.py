@@ -76,7 +76,7 @@ def test_images_that_cannot_be_read_fail_again_and_caveats_are_those_of_the_data
     assert call(monkeypatch, "verify", run, "--data", card) == 1
 
 
-def test_a_card_that_only_the_run_names_is_not_opened(run, tmp_path, monkeypatch, capsys):
+def test_a_card_that_only_the_run_names_is_not_opened(run, tiny_card, tmp_path, monkeypatch, capsys):
     """Neither by its path, nor by its name beside the run: its scenario would be rendered into any folder."""
     copied = shutil.copytree(run, tmp_path / "run")
     theirs = tmp_path / "datasets" / "theirs.yaml"
@@ -91,12 +91,8 @@ def test_a_card_that_only_the_run_names_is_not_opened(run, tmp_path, monkeypatch
         told = error_line(monkeypatch, capsys, "verify", copied)
         assert "that ships with the package, got 'theirs'; name the card of your own copy with --data" in told
     assert not (tmp_path / "mine").exists()
-
-
-def test_a_card_beside_the_run_does_not_stand_for_the_one_that_ships(run, tiny_card, tmp_path, monkeypatch):
-    shutil.copytree(tiny_card.parent, tmp_path / "datasets")
-    monkeypatch.chdir(tmp_path)
-    assert card_to_verify(run, None).file.parent == shipped_folder()
+    shutil.copy(tiny_card, tmp_path / "datasets")
+    assert card_to_verify(run, None).file.parent == shipped_folder(), "not the one beside the run"
     assert card_to_verify(run, "tiny").file.parent == Path("datasets"), "whoever names it has looked at it"
 
 

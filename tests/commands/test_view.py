@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.commands.view import chosen_frames
+from bench.commands.view import chosen_frames, parsed_span
 from bench.errors import UsageError
 from bench.recordings import ImageRef
 from tests.support import planting
@@ -45,7 +45,7 @@ def pictures_of(path):
 @pytest.mark.parametrize("suffix", [".mp4", ".webm", ".avi"])
 def test_a_video_of_some_frames(monkeypatch, capsys, card, tmp_path, suffix):
     out = tmp_path / "films" / f"v{suffix}"
-    assert call(monkeypatch, "view", card, "--video", out, "--frames", "4:10:2") == 0
+    assert call(monkeypatch, "view", card, "--video", out, "--frame", "4:10:2") == 0
     assert capsys.readouterr().out.split() == [str(out)]
     pictures = pictures_of(out)
     assert len(pictures) == 4
@@ -54,18 +54,8 @@ def test_a_video_of_some_frames(monkeypatch, capsys, card, tmp_path, suffix):
     assert [path.name for path in out.parent.iterdir()] == [out.name]
 
 
-def test_a_video_with_and_without_lidar(monkeypatch, card, tmp_path):
-    chosen = "--method", "spherical", "--frames", "4:9"
-    for words, name in (((), "with.avi"), (("--no-lidar",), "without.avi")):
-        assert call(monkeypatch, "view", card, *chosen, "--video", tmp_path / name, *words) == 0
-    one, other = pictures_of(tmp_path / "with.avi"), pictures_of(tmp_path / "without.avi")
-    assert len(one) == len(other) == 6
-    differs = np.abs(one[5].astype(int) - other[5].astype(int)).max(axis=2) > 60
-    assert 50 < differs.sum() < differs.size / 4  # points, not areas
-
-
 def test_pictures_of_several_frames_lie_in_folders_named_by_their_image(monkeypatch, card, tmp_path):
-    assert call(monkeypatch, "view", card, "--method", "spherical", "--frames", "5:6", "--out", tmp_path / "p") == 0
+    assert call(monkeypatch, "view", card, "--method", "spherical", "--frame", "5:6", "--out", tmp_path / "p") == 0
     stems = [file.stem for file in sorted((card.parent / "data/drive").rglob("front/*.png"))]
     names = [f"{index:06d}-{stems[index]}" for index in (5, 6)]
     assert sorted(path.name for path in (tmp_path / "p").iterdir()) == names
@@ -92,7 +82,7 @@ def test_a_frame_by_its_time(monkeypatch, capsys, card, tmp_path):
 def test_a_log_for_the_viewer(monkeypatch, card, tmp_path):
     pytest.importorskip("rerun")
     out = tmp_path / "v.rrd"
-    assert call(monkeypatch, "view", card, "--rrd", out, "--frames", "4:6") == 0
+    assert call(monkeypatch, "view", card, "--rrd", out, "--frame", "4:6") == 0
     content = out.read_bytes()
     assert content.startswith(b"RRF")
     for name in (b"/world/lidar", b"/world/objects", b"/world/vehicle", b"/world/path", b"/images/front"):
@@ -141,11 +131,15 @@ def test_the_calibration_without_lidar(monkeypatch, tmp_path):
         (("--calibration", "--video", "OUT.mp4"), "--video: expected none with --calibration"),
         (("--video", "OUT.gif"), "expected a file *.mp4, *.webm, *.avi"),
         (("--rrd", "OUT.txt"), "expected a file *.rrd"),
-        (("--frame", "5", "--frames", "5:6"), "expected one of --frame, --frames and --time-ns"),
-        (("--frames", "5-6"), "expected FIRST:LAST or FIRST:LAST:STEP"),
-        (("--frames", "9:5"), "expected indices from"),
-        (("--frames", "5:24"), "expected indices from"),
+        (("--frame", "5:6", "--time-ns", "5"), "expected one of --frame and --time-ns"),
+        (("--frame", "5-6"), "expected N, FIRST:LAST or FIRST:LAST:STEP"),
+        (("--frame", "9:5"), "expected indices from"),
+        (("--frame", "5:24"), "expected indices from 0 to 23, rising, got 5:24:1"),
+        (("--frame", "24"), "expected indices from 0 to 23"),
+        (("--method", "spherical", "--frame", "0"), "expected indices from 1 to 23"),
         (("--time-ns", "5"), "--time-ns: expected a time from"),
+        (("--time-ns", str(10**30)), "--time-ns: expected a time from"),
+        (("--set", "threshold=1"), "--set: expected --method"),
     ],
 )
 def test_mistakes_are_one_clear_line_and_leave_nothing(monkeypatch, capsys, card, tmp_path, words, message):
@@ -158,8 +152,7 @@ def test_mistakes_are_one_clear_line_and_leave_nothing(monkeypatch, capsys, card
 
 def test_a_codec_that_is_missing_is_told(monkeypatch, capsys, card, tmp_path):
     monkeypatch.setattr(cv2.VideoWriter, "isOpened", lambda _: False)
-    assert call(monkeypatch, "view", card, "--video", tmp_path / "v.mp4", "--frames", "4:5") == 2
-    shown = capsys.readouterr().err
+    shown = error_line(monkeypatch, capsys, "view", card, "--video", tmp_path / "v.mp4", "--frame", "4:5")
     assert "expected a codec for .mp4 in this OpenCV, got none (mp4v); try another of .mp4, .webm, .avi" in shown
     assert not list(tmp_path.iterdir())
 
@@ -167,16 +160,16 @@ def test_a_codec_that_is_missing_is_told(monkeypatch, capsys, card, tmp_path):
 def test_choices_of_frames(tmp_path):
     images = tuple(ImageRef(camera="c", timestamp_ns=100 * i, path=tmp_path) for i in range(10))
 
-    def chosen(**given):
-        options = {"history": 1, "frame": None, "frames": None, "time_ns": None, "all_without": False} | given
-        return list(chosen_frames(images, **options))
+    def chosen(frame=None, *, time_ns=None, all_else=False):
+        span = None if frame is None else parsed_span(frame)
+        return list(chosen_frames(images, history=1, span=span, time_ns=time_ns, all_else=all_else))
 
     assert chosen() == [5]
-    assert chosen(all_without=True) == list(range(1, 10))
-    assert chosen(frame=9) == [9]
-    assert chosen(frames=":3") == [1, 2, 3]
-    assert chosen(frames="7:") == [7, 8, 9]
-    assert chosen(frames="1:9:4") == [1, 5, 9]
+    assert chosen(all_else=True) == list(range(1, 10))
+    assert chosen("9", all_else=True) == [9]
+    assert chosen(":3") == [1, 2, 3]
+    assert chosen("7:") == [7, 8, 9]
+    assert chosen("1:9:4") == [1, 5, 9]
     assert chosen(time_ns=449) == [4]
     with pytest.raises(UsageError, match="expected more than 12 images"):
-        chosen(history=12)
+        chosen_frames(images, history=12, span=None, time_ns=None)

@@ -1,7 +1,9 @@
-"""Counts of one image: examples to check by hand, a brute-force twin, and the laws that always hold."""
+"""Counts of one image: examples to check by hand, a brute-force twin, and the laws; then a sequence of images."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -12,7 +14,10 @@ from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, SequenceScorer, add_image_maps
 from bench.evaluation.counts import (
+    CELL_PX,
+    ChanceScorer,
     FrameCounts,
     ObjectCounts,
     count_by_cell,
@@ -20,8 +25,21 @@ from bench.evaluation.counts import (
     find_regions,
     share_in_proportion,
 )
-from bench.records.reference import ReferenceFrame, Status
-from tests.evaluation.frames import frames, mask, masks, picture, reference_frame, reordered
+from bench.records.reference import IgnoreReason, ReferenceFrame, Status
+from bench.records.segmentation import Segmentation
+from bench.times import SECOND_NS
+from tests.evaluation.frames import (
+    frames,
+    ignored_object,
+    mask,
+    masks,
+    picture,
+    reference_frame,
+    reference_object,
+    reordered,
+    static_object,
+)
+from tests.evaluation.runs import PAPER, scored
 
 
 def count(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> tuple[FrameCounts, tuple[ObjectCounts, ...]]:
@@ -46,12 +64,6 @@ def test_one_object_half_detected_with_a_spill_and_a_blob_elsewhere() -> None:
     assert (counts.tp_px, counts.fn_px, counts.fp_px, counts.fp_unattached_px) == (2, 2, 5, 3)
     assert (counts.fp_components, counts.fp_large_components, counts.fp_largest_px) == (2, 0, 3)
     assert (counts.width, counts.height, counts.valid_px, counts.reference_px, counts.detected_px) == (8, 3, 24, 4, 7)
-
-
-def test_a_diagonal_step_joins_a_component() -> None:
-    frame = reference_frame(picture("1....\n....."))
-    counts, (item,) = count(frame, mask("x....\n.x..."))
-    assert (item.tp, item.fp, counts.fp_unattached_px) == (1, 1, 0)
 
 
 def test_a_shared_component_is_split_by_overlap_and_stays_whole() -> None:
@@ -92,12 +104,6 @@ def test_false_positives_by_cause() -> None:
 def test_a_component_is_large_above_the_stated_size() -> None:
     counts, _ = count(reference_frame(picture("........")), mask("xxx.xxxx"))
     assert (counts.fp_components, counts.fp_large_components, counts.fp_largest_px) == (2, 1, 4)
-
-
-def test_a_frame_without_objects() -> None:
-    counts, objects = count(reference_frame(picture("....")), mask(".x.."))
-    assert objects == ()
-    assert (counts.reference_px, counts.fp_px, counts.fp_unattached_px) == (0, 1, 1)
 
 
 def test_a_mask_of_another_size_is_refused_with_the_frame_named() -> None:
@@ -274,11 +280,6 @@ def test_a_row_without_weight_gives_nothing() -> None:
     assert share_in_proportion(np.array([7, 2]), weights=np.array([[0, 0], [0, 5]])).tolist() == [0, 2]
 
 
-def test_no_columns_and_no_rows() -> None:
-    assert share_in_proportion(np.array([7]), weights=np.zeros((1, 0), dtype=np.int64)).shape == (0,)
-    assert share_in_proportion(np.zeros(0, dtype=np.int64), weights=np.zeros((0, 2), dtype=np.int64)).tolist() == [0, 0]
-
-
 @given(st.integers(0, 400_000), npst.arrays(np.int64, st.integers(1, 6), elements=st.integers(0, 300_000)))
 def test_shares_are_exact_in_sum_and_within_a_pixel_of_the_proportion(amount: int, weight: NDArray[np.int64]) -> None:
     shares = share_in_proportion(np.array([amount]), weights=weight[None])
@@ -286,3 +287,176 @@ def test_shares_are_exact_in_sum_and_within_a_pixel_of_the_proportion(amount: in
     exact = amount * weight / max(weight.sum(), 1)
     assert (np.abs(shares - exact) < 1).all()
     assert not shares[weight == 0].any()
+
+
+# Misses and false positives by place in the image.
+
+
+def image_map(pairs: Sequence[tuple[ReferenceFrame, NDArray[np.bool_]]]) -> ImageMap:
+    found = sequence(pairs).image_map()
+    assert found is not None
+    return found
+
+
+def sequence(pairs: Sequence[tuple[ReferenceFrame, NDArray[np.bool_]]]) -> SequenceScorer:
+    scorer = SequenceScorer(PAPER)
+    for number, (frame, detected) in enumerate(pairs):
+        scorer.add(replace(frame, timestamp_ns=number), Segmentation(cell_size_px=1, mask=detected))
+    return scorer
+
+
+def frame_and_mask(*, camera: str = "front", width: int = 20) -> tuple[ReferenceFrame, NDArray[np.bool_]]:
+    """16 rows; G in rows 4 to 11 of the first 8 columns, found in rows 8 to 11; two false pixels in the last cell."""
+    labels = np.zeros((16, width), dtype=np.int32)
+    labels[4:12, :8] = 1
+    detected = np.zeros((16, width), dtype=bool)
+    detected[8:12, :8] = True
+    detected[15, -2:] = True
+    return reference_frame(labels, camera=camera), detected
+
+
+def test_a_map_to_check_by_hand() -> None:
+    found = image_map([frame_and_mask()] * 3)
+    assert (found.camera, found.width, found.height, found.cell_px, found.frames) == ("front", 20, 16, 8, 3)
+    assert found.reference_px.tolist() == [[96, 0, 0], [96, 0, 0]]
+    assert found.missed_px.tolist() == [[96, 0, 0], [0, 0, 0]]
+    assert found.false_px.tolist() == [[0, 0, 0], [0, 0, 6]]
+    np.testing.assert_array_equal(found.missed_rate, [[1, np.nan, np.nan], [0, np.nan, np.nan]])
+    # The last column of cells is 4 px wide.
+    assert found.false_rate.tolist() == [[0, 0, 0], [0, 0, 2 / 32]]
+
+
+def test_a_sequence_without_scored_frames_has_no_map() -> None:
+    assert SequenceScorer(PAPER).image_map() is None
+
+
+@given(st.lists(st.tuples(frames(), masks), min_size=1, max_size=4))
+def test_maps_sum_to_the_counts_of_the_frames(pairs: list[tuple[ReferenceFrame, NDArray[np.bool_]]]) -> None:
+    scorer = sequence(pairs)
+    found, table = scorer.image_map(), scorer.finish()[1]
+    assert found is not None
+    assert found.frames == len(pairs)
+    for grid, column in ((found.reference_px, "reference_px"), (found.missed_px, "fn_px"), (found.false_px, "fp_px")):
+        assert int(grid.sum()) == sum(table[column].to_pylist())
+
+
+def test_units_add_up_whatever_their_order() -> None:
+    parts = [
+        image_map([frame_and_mask()]),
+        image_map([frame_and_mask(camera="left")]),
+        image_map([frame_and_mask()] * 2),
+        image_map([frame_and_mask(width=24)]),
+    ]
+    one, other = add_image_maps(parts), add_image_maps(parts[::-1])
+    assert [(m.camera, m.width, m.frames) for m in one] == [("front", 20, 3), ("front", 24, 1), ("left", 20, 1)]
+    whole = image_map([frame_and_mask()] * 3)
+    for maps in (one, other):
+        for name in ("reference_px", "missed_px", "false_px"):
+            np.testing.assert_array_equal(getattr(maps[0], name), getattr(whole, name))
+    assert parts[0].frames == 1
+    assert int(parts[0].reference_px.sum()) == 8 * CELL_PX
+
+
+# The chance level scores objects against the mask of another frame.
+
+PIXELS = 12
+
+
+def seen_at(timestamp_ns: int) -> ReferenceFrame:
+    """Object "a" is the whole image, "far" is ignored."""
+    objects = [reference_object("a"), ignored_object("far")]
+    return reference_frame(picture("1" * PIXELS), objects=objects, timestamp_ns=timestamp_ns)
+
+
+def chance_of(times_ns: Sequence[int], *, lag_ns: int) -> dict[int, dict[str, int]]:
+    """The mask of the n-th frame has n + 1 pixels, so that the count tells which mask was used."""
+    scorer = ChanceScorer(lag_ns=lag_ns)
+    for n, timestamp_ns in enumerate(times_ns):
+        scorer.add(seen_at(timestamp_ns), np.arange(PIXELS)[None] <= n)
+    return scorer.finish()
+
+
+def test_a_lag_earlier_and_for_the_first_frames_a_lag_later() -> None:
+    found = chance_of([0, 10, 20, 30, 40], lag_ns=20)
+    assert {t: objects["a"] for t, objects in found.items()} == {0: 3, 10: 4, 20: 1, 30: 2, 40: 3}
+
+
+def test_a_sequence_too_short_has_no_chance_level() -> None:
+    assert chance_of([0, 10, 20], lag_ns=21) == {}
+    # The middle frame is a lag away from neither end.
+    assert set(chance_of([0, 10, 20], lag_ns=15)) == {0, 20}
+
+
+def test_a_gap_in_time_only_makes_the_other_frame_further_away() -> None:
+    found = chance_of([0, 10, 100, 110], lag_ns=20)
+    assert {t: objects["a"] for t, objects in found.items()} == {0: 3, 10: 3, 100: 2, 110: 2}
+
+
+@given(st.sets(st.integers(0, 100), max_size=PIXELS - 1), st.integers(1, 60))
+def test_agrees_with_a_search_over_all_frames(times: set[int], lag_ns: int) -> None:
+    times_ns = sorted(times)
+    expected = {}
+    for t in times_ns:
+        earlier = [n for n, other in enumerate(times_ns) if other <= t - lag_ns]
+        later = [n for n, other in enumerate(times_ns) if other >= t + lag_ns]
+        if earlier or later:
+            expected[t] = {"a": (earlier[-1] if earlier else later[0]) + 1}
+    assert chance_of(times_ns, lag_ns=lag_ns) == expected
+
+
+def test_frames_come_in_time_order() -> None:
+    scorer = ChanceScorer(lag_ns=10)
+    scorer.add(seen_at(5), np.zeros((1, PIXELS), dtype=bool))
+    with pytest.raises(AssertionError, match="time order"):
+        scorer.add(seen_at(5), np.zeros((1, PIXELS), dtype=bool))
+
+
+# From frames to the two tables.
+
+
+def test_every_annotated_object_has_a_row() -> None:
+    objects = [reference_object("a"), ignored_object("b", IgnoreReason.FEW_POINTS), static_object("c")]
+    frame = reference_frame(picture("11.."), objects=objects, ignored=mask("..x."))
+    table, _ = scored([(frame, mask(".x.x"))])
+    rows = table.to_pylist()
+    assert table.schema == OBJECTS_SCHEMA
+    assert [(r["track_id"], r["status"], r["reason"], r["category"]) for r in rows] == [
+        ("a", "evaluated", None, "crossing"),
+        ("b", "ignored", "too_few_points", "crossing"),
+        ("c", "static", None, None),
+    ]
+    assert [(r["region_px"], r["tp"], r["fn"], r["fp"]) for r in rows] == [(2, 1, 1, 0), (0, 0, 0, 0), (0, 0, 0, 0)]
+
+
+def test_cells_are_spread_over_the_image() -> None:
+    scorer = SequenceScorer(PAPER)
+    frame = reference_frame(np.zeros((4, 6), dtype=np.int32), valid=mask("xxxxxx\nxxxxxx\nxxxxxx\n......"))
+    cells = Segmentation(
+        cell_size_px=2,
+        mask=mask("x..\n..."),
+        undefined=mask("...\n.x."),
+        causes=("depth", "epipolar"),
+        cause=np.array([[1, 0, 0], [0, 0, 0]], dtype=np.uint8),
+    )
+    scorer.add(frame, cells)
+    (row,) = scorer.finish()[1].to_pylist()
+    assert (row["fp_px"], row["undefined_px"], row["valid_px"]) == (4, 2, 18)
+    assert row["fp_by_cause"] == [("depth", 0), ("epipolar", 4)]
+
+
+def test_an_image_left_out_says_why() -> None:
+    scorer = SequenceScorer(PAPER)
+    scorer.leave_out(recording="drive", camera="front", timestamp_ns=7, status="failed", problem="truncated image")
+    objects, images = scorer.finish()
+    assert len(objects) == 0
+    assert images.schema == FRAMES_SCHEMA
+    (row,) = images.to_pylist()
+    assert (row["timestamp_ns"], row["status"], row["problem"], row["fp_px"]) == (7, "failed", "truncated image", 0)
+
+
+def test_chance_comes_from_the_mask_a_second_away() -> None:
+    objects = [reference_object("a"), static_object("b")]
+    early = reference_frame(picture("11.."), objects=objects)
+    late = reference_frame(picture("..11"), objects=objects, timestamp_ns=SECOND_NS)
+    table, _ = scored([(early, mask("xxx.")), (late, mask(".xxx"))])
+    assert table["chance_tp"].to_pylist() == [1, None, 1, None]

@@ -46,6 +46,7 @@ def test_an_example_is_complete_and_its_commands_exist(file):
 
 def test_a_run_with_failures_is_judged_all_the_same(tmp_path):
     """`run` ends with status 2 there, and leaves a summary; without one there is nothing to judge."""
+    assert [file.stem for file in EXAMPLES] == ["gate-github", "gate-gitlab"], "one for each server"
     github, gitlab = (yaml.safe_load(file.read_text("utf-8")) for file in EXAMPLES)
     (judged,) = [step for step in github["jobs"]["gate"]["steps"] if "--junit" in step.get("run", "")]
     assert {"!cancelled()", "hashFiles('run/surface-v1/summary.json') != ''"} < set(judged["if"].split(" && "))
@@ -74,7 +75,3 @@ def test_the_action_scores_and_judges():
         assert {word for word in words if word.startswith("--")} <= known
     values = " ".join(value for step in steps for value in step["env"].values())
     assert all(f"inputs.{name} " in values for name in action["inputs"])
-
-
-def test_there_is_one_for_each_server():
-    assert [file.stem for file in EXAMPLES] == ["gate-github", "gate-gitlab"]

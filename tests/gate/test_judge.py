@@ -13,20 +13,29 @@ from tests.evaluation.runs import PAPER, random_run
 from tests.gate.factories import ALL_DECIDE, RULES, TOLERATED, one, scored, sums, verdict_of
 
 
-def outcome(before, after, **options):
-    rows = verdict_of(one(before, **options), one(after, **options)).rows
-    assert len(rows) == 1
-    return rows[0].outcome
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [
+        ([0.5] * 6, [0.48] * 6, Outcome.FAILED),  # 2 points, tolerated is max(1, 2 % of 50) = 1
+        ([0.5] * 6, [0.49] * 6, Outcome.PASSED),  # exactly what is tolerated
+        ([0.9] * 6, [0.882] * 6, Outcome.PASSED),  # 2 % of 90 are 1.8 points
+        ([0.9] * 6, [0.881] * 6, Outcome.FAILED),
+        ([0.5] * 6, [0.6] * 6, Outcome.IMPROVED),
+        ([0.5] * 6, [0.505] * 6, Outcome.PASSED),  # better within tolerance is not worth telling
+        ([0.5] * 20, [0.3] * 6 + [0.5] * 16, Outcome.FAILED),  # enough recordings to exclude no change
+        ([0.5] * 20, [0.3] * 3 + [0.5] * 17, Outcome.SUSPECT),
+    ],
+)
+def test_a_loss_fails_beyond_what_is_tolerated_and_beyond_chance(before, after, expected):
+    verdict = verdict_of(one(before), one(after))
+    assert [row.outcome for row in verdict.rows] == [expected]
+    assert verdict.passed == (expected is not Outcome.FAILED)
 
 
-def test_worse_in_every_recording_by_more_than_tolerated_fails():
-    assert outcome([0.5] * 6, [0.48] * 6) is Outcome.FAILED  # 2 points, tolerated is max(1, 2 % of 50) = 1
-
-
-def test_exactly_what_is_tolerated_passes():
-    assert outcome([0.5] * 6, [0.49] * 6) is Outcome.PASSED
-    assert outcome([0.9] * 6, [0.882] * 6) is Outcome.PASSED  # 2 % of 90 are 1.8 points
-    assert outcome([0.9] * 6, [0.881] * 6) is Outcome.FAILED
+@pytest.mark.parametrize(("after", "expected"), [(0.3, Outcome.FAILED), (0.1, Outcome.IMPROVED)])
+def test_lower_is_better_where_the_metric_says_so(after, expected):
+    runs = (one([value] * 6, metric="false_positive_coverage") for value in (0.2, after))
+    assert [row.outcome for row in verdict_of(*runs).rows] == [expected]
 
 
 def test_a_loss_in_one_of_six_recordings_is_suspect_and_fails_nothing():
@@ -38,11 +47,6 @@ def test_a_loss_in_one_of_six_recordings_is_suspect_and_fails_nothing():
     assert row.ci95[0] < 0 < row.ci95[1]
     assert verdict.passed
     assert "1 suspect" in verdict.headline
-
-
-def test_four_recordings_of_many_are_enough_to_exclude_no_change_and_three_are_not():
-    assert outcome([0.5] * 20, [0.3] * 6 + [0.5] * 16) is Outcome.FAILED
-    assert outcome([0.5] * 20, [0.3] * 3 + [0.5] * 17) is Outcome.SUSPECT
 
 
 LOSS = [0.5] * 4 + [0.47, 0.46, 0.45, 0.44]  # p = 0.0413, one-sided half of it
@@ -84,19 +88,6 @@ def test_where_equal_inputs_give_equal_results_a_loss_beyond_what_is_tolerated_f
     assert verdict_of(before, after).passed
     assert not verdict_of(before, after, strict).passed
     assert verdict_of(before, one([0.5] * 5 + [0.45]), strict).passed  # 0.8 points of all, 1 tolerated
-
-
-def test_lower_is_better_where_the_file_says_so():
-    options = {"metric": "false_positive_coverage"}
-    assert outcome([0.2] * 6, [0.3] * 6, **options) is Outcome.FAILED
-    assert outcome([0.3] * 6, [0.2] * 6, **options) is Outcome.IMPROVED
-
-
-def test_better_is_told_and_passes():
-    verdict = verdict_of(one([0.5] * 6), one([0.6] * 6))
-    assert verdict.rows[0].outcome is Outcome.IMPROVED
-    assert verdict.passed
-    assert outcome([0.5] * 6, [0.505] * 6) is Outcome.PASSED  # within tolerance is not worth telling
 
 
 @pytest.mark.parametrize(

@@ -74,32 +74,32 @@ def copied(good: Path, tmp_path: Path) -> Path:
     return shutil.copytree(good, tmp_path / "copy")
 
 
-def test_positive_depth_switched_off(gated_card, good_run, baseline, tmp_path):
-    method = build_method("spherical", {"weights": {"positive_depth": 0}})
+FALSE_POSITIVES = ("frames", "false_positive_coverage")
+REGRESSIONS = {  # of methods, and what fails by them and what is suspect
+    "positive depth switched off": (
+        build_method("spherical", {"weights": {"positive_depth": 0}}),
+        {("overtaking", "tpr_all"), ("overtaking", "iou")},
+        {("frames", "recall")},
+    ),
+    "sign of the yaw rate flipped": (YawSignFlipped(), {FALSE_POSITIVES}, {("frames", "precision")}),
+    "calibration shifted by 5 px": (CalibrationShifted(), {FALSE_POSITIVES}, set()),
+}
+
+
+@pytest.mark.parametrize("name", REGRESSIONS)
+def test_a_method_that_got_worse_fails_by_its_scores(gated_card, good_run, baseline, tmp_path, name):
+    method, failing, suspect = REGRESSIONS[name]
     found = verdict(good_run, run(gated_card, tmp_path / "run", method))
-    assert failed(found) >= {("overtaking", "tpr_all"), ("overtaking", "iou")}
-    assert ("frames", "recall") in rows_with(found, Outcome.SUSPECT)  # it decides nothing
-    by_chance_too = judge(read_run_sums(good_run), read_run_sums(tmp_path / "run"), tolerances=load_tolerances())
-    assert failed(by_chance_too) >= {("overtaking", "tpr_all"), ("overtaking", "iou")}
-    assert not found.failed_checks  # the data are the same: the score tells it
+    assert failed(found) >= failing
+    assert rows_with(found, Outcome.SUSPECT) >= suspect, "it decides nothing"
+    assert not found.failed_checks, "the data are the same: the score tells it"
     assert command(tmp_path / "run", baseline).returncode == 1
-
-
-def test_sign_of_the_yaw_rate_flipped(gated_card, good_run, baseline, tmp_path):
-    found = verdict(good_run, run(gated_card, tmp_path / "run", YawSignFlipped()))
-    assert ("frames", "false_positive_coverage") in failed(found)
-    assert ("frames", "precision") in rows_with(found, Outcome.SUSPECT)
-    assert not found.failed_checks
-    worst = next(row for row in found.rows_with(Outcome.FAILED) if row.slice_name == "frames")
-    assert worst.worst_recording.startswith("turning")
-    assert command(tmp_path / "run", baseline).returncode == 1
-
-
-def test_calibration_shifted_by_5_px_in_the_code(gated_card, good_run, baseline, tmp_path):
-    found = verdict(good_run, run(gated_card, tmp_path / "run", CalibrationShifted()))
-    assert ("frames", "false_positive_coverage") in failed(found)
-    assert not found.failed_checks
-    assert command(tmp_path / "run", baseline).returncode == 1
+    if "depth" in name:
+        by_chance_too = judge(read_run_sums(good_run), read_run_sums(tmp_path / "run"), tolerances=load_tolerances())
+        assert failed(by_chance_too) >= failing
+    if "yaw" in name:
+        worst = next(row for row in found.rows_with(Outcome.FAILED) if row.slice_name == "frames")
+        assert worst.worst_recording.startswith("turning")
 
 
 def test_calibration_shifted_by_5_px_in_the_data(gated_card, good_run, baseline, tmp_path):

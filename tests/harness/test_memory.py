@@ -32,7 +32,7 @@ if __name__ == "__main__":
         card, protocols = load_card(sys.argv[1]), [load_protocol("paper-v1")]
         request = RunRequest(card=card, method=method, folder=run, protocols=protocols)
         for handle in request.recordings():
-            for task in plan_recording(request, code, handle).tasks:
+            for task in plan_recording(method, handle).tasks:
                 assert process_task(request, code, task).failure == ""
         sizes.append(resident_mb())
     print(json.dumps(sizes))

@@ -11,12 +11,25 @@ from remembering import Remembering
 from bench.atomic import is_temporary, temporary_name
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
-from bench.evaluation.likelihood import BINS, EDGES, SCORE_EDGES, find_bins
+from bench.evaluation.counts import BINS, EDGES, SCORE_EDGES, find_bins
 from bench.execution import ProcessExecutor
 from bench.harness import Part, RunRequest, build_scorable, read_run, run_benchmark, score_part
-from bench.harness.answers import FAILED, Answer, Key, name_of, read_answers, read_seconds, safe_name, write_answers
-from bench.harness.references import StoredReference, _row, find_references
-from bench.harness.stages import StageClock
+from bench.harness.answers import (
+    FAILED,
+    answer_row,
+    answers_agree,
+    name_of,
+    no_answer,
+    read_answers,
+    read_seconds,
+    safe_name,
+    segmentation_of,
+    write_answers,
+)
+from bench.harness.digests import RecordingDigests
+from bench.harness.frames import InputOnly
+from bench.harness.references import find_references, reference_of, reference_row
+from bench.harness.tasks import cut_tasks
 from bench.methods import Segmentation, build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card, open_dataset
@@ -34,6 +47,7 @@ from tests.support.runs import IMAGES, PAPER, bytes_of, score
 
 CHANGES = [change_image, change_sweep, change_annotation, change_egomotion, change_calibration, remove_image]
 SURFACE = load_protocol("surface-v1")
+IMAGE = {"recording": "drive", "camera": "front", "timestamp_ns": 7}
 
 
 def request(card, out, *protocols, method="nothing", **options) -> RunRequest:
@@ -49,9 +63,9 @@ def test_every_likelihood_comes_back_in_its_bin(tmp_path, edges, is_score):
     values = np.concatenate([edges[:-1], [0.999999 if is_score else 7.0]]).astype(np.float32)
     values = np.nextafter(values, np.float32(1)).reshape(1, -1)
     answer = Segmentation(cell_size_px=1, mask=values > 0, likelihood=values, likelihood_is_score=is_score)
-    write_answers(tmp_path / "a.parquet", [Answer.of(Key("drive", "front", 7), answer, seconds=0.5)])
-    (found,) = read_answers(tmp_path / "a.parquet")
-    bins = find_bins(found.segmentation().likelihood, edges)
+    write_answers(tmp_path / "a.parquet", [answer_row(IMAGE, answer, seconds=0.5)])
+    (stored,) = read_answers(tmp_path / "a.parquet")
+    bins = find_bins(segmentation_of(stored).likelihood, edges)
     assert np.array_equal(bins, find_bins(values, edges))
     assert bins.max() == BINS - 1
 
@@ -61,19 +75,16 @@ def test_an_answer_comes_back_as_it_was_and_later_changes_do_not_count(tmp_path)
     mask, undefined = random.random((2, 7, 9)) > 0.5
     cause = random.integers(0, 2, (7, 9)).astype(np.uint8)
     said = Segmentation(cell_size_px=5, mask=mask.copy(), undefined=undefined, cause=cause, causes=("a", "b"))
-    answers = [
-        Answer.of(Key("drive", "front", 7), said, seconds=0.25),
-        Answer.none(Key("drive", "front", 8), "skipped", "a gap"),
-    ]
+    answers = [answer_row(IMAGE, said, seconds=0.25), no_answer(IMAGE | {"timestamp_ns": 8}, "skipped", "a gap")]
     said.mask[:] = False
     write_answers(tmp_path / "a.parquet", answers)
     first, second = read_answers(tmp_path / "a.parquet")
-    found = first.segmentation()
+    found = segmentation_of(first)
     for name, expected in (("mask", mask), ("undefined", undefined), ("cause", cause)):
         assert np.array_equal(getattr(found, name), expected)
     assert (found.cell_size_px, found.causes, found.likelihood, found.threshold) == (5, ("a", "b"), None, None)
-    assert (second.status, second.problem, second.is_answered) == ("skipped", "a gap", False)
-    assert [one.row["timestamp_ns"] for one in read_answers(tmp_path / "a.parquet", timestamp_ns=8)] == [8]
+    assert (second["status"], second["problem"], second["mask"]) == ("skipped", "a gap", None)
+    assert read_answers(tmp_path / "a.parquet", timestamp_ns=8) == [second]
 
 
 @pytest.mark.parametrize("name", ["drive", "a/b", "..", ".hidden", "Fahrt 1", "käse", "100%"])
@@ -87,23 +98,23 @@ def test_answers_agree_where_masks_differ_by_a_thousandth_at_most():
     def answer(marked):
         mask = np.zeros((40, 50), dtype=bool)
         mask.ravel()[:marked] = True
-        return Answer.of(Key("drive", "front", 7), Segmentation(cell_size_px=1, mask=mask), seconds=marked)
+        return answer_row(IMAGE, Segmentation(cell_size_px=1, mask=mask), seconds=marked)
 
-    assert answer(100).agrees_with(answer(102))
-    assert not answer(100).agrees_with(answer(103))
-    failed = Answer.none(Key("drive", "front", 7), FAILED, "no weights")
-    assert failed.agrees_with(failed)
-    assert not failed.agrees_with(answer(0))
+    assert answers_agree(answer(100), answer(102))
+    assert not answers_agree(answer(100), answer(103))
+    failed = no_answer(IMAGE, FAILED, "no weights")
+    assert answers_agree(failed, failed)
+    assert not answers_agree(failed, answer(0))
 
 
 @pytest.mark.parametrize("damage", ["mask", "likelihood", "rows"])
 def test_a_damaged_answer_is_named(damage):
     mask = np.zeros((3, 4), dtype=bool)
-    key, said = Key("drive", "front", 7), Segmentation(cell_size_px=1, mask=mask, likelihood=mask.astype(np.float32))
-    row = dict(Answer.of(key, said, seconds=0.0).row)
+    said = Segmentation(cell_size_px=1, mask=mask, likelihood=mask.astype(np.float32))
+    row = dict(answer_row(IMAGE, said, seconds=0.0))
     row[damage] = {"mask": b"x", "likelihood": bytes([255] * 12), "rows": 1 << 30}[damage]
     with pytest.raises(DataError, match="answer of drive, front, 7 ns: expected a mask of rows x columns cells"):
-        Answer(row).segmentation()
+        segmentation_of(row)
 
 
 # ---- references
@@ -116,12 +127,12 @@ def test_a_stored_reference_is_equal_in_every_value(tiny_card, tmp_path, monkeyp
     images, settings = recording.images["front"], protocol.reference_settings()
 
     def found():
-        return find_references(recording, images, settings=[settings], digest="of it", clock=StageClock())[0]
+        return find_references(recording, images, settings=[settings], digest="of it")[0]
 
-    built = [one.frame("x") for one in found()]
+    built = [reference_of(row, "x") for row in found()]
     monkeypatch.setattr(ReferenceBuilder, "build", lambda *_: pytest.fail("it is stored"))
     for before, stored in zip(built, found(), strict=True):
-        after = stored.frame("x")
+        after = reference_of(stored, "x")
         for name in ("labels", "ignored", "unknown", "left_out", "valid"):
             assert np.array_equal(getattr(before, name), getattr(after, name)), name
         assert (before.ego_speed_mps, before.annotated) == (after.ego_speed_mps, after.annotated)
@@ -134,8 +145,8 @@ def test_a_stored_reference_is_equal_in_every_value(tiny_card, tmp_path, monkeyp
 def test_every_kind_of_pixel_of_a_reference_is_stored():
     flags = np.random.default_rng(1).random((4, 6, 8)) < 0.5
     kinds = dict(zip(("ignored", "unknown", "left_out", "valid"), flags, strict=True))
-    stored = StoredReference(_row(replace(reference_frame(np.zeros((6, 8), dtype=np.int32)), **kinds)))
-    assert all(np.array_equal(getattr(stored.frame("drive"), name), kind) for name, kind in kinds.items())
+    row = reference_row(replace(reference_frame(np.zeros((6, 8), dtype=np.int32)), **kinds))
+    assert all(np.array_equal(getattr(reference_of(row, "drive"), name), kind) for name, kind in kinds.items())
 
 
 def test_a_damaged_file_of_the_cache_is_built_again(tiny_card, tmp_path, monkeypatch):
@@ -322,6 +333,23 @@ def test_a_method_that_cannot_be_copied_is_refused_before_anything_is_written(ti
     with method.open_file, pytest.raises(UsageError, match=r"object of Remembering that can be copied.*TypeError"):
         score(tiny_card, tmp_path / "run", method=method)
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("unscored", "history", "tasks"),
+    [
+        *[(0, 0, [(0, 2), (2, 4), (4, 5)]), (0, 1, [(1, 3), (3, 5)]), (1, 1, [(1, 3), (3, 5)])],
+        *[(2, 1, [(2, 4), (4, 5)]), (2, 3, [(3, 5)]), (4, 1, [(4, 5)]), (5, 1, [])],
+    ],
+)
+def test_every_image_to_be_scored_is_in_one_task(tiny_card, monkeypatch, unscored, history, tasks):
+    monkeypatch.setattr("bench.harness.tasks.TASK_IMAGES", 2)
+    handle = open_dataset(load_card(tiny_card))[0]
+    recording = handle.open()
+    images = [replace(image, scored=k >= unscored) for k, image in enumerate(recording.images["front"])]
+    digests = RecordingDigests(reference="", whole="")
+    cut = cut_tasks(handle, replace(recording, images={"front": images}), digests, InputOnly(history=history))
+    assert [(task.start, task.stop) for task in cut] == tasks
 
 
 # ---- oracles

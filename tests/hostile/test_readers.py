@@ -4,18 +4,15 @@ import subprocess
 import sys
 import warnings
 
-import cv2
 import numpy as np
 import pytest
 
 from bench.errors import DataError
 from bench.lidar import read_sweep
 from bench.plain_yaml import parse_yaml
-from bench.recordings import ImageRef, load_card, read_image
-from bench.recordings.images import read_mask
+from bench.recordings import load_card
 from tests.hostile import files
-from tests.support import tiny
-from tests.support.clouds import laz, pcd, ply
+from tests.support.clouds import laz, pcd
 
 pytestmark = pytest.mark.slow
 
@@ -87,38 +84,12 @@ def test_the_whole_ones_are_read(tmp_path, suffix):
         ".laz": files.LAZ,
         ".bin": files.ROWS.tobytes(),
         ".pcd": pcd(500, body=files.POINTS.tobytes()),
-        ".ply": ply(500, body=files.POINTS.tobytes()),
     }
     path = tmp_path / f"1000{suffix}"
     path.write_bytes(whole[suffix])
     if suffix == ".laz":
         path.write_bytes(laz(files.POINTS.astype(float), gps_time=np.full(500, 1000.0)))
     assert read_sweep(path, 1000).points_lidar == pytest.approx(files.POINTS, abs=1e-3)
-
-
-@pytest.mark.parametrize("what", files.IMAGES)
-def test_images(tmp_path, what):
-    path = tmp_path / "1000.png"
-    path.write_bytes(files.IMAGES[what])
-    with pytest.raises(DataError) as caught:
-        read_image(ImageRef(camera="front", timestamp_ns=1000, path=path), tiny.front_camera())
-    assert str(path) in str(caught.value)
-    with pytest.raises(DataError):
-        read_mask(path, (64, 48))
-
-
-@pytest.mark.parametrize(
-    ("pixels", "colour"),
-    [(np.full((48, 64), 40_000, np.uint16), False), (np.full((48, 64, 4), 90, np.uint8), True)],
-    ids=["16 bits", "transparent"],
-)
-def test_images_of_other_depths_come_as_8_bits(tmp_path, pixels, colour):
-    path = tmp_path / "1000.png"
-    assert cv2.imwrite(str(path), pixels)
-    image = ImageRef(camera="front", timestamp_ns=1000, path=path)
-    seen = read_image(image, tiny.front_camera(), colour=colour)
-    assert seen.dtype == np.uint8
-    assert seen.shape == ((48, 64, 3) if colour else (48, 64))
 
 
 @pytest.mark.parametrize("what", files.YAML_FILES)

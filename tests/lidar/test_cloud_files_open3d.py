@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bench.errors import UsageError
-from bench.lidar import cloud_files, open3d, read_points
+from bench.lidar import cloud_files, open3d
 from bench.synthesis import rays
 
 
@@ -26,17 +26,6 @@ def library():
 def test_open3d_loads_without_a_system_libusb(library):
     assert hasattr(library, "t")
     assert open3d() is library
-
-
-def test_compressed_points_are_read(library, tmp_path):
-    points = np.random.default_rng(5).normal(size=(200, 3)).astype(np.float32).round(1)
-    cloud = library.t.geometry.PointCloud(library.core.Tensor(points))
-    cloud.point["intensity"] = library.core.Tensor(points[:, :1])
-    assert library.t.io.write_point_cloud(str(tmp_path / "1.pcd"), cloud, compressed=True)
-    assert b"DATA binary_compressed" in (tmp_path / "1.pcd").read_bytes()
-    arrays = read_points(tmp_path / "1.pcd")
-    np.testing.assert_array_equal(arrays["points_lidar"], points)
-    np.testing.assert_array_equal(arrays["intensity"], points[:, 0])
 
 
 def test_rays_meet_the_same_by_embreex_and_open3d(library):

@@ -1,8 +1,113 @@
-"""What a sweep says of its points: their times, and their rows in the stored cloud."""
+"""Points of a sweep: their times, their rows in the stored cloud, and the motion of their sensor."""
 
 import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from bench.lidar import LidarSweep
+from bench.lidar import LidarSweep, deskew, interpolation_timestamps
+from bench.times import SECOND_NS
+
+
+@pytest.mark.parametrize(
+    ("times_ns", "expected_ns"),
+    [
+        ([], []),
+        ([7], [7, 8]),
+        ([3, 2_000_003], [3, 2_000_003]),
+        ([3, 5_000_002], [3, 5_000_002]),  # with the time after the last point 5 ms: one step
+        ([3, 5_000_003], [3, 2_500_003, 5_000_003]),
+        ([11_000_003, 3], [3, 3_666_670, 7_333_336, 11_000_003]),
+    ],
+)
+def test_timestamps_span_the_points_in_the_fewest_even_steps_of_at_most_five_milliseconds(times_ns, expected_ns):
+    assert interpolation_timestamps(np.array(times_ns, dtype=np.int64)).tolist() == expected_ns
+
+
+def test_a_wall_stays_a_wall_when_the_car_drives_at_it():
+    # 30 m/s for 0.1 s: a wall 50 m away is measured at 50 m first and at 47 m last.
+    times_ns = np.linspace(0, SECOND_NS // 10, 11).astype(np.int64)
+    measured = np.zeros((11, 3))
+    measured[:, 0] = 50.0 - 30.0 * times_ns / 1e9
+    interpolation_ns = interpolation_timestamps(times_ns)
+    positions_m = np.zeros((len(interpolation_ns), 3))
+    positions_m[:, 0] = 30.0 * interpolation_ns / 1e9
+    rotations = np.tile(np.eye(3), (len(interpolation_ns), 1, 1))
+    straight = deskew(
+        measured, times_ns, interpolation_ns=interpolation_ns, rotations=rotations, positions_m=positions_m
+    )
+    assert straight[:, 0] == pytest.approx(50.0, abs=1e-9)
+
+
+def test_a_turning_sensor_sees_a_point_stand_still():
+    times_ns = np.linspace(0, SECOND_NS // 10, 21).astype(np.int64)
+
+    def rotated(angles_rad):
+        cosine, sine, zero = np.cos(angles_rad), np.sin(angles_rad), np.zeros(len(angles_rad))
+        rows = [cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + 1]
+        return np.stack(rows, axis=1).reshape(-1, 3, 3)
+
+    point = np.array([20.0, 5.0, 1.0])
+    measured = np.einsum("nji,j->ni", rotated(times_ns / 1e9), point)
+    interpolation_ns = interpolation_timestamps(times_ns)
+    still = deskew(
+        measured,
+        times_ns,
+        interpolation_ns=interpolation_ns,
+        rotations=rotated(interpolation_ns / 1e9),
+        positions_m=np.zeros((len(interpolation_ns), 3)),
+    )
+    assert np.abs(still - point).max() < 3.2e-6 * np.linalg.norm(point)
+
+
+def test_timestamps_since_1970_stay_apart():
+    """Such times have more digits than a float holds; a sweep without times of its points is one instant."""
+    time_ns = 1_700_000_000_000_000_001
+    interpolation_ns = interpolation_timestamps(np.array([time_ns, time_ns], dtype=np.int64))
+    assert interpolation_ns.tolist() == [time_ns, time_ns + 1]
+
+
+times = st.lists(st.integers(0, 40_000_000), min_size=0, max_size=30)
+
+
+@given(times, st.integers(0, 1_700_000_000_000_000_000), st.booleans())
+def test_each_point_is_moved_by_the_blend_of_the_two_poses_around_its_time_in_whatever_order_they_come(
+    offsets_ns, start_ns, ordered
+):
+    times_ns = start_ns + np.array(sorted(offsets_ns) if ordered else offsets_ns, dtype=np.int64)
+    rng = np.random.default_rng(len(times_ns))
+    points = rng.uniform(-50, 50, (len(times_ns), 3)).astype(np.float32)
+    interpolation_ns = start_ns + np.array([0, 4_999_999, 10_000_000, 25_000_000, 40_000_001], dtype=np.int64)
+    rotations = Rotation.from_rotvec(rng.uniform(-1, 1, (len(interpolation_ns), 3))).as_matrix()
+    positions_m = rng.uniform(-1000, 1000, (len(interpolation_ns), 3))
+
+    moved = deskew(points, times_ns, interpolation_ns=interpolation_ns, rotations=rotations, positions_m=positions_m)
+
+    assert moved.shape == (len(times_ns), 3)
+    assert moved.T.flags.c_contiguous
+    for point, time_ns, found in zip(points, times_ns, moved, strict=True):
+        after = next(
+            (k for k in range(1, len(interpolation_ns)) if time_ns < interpolation_ns[k]), len(interpolation_ns) - 1
+        )
+        part = int(time_ns - interpolation_ns[after - 1]) / int(interpolation_ns[after] - interpolation_ns[after - 1])
+        start, end = (rotations[k] @ point.astype(float) + positions_m[k] for k in (after - 1, after))
+        np.testing.assert_allclose(found, start + part * (end - start), atol=1e-9)
+
+
+def test_points_laid_out_by_component_are_moved_as_those_laid_out_by_point():
+    rng = np.random.default_rng(3)
+    points, times_ns = rng.uniform(-50, 50, (100, 3)), rng.permutation(100) * 300_000
+    interpolation_ns = interpolation_timestamps(times_ns)
+    rotations = Rotation.from_rotvec(rng.uniform(-1, 1, (len(interpolation_ns), 3))).as_matrix()
+    poses = {
+        "interpolation_ns": interpolation_ns,
+        "rotations": rotations,
+        "positions_m": rng.uniform(-9, 9, (len(interpolation_ns), 3)),
+    }
+    np.testing.assert_array_equal(
+        deskew(points, times_ns, **poses), deskew(np.asfortranarray(points), times_ns, **poses)
+    )
 
 
 def sweep(**fields) -> LidarSweep:

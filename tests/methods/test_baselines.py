@@ -47,16 +47,6 @@ def test_flow_baselines_agree_for_a_camera_that_does_not_turn():
     np.testing.assert_array_equal(plain.mask, plain.likelihood > 6e-4 * 2.4)
 
 
-def test_flow_out_of_sight_is_undefined_and_static():
-    previous, current, _ = crossing()
-    valid = np.ones((HEIGHT, WIDTH), bool)
-    valid[:, 200:] = False
-    found = build_method("flow-magnitude").segment(frame(previous, current, STEP, valid))
-    assert found.undefined[:, 40:].all()
-    assert not found.mask[:, 40:].any()
-    assert found.likelihood[:, 40:].max() == 0
-
-
 def grey_frame(*images, valid=None):
     given = frame(images[0], images[-1], STEP, valid)
     step = given.current_from_previous[0]

@@ -210,23 +210,23 @@ def _raise():
 
 
 UNFIT = {
-    "name": (("name", 7), "method 7 of class Unfit: name: expected some text, got 7"),
-    "no name": (("name", ""), "method '' of class Unfit: name: expected some text, got ''"),
-    "history": (("history", 1.5), "history: expected a whole number of images, got 1.5"),
-    "negative history": (("history", -1), "history: expected a whole number of images, got -1"),
-    "history as text": (("longest_history", "2"), "longest_history: expected a whole number of images, got '2'"),
-    "colour": (("colour", "no"), "colour: expected True or False, got 'no'"),
-    "reads_images": (("reads_images", None), "reads_images: expected True or False, got None"),
-    "files": (("files", [None]), r"files: expected a sequence of paths, got \[None\]"),
-    "one file": (("files", "weights"), "files: expected a sequence of paths, got 'weights'"),
+    "name": (("name", 7), "method 7 of class Unfit: name: expected a valid string, got 7"),
+    "no name": (("name", ""), "method '' of class Unfit: name: expected text to have at least 1 character, got ''"),
+    "history": (("history", 1.5), "history: expected a valid integer, got 1.5"),
+    "negative history": (("history", -1), "history: expected greater than or equal to 0, got -1"),
+    "history as text": (("longest_history", "2"), "longest_history: expected a valid integer, got '2'"),
+    "colour": (("colour", "no"), "colour: expected a valid boolean, got 'no'"),
+    "reads_images": (("reads_images", None), "reads_images: expected a valid boolean, got None"),
+    "files": (("files", [None]), r"files: expected a valid string, got \[None\]"),
+    "one file": (("files", "weights"), "files: expected .* not allowed as a Sequence value, got 'weights'"),
     "numpy": (
         ("settings", lambda: {"a": {"b": np.float64(1)}}),
         r"settings\(\): a\.b: expected finite .*float64",
     ),
     "array": (("settings", lambda: {"a": [np.zeros(1)]}), r"settings\(\): a\[0\]: expected finite numbers, .*ndarray"),
     "number as name": (("settings", lambda: {1: 2}), r"settings\(\): 1: expected finite numbers"),
-    "none": (("settings", lambda: None), r"settings\(\): expected a dictionary of values by name, got None"),
-    "list": (("settings", lambda: [1]), r"settings\(\): expected a dictionary of values by name, got \[1\]"),
+    "none": (("settings", lambda: None), r"settings\(\): expected a dictionary by name, got None"),
+    "list": (("settings", lambda: [1]), r"settings\(\): expected a dictionary by name, got \[1\]"),
     "raises": (("settings", _raise), r"class Unfit: settings\(\): _SilentError: its message cannot be read"),
 }
 

@@ -13,7 +13,7 @@ from bench.errors import DataError, UsageError
 from bench.methods import build_method
 from bench.methods.learned import method as learned
 from bench.methods.learned.inputs import Channels
-from bench.methods.rigid_scene.views import Views
+from bench.methods.rigid_scene.scene import Views
 from bench.recordings import load_card
 from tests.conftest import DATASETS
 from tests.support.board_scene import STEP, crossing, frame
@@ -81,7 +81,7 @@ def test_other_weights_beside_their_card(weights):
     with pytest.raises(DataError, match="restore both files"):
         build_method("learned", {"weights": str(weights)})
     weights.unlink()
-    with pytest.raises(DataError, match="expected a network and its card"):
+    with pytest.raises(DataError, match="expected the network of its card, got No such file"):
         build_method("learned", {"weights": str(weights)})
 
 
@@ -89,8 +89,8 @@ def test_other_weights_beside_their_card(weights):
     ("changed", "message"),
     [
         ({"coarse": ["current", "taste"]}, "expected channels of this version, got taste"),
-        ({"threshold": "high"}, "expected the card of a network"),
-        ({"sha256": None}, "restore both files"),
+        ({"threshold": "high"}, r"learned\.json: threshold: expected a valid number"),
+        ({"sha256": None}, r"learned\.json: sha256: expected a valid string"),
     ],
 )
 def test_a_card_that_does_not_fit(weights, changed, message):

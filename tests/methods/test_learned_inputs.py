@@ -8,7 +8,7 @@ import pytest
 from bench.geometry import RigidTransform
 from bench.methods import UnansweredImage
 from bench.methods.learned.inputs import COARSE, FINE, GROUPS, MIRRORED, ZERO, network_input
-from bench.methods.rigid_scene.views import Views
+from bench.methods.rigid_scene.scene import Views
 from tests.support.board_scene import STEP, crossing, drive, frame
 
 EARLIER = GROUPS["earlier"]

@@ -11,18 +11,18 @@ from bench.cameras import BrownConradyCamera, PinholeCamera
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.methods import UnansweredImage, build_method
-from bench.methods.rigid_scene.deviation import (
+from bench.methods.rigid_scene.candidates import floating, own_effects, upright
+from bench.methods.rigid_scene.evidence import (
+    CELL,
+    Evidence,
     Information,
     flow_information,
     gradients,
     nearest_on_curve,
     structure_tensor,
 )
-from bench.methods.rigid_scene.evidence import CELL, Evidence
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
-from bench.methods.rigid_scene.own_effects import own_effects
 from bench.methods.rigid_scene.scene import RigidScene, at_every_pixel
-from bench.methods.rigid_scene.standing import floating, upright
 from tests.methods.worlds import FORWARD, TwoViews, pitched_down
 from tests.support.board_scene import CAMERA, LOOK, ROAD, STEP, crossing, frame, render, texture
 

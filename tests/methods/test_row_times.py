@@ -7,8 +7,8 @@ from bench.cameras import RollingShutter
 from bench.egomotion import camera_motion
 from bench.geometry import RoadPlane
 from bench.methods.rigid_scene.scene import RigidScene
-from bench.methods.row_times import RowTimes
 from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD, SphericalSettings
+from bench.methods.two_views import RowTimes
 from tests.reference.drives import LENS, MOUNT, circle
 from tests.support.rolling import seen_by_rows
 

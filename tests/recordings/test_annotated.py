@@ -49,22 +49,18 @@ def test_without_a_file_nothing_is_annotated(root):
             open_native(root)
 
 
-def test_a_card_that_names_annotations_and_says_that_there_are_none(root):
+def test_a_folder_of_annotations_is_complete_unless_somebody_says_otherwise(root):
     folder = root.parent.parent / "reviewed"
     folder.mkdir()
     (folder / "drive.review.json").write_text("{}")  # what is reviewed is no annotation yet
-    assert by_card(root, annotated="none", annotations="reviewed").annotated == NOT_ANNOTATED
     (root / "annotations.json").rename(folder / "drive.json")
-    with pytest.raises(DataError, match="annotated: expected one statement about annotations") as refused:
-        by_card(root, annotated="none", annotations="reviewed")
-    assert "take `annotated: none` out" in str(refused.value)
-    assert by_card(root, annotations="reviewed").annotated == COMPLETELY
-    state(root, "none")  # as of a raw drive before it was annotated
-    assert by_card(root, annotations="reviewed").annotated == COMPLETELY
+    for statement in (None, "none"):  # "none" as of a raw drive before it was annotated
+        state(root, statement)
+        found = by_card(root, annotations="reviewed")
+        assert (found.annotated, len(found.tracks)) == (COMPLETELY, len(tiny.tracks()))
+        assert by_card(root, annotated="none", annotations="reviewed").annotated == NOT_ANNOTATED
     state(root, PARTLY)
     assert by_card(root, annotations="reviewed").annotated == PART
-    state(root, None)
-    assert by_card(root, annotated="none").annotated == NOT_ANNOTATED
 
 
 def test_a_card_says_it_of_recordings_that_are_annotated(root):
@@ -77,14 +73,6 @@ def test_a_card_says_it_of_recordings_that_are_annotated(root):
     (root / "annotations.json").unlink()
     state(root, None)
     assert by_card(root, annotated="complete").annotated == NOT_ANNOTATED
-
-
-def test_a_folder_of_annotations_stands_in_for_a_missing_file(root):
-    folder = root.parent.parent / "labels"
-    folder.mkdir()
-    (root / "annotations.json").rename(folder / "drive.json")
-    assert by_card(root, annotations="labels").annotated == COMPLETELY
-    assert len(by_card(root, annotations="labels").tracks) == len(tiny.tracks())
 
 
 @pytest.mark.parametrize(

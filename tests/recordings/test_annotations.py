@@ -173,63 +173,66 @@ def test_quaternions_are_xyzw(tmp_path):
     assert pose.apply(np.array([1.0, 0.0, 0.0])) == pytest.approx([8.0, -2.5, 1.0])
 
 
+def box(**changes):
+    return [BOX | changes]
+
+
+def outline(**changes):
+    return [OUTLINE | changes]
+
+
+def named(name, val):
+    return [{"name": name, "val": val}]
+
+
 PLACE = "openlabel.frames.0.objects.van.object_data"
+HEIGHTS = [{"name": "bottom_m", "val": 2}, {"name": "top_m", "val": 1}]
 FAULTS = [
-    (minimal(), f"{PLACE}: expected one of cuboid, poly2d and vec point_indices, got none"),
-    (minimal(cuboid=[BOX], poly2d=[OUTLINE]), "got cuboid and poly2d"),
-    (minimal(cuboid=[BOX, BOX]), f"{PLACE}.cuboid"),
-    (minimal(cuboid=[{"name": "shape", "val": [0.0] * 9}]), f"{PLACE}.cuboid.0.val.9: expected a value, got nothing"),
-    (minimal(cuboid=[{"name": "shape", "val": [0.0] * 10}]), "numbers 4 to 7 to be a quaternion"),
-    (minimal(cuboid=[{**BOX, "val": [*BOX["val"][:9], 0.0]}]), "numbers 8 to 10 to be sizes above 0"),
-    (minimal(cuboid=[{**BOX, "colour": "red"}]), f"{PLACE}.cuboid.0.colour: expected no such key, got 'red'"),
-    (minimal(poly2d=[OUTLINE]), f"{PLACE}.num: expected a number named bottom_m, got none"),
-    (minimal(poly2d=[{**OUTLINE, "closed": False}]), f"{PLACE}.poly2d.0.closed: expected True, got False"),
-    (minimal(poly2d=[{**OUTLINE, "val": [0, 0, 1, 0, 1, 1, 2]}]), "an even number of values"),
-    (
-        minimal(poly2d=[OUTLINE], num=[{"name": "bottom_m", "val": 2}, {"name": "top_m", "val": 1}]),
-        f"{PLACE}.num: expected top_m above bottom_m, got 1.0 over 2.0",
-    ),
-    (minimal(vec=[{"name": "point_indices", "val": [1]}]), "expected a number named sweep_timestamp_ns, got none"),
-    (minimal(vec=[{"name": "point_indices", "val": [-1]}]), "point_indices.val.0: expected greater than or equal to 0"),
-    (minimal(cuboid=[BOX], vec=[{"name": "velocity_mps", "val": [1.0, 2.0]}]), "velocity_mps.val.2: expected a value"),
-    (minimal(cuboid=[BOX], vec=[{"name": "velocity", "val": [1.0]}]), f"{PLACE}.vec.0"),
-    (minimal(cuboid=[BOX], vec=[{"name": "velocity_mps", "val": [10**400, 0, 0]}]), "val.0: expected a finite number"),
-    (minimal(cuboid=[BOX], num=[{"name": "yaw_rate_radps", "val": 10**400}]), "val: expected a finite number"),
-    (
-        minimal(cuboid=[BOX], text=[{"name": "category", "val": "crosing"}]),
-        "text.0.val: expected 'crossing', 'overtaking'",
-    ),
-    (minimal(cuboid=[BOX], num=[{"name": "yaw_rate_radps", "val": 0.0}] * 2), f"{PLACE}.num: expected each name once"),
+    ({}, f"{PLACE}: expected one of cuboid, poly2d and vec point_indices, got none"),
+    ({"cuboid": box(), "poly2d": outline()}, "got cuboid and poly2d"),
+    ({"cuboid": box() * 2}, f"{PLACE}.cuboid"),
+    ({"cuboid": named("shape", [0.0] * 9)}, f"{PLACE}.cuboid.0.val.9: expected a value, got nothing"),
+    ({"cuboid": named("shape", [0.0] * 10)}, "numbers 4 to 7 to be a quaternion"),
+    ({"cuboid": box(val=[*BOX["val"][:9], 0.0])}, "numbers 8 to 10 to be sizes above 0"),
+    ({"cuboid": box(colour="red")}, f"{PLACE}.cuboid.0.colour: expected no such key, got 'red'"),
+    ({"poly2d": outline()}, f"{PLACE}.num: expected a number named bottom_m, got none"),
+    ({"poly2d": outline(closed=False)}, f"{PLACE}.poly2d.0.closed: expected True, got False"),
+    ({"poly2d": outline(val=[0, 0, 1, 0, 1, 1, 2])}, "an even number of values"),
+    ({"poly2d": outline(), "num": HEIGHTS}, f"{PLACE}.num: expected top_m above bottom_m, got 1.0 over 2.0"),
+    ({"vec": named("point_indices", [1])}, "expected a number named sweep_timestamp_ns, got none"),
+    ({"vec": named("point_indices", [-1])}, "point_indices.val.0: expected greater than or equal to 0"),
+    ({"cuboid": box(), "vec": named("velocity_mps", [1.0, 2.0])}, "velocity_mps.val.2: expected a value"),
+    ({"cuboid": box(), "vec": named("velocity", [1.0])}, f"{PLACE}.vec.0"),
+    ({"cuboid": box(), "vec": named("velocity_mps", [10**400, 0, 0])}, "val.0: expected a finite number"),
+    ({"cuboid": box(), "text": named("category", "crosing")}, "text.0.val: expected 'crossing', 'overtaking'"),
+    ({"cuboid": box(), "num": named("yaw_rate_radps", 0.0) * 2}, f"{PLACE}.num: expected each name once"),
 ]
 
 
-@pytest.mark.parametrize(("content", "message"), FAULTS, ids=[message for _, message in FAULTS])
-def test_faults_name_file_and_place(tmp_path, content, message):
+@pytest.mark.parametrize(("data", "message"), FAULTS, ids=[message for _, message in FAULTS])
+def test_faults_name_file_and_place(tmp_path, data, message):
     path = tmp_path / "a.json"
-    path.write_text(json.dumps(content))
+    path.write_text(json.dumps(minimal(**data)))
     with pytest.raises(DataError) as caught:
         read_annotations(path)
     assert str(caught.value).startswith(f"{path}: openlabel.")
     assert message in str(caught.value)
 
 
-def test_objects_and_frames_must_fit_together(tmp_path):
-    path = tmp_path / "a.json"
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda label: label["objects"].clear(), r"expected an object listed under openlabel.objects, got 'van'"),
+        (lambda label: label["frames"].update({"1": label["frames"]["0"]}), "expected one frame for each time, got 5"),
+        (lambda label: label["objects"]["van"].update(type="tram"), r"objects\.van\.type: expected 'pedestrian', 'cyc"),
+    ],
+)
+def test_objects_and_frames_must_fit_together(tmp_path, change, message):
     content = minimal(cuboid=[BOX])
-    content["openlabel"]["objects"] = {}
-    path.write_text(json.dumps(content))
-    with pytest.raises(DataError, match=r"expected an object listed under openlabel.objects, got 'van'"):
-        read_annotations(path)
-    content = minimal(cuboid=[BOX])
-    content["openlabel"]["frames"]["1"] = content["openlabel"]["frames"]["0"]
-    path.write_text(json.dumps(content))
-    with pytest.raises(DataError, match="expected one frame for each time, got 5 twice"):
-        read_annotations(path)
-    content = minimal(cuboid=[BOX])
-    content["openlabel"]["objects"]["van"]["type"] = "tram"
-    path.write_text(json.dumps(content))
-    with pytest.raises(DataError, match=r"openlabel\.objects\.van\.type: expected 'pedestrian', 'cyclist'"):
-        read_annotations(path)
+    change(content["openlabel"])
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    with pytest.raises(DataError, match=message):
+        read_annotations(tmp_path / "a.json")
 
 
 def test_the_kinds_of_motion_are_those_of_the_reference():

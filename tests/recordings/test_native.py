@@ -146,12 +146,12 @@ def test_a_gap_in_time_is_told_but_no_fault_of_opening(root):
     images = root / "images/front"
     (images / f"{tiny.TIMES_NS[1]}.png").unlink()
     recording = open_native(root)
-    (gap,) = frame_gaps(recording, "front")
-    assert (gap.index, gap.previous_ns, gap.current_ns) == (1, tiny.TIMES_NS[0], tiny.TIMES_NS[2])
+    gap_ns = tiny.TIMES_NS[2] - tiny.TIMES_NS[0]
+    assert frame_gaps(recording, "front") == {1: gap_ns}
 
 
 def test_no_gaps_where_images_are_regular(root):
-    assert frame_gaps(open_native(root), "front") == ()
+    assert frame_gaps(open_native(root), "front") == {}
 
 
 def change(root, path, value):
@@ -167,6 +167,11 @@ def change(root, path, value):
     change_head(root, change_place)
 
 
+FRONT = "cameras.front"
+MASK, MOUNT, SHUTTER = f"{FRONT}.ego_body_mask", f"{FRONT}.vehicle_from_camera", f"{FRONT}.rolling_shutter"
+INVERSE = {"quaternion_wxyz": [0.5, 0.5, -0.5, 0.5], "translation_m": [0.0, 0.7, -3.6]}
+LONG = {"quaternion_wxyz": [2.0, 0.0, 0.0, 0.0], "translation_m": [0.0, 0.0, 0.0]}
+OUTSIDE = f"{MASK}: expected a relative path without '..'"
 HEAD_FAULTS = [
     ("schema_version", 2, "schema_version: expected 1, got 2"),
     ("frame_interval_ns", 0, "frame_interval_ns: expected greater than 0, got 0"),
@@ -174,58 +179,23 @@ HEAD_FAULTS = [
     ("licence", ..., "licence: expected a value, got nothing"),
     ("name", "drive-7", "name: expected 'drive', as its folder, got 'drive-7'"),
     ("colour", "red", "colour: expected no such key, got 'red'"),
-    ("cameras.front.modle", {}, "cameras.front.modle: expected no such key, got {}"),
-    ("cameras.front.image_size", [64, 0], "cameras.front.image_size.1: expected greater than 0, got 0"),
-    (
-        "cameras.front.model.model",
-        "egg",
-        "cameras.front.model.model: expected one of brown_conrady, double_sphere, extended_unified, kannala_brandt",
-    ),
-    (
-        "cameras.front.model.principal_point",
-        [1.0],
-        "cameras.front.model.principal_point: expected two numbers, got (1.0,)",
-    ),
-    ("cameras.front.model.coefficients", ["a"], "cameras.front.model: expected numbers"),
-    ("cameras.front.model.xi", 1.0, "cameras.front.model"),
-    ("cameras.front.model.width", 64, "cameras.front.model.width: expected no such key, got one; image_size says it"),
-    (
-        "cameras.front.vehicle_from_camera.quaternion_wxyz",
-        [1.0, 1.0, 0.0, 0.0],
-        "quaternion_wxyz: expected a quaternion w, x",
-    ),
-    ("cameras.front.vehicle_from_camera.translation_m", [0.0, 0.0, -1.0], "expected a camera above the road"),
-    (
-        "cameras.front.vehicle_from_camera",
-        {"quaternion_wxyz": [0.5, 0.5, -0.5, 0.5], "translation_m": [0.0, 0.7, -3.6]},
-        "got a height of -3.60 m; the inverse of the mounting stands 0.70 m above it: give vehicle_from_camera",
-    ),
+    (f"{FRONT}.image_size", [64, 0], f"{FRONT}.image_size.1: expected greater than 0, got 0"),
+    (f"{FRONT}.model.model", "egg", f"{FRONT}.model.model: expected one of brown_conrady, double_sphere"),
+    (f"{FRONT}.model.principal_point", [1.0], f"{FRONT}.model.principal_point: expected two numbers, got (1.0,)"),
+    (f"{FRONT}.model.coefficients", ["a"], f"{FRONT}.model: expected numbers"),
+    (f"{FRONT}.model.xi", 1.0, f"{FRONT}.model"),
+    (f"{FRONT}.model.width", 64, f"{FRONT}.model.width: expected no such key, got one; image_size says it"),
+    (f"{MOUNT}.quaternion_wxyz", [1.0, 1.0, 0.0, 0.0], "quaternion_wxyz: expected a quaternion w, x"),
+    (f"{MOUNT}.translation_m", [0.0, 0.0, -1.0], "expected a camera above the road"),
+    (MOUNT, INVERSE, "-3.60 m; the inverse of the mounting stands 0.70 m above it: give vehicle_from_camera"),
     ("lidar.vehicle_from_lidar.translation_m", [0.0, 1.0], "lidar.vehicle_from_lidar.translation_m"),
-    (
-        "lidar.lidar_from_sensor",
-        {"quaternion_wxyz": [2.0, 0.0, 0.0, 0.0], "translation_m": [0.0, 0.0, 0.0]},
-        "lidar.lidar_from_sensor.quaternion_wxyz: expected a quaternion w, x, y, z of length 1",
-    ),
-    (
-        "lidar.lidar_from_sensor",
-        {"translation_m": [0.0, 0.0, 0.0]},
-        "lidar_from_sensor.quaternion_wxyz: expected a value",
-    ),
+    ("lidar.lidar_from_sensor", LONG, "quaternion_wxyz: expected a quaternion w, x, y, z of length 1"),
     ("lidar.vehicle_from_beams", None, "lidar.vehicle_from_beams: expected no such key"),
     ("vehicle.outline_m", [[0.0, 0.0]], "vehicle.outline_m"),
-    (
-        "cameras.front.ego_body_mask",
-        "../outside.png",
-        "cameras.front.ego_body_mask: expected a relative path without '..'",
-    ),
-    (
-        "cameras.front.ego_body_mask",
-        "/etc/passwd",
-        "cameras.front.ego_body_mask: expected a relative path without '..'",
-    ),
-    ("cameras.front.ego_body_mask", "none.png", "none.png: expected an image file"),
-    ("cameras.front.rolling_shutter", {"readout_s": 25.0}, "readout_s: expected less than or equal to 0.2, got 25.0"),
-    ("cameras.front.rolling_shutter", {"readout_s": 0.02, "direction": "in"}, "direction: expected 'down', 'up'"),
+    *((MASK, path, OUTSIDE) for path in ("../outside.png", "/etc/passwd", "a\\..\\b", "C:/x", "", "a\0b")),
+    (MASK, "none.png", "none.png: expected an image file"),
+    (SHUTTER, {"readout_s": 25.0}, "readout_s: expected less than or equal to 0.2, got 25.0"),
+    (SHUTTER, {"readout_s": 0.02, "direction": "in"}, "direction: expected 'down', 'up'"),
     ("cameras", {}, "cameras: expected"),
 ]
 
@@ -285,18 +255,6 @@ def test_hidden_files_are_not_finished_and_passed_over(root):
     assert len(open_native(root).images["front"]) == 3
 
 
-@pytest.mark.parametrize("place", ["images/front", "lidar", "images/front/12.png", "annotations.json", "egomotion.csv"])
-def test_links_that_lead_outside_are_refused(root, tmp_path, place):
-    outside, path = tmp_path / "outside", root / place
-    if path.exists():
-        path.rename(outside)
-    else:
-        outside.write_bytes(b"")
-    path.symlink_to(outside)
-    with pytest.raises(DataError, match="a link that leads outside"):
-        open_native(root)
-
-
 def test_missing_and_doubled_files_are_named(root):
     (root / "poses.csv").write_text("")
     with pytest.raises(DataError, match=r"expected one of egomotion.csv and poses.csv, got both"):
@@ -325,14 +283,6 @@ def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path):
     with pytest.raises(ShapeError, match="expected an image of uint8, got float64"):
         writer.image("front", 0, np.zeros((4, 4)))
     assert not (tmp_path / "drive").exists()
-
-
-def test_colour_images_are_written(root):
-    RecordingWriter(root).image("front", tiny.TIMES_NS[0], np.full((48, 64, 3), (10, 20, 30), np.uint8))
-    recording = open_native(root)
-    image = read_image(recording.images["front"][0], recording.cameras["front"], colour=True)
-    assert image[5, 5].tolist() == [10, 20, 30]
-    assert cv2.imread(str(recording.images["front"][0].path))[5, 5].tolist() == [10, 20, 30]
 
 
 def test_a_recording_may_be_called_as_a_folder_may(tmp_path):
@@ -393,8 +343,8 @@ def test_what_of_a_recording_is_read_and_what_is_not(root):
         (root / "lidar" / name).write_bytes(b"")
     contents = {content.what: content for content in open_native(root).contents}
     assert (contents["lidar/*.npz"].count, contents["lidar/*.npz"].read_as) == (2, "sweeps")
-    assert (contents["lidar/*.PCD.gz"].count, contents["lidar/*.PCD.gz"].suspect) == (2, True)
-    assert contents["lidar/3.npy"].why == "no .npz or .bin or .pcd or .ply or .las or .laz"
+    assert (contents["lidar/*.gz"].count, contents["lidar/*.gz"].suspect) == (2, True)
+    assert contents["lidar/3.npy"].why == "no .npz or .bin or .pcd or .las or .laz"
     assert (contents["notes.txt"].read_as, contents["notes.txt"].suspect) == ("", False)
 
 

@@ -156,8 +156,7 @@ def drive(
         )
         for i, box in enumerate(boxes)
     ]
-    sweeps = {t: sweep_of(boxes, trajectory, t) for t in sweep_ns}
-    return Recording(
+    recording = Recording(
         name="drive",
         root=Path("drive"),
         licence="none",
@@ -166,12 +165,33 @@ def drive(
         images={"front": tuple(ImageRef(camera="front", timestamp_ns=t, path=Path(f"{t}.png")) for t in exposures_ns)},
         trajectory=trajectory,
         vehicle_from_lidar=LIDAR,
-        sweeps=tuple(
-            SweepRef(timestamp_ns=t, path=Path(f"{t}.npz"), reader=lambda _, time_ns: sweeps[time_ns]) for t in sweep_ns
-        ),
+        sweeps=(),
         tracks=tuple(tracks),
         annotated=annotated,
     )
+    return with_sweep(recording, *(sweep_of(boxes, trajectory, t) for t in sweep_ns))
+
+
+def with_sweep(recording: Recording, *sweeps: LidarSweep) -> Recording:
+    """The recording with these sweeps instead of its own."""
+    refs = (SweepRef(timestamp_ns=s.timestamp_ns, path=Path("0.npz"), reader=lambda *_, s=s: s) for s in sweeps)
+    return replace(recording, sweeps=tuple(refs))
+
+
+def with_points(recording: Recording, points_lidar: np.ndarray) -> Recording:
+    """The recording with other points in its only sweep."""
+    return with_sweep(recording, replace(recording.sweeps[0].read(), points_lidar=points_lidar))
+
+
+def with_class(recording: Recording, object_class: str) -> Recording:
+    """The recording with its only object of another class."""
+    return replace(recording, tracks=(replace(recording.tracks[0], object_class=object_class),))
+
+
+def with_state(recording: Recording, **changes) -> Recording:
+    """The recording with its only object's only annotation changed."""
+    (track,) = recording.tracks
+    return replace(recording, tracks=(replace(track, states=(replace(track.states[0], **changes),)),))
 
 
 def reference_of(recording: Recording, settings: ReferenceSettings = SETTINGS) -> ReferenceFrame:
@@ -179,10 +199,10 @@ def reference_of(recording: Recording, settings: ReferenceSettings = SETTINGS) -
     return ReferenceBuilder(recording, "front", settings).build(recording.images["front"][0])
 
 
-def pixels_of(polygon) -> np.ndarray:
-    """The pixels of an image of the lens whose centre a polygon covers."""
-    pixels = np.zeros((LENS.height, LENS.width), dtype=bool)
-    window, covered = rasterise(polygon, width=LENS.width, height=LENS.height)
+def pixels_of(polygon, *, width=LENS.width, height=LENS.height) -> np.ndarray:
+    """The pixels of an image whose centre a polygon covers."""
+    pixels = np.zeros((height, width), dtype=bool)
+    window, covered = rasterise(polygon, width=width, height=height)
     pixels[window] = covered
     return pixels
 
@@ -224,13 +244,11 @@ def wall_recording(width_m=1.0, height_m=1.7, away_m=8.0, steps_deg=(0.1728, 0.4
     y, z = LIDAR.apply(points)[:, 1:].T
     on_wall = (np.abs(y - 0.4) <= width_m / 2) & (z >= 0) & (z <= height_m)
     sweep = LidarSweep(timestamp_ns=0, points_lidar=points[on_wall | (z < -0.01)])
-    recording = drive([wall], trajectory, exposures_ns=(0,))
-    ref = SweepRef(timestamp_ns=0, path=Path("0.npz"), reader=lambda *_: sweep)
     ring = shapely.segmentize(shapely.box(0.4 - width_m / 2, 0.0, 0.4 + width_m / 2, height_m), 0.02).exterior.coords
     outline = np.column_stack([np.full(len(ring), away_m), np.asarray(ring)])
     mounted = camera()
     truth = shapely.Polygon(mounted.model.project(mounted.vehicle_from_camera.inverse().apply(outline))[0])
-    return replace(recording, sweeps=(ref,)), truth
+    return with_sweep(drive([wall], trajectory), sweep), truth
 
 
 def a_region(window: tuple[slice, slice], covered: np.ndarray) -> Region:

@@ -62,16 +62,6 @@ def test_nearer_objects_take_the_pixels_whatever_their_status():
         assert (frame.labels == 2).sum() == frame.objects[1].region_px
 
 
-def test_what_is_wholly_hidden_is_ignored_as_occluded_and_leaves_no_ignored_region_in_front():
-    hidden, wall = Box((9.5, 0.0, 0.5), (0.4, 0.4, 0.6), (0, 1, 0)), Box((7.0, 0.0, 1.0), (0.3, 3.0, 2.0), (0, 1, 0))
-    frame = build([hidden, wall])
-    assert [(o.status, o.reason) for o in frame.objects] == [
-        (Status.EVALUATED, None),
-        (Status.IGNORED, IgnoreReason.OCCLUDED),
-    ]
-    assert not frame.ignored.any()
-
-
 @pytest.mark.parametrize(
     ("box", "options", "reason"),
     [
@@ -94,6 +84,21 @@ def test_reasons_to_ignore(box, options, reason):
     assert not frame.labels.any()
     # Ignored pixels are there wherever the object is in view, from its outline where points do not suffice.
     assert frame.ignored.any() == (reason is not IgnoreReason.OUT_OF_VIEW)
+
+
+def test_limits_hold_at_equality():
+    """Range, points and pixels of an object are still within a limit that they meet."""
+    (walker,) = build([WALKER]).objects
+    limits = {
+        "range_limit_m": (walker.range_m, np.nextafter(walker.range_m, 0.0), IgnoreReason.RANGE),
+        "min_points": (walker.points, walker.points + 1, IgnoreReason.FEW_POINTS),
+        "min_polygon_px": (walker.polygon_px, walker.polygon_px + 1, IgnoreReason.SMALL_POLYGON),
+    }
+    for name, (met, missed, reason) in limits.items():
+        reasons = [
+            build([WALKER], settings=with_settings(**{name: limit})).objects[0].reason for limit in (met, missed)
+        ]
+        assert reasons == [None, reason]
 
 
 def test_static_objects_are_neither_evaluated_nor_ignored():
@@ -128,20 +133,6 @@ def test_the_ego_vehicles_own_body_is_no_reference():
     cut = reference_of(recording)
     assert not cut.valid[300:].any()
     assert cut.objects[0].region_px == (whole.labels[:300] == 1).sum()
-
-
-def test_beyond_the_lens_nothing_is_valid():
-    frame = build([])
-    assert not frame.valid[0, 0]
-    assert frame.valid[240, 320]
-
-
-def test_order_of_annotations_does_not_matter():
-    boxes = [WALKER, Box((7.0, -1.5, 0.8), SIZE, (0, 1.4, 0)), Box((9, 0.4, 0.8), SIZE, (2, 0, 0))]
-    frames = [build(boxes), build(boxes[::-1])]
-    spots = [{tuple(np.round(o.centroid_m, 6)): o.region_px for o in frame.objects} for frame in frames]
-    assert spots[0] == spots[1]
-    np.testing.assert_array_equal(frames[0].labels > 0, frames[1].labels > 0)
 
 
 def test_point_indices_without_velocity_say_nothing_about_motion():

@@ -5,27 +5,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import bench.reference.clusters
+import bench.reference.sweeps
 from bench.lidar import LidarSweep
-from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices
-from bench.reference.clusters import object_cluster
-from bench.reference.sweeps import pose_sweep
+from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices, Track
+from bench.reference.motion import ObjectAtExposure
+from bench.reference.sweeps import object_cluster, pose_sweep
 from tests.reference.drives import LIDAR, MS, Box, circle, sweep_of
 
 CAR = {"size_m": (4.0, 1.8, 1.5), "place_m": (9.0, 2.0, 0.75)}
 EXPOSURE_NS = 40 * MS
 
 
-def cluster(box, trajectory, state, *, velocity=None, sweep=None):
-    sweep = sweep or sweep_of([box], trajectory, 0)
-    return object_cluster(
-        pose_sweep(sweep, trajectory, LIDAR),
-        state,
-        velocity_world_mps=box.velocity_mps if velocity is None else velocity,
+def cluster(box, trajectory, state, *, velocity=None, sweep=None, **clear):
+    velocity_mps = box.velocity_mps if velocity is None else velocity
+    annotated = ObjectAtExposure(
+        track=Track(track_id="a", object_class="vehicle", states=(state,)),
+        state=state,
         world_from_vehicle=trajectory.world_from_vehicle(state.timestamp_ns),
-        exposure_ns=EXPOSURE_NS,
-        lowest_m=0.003,
-    ).points_world
+        velocity_world_mps=velocity_mps,
+        smooth_world_mps=velocity_mps,
+        moving=True,
+    )
+    placed = pose_sweep(sweep or sweep_of([box], trajectory, 0), trajectory, LIDAR)
+    return object_cluster(placed, annotated, EXPOSURE_NS, lowest_m=0.003, **clear).points_world
 
 
 @pytest.mark.parametrize("state_ns", [-30 * MS, 0, 25 * MS])
@@ -46,17 +48,6 @@ def test_every_point_returns_to_its_place_on_the_object(ego_mps, ego_radps, velo
     on_box = box.world_from_box(EXPOSURE_NS).inverse().apply(points)
     assert len(points) == 400  # all of the object's, none of the road's
     assert np.abs(np.sort(on_box, axis=0) - np.sort(box.skin(400), axis=0)).max() < 2e-3
-
-
-def test_without_compensation_the_points_would_be_metres_off():
-    """Ten metres per second against ten the other way: the sweep's ends lie up to a metre from the middle."""
-    trajectory, box = circle(10.0, 0.0), Box(velocity_mps=(-10, 0, 0), **CAR)
-    sweep = sweep_of([box], trajectory, 0)
-    raw = (trajectory.world_from_vehicle(0) @ LIDAR).apply(sweep.points_lidar[:400])
-    smeared = box.world_from_box(0).inverse().apply(raw)
-    assert np.abs(smeared[:, 0]).max() > 2.8  # half a length is 2 m
-    compensated = box.world_from_box(EXPOSURE_NS).inverse().apply(cluster(box, trajectory, box.state(0, trajectory)))
-    assert np.abs(compensated[:, 0]).max() < 2.0
 
 
 def test_a_sweep_without_point_times_is_taken_at_its_reference_time():
@@ -129,7 +120,7 @@ def test_no_point_on_the_object_is_missed_in_the_first_coarse_search(seed, layou
     state = box.state(int(rng.integers(-80, 80)) * MS, trajectory)
     state = replace(state, shape=shaped(state.shape))
     found = cluster(box, trajectory, state, sweep=sweep)
-    monkeypatch.setattr(bench.reference.clusters, "_candidates", lambda *_: np.arange(20_000))
+    monkeypatch.setattr(bench.reference.sweeps, "_candidates", lambda *_: np.arange(20_000))
     expected = cluster(box, trajectory, state, sweep=sweep)
     assert len(found) == len(expected) > 5
     np.testing.assert_allclose(found, expected, atol=1e-9)
@@ -143,16 +134,8 @@ def test_points_within_the_clearance_above_the_bottom_of_a_shape_are_the_grounds
         bottom_m = 0.75 - 0.6 if isinstance(shape, GroundPolygon) else 0.0
         top_m = 0.75 + 0.7 if isinstance(shape, GroundPolygon) else 1.5
         for clearance_m in (0.0, 0.3):
-            found = object_cluster(
-                pose_sweep(sweep_of([box], trajectory, 0), trajectory, LIDAR),
-                replace(state, shape=shape),
-                velocity_world_mps=box.velocity_mps,
-                world_from_vehicle=trajectory.world_from_vehicle(0),
-                exposure_ns=EXPOSURE_NS,
-                lowest_m=0.003,
-                clearance_m=clearance_m,
-            )
-            assert len(found.rows) == ((height_m >= bottom_m + clearance_m) & (height_m <= top_m)).sum() > 100
+            found = cluster(box, trajectory, replace(state, shape=shape), clearance_m=clearance_m)
+            assert len(found) == ((height_m >= bottom_m + clearance_m) & (height_m <= top_m)).sum() > 100
 
 
 def test_a_box_of_absurd_size_takes_all_that_lies_above_the_road():

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.reference.envelope import Beam, Envelope, find_envelope
-from bench.reference.grid import UP, find_grid
+from bench.reference.grid import UP, Beam, Envelope, find_envelope, find_grid
 from tests.support.real import REAL, needs_real
 
 ONE_ORIGIN = [(0.0, degrees) for degrees in np.concatenate([np.arange(2, -8.5, -1 / 3), np.arange(-8.8, -25, -0.5)])]

@@ -6,7 +6,7 @@ import shapely
 from shapely.affinity import scale
 
 from bench.reference.grid import find_grid
-from bench.reference.patches import CERTAIN, LEAST, LIKELY, Bounds, Layer, end_spread, surface_patches
+from bench.reference.patches import LEAST, LIKELY, CutOff, Layer, end_spread, surface_patches
 from tests.reference.scans import SENSORS, iou, patches_of, scan, silhouette_of, union_of
 
 ELLIPSE = scale(shapely.Point(0.2, -0.4).buffer(1.0, quad_segs=32), 0.45, 0.9)
@@ -106,29 +106,14 @@ def test_ends_move_the_less_the_larger_the_other_errors():
     assert (end_spread(step_m, np.array([3.0])) * step_m).ravel() == pytest.approx([2.0, 0.0], abs=1e-9)
 
 
-@pytest.mark.parametrize("solid", [True, False])
-def test_every_patch_is_drawn_once_where_nothing_is_open(solid):
-    points = scan(ELLIPSE, steps_deg=SENSORS["hdl-64e"])
-    patches = surface_patches(points, world_from_sensor=np.eye(3), grid=find_grid(points))
-    corners, layer = patches.layers(np.full(len(points), 0.01), solid=solid)
-    free = (~patches.grid.linked.all(axis=0)).sum()
-    assert np.isin(layer, LIKELY).sum() == np.isin(layer, LEAST).sum() == len(points)
-    assert np.isin(layer, CERTAIN).sum() == len(points) - free * solid
-    assert np.isin(layer, MOST).sum() == free
-    assert (layer == Layer.SHARED).sum() > 0.7 * len(points)
-    likely, least, most = (union_of(corners[..., np.isin(layer, extent)]) for extent in (LIKELY, LEAST, MOST))
-    assert likely.symmetric_difference(silhouette_of(points)).area < 1e-9
-    assert least.area < likely.area < most.union(likely).area
-
-
 def test_patches_reach_the_ground_and_the_ends_of_the_lidars_field_only_where_it_is_due():
     patch = np.array([[5, 0.1, 0.5], [5, -0.1, 0.5], [5, -0.1, 0.3], [5, 0.1, 0.3]])
     low = patch - [0, 0, 0.26]
 
     def extended(*patches, grounded_m=0.05, top_m=-np.inf):
         """(N, 4, 3), from and to."""
-        bounds = Bounds(grounded_m=np.full(2, grounded_m), bottom_m=0.0, top_m=np.broadcast_to(top_m, 2))
-        return bounds.extend(np.array(patches).T).T
+        cut_off = CutOff(grounded_m=np.full(2, grounded_m), bottom_m=0.0, top_m=np.broadcast_to(top_m, 2))
+        return cut_off.restored(np.array(patches).T).T
 
     bumper, shoe = extended(patch, low)
     np.testing.assert_array_equal(bumper, patch)  # the lidar saw the road below it

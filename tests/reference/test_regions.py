@@ -1,172 +1,302 @@
-"""Core and band of a region, how wide it is, and what a nearer band does to a farther object."""
+"""Regions of an object: hulls, polygons of patches, what holds for every kind, and who gets a pixel of several."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
-from bench.geometry.raster import Raster
-from bench.records.reference import Limb
-from bench.reference import IgnoreReason, OutlineErrors, Status
-from bench.reference.bands import pixels_per_radian, uncertain_region
-from bench.reference.outline_errors import limb_motion_m, outline_error_m
-from bench.reference.regions import Region, compose
-from bench.reference.scanned import Surface
-from tests.reference.drives import LENS, a_region, an_object
+from bench.errors import UnknownNameError
+from bench.geometry import RigidTransform
+from bench.lidar import LidarSweep
+from bench.recordings import PointIndices
+from bench.records.reference import Limb, RegionKindName
+from bench.reference import REGION_KINDS, IgnoreReason, OutlineErrors, ReferenceObject, Status
+from bench.reference.grid import find_grid
+from bench.reference.patches import count_patches, without_slits
+from bench.reference.regions import Region, compose, hull_polygon, trace_polygon
+from tests.reference.drives import (
+    LIDAR,
+    a_region,
+    an_object,
+    pixels_of,
+    reference_of,
+    wall_recording,
+    with_settings,
+    with_sweep,
+)
 
-NOTHING = OutlineErrors(range_noise_m=0.0, angle_rad=0.0, position_m=0.0, limbs={})
-VALID = np.ones((40, 60), dtype=bool)
-SQUARE = Raster((slice(10, 20), slice(20, 30)), np.ones((10, 10), dtype=bool))
-
-
-def surface(**given):
-    """What patches leave open, by rasters."""
-    return Surface(likely=np.zeros((0, 0), dtype=bool), corner=np.zeros(2, dtype=np.int64), **given)
-
-
-def uncertain(raster=SQUARE, valid=VALID, *, half_width_px, unseen=None, hidden=(), **given):
-    """With returns in the middle of the raster alone."""
-    middle = [[(axis.start + axis.stop) // 2 for axis in raster.window[::-1]]]
-    widths = {"returns_px": np.array(middle), "half_width_px": np.array([half_width_px])}
-    return uncertain_region(a_region(*raster), valid, surface(**given), **widths, unseen=unseen, hidden=hidden)
-
-
-def whole(region: Region) -> tuple[np.ndarray, np.ndarray]:
-    """Core and possible pixels of the image."""
-    images = np.zeros((2, *VALID.shape), dtype=bool)
-    images[0][region.window], images[1][region.window] = region.core, region.possible
-    return images[0], images[1]
+ROOT = Path(__file__).parents[2]
+SIZE = {"width": 64, "height": 48}
+U, V = np.meshgrid(np.arange(SIZE["width"]), np.arange(SIZE["height"]))
+UNIT = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
+ROWS, COLUMNS = 30, 40
+every_kind = pytest.mark.parametrize("kind", sorted(REGION_KINDS))
 
 
-def a_box(top: int, bottom: int, left: int, right: int) -> np.ndarray:
-    image = np.zeros(VALID.shape, dtype=bool)
-    image[top:bottom, left:right] = True
-    return image
+def hull(points, ratio=None):
+    return hull_polygon(np.array(points, dtype=float), ratio=ratio, **SIZE)
+
+
+def image_of(polygon):
+    return pixels_of(polygon, **SIZE)
+
+
+def squares(*corners, side=4.0):
+    """Patches by their upper left corner."""
+    return np.stack([np.array(corner) + side * UNIT for corner in corners], axis=1)
+
+
+def pixels_of_patches(patches):
+    """The pixels of patches, (4, N, 2), and the window's first one."""
+    counts, corner = count_patches(patches.T.swapaxes(1, 2), np.zeros(patches.shape[1], int), layers=1, **SIZE)
+    return counts[0] != 0, corner
+
+
+def patch_polygon(patches, *, solid=False):
+    covered, corner = pixels_of_patches(patches)
+    return trace_polygon(without_slits(covered, solid=solid), corner - 1)
+
+
+def test_convex_polygon_of_a_square_with_a_point_inside():
+    assert hull([(10, 10), (20, 10), (20, 20), (10, 20), (15, 12)]).equals(shapely.box(10, 10, 20, 20))
+
+
+def test_concave_polygon_follows_the_notch():
+    ring = [(x, y) for x in range(10, 31, 2) for y in range(10, 31, 2) if not (x > 18 and y > 18)]
+    assert hull(ring, 0.15).area < 0.8 * hull(ring).area
+
+
+@pytest.mark.parametrize("points", [np.empty((0, 2)), [(1, 1)], [(1, 1), (2, 2)], [(1, 1), (2, 2), (3, 3)]])
+def test_points_that_span_no_area_give_no_polygon(points):
+    assert hull(points) is None
+    assert hull(points, 0.15) is None
+
+
+def test_a_polygon_is_cut_beyond_one_image_size_around_the_image_and_not_before():
+    touching = [(-64, -48), (128, -48), (128, 96), (-64, 96)]
+    for beyond in ((0, 0), (-65, 0), (0, -49), (129, 0), (0, 97)):
+        assert hull([*touching, beyond]).equals(shapely.box(-64, -48, 128, 96))
+    far = hull([(-1e12, 10), (1e12, 10), (32, 40), (30, 12)])
+    assert far.bounds[0] >= -64
+    assert far.bounds[2] <= 128
+    assert image_of(far).any()
+
+
+def test_pixels_of_a_comb_with_holes():
+    """Rows cross many edges, and those of the holes lie between those of the outline."""
+    teeth = [shapely.box(u + 0.3, 5.4, u + 3.2, 30.7) for u in range(4, 60, 5)]
+    comb = shapely.union_all([shapely.box(2.2, 28.1, 61.6, 40.9), *teeth])
+    comb = comb.difference(shapely.union_all([shapely.Point(u, 35).buffer(2.2) for u in (10, 21.4, 40, 52)]))
+    assert len(comb.interiors) == 4
+    np.testing.assert_array_equal(image_of(comb), shapely.contains_xy(comb, U, V))
+
+
+corner = st.tuples(*(st.integers(-20_000, end).map(lambda thousandth: thousandth / 1000) for end in (90_000, 70_000)))
+
+
+@given(st.lists(corner, min_size=3, max_size=12))
+def test_pixels_are_those_whose_centre_the_polygon_covers(corners):
+    polygon = hull(corners)
+    if polygon is None:
+        return
+    image = image_of(polygon)
+    assert image[shapely.contains_xy(polygon.buffer(-1e-6), U, V)].all()
+    assert not image[~shapely.contains_xy(polygon.buffer(1e-6), U, V)].any()
+
+
+def within(least: float, most: float):
+    return st.floats(least, most).map(lambda px: round(px, 9))  # shapely's unions divide by what is nearly 0
+
+
+patch = st.tuples(within(-8, 70), within(-8, 54), within(1, 12), within(1, 12), within(-3, 3), st.booleans())
+
+
+@given(st.lists(patch, min_size=1, max_size=8))
+def test_pixels_are_those_whose_centre_any_patch_covers_whichever_way_it_turns(boxes):
+    patches = np.array(
+        [
+            (np.array([u, v]) + UNIT * [wide, tall] + UNIT[:, ::-1] * [slant, 0])[:: -1 if flipped else 1]
+            for u, v, wide, tall, slant, flipped in boxes
+        ]
+    )
+    covered, (left, top) = pixels_of_patches(patches.swapaxes(0, 1))
+    union = shapely.union_all(shapely.polygons(patches))
+    u, v = np.meshgrid(np.arange(covered.shape[1]) + left, np.arange(covered.shape[0]) + top)
+    assert covered[shapely.contains_xy(union.buffer(-1e-6), u, v)].all()
+    assert not covered[~shapely.contains_xy(union.buffer(1e-6), u, v)].any()
+
+
+def test_holes_stay_open_and_slits_of_a_pixel_are_closed():
+    ring = squares(*[(u, v) for u in (10.5, 14.5, 18.5) for v in (10.5, 14.5, 18.5) if (u, v) != (14.5, 14.5)])
+    polygon = patch_polygon(ring)
+    assert len(polygon.interiors) == 1
+    assert image_of(polygon).sum() == 144 - 16
+    assert image_of(patch_polygon(ring, solid=True)).sum() == 144
+    assert image_of(patch_polygon(squares((10.5, 10.5), (15.5, 10.5)))).sum() == 9 * 4
+
+
+def test_what_the_lidar_sees_in_two_parts_is_a_polygon_of_two_parts():
+    polygon = patch_polygon(squares((10.5, 10.5), (30.5, 12.5)))
+    assert polygon.geom_type == "MultiPolygon"
+    assert polygon.is_valid
+    image = image_of(polygon)
+    assert image[11:15, 11:15].all()
+    assert image[13:17, 31:35].all()
+    assert image.sum() == 2 * 16
+
+
+@given(arrays(bool, (7, 9)))
+def test_the_polygon_gives_back_its_pixels(mask):
+    polygon = trace_polygon(mask, np.array([20, 20]))
+    if not mask.any():
+        assert polygon is None
+        return
+    assert polygon.is_valid
+    assert image_of(polygon)[20:27, 20:29][mask].all()
 
 
 @pytest.mark.parametrize(
-    ("half_width_px", "less", "more"), [(0.0, 0, 0), (0.49, 0, 0), (1.0, 1, 1), (2.0, 2, 2), (4.4, 4, 4)]
+    "patches", [np.empty((4, 0, 2)), squares((10.2, 10.2), side=0.5), squares((500, 10)), squares((-90, 10))]
 )
-def test_the_band_is_as_wide_on_either_side(half_width_px, less, more):
-    """The centre of the first pixel lies half a pixel from the outline, that of the second one and a half."""
-    core, possible = whole(uncertain(half_width_px=half_width_px))
-    np.testing.assert_array_equal(core, a_box(10 + less, 20 - less, 20 + less, 30 - less))
-    grown = a_box(10 - more, 20 + more, 20 - more, 30 + more)
-    assert not (possible & ~grown).any()  # its corners are round
-    assert (grown & ~possible).sum() <= 4 * more**2
-    assert (possible[15] == grown[15]).all()
+def test_patches_that_cover_no_pixel_give_no_polygon(patches):
+    assert patch_polygon(patches) is None
 
 
-def test_a_region_that_would_vanish_keeps_its_pixels():
-    core, possible = whole(uncertain(half_width_px=6.0))
-    np.testing.assert_array_equal(core, a_box(10, 20, 20, 30))
-    assert possible.sum() > core.sum()
+def frame_of(recording, kind, **changes):
+    return reference_of(recording, with_settings(polygon_kind=kind, **changes))
 
 
-def test_the_border_of_the_lens_is_no_outline():
-    valid = VALID.copy()
-    valid[:, :20] = False
-    core, possible = whole(uncertain(valid=valid, half_width_px=2.0))
-    np.testing.assert_array_equal(core, a_box(12, 18, 20, 28))
-    assert not (possible & ~valid).any()
+def object_of(recording, kind):
+    (item,) = frame_of(recording, kind).objects
+    return item
 
 
-def test_what_the_lidar_cannot_reach_or_tell_is_unknown():
-    below = Raster((slice(18, 30), slice(20, 30)), np.ones((12, 10), dtype=bool))
-    behind = Raster((slice(8, 14), slice(16, 24)), np.ones((6, 8), dtype=bool))
-    certain = Raster((slice(10, 20), slice(20, 28)), np.ones((10, 8), dtype=bool))
-    core, possible = whole(uncertain(half_width_px=0.0, certain=certain, unseen=below, hidden=(behind,)))
-    np.testing.assert_array_equal(core, a_box(10, 18, 20, 28))  # a shadow lies behind what is certain
-    np.testing.assert_array_equal(possible, a_box(10, 30, 20, 30) | a_box(8, 14, 16, 24))
+def overlap(polygon, truth):
+    return polygon.intersection(truth).area / polygon.union(truth).area
 
 
-def test_the_band_lies_between_what_the_beams_leave_at_least_and_at_most():
-    """Drawn in by 3 px and out by 4 below, where rows are far apart; the rest is as wide on either side."""
-    least = Raster((slice(10, 17), slice(20, 30)), np.ones((7, 10), dtype=bool))
-    most = Raster((slice(19, 24), slice(20, 30)), np.ones((5, 10), dtype=bool))
-    core, possible = whole(uncertain(half_width_px=1.0, least=least, most=most))
-    np.testing.assert_array_equal(core, a_box(11, 16, 21, 29))
-    assert possible[9:25, 22:28].all()
-    assert not possible[25:].any()
-    assert not possible[:, 31:].any()
+@every_kind
+def test_a_scanned_wall_is_evaluated_within_its_polygon(kind):
+    recording, truth = wall_recording(away_m=6.0, width_m=2.0)
+    frame = frame_of(recording, kind)
+    (wall,) = frame.objects
+    assert wall.status is Status.EVALUATED
+    assert wall.region_px == wall.polygon_px == (frame.labels == 1).sum()
+    np.testing.assert_array_equal(frame.labels == 1, pixels_of(wall.polygon) & frame.valid)
+    assert overlap(wall.polygon, truth) > 0.8
+    assert not frame.ignored.any()
 
 
-def test_the_band_is_as_wide_as_the_nearest_return_says():
-    widths = {"returns_px": np.array([[25, 11], [25, 18]]), "half_width_px": np.array([0.0, 2.0])}
-    core, possible = whole(uncertain_region(a_region(*SQUARE), VALID, surface(), **widths, unseen=None, hidden=()))
-    assert core[10, 20:30].all()
-    assert not core[18:20].any()
-    assert possible[21, 22:28].all()
-    assert not possible[9].any()
+@every_kind
+def test_a_band_takes_from_the_region_and_adds_beside_it(kind):
+    recording, truth = wall_recording(away_m=6.0, width_m=2.0)
+    limbs = {"vehicle": (Limb(joint=0.5, end=0.0, speed=1.0),)}
+    errors = OutlineErrors(range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limbs=limbs)
+    plain, frame = object_of(recording, kind), frame_of(recording, kind, outline=errors)
+    (wall,) = frame.objects
+    assert wall.region_px < pixels_of(truth).sum()
+    assert wall.region_px + wall.unknown_px > plain.region_px
+    assert wall.unknown_px == frame.ignored.sum() > 0
 
 
-def test_a_farther_core_in_a_nearer_band_is_unknown():
-    near = uncertain(half_width_px=1.0)
-    far = uncertain(Raster((slice(5, 25), slice(25, 45)), np.ones((20, 20), dtype=bool)), half_width_px=1.0)
-    objects = [(replace(an_object(Status.EVALUATED), track_id=name), region)
-               for name, region in (("near", near), ("far", far))]  # fmt: skip
-    (first, second), labels, ignored, unknown = compose(*zip(*objects, strict=True), VALID)
-    near_core, near_possible = whole(near)
-    far_core, far_possible = whole(far)
-    np.testing.assert_array_equal(labels == 1, near_core)
-    np.testing.assert_array_equal(labels == 2, far_core & ~near_possible)
-    np.testing.assert_array_equal(ignored, (near_possible | far_possible) & (labels == 0))
-    np.testing.assert_array_equal(unknown, ignored)
-    assert (first.region_px, first.unknown_px) == (near_core.sum(), (near_possible & ~near_core).sum())
-    assert second.unknown_px == (far_possible & ~near_core & (labels != 2)).sum()
+@every_kind
+@pytest.mark.parametrize("chosen", [range(0), range(2), range(5)], ids=["no returns", "two returns", "one row"])
+def test_returns_that_span_no_area_have_no_region_or_a_small_one(kind, chosen):
+    recording, _ = wall_recording(away_m=6.0, width_m=2.0)
+    (track,) = recording.tracks
+    named = PointIndices(sweep_timestamp_ns=0, indices=np.array(chosen, dtype=np.intp))
+    track = replace(track, states=(replace(track.states[0], shape=named),))
+    (item,) = frame_of(replace(recording, tracks=(track,)), kind, min_points=1).objects
+    assert item.status is Status.IGNORED
+    assert item.polygon_px < 20
 
 
-def test_an_object_within_a_nearer_band_is_ignored():
-    near = replace(a_region(*SQUARE), core=np.zeros((10, 10), dtype=bool))
-    near.core[0, 0] = True
-    far = a_region((slice(12, 14), slice(22, 24)), np.ones((2, 2), bool))
-    statuses = [an_object(Status.STATIC), an_object(Status.EVALUATED)]
-    settled, labels, ignored, unknown = compose(statuses, [near, far], VALID)
-    assert settled[1].reason is IgnoreReason.OCCLUDED
-    assert not labels.any()
-    assert not unknown.any()
-    np.testing.assert_array_equal(ignored, a_box(12, 14, 22, 24))
+def test_protocols_may_name_every_kind_of_the_documentation_and_no_other():
+    assert set(get_args(RegionKindName)) == REGION_KINDS.keys()
+    told = (ROOT / "docs" / "metrics.md").read_text("utf-8")
+    assert all(f"`{kind}`" in told for kind in REGION_KINDS)
+    with pytest.raises(UnknownNameError, match="convex"):
+        frame_of(wall_recording()[0], "bounding")
 
 
-def error_m(errors=NOTHING, *, unknown_m=0.0, sensor_m=(0.0, 0.0, 0.0)):
-    """Of a return 5 m away."""
-    (error,) = outline_error_m(
-        np.array([[0.0, 0.0, 5.0]]),
-        sensor_camera=np.array(sensor_m),
-        variance_m2=np.array([unknown_m**2]),
-        errors=errors,
-    )
-    return error
+@pytest.mark.parametrize("away_m", [6.0, 8.0, 11.0])
+def test_a_scanned_wall_is_covered_down_to_the_road_where_hulls_end_early(away_m):
+    recording, truth = wall_recording(away_m=away_m)
+    polygons = {kind: object_of(recording, kind).polygon for kind in REGION_KINDS}
+    shares = {kind: overlap(polygon, truth) for kind, polygon in polygons.items()}
+    # No pixels to count beyond the true outline's border.
+    assert polygons["surface-patches"].difference(truth.buffer(1.0)).area < 0.01 * truth.area
+    assert shares["surface-patches"] > max(shares["convex"], shares["concave"], 0.9)
 
 
-def test_each_cause_alone():
-    assert error_m() == 0
-    assert error_m(replace(NOTHING, angle_rad=0.01)) == pytest.approx(0.05)
-    assert error_m(replace(NOTHING, position_m=0.05)) == pytest.approx(0.05)
-    assert error_m(unknown_m=0.05) == pytest.approx(0.05)
-    assert error_m(replace(NOTHING, range_noise_m=0.1), sensor_m=(0, 0, -3.0)) == pytest.approx(0.0)
-    # Seen from the side at a right angle, all of the noise; at 30 degrees, half of it.
-    assert error_m(replace(NOTHING, range_noise_m=0.05), sensor_m=(9.0, 0, 5.0)) == pytest.approx(0.05)
-    aside = 5.0 * np.tan(np.radians(30))
-    assert error_m(replace(NOTHING, range_noise_m=0.05), sensor_m=(aside, 0, 0)) == pytest.approx(0.025)
+def test_what_lies_above_the_highest_beam_goes_on_to_the_top_of_the_annotated_shape():
+    """A van of 2.6 m at 4 m from the lidar: beams rise by 2 degrees, so its upper half metre is never met."""
+    recording, truth = wall_recording(away_m=6.0, width_m=2.0, height_m=2.6)
+    concave, patches = (object_of(recording, kind).polygon for kind in ("concave", "surface-patches"))
+    assert concave.intersection(truth).area < 0.8 * truth.area
+    assert patches.intersection(truth).area > 0.95 * truth.area
 
 
-def test_causes_add_up_as_variances():
-    both = replace(NOTHING, angle_rad=0.01, position_m=0.05)
-    assert error_m(both) == pytest.approx(0.05 * 2**0.5)
+def test_points_without_rows_fall_back_to_the_concave_hull():
+    recording, _ = wall_recording()
+    rows = np.arange(12)
+    points = LIDAR.inverse().apply(np.column_stack([np.full(12, 8.0), 0.4 + 0.08 * (rows % 2), 0.2 + 0.11 * rows]))
+    assert find_grid(points) is None
+    sparse = with_sweep(recording, LidarSweep(timestamp_ns=0, points_lidar=points))
+    concave, patches = (object_of(sparse, kind).polygon for kind in ("concave", "surface-patches"))
+    assert concave.area > 20
+    assert patches.equals(concave)
 
 
-def test_limbs_move_the_faster_the_farther_from_their_joint():
-    """A leg and an arm; over 0.1 s, at a peak of sqrt(2) m/s, by 0.1 m."""
-    limbs = (Limb(joint=0.5, end=0.0, speed=2.0), Limb(joint=0.8, end=0.4, speed=1.0))
-    heights, times_ns = np.array([0.0, 0.25, 0.4, 0.6, 0.8, 1.0]), np.full(6, -100_000_000, dtype=np.int64)
-    moved_m = limb_motion_m(limbs, heights, speed_mps=2**0.5, times_ns=times_ns)
-    assert moved_m == pytest.approx([0.2, 0.1, 0.1, 0.05, 0.0, 0.0])
-    assert limb_motion_m(limbs, heights, speed_mps=1.0, times_ns=0 * times_ns) == pytest.approx(np.zeros(6))
+def test_points_in_the_vehicles_axes_give_the_same_polygon_once_it_is_told_where_the_beams_start():
+    """Seen from below the rear axle, rows of beams are no rows: stripes of the wall would stay open."""
+    recording, truth = wall_recording(away_m=4.0, width_m=2.0)
+    sweep = recording.sweeps[0].read()
+    merged = with_sweep(recording, replace(sweep, points_lidar=LIDAR.apply(sweep.points_lidar)))
+    merged = replace(merged, vehicle_from_lidar=RigidTransform.identity())
+    stated = replace(merged, lidar_from_sensor=LIDAR)
+    expected, same, unstated = (object_of(drive, "surface-patches").polygon for drive in (recording, stated, merged))
+    assert same.symmetric_difference(expected).area < 0.005 * expected.area
+    assert unstated.intersection(truth).area < same.intersection(truth).area
+    hulls = [object_of(drive, "convex").polygon for drive in (stated, merged)]
+    assert hulls[0].equals(hulls[1])  # hulls do not ask where beams start
 
 
-def test_a_radian_is_as_many_pixels_as_the_lens_says():
-    scale = pixels_per_radian(LENS)
-    assert scale[240, 320] == pytest.approx(170.0, rel=0.01)
-    assert np.isfinite(scale).all()
-    assert 50 < scale.min() < scale.max() < 500
+def some_objects(rng: np.random.Generator) -> list[tuple[ReferenceObject, Region | None]]:
+    objects = []
+    for _ in range(rng.integers(1, 9)):
+        (top, bottom), (left, right) = np.sort(rng.integers(0, (ROWS + 1, COLUMNS + 1), (2, 2)).T)
+        covered = rng.random((bottom - top, right - left)) < rng.choice([0.1, 0.9])
+        region = a_region((slice(int(top), int(bottom)), slice(int(left), int(right))), covered)
+        objects.append((an_object(rng.choice(list(Status))), region if rng.random() < 0.9 else None))
+    return objects
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_every_pixel_goes_to_the_nearest_object_that_covers_it(seed):
+    objects = some_objects(np.random.default_rng(seed))
+    settled, labels, ignored, _ = compose(*zip(*objects, strict=True), np.ones((ROWS, COLUMNS), dtype=bool))
+
+    cover = np.zeros((len(objects), ROWS, COLUMNS), dtype=bool)
+    for image, (_, region) in zip(cover, objects, strict=True):
+        if region is not None:
+            image[region.window] = region.core
+    nearest = np.where(cover.any(axis=0), cover.argmax(axis=0), -1)
+    evaluated = [item.status is Status.EVALUATED for item, _ in objects]
+    expected = np.where((nearest >= 0) & np.array(evaluated)[nearest], nearest + 1, 0)
+    covering = [region is not None for _, region in objects]
+    occluded = [evaluated[k] and covering[k] and not (nearest == k).any() for k in range(len(objects))]
+    hidden = [item.status is Status.IGNORED or gone for (item, _), gone in zip(objects, occluded, strict=True)]
+
+    assert labels.dtype == np.int32
+    np.testing.assert_array_equal(labels, expected)
+    np.testing.assert_array_equal(ignored, cover[hidden].any(axis=0) & (expected == 0))
+    for k, result in enumerate(settled):
+        assert result.region_px == (int((expected == k + 1).sum()) if evaluated[k] else 0)
+        assert (result.reason is IgnoreReason.OCCLUDED) == (result.status is not objects[k][0].status) == occluded[k]

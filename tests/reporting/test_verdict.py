@@ -2,15 +2,13 @@
 
 import json
 from io import BytesIO
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from junitparser import JUnitXml
 
 from bench.gate import Check, Outcome
-from bench.gate.brief import change_lines, folded_lines, main_rows, overall_rows, worst_line
-from bench.gate.changes import how_to_compare
+from bench.gate.verdict import change_lines, folded_lines, main_rows, overall_rows, worst_line
 from bench.reporting.verdict import (
     full_lines,
     full_rows,
@@ -23,7 +21,6 @@ from bench.reporting.verdict import (
 )
 from tests.gate.factories import ALL_DECIDE, one, scored, sums, verdict_of
 from tests.reporting.printed import printed
-from tests.support.manifests import method_of_run
 
 
 @pytest.fixture(scope="module")
@@ -146,46 +143,6 @@ def test_the_first_lines_say_what_changed_what_was_lost_and_where(one_fault):
     assert worst_line(one_fault).count("->") == 3
     (folded,) = folded_lines(one_fault)
     assert folded.startswith("failed in breakdowns: 12 (range_m 12); the worst: ")
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "first"),
-    [
-        ({}, {}, "compare image by image:"),
-        ({}, {"commit": "decade"}, "compare image by image, the first in a checkout of c0ffee:"),
-        ({}, {"commit": "c0ffee+"}, "compare image by image, the first in a checkout of c0ffee:"),
-        (
-            {"commit": "c0ffee+"},
-            {"commit": "decade"},
-            "no command makes the baseline's run again: it is of changed files on top of commit c0ffee",
-        ),
-        ({"commit": None}, {"commit": None}, "compare image by image:"),
-        ({"commit": None}, {}, "no command makes the baseline's run again: it is of version 1, of an unknown commit"),
-        ({}, {"data": "x" * 64}, "no command makes the baseline's run again: it is of other data"),
-        (
-            {"method": method_of_run("own", code_digest="1")},
-            {"method": method_of_run("own", code_digest="2")},
-            "no command makes the baseline's run again: the code of 'own' is another now, "
-            "and the baseline's was in no commit",
-        ),
-        (
-            {"method": method_of_run("own", code_digest="1", commit="feed12+")},
-            {"method": method_of_run("own", code_digest="2", commit="feed34")},
-            "no command makes the baseline's run again: the code of 'own' is another now, "
-            "and the baseline's was changed since commit feed12+",
-        ),
-        (
-            {"method": method_of_run("own", code_digest="1", commit="feed12")},
-            {"method": method_of_run("own", code_digest="2", commit="feed34")},
-            "compare image by image, the first with 'own' as in commit feed12:",
-        ),
-    ],
-)
-def test_only_commands_that_work_are_told(before, after, first):
-    told = how_to_compare(scored({}, **before).manifest, scored({}, **after).manifest, folder=Path("run"))
-    assert told[0] == first
-    commands = [line.split()[1] for line in told[1:]]
-    assert commands == (["run", "compare"] if first.startswith("compare") else [])
 
 
 def test_the_cause_is_told_first_and_each_fact_once():

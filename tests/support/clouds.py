@@ -12,7 +12,6 @@ def write_points(path, arrays):
         ".npz": write_npz,
         ".bin": write_bin,
         ".pcd": write_cloud,
-        ".ply": write_cloud,
         ".las": write_laz,
         ".laz": write_laz,
     }[path.suffix](path, arrays)
@@ -29,14 +28,11 @@ def write_bin(path, arrays):
 
 
 def write_cloud(path, arrays):
-    """Binary .pcd or .ply, by its suffix."""
+    """Binary .pcd."""
     columns = dict(zip("xyz", np.asarray(arrays["points_lidar"]).T, strict=True))
     columns |= {name: arrays[name] for name in ("intensity",) if name in arrays}
     count, body = len(arrays["points_lidar"]), np.column_stack([*columns.values()]).astype("<f4").tobytes()
-    if path.suffix == ".ply":
-        path.write_bytes(ply(count, body=body, **dict.fromkeys(columns, "float")))
-    else:
-        path.write_bytes(pcd_of([(name, 4, "F", 1) for name in columns], count, body))
+    path.write_bytes(pcd_of([(name, 4, "F", 1) for name in columns], count, body))
 
 
 def pcd_of(columns, count, body, data="binary"):
@@ -50,13 +46,6 @@ def pcd(points, *, data="binary", body=b"", **lines):
     head = {"VERSION": "0.7", "FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1"}
     head |= {"WIDTH": str(points), "HEIGHT": "1", "VIEWPOINT": "0 0 0 1 0 0 0", "POINTS": str(points)} | lines
     return "".join(f"{key} {value}\n" for key, value in head.items()).encode() + f"DATA {data}\n".encode() + body
-
-
-def ply(vertices, *, form="binary_little_endian", body=b"", **columns):
-    """A .ply of x, y and z as floats, or of other columns: name -> type."""
-    columns = columns or dict.fromkeys("xyz", "float")
-    properties = "".join(f"property {kind} {name}\n" for name, kind in columns.items())
-    return f"ply\nformat {form} 1.0\nelement vertex {vertices}\n{properties}end_header\n".encode() + body
 
 
 def write_laz(path, arrays):

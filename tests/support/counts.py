@@ -7,8 +7,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from bench.harness.answers import Answer, Key, safe_name, write_answers
-from bench.harness.counts import FRAMES, OBJECTS, TaskCounts, counts_folder
+from bench.harness import counts
+from bench.harness.answers import no_answer, safe_name, write_answers
+from bench.harness.counts import FRAMES, OBJECTS, counts_folder
 
 TASK = "front-00000000"
 
@@ -18,15 +19,13 @@ def write_counts(results: Path, objects: pa.Table, frames: pa.Table) -> None:
     for row in frames.group_by(["recording", "camera"]).aggregate([]).to_pylist():
         chosen = (pc.field("recording") == row["recording"]) & (pc.field("camera") == row["camera"])
         own = [table.filter(chosen) for table in (objects, frames)]
-        counted = TaskCounts(objects=own[0], frames=own[1], image_map=None)
-        counted.write(counts_folder(results, row["recording"]), f"{safe_name(row['camera'])}-00000000")
+        counts.write_counts(counts_folder(results, row["recording"]), f"{safe_name(row['camera'])}-00000000", *own)
 
 
 def write_seconds(run: Path, seconds: float) -> None:
     """Store an answer that took so long."""
-    key = Key("drive", "front", 0)
-    row = dict(Answer.none(key, "skipped", "").row) | {"seconds": seconds}
-    write_answers(run / "answers" / "drive" / f"{TASK}.parquet", [Answer(row)])
+    image = {"recording": "drive", "camera": "front", "timestamp_ns": 0, "seconds": seconds}
+    write_answers(run / "answers" / "drive" / f"{TASK}.parquet", [no_answer(image, "skipped", "")])
 
 
 def change_table(results: Path, table: str, change: Callable[[pa.Table], pa.Table], *, recording: str = "*") -> None:

@@ -3,8 +3,7 @@
 from bench.evaluation import Protocol, load_protocol
 from bench.evaluation.summary import ProtocolOfRun
 from bench.harness import Provenance
-from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
-from bench.harness.method_of_run import MethodOfRun
+from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
 from bench.methods import known_methods
 
 
@@ -12,7 +11,6 @@ def provenance(*, images: int = 9, started_utc: str = "2026-01-02T03:04") -> Pro
     return Provenance(
         started_utc=started_utc,
         seconds=2.0,
-        stage_seconds={},
         images=images,
         images_asked=images,
         workers=1,

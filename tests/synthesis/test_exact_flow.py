@@ -7,12 +7,11 @@ import pytest
 import yaml
 
 from bench.cameras import ray_grid
-from bench.methods.spherical import deviations
+from bench.methods.spherical.constraints import deviations
 from bench.recordings import MountedCamera, Recording, open_native, read_truth
 from bench.reference import visible_region
 from bench.synthesis import read_scenario, synthesize
 from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
-from bench.synthesis.placement import FIRST_IMAGE_NS
 from bench.synthesis.scene import Scene, build_scene
 from tests.synthesis.conftest import MINIATURE
 
@@ -97,30 +96,6 @@ def test_road_moves_as_the_road_plane_says(drive: Drive) -> None:
     length, off = np.linalg.norm(expected, axis=1), np.linalg.norm(drive.found.flow[near] - expected, axis=1)
     assert length.max() > 3.0
     assert (off < 0.01 * length + 0.01).all()  # patches and lids lie some millimetres high
-
-
-def rigid_flow(drive: Drive, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Flow of an actor's cells if it moved without any limb, and the exact one."""
-    actor = drive.scene.actors[number]
-    cells = drive.found.instance_ids == actor.instance_id
-    now_ns, before_ns = drive.current_ns - FIRST_IMAGE_NS, drive.previous_ns - FIRST_IMAGE_NS
-    now, before = (drive.scene.ego.at([t]).transform() @ drive.camera.vehicle_from_camera for t in (now_ns, before_ns))
-    centre_m = (actor.path.at([now_ns]).positions_m[0] + [0, 0, 0.8]) - now.translation_m
-    rays = now.rotate(ray_grid(drive.camera.model).rays_camera[cells])
-    points_m = now.translation_m + rays * (rays @ centre_m)[:, None]  # about as deep as its middle
-    moved = actor.path.at([before_ns]).transform() @ actor.path.at([now_ns]).transform().inverse()
-    pixels, _ = drive.camera.model.project(before.inverse().apply(moved.apply(points_m)))
-    return pixels - drive.pixels[cells], drive.found.flow[cells]
-
-
-def test_actors_move_and_so_do_their_limbs(drive: Drive) -> None:
-    rigid, exact = rigid_flow(drive, 0)
-    apart = np.linalg.norm(rigid - exact, axis=1)
-    row = np.nonzero(drive.found.instance_ids == 1)[0]
-    head, legs = row < np.quantile(row, 0.15), row > np.quantile(row, 0.6)
-    assert np.linalg.norm(exact, axis=1).mean() > 1.0
-    assert np.median(apart[head]) < 0.5 * np.median(np.linalg.norm(exact[head], axis=1))
-    assert apart[legs].max() > 3 * np.median(apart[head])
 
 
 def test_a_visible_point_is_seen_where_the_flow_says(drive: Drive) -> None:

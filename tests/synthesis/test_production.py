@@ -14,7 +14,7 @@ from bench.errors import DataError, UsageError
 from bench.synthesis import Scenario, production, read_scenario, synthesize
 from bench.synthesis.production import MANIFEST
 from bench.synthesis.scenario import RecordingSpec
-from tests.synthesis.conftest import IDEAL, MINIATURE, contents
+from tests.synthesis.conftest import IDEAL, contents
 
 pytestmark = pytest.mark.slow
 
@@ -124,29 +124,6 @@ def test_second_run_into_the_same_folder_waits_for_the_first_and_renders_nothing
     assert quick == ["crossing", "reversing"]
 
 
-def test_recording_of_a_longer_series_is_not_rendered_again(tmp_path: Path, quick: list[str]) -> None:
-    head = MINIATURE.split("recordings:\n")[0]
-    series = "series:\n  - {name: drive, count: COUNT, frames: 2, host: {speed_kmh: [{uniform: [5, 20]}]}}\n"
-    scenario_file = tmp_path / "series.scenario.yaml"
-    scenario_file.write_text(head + series.replace("COUNT", "1"))
-    synthesize(scenario_file, tmp_path / "out", workers=1)
-    scenario_file.write_text(head + series.replace("COUNT", "2"))
-    folders = synthesize(scenario_file, tmp_path / "out", workers=1)
-    assert [folder.name for folder in folders] == ["drive-01", "drive-02"]
-    assert quick == ["drive-01", "drive-02"]
-
-
-def test_call_for_what_is_there_renders_nothing(scenario_file: Path, tmp_path: Path, quick: list[str]) -> None:
-    out = tmp_path / "out"
-    made = synthesize(scenario_file, out, workers=1)
-    before = contents(out)
-    seen: list[tuple[int, int]] = []
-    assert synthesize(scenario_file, out, progress=lambda done, total: seen.append((done, total))) == made
-    assert seen == [(2, 2)]
-    assert len(quick) == 2
-    assert contents(out) == before
-
-
 CHANGES: dict[str, Callable[[Path, Path, pytest.MonkeyPatch], object]] = {
     "speed": lambda text, _, __: text.write_text(text.read_text().replace("speed_kmh: [5]", "speed_kmh: [6]")),
     "generator": lambda _, __, patch: patch.setattr(production, "GENERATOR_VERSION", -1),
@@ -169,18 +146,6 @@ def test_stale_recordings_are_never_taken_for_fresh_ones(
     fresh = tmp_path / "fresh"
     synthesize(scenario_file, fresh, workers=1)
     assert contents(out) == contents(fresh)
-
-
-def test_change_of_how_a_series_is_drawn_is_noticed_without_a_new_version(
-    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    synthesize(scenario_file, tmp_path / "out", workers=1)
-    scenario = read_scenario(scenario_file)
-    slower = scenario.recordings[1].model_copy(update={"frames": 3})
-    changed = scenario.model_copy(update={"recordings": (scenario.recordings[0], slower)})
-    monkeypatch.setattr(production, "read_scenario", lambda _: changed)
-    synthesize(scenario_file, tmp_path / "out", workers=1)
-    assert quick == ["crossing", "reversing", "reversing"]
 
 
 OWN: dict[str, Callable[[Path], object]] = {
@@ -225,15 +190,6 @@ def test_copies_and_edited_recordings_that_the_scenario_does_not_have_stay(
     assert contents(out) == before
     assert (out / "elsewhere").is_symlink()
     assert quick == ["crossing", "reversing"]
-
-
-def test_foreign_folder_is_not_overwritten(scenario_file: Path, tmp_path: Path) -> None:
-    own = tmp_path / "out" / "crossing"
-    own.mkdir(parents=True)
-    (own / "thesis.txt").write_text("mine")
-    with pytest.raises(DataError, match="crossing"):
-        synthesize(scenario_file, tmp_path / "out", workers=1)
-    assert (own / "thesis.txt").read_text() == "mine"
 
 
 def test_no_workers_are_refused(scenario_file: Path, tmp_path: Path) -> None:

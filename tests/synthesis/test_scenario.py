@@ -1,12 +1,29 @@
+"""Scenario files: what is told of a fault, draws of a series, and bodies that overlap."""
+
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bench.errors import DataError
-from bench.recordings import load_card
 from bench.synthesis import read_scenario
+from bench.synthesis.ego import OUTLINE_M
+from bench.synthesis.scenario import DrawError, Sampler, SeriesSpec
+from bench.synthesis.scene import (
+    box_outline,
+    box_size,
+    first_clash,
+    footprints,
+    plan_trajectories,
+    swept_ground,
+    watched_times,
+)
 from tests.synthesis.conftest import MINIATURE
 
 DATASETS = Path(__file__).parents[2] / "datasets"
@@ -59,10 +76,230 @@ def test_missing_file_is_told(tmp_path: Path) -> None:
         read_scenario(tmp_path / "none.yaml")
 
 
-def test_demo_is_a_scenario_with_a_card() -> None:
-    card = load_card(DATASETS / "demo.yaml")
-    assert card.scenario is not None
-    scenario = read_scenario(card.scenario)
-    assert 12 <= len(scenario.recordings) <= 20
-    assert scenario.name == card.name
-    assert scenario.licence == card.content.licence
+TEMPLATE = {
+    "name": "passing",
+    "count": 12,
+    "frames": {"choice": [20, 40]},
+    "values": {"speed": {"uniform": [10, 20]}, "bend": {"choice": [0.02, -0.05]}},
+    "host": {
+        "speed_kmh": [{"value": "speed"}],
+        "yaw_rate_degps": [{"product": [{"value": "speed"}, {"value": "bend"}, 15.9155]}],
+    },
+    "street": {"curvature_per_m": {"value": "bend"}},
+    "actors": [
+        {"name": "car", "kind": "car", "position_m": [{"uniform": [9, 11]}, {"steps": [2.0, 4.2]}]},
+        {
+            "name": "walker",
+            "repeat": {"choice": [2, 3]},
+            "kind": {"choice": ["adult", "child"]},
+            "position_m": [{"sum": [{"each": [5, 7, 9]}, {"uniform": [0, 1]}]}, -3],
+        },
+    ],
+}
+
+
+def series(**changes: object) -> SeriesSpec:
+    return SeriesSpec.model_validate({**TEMPLATE, **changes})
+
+
+def sampler(index: int = 0, **values: object) -> Sampler:
+    return Sampler(seed=7, series="s", index=index, count=5, values=values)
+
+
+def test_same_seed_gives_the_same_recordings_in_any_order() -> None:
+    forwards = [series().recording(k, seed=1)[0] for k in range(12)]
+    backwards = [series().recording(k, seed=1)[0] for k in reversed(range(12))]
+    assert forwards == backwards[::-1]
+    assert len({str(one["host"]) for one in forwards}) == 12
+    assert series().recording(0, seed=2)[0]["host"] != forwards[0]["host"]
+
+
+def test_another_attempt_is_another_recording_of_the_same_name() -> None:
+    first, second = (series().recording(3, seed=1, attempt=k)[0] for k in (0, 1))
+    assert first["name"] == second["name"] == "passing-04"
+    assert first["host"] != second["host"]
+
+
+def test_a_draw_depends_on_its_own_line_alone() -> None:
+    before = series().recording(3, seed=1)[0]
+    others = [{"name": "new", "kind": "van", "position_m": [{"uniform": [20, 30]}, 0]}]
+    after = series(count=13, actors=TEMPLATE["actors"] + others).recording(3, seed=1)[0]  # type: ignore[operator]
+    assert after["host"] == before["host"]
+    assert after["actors"][1:-1] == before["actors"][1:]
+    assert after["actors"][0]["position_m"][0] == before["actors"][0]["position_m"][0]
+
+
+def test_named_values_are_drawn_once() -> None:
+    for k in range(12):
+        one = series().recording(k, seed=1)[0]
+        speed_mps, curvature = one["host"]["speed_kmh"][0] / 3.6, one["street"]["curvature_per_m"]
+        yaw_radps = np.radians(one["host"]["yaw_rate_degps"][0])
+        assert yaw_radps == pytest.approx(speed_mps * curvature, rel=1e-4)
+
+
+def test_repeats_are_numbered_and_know_where_they_come_from() -> None:
+    counts = set()
+    for k in range(12):
+        one, origins = series().recording(k, seed=1)
+        names = [actor["name"] for actor in one["actors"]]
+        assert names == ["car", *(f"walker-{n}" for n in range(1, len(names)))]
+        assert origins == [0] + [1] * (len(names) - 1)
+        places = [actor["position_m"][0] for actor in one["actors"][1:]]
+        assert np.all(np.diff(places) > 0.9)
+        counts.add(len(names))
+    assert counts == {3, 4}
+
+
+def test_steps_go_evenly_from_the_first_to_the_last() -> None:
+    places = [series().recording(k, seed=1)[0]["actors"][0]["position_m"][1] for k in range(12)]
+    assert places == pytest.approx(np.linspace(2.0, 4.2, 12), abs=1e-3)
+
+
+@given(low=st.floats(-100, 100), width=st.floats(0, 100), path=st.text(max_size=5))
+def test_uniform_stays_within_its_ends(low: float, width: float, path: str) -> None:
+    value = sampler().drawn({"uniform": [low, low + width]}, path)
+    assert low - 1e-4 <= value <= low + width + 1e-4
+
+
+@pytest.mark.parametrize(
+    ("node", "told"),
+    [
+        ({"uniform": [1]}, "two numbers"),
+        ({"uniform": 3}, "two numbers"),
+        ({"uniform": ["a", "b"]}, "a number"),
+        ({"choice": []}, "at least one"),
+        ({"value": "sped"}, "speed"),
+        ({"sum": [1, "x"]}, "a number"),
+        ({"each": [1, 2]}, "repeats"),
+        ({"product": [True, 2]}, "a number"),
+    ],
+)
+def test_what_is_no_draw_is_told_with_its_place(node: object, told: str) -> None:
+    with pytest.raises(DrawError, match=told) as caught:
+        sampler(speed=3).drawn({"host": [node]}, "here")
+    assert caught.value.path.startswith("here.host.0")
+
+
+def test_values_cannot_hold_themselves() -> None:
+    with pytest.raises(DrawError, match="name under values"):
+        sampler(a={"sum": [{"value": "b"}, 1]}, b={"value": "a"}).drawn({"value": "a"}, "x")
+
+
+@pytest.mark.parametrize("repeat", [-1, 41, 1.5, True, "two"])
+def test_repeat_is_a_sensible_number(repeat: object) -> None:
+    with pytest.raises(DrawError, match="whole number"):
+        series(actors=[{"name": "x", "repeat": repeat}]).recording(0, seed=1)
+
+
+HEAD = MINIATURE.split("recordings:\n")[0]
+SERIES = """
+series:
+  - name: drive
+    count: 6
+    frames: 10
+    host: {speed_kmh: [{uniform: [5, 9]}]}
+    actors:
+      - {name: fixed, kind: adult, position_m: [8, 2]}
+      - name: drawn
+        kind: PLACED
+        position_m: [{uniform: [FROM, 9]}, 2]
+"""
+
+
+def fails(scenario_file: Path, text: str) -> tuple[int, str, str]:
+    """Line, what stands in it, and message of the fault."""
+    scenario_file.write_text(text)
+    with pytest.raises(DataError) as caught:
+        read_scenario(scenario_file)
+    found = re.match(rf"{re.escape(str(scenario_file))}:(\d+): ", str(caught.value))
+    assert found is not None, str(caught.value)
+    return int(found[1]), text.splitlines()[int(found[1]) - 1], str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "line_has", "told"),
+    [
+        # The walker at 1.4 m/s and the car meet in the car's lane after half a second.
+        ({"[8, -1]": "[10, 2]", "frames: 2": "frames: 12"}, "name: car", r"'car' inside 'walker' at -?\d\.\d\d s"),
+        ({"[8, -1]": "[5, -2.5]", "frames: 2": "frames: 30"}, "walker", "'walker' inside the ego vehicle"),
+        ({"[8, -1]": "[2, 0.5]"}, "walker", "inside the ego vehicle"),
+        # A camera on a stalk three metres before the bumper, where the walker is.
+        ({"[3.7, 0.0, 0.66]": "[6.5, 0.0, 0.66]", "[8, -1]": "[6.5, 0]"}, "walker", "'front' inside 'walker'"),
+        ({"[3.7, 0.0, 0.66]": "[3.7, 0.0, -0.1]"}, "position_m: [3.7, 0.0, -0.1]", "under the road"),
+        ({"[3.7, 0.0, 0.66]": "[1.5, 0.0, 0.6]"}, "position_m: [1.5, 0.0, 0.6]", "inside the ego vehicle's own body"),
+    ],
+)
+def test_what_is_inside_something_else_is_told_with_line_names_and_time(
+    scenario_file: Path, changes: dict[str, str], line_has: str, told: str
+) -> None:
+    text = MINIATURE
+    for right, wrong in changes.items():
+        text = text.replace(right, wrong, 1)
+    _, line, message = fails(scenario_file, text)
+    assert line_has in line
+    assert re.search(told, message)
+
+
+def test_bodies_that_would_meet_only_later_are_no_fault(scenario_file: Path) -> None:
+    scenario_file.write_text(MINIATURE.replace("[8, -1]", "[5, -2.5]"))
+    read_scenario(scenario_file)
+
+
+def test_series_is_drawn_again_until_everybody_has_a_place(scenario_file: Path) -> None:
+    scenario_file.write_text(HEAD + SERIES.replace("FROM", "6").replace("PLACED", "adult"))
+    scenario = read_scenario(scenario_file)
+    assert [spec.name for spec in scenario.recordings] == [f"drive-0{k}" for k in range(1, 7)]
+    assert all(first_clash(scenario, spec) is None for spec in scenario.recordings)
+    apart = [abs(spec.actors[1].position_m[0] - spec.actors[0].position_m[0]) for spec in scenario.recordings]
+    assert min(apart) > 0.5
+    assert read_scenario(scenario_file) == scenario
+
+
+def test_series_without_room_is_told_with_line_and_what_collides(scenario_file: Path) -> None:
+    _, line, message = fails(scenario_file, HEAD + SERIES.replace("FROM", "7").replace("PLACED", "car"))
+    assert "name: drawn" in line
+    assert "'drawn' inside 'fixed'" in message
+    assert "space for all bodies in recording 1 of 6" in message
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "at", "told"),
+    [
+        ("kind: PLACED", "kind: adlut", "kind: adlut", "adult"),
+        ("uniform: [5, 9]", "uniform: [-9, -5]", "speed_kmh", "greater than or equal to 0"),
+        ("uniform: [FROM, 9]", "uniform: [6]", "uniform: [6]", "two numbers"),
+        ("count: 6", "count: 0", "count: 0", "1"),
+        ("frames: 10", "freams: 10", "freams", "no such key"),
+        ("kind: PLACED", "kind: {choice: [adlut]}", "choice: [adlut]", "adult"),
+    ],
+)
+def test_faults_of_a_series_are_told_with_their_line(
+    scenario_file: Path, right: str, wrong: str, at: str, told: str
+) -> None:
+    assert right in SERIES
+    text = HEAD + SERIES.replace(right, wrong).replace("FROM", "6").replace("PLACED", "adult")
+    _, line, message = fails(scenario_file, text)
+    assert at in line
+    assert told in message
+
+
+def test_swept_ground_holds_every_footprint(scenario_file: Path) -> None:
+    scenario = read_scenario(scenario_file)
+    spec = scenario.recordings[0]
+    trajectories = plan_trajectories(scenario, spec)
+    sizes = [box_size(actor.kind) for actor in spec.actors]
+    grounds = swept_ground(trajectories, sizes)
+    assert len(grounds) == 1 + len(spec.actors)
+    fine = np.arange(watched_times(trajectories)[0], watched_times(trajectories)[-1], 7_000_000, dtype=np.int64)
+    rows = [footprints(trajectories.ego.at(fine), OUTLINE_M)]
+    rows += [footprints(way.at(fine), box_outline(size)) for way, size in zip(trajectories.actors, sizes, strict=True)]
+    for ground, row in zip(grounds, rows, strict=True):
+        assert shapely.contains(ground, row).all()
+
+
+def test_footprint_is_the_outline_where_the_body_is(scenario_file: Path) -> None:
+    scenario = read_scenario(scenario_file)
+    trajectories = plan_trajectories(scenario, scenario.recordings[0])
+    walker = footprints(trajectories.actors[0].at([0]), box_outline(np.array([0.8, 0.5, 1.7])))[0]
+    # Walks to the left from (8, -1): its length lies across the ego vehicle's lane.
+    assert shapely.bounds(walker) == pytest.approx([7.75, -1.4, 8.25, -0.6])

@@ -12,7 +12,7 @@ from tests.validation import drive
 
 @pytest.fixture(scope="session")
 def clean(shared):
-    return made_once(shared, "clean", lambda folder: drive.write_drive(folder / "drive")) / "drive"
+    return made_once(shared, "clean", lambda folder: drive.write_drive(folder / "drive", drive.MARGIN_M)) / "drive"
 
 
 @pytest.fixture

@@ -12,10 +12,11 @@ from bench.egomotion import planar_trajectory
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
-from bench.recordings.native import native_recordings
+from bench.recordings.native import native_recordings, open_native
 from bench.validation import Depth, report, validate_recording
-from bench.validation.cameras import check_cameras
-from bench.validation.static_world import check_static_world
+from bench.validation.fits.box_fit import BoxFit
+from bench.validation.fits.cameras import check_cameras
+from bench.validation.fits.static_world import check_static_world
 from tests.support.tiny import HEIGHT, OUTLINE_M, VEHICLE_FROM_LIDAR, WIDTH, front_camera
 
 START_NS = 1_700_000_000_000_000_000
@@ -28,6 +29,17 @@ def trajectory():
     times_ns = START_NS + np.arange(-20, 190, dtype=np.int64) * BUS_NS
     speed, turn = np.full(len(times_ns), SPEED_MPS), np.full(len(times_ns), TURN_RADPS)
     return planar_trajectory(source="drive", timestamps_ns=times_ns, speed_mps=speed, yaw_rate_radps=turn)
+
+
+def winding_signals():
+    """Times, speeds and yaw rates of a drive that brakes and turns in and out: its clock shows."""
+    seconds = np.arange(-0.2, 1.9, 0.01)
+    times_ns = START_NS + np.round(seconds * 1e9).astype(np.int64)
+    return {"timestamps_ns": times_ns, "speed_mps": 7.0 - 2.0 * seconds, "yaw_rate_radps": 0.3 * np.sin(4.0 * seconds)}
+
+
+def winding_path():
+    return planar_trajectory(source="drive", **winding_signals())
 
 
 # name: class, first place and heading in the world, velocity along the heading, length, width, height
@@ -150,6 +162,15 @@ def found(root, depth=Depth.SAMPLED, *, static_world=False, returns=False):
         if not returns:
             without.enter_context(patch.multiple(report, BoxFit=lambda _: blind, check_unboxed=lambda _: ()))
         return list(validate_recording(handle, depth=depth).findings)
+
+
+def box_fit_of(root):
+    """What all returns say of the boxes."""
+    recording = open_native(root)
+    looked = BoxFit(recording)
+    for reference in recording.sweeps:
+        looked.add(reference.read())
+    return looked
 
 
 def with_points(points):

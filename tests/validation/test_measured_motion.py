@@ -1,4 +1,4 @@
-"""A rendered turn: what the lidar says that ego-motion gets wrong is what was changed in it."""
+"""What the lidar says that ego-motion gets wrong is what was changed in it."""
 
 from dataclasses import replace
 
@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.recordings.native import open_native
-from bench.validation.scan_matching import measured_motion, scan_steps
+from bench.validation.fits.scan_matching import measured_motion, scan_steps
 
 
 @pytest.fixture(scope="module")
-def drive(turning):
-    return open_native(turning)
+def drive(clean):
+    return open_native(clean)
 
 
 def errors(drive, steps):

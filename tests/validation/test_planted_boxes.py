@@ -6,11 +6,11 @@ import shutil
 import pytest
 
 from bench.recordings.native import open_native
-from bench.validation.box_fit import BoxFit
-from bench.validation.boxes import check_boxes
-from bench.validation.motion import check_motion
+from bench.validation.quick.boxes import check_boxes
+from bench.validation.quick.motion import check_motion
 from benchmarks.mistakes import OF_BOXES
 from benchmarks.planted_mistakes import Outcome, counted, table, text_of, written
+from tests.validation.drive import box_fit_of
 
 # No check tells of an object without a box; of the other the small drive's lidar sees one side with few beams.
 UNTOLD = {"the fastest object's boxes half a metre to its left", "the fastest object left out"}
@@ -19,10 +19,7 @@ ALWAYS_RUN = {"boxes in the lidar frame", "yaw of boxes reversed", "bottoms give
 
 def findings(root):
     recording = open_native(root)
-    fit = BoxFit(recording)
-    for sweep in recording.sweeps:
-        fit.add(sweep.read())
-    return [*check_boxes(recording), *check_motion(recording), *fit.findings()]
+    return [*check_boxes(recording), *check_motion(recording), *box_fit_of(root).findings()]
 
 
 @pytest.mark.parametrize(

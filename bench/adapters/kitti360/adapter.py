@@ -12,8 +12,13 @@ What is translated here, once:
 
 - A frame number is an instant: the scanner triggers the cameras when it faces forward, and poses are given per frame.
   Everything of a frame has the time that the first evaluated camera notes for it.
-- Sensors go from the frame of the GPS/IMU to the vehicle frame as `calibration` says, the world of the data
-  set to one with z up as `times` says.
+- The pose frame is that of the GPS/IMU, x forward, y right, z down; the velodyne frame x forward, y left, z up; cameras
+  x right, y down, z along the axis. `calib_cam_to_pose` maps points of a camera into the pose frame,
+  `calib_cam_to_velo` points of camera 00 into the velodyne frame.
+- The vehicle frame is x forward, y left, z up from the ground below the rear axle. The data set states only where its
+  sensors are to each other, so the place of the scanner decides: 0.76 m ahead of the rear axle, in the middle of the
+  car and 1.73 m above the road, as the sensor plan of KITTI has it (Geiger, Lenz and Urtasun 2012: the same car).
+- The world of the data set becomes one with z up, as `files` says.
 - Images outside of the annotated stretches of a drive are left out: what moves there has no box. A drive without a file
   of boxes, as of the test set, is not annotated.
 """
@@ -21,28 +26,84 @@ What is translated here, once:
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import ConfigDict, Field, model_validator
 
-from bench.adapters.kitti360.boxes import read_boxes
-from bench.adapters.kitti360.calibration import CameraName, Kitti360Options, read_rig
-from bench.adapters.kitti360.files import Drive, FrameClock, drive_through, read_clock, read_poses, read_turn
-from bench.adapters.kitti360.tracks import Annotated, tracks_from_world
+from bench.adapters.kitti360.boxes import read_boxes, tracks_from_world
+from bench.adapters.kitti360.files import TURN_OVER, drive_through, read_clock, read_poses, read_turn
 from bench.atomic import linked_folder, refuse_escape
+from bench.cameras import UnifiedCamera
 from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.plain_yaml import parse_yaml
 from bench.recordings.annotations import annotation_file_in, read_annotations
-from bench.recordings.files import file_contents, framed_files
-from bench.recordings.handles import RecordingHandle
-from bench.recordings.validation import validated
-from bench.records.recording import COMPLETELY, NOT_ANNOTATED, Content, ImageRef, Recording, SweepRef
+from bench.recordings.catalogue import RecordingHandle
+from bench.recordings.files import framed_files, numbers, read_text
+from bench.recordings.mounting import FisheyeOptions, Polygon
+from bench.recordings.validation import FileModel, SidePx, located, validated
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, MountedCamera, Recording, SweepRef, Track
 
-IMAGES, SWEEPS, POSES, BOXES = "data_2d_raw", "data_3d_raw", "data_poses", "data_3d_bboxes"
-NO_BOXES = Annotated(tracks=(), windows=())
+CALIBRATION, IMAGES, SWEEPS = "calibration", "data_2d_raw", "data_3d_raw"
+POSES, BOXES = "data_poses", "data_3d_bboxes"
 SEQUENCE = re.compile(r"\d{4}_\d\d_\d\d_drive_(\d{4})_sync")
+LARGEST_CALIBRATION_BYTES = 100_000
+CameraName = Literal["image_02", "image_03"]
+
+
+class FrameExclusion(FileModel):
+    """Frames of a sequence that are left out, by their number in the data set.
+
+    Attributes:
+        sequence: number of the sequence, such as "0004".
+        frames: first and last frame, themselves excluded.
+        reason: why.
+    """
+
+    sequence: str = Field(pattern=r"^\d{4}$")
+    frames: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]]
+    reason: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> FrameExclusion:
+        if self.frames[0] > self.frames[1]:
+            raise ValueError("the first frame not after the last")
+        return self
+
+
+class Kitti360Options(FisheyeOptions[CameraName]):
+    """The card's `options`.
+
+    Attributes:
+        cameras: fisheye cameras to evaluate, of those that are there.
+        boxes: folder of `data_3d_bboxes` that the boxes come from.
+        lidar_position_m: the laser scanner in the vehicle frame; the calibration gives only places of sensors to each
+            other.
+        vehicle_outline_m: the ego vehicle seen from above, vehicle frame.
+        max_pose_gap_s: poses further apart are not interpolated between, unless the car was stationary.
+        stationary_m: poses no further apart than this are of a stationary or creeping car, whatever the time between.
+        static_range_m: stationary objects are annotated while they are this near, since they hide what moves.
+        static_people: "unclear" ignores people whose box is not marked dynamic, since some of them do walk; "static"
+            takes the label at its word.
+        excluded_frames: frames that are left out; sequences that are not there are passed over.
+        licence: of the data.
+    """
+
+    cameras: tuple[CameraName, ...] = Field(default=("image_02", "image_03"), min_length=1)
+    boxes: Literal["train", "train_full"] = "train"
+    lidar_position_m: tuple[float, float, float] = (0.76, 0.0, 1.73)
+    vehicle_outline_m: Polygon = Field(default=((-1.0, -0.91), (3.8, -0.91), (3.8, 0.91), (-1.0, 0.91)), min_length=3)
+    max_pose_gap_s: float = Field(default=1.0, gt=0)
+    stationary_m: float = Field(default=0.5, ge=0)
+    static_range_m: float = Field(default=25.0, ge=0)
+    static_people: Literal["unclear", "static"] = "unclear"
+    excluded_frames: tuple[FrameExclusion, ...] = ()
+    licence: str = "CC BY-NC-SA 3.0"
 
 
 def kitti360_recordings(
@@ -57,22 +118,14 @@ def kitti360_recordings(
     folder = root / IMAGES
     if not folder.is_dir():
         raise DataError(folder, expected="folders of sequences with fisheye images", got="no such folder")
-    sequences = sorted(p.name for p in folder.iterdir() if SEQUENCE.fullmatch(p.name) and _camera_names(p, chosen))
     handles = []
-    for name in sequences:
-        file = annotation_file_in(annotations, name)
-        opener = partial(open_kitti360, root, sequence=name, options=chosen, annotations=file)
+    for name in sorted(p.name for p in folder.iterdir() if SEQUENCE.fullmatch(p.name) and _camera_names(p, chosen)):
+        opener = partial(open_kitti360, root, name, chosen, annotations=annotation_file_in(annotations, name))
         handles.append(RecordingHandle(name=name, opener=opener))
     return tuple(handles)
 
 
-def open_kitti360(
-    root: Path,
-    *,
-    sequence: str,
-    options: Kitti360Options,
-    annotations: Path | None = None,
-) -> Recording:
+def open_kitti360(root: Path, sequence: str, options: Kitti360Options, *, annotations: Path | None = None) -> Recording:
     """Open a sequence.
 
     Args:
@@ -89,21 +142,46 @@ def open_kitti360(
     if not names:
         raise DataError(folder, expected=f"images of {' or '.join(options.cameras)}", got="none")
     within = partial(linked_folder, root, levels=options.follow_links)
+
+    def inside(file: Path) -> Path:
+        refuse_escape(within(file), file, file=file)
+        return file
+
+    def framed(place: Path, suffix: str) -> dict[int, Path]:
+        return framed_files(within(place), place, rf"(\d{{10}})\.{suffix}")
+
     rig = read_rig(root, names, options)
-    places = {name: folder / name / "data_rgb" for name in names}
-    images = {name: framed_files(within(place), place, r"(\d{10})\.png") for name, place in places.items()}
-    clock = _clock(within(folder), folder / names[0], images[names[0]])
-    poses = root / POSES / sequence / "poses.txt"
-    refuse_escape(within(poses), poses, file=poses)
+    images = {name: framed(folder / name / "data_rgb", "png") for name in names}
+    if not images[names[0]]:
+        raise DataError(folder / names[0] / "data_rgb", expected="images <frame, ten digits>.png", got="none")
+    clock = read_clock(inside(folder / names[0] / "timestamps.txt"), list(images[names[0]]))
+    poses = inside(root / POSES / sequence / "poses.txt")
     drive = drive_through(
         read_poses(poses, clock), clock, rig.vehicle_from_imu,
         file=poses, max_gap_s=options.max_pose_gap_s, stationary_m=options.stationary_m,
     )  # fmt: skip
-    annotated = _annotated(root, sequence, drive, clock, options, annotations)
-    evaluated = partial(_evaluated, sequence=sequence, options=options, annotated=annotated)
-    scan_folder = root / SWEEPS / sequence / "velodyne_points" / "data"
-    scans = framed_files(within(scan_folder), scan_folder, r"(\d{10})\.bin")
+    boxes = root / BOXES / options.boxes / f"{sequence}.xml"
+    tracks: tuple[Track, ...] = ()
+    windows: tuple[tuple[int, int], ...] = ()
+    if annotations is not None:
+        tracks = read_annotations(annotations)
+    elif boxes.is_file():
+        tracks, windows = tracks_from_world(
+            read_boxes(inside(boxes)), drive, clock,
+            static_range_m=options.static_range_m, static_people=options.static_people,
+        )  # fmt: skip
+    left_out = [entry.frames for entry in options.excluded_frames if f"_drive_{entry.sequence}_" in sequence]
+
+    def evaluated(files: Mapping[int, Path]) -> list[tuple[int, Path]]:
+        """Times and files of frames that are annotated and not left out."""
+        return [
+            (clock.at(frame, file=path), path)
+            for frame, path in files.items()
+            if (not windows or _within(frame, windows)) and not _within(frame, left_out)
+        ]
+
     reader = partial(read_turn, period_ns=clock.interval_ns)
+    scans = framed(root / SWEEPS / sequence / "velodyne_points" / "data", "bin")
     return Recording(
         name=sequence,
         root=root,
@@ -111,34 +189,16 @@ def open_kitti360(
         frame_interval_ns=clock.interval_ns,
         cameras=rig.cameras,
         images={
-            name: tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in _timed(evaluated(files), clock))
+            name: tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in evaluated(files))
             for name, files in images.items()
         },
         trajectory=drive.trajectory,
         vehicle_from_lidar=rig.vehicle_from_lidar,
-        sweeps=tuple(SweepRef(timestamp_ns=t, path=path, reader=reader) for t, path in _timed(evaluated(scans), clock)),
-        tracks=annotated.tracks,
-        annotated=NOT_ANNOTATED if annotated is NO_BOXES else COMPLETELY,
+        sweeps=tuple(SweepRef(timestamp_ns=t, path=path, reader=reader) for t, path in evaluated(scans)),
+        tracks=tracks,
+        annotated=COMPLETELY if annotations is not None or boxes.is_file() else NOT_ANNOTATED,
         vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
-        contents=tuple(_contents(root, sequence, images, scans)),
     )
-
-
-def _contents(
-    root: Path, sequence: str, images: Mapping[CameraName, Mapping[int, Path]], scans: Mapping[int, Path]
-) -> Iterator[Content]:
-    """Files of the sequence's folders, read and not read."""
-    folder = root / IMAGES / sequence
-    yield from file_contents(root, folder, [folder / name for name in images], "cameras")
-    for name, files in images.items():
-        yield from file_contents(
-            root, folder / name, [folder / name / "data_rgb", folder / name / "timestamps.txt"], "images"
-        )
-        yield from file_contents(root, folder / name / "data_rgb", files.values(), "images", suffixes=(".png",))
-    velodyne = root / SWEEPS / sequence / "velodyne_points"
-    yield from file_contents(root, velodyne.parent, [velodyne], "scans")
-    yield from file_contents(root, velodyne / "data", scans.values(), "scans", suffixes=(".bin",))
-    yield from file_contents(root, root / POSES / sequence, [root / POSES / sequence / "poses.txt"], "ego-motion")
 
 
 def _camera_names(folder: Path, options: Kitti360Options) -> tuple[CameraName, ...]:
@@ -146,42 +206,138 @@ def _camera_names(folder: Path, options: Kitti360Options) -> tuple[CameraName, .
     return tuple(name for name in options.cameras if (folder / name / "data_rgb").is_dir())
 
 
-def _evaluated(
-    files: Mapping[int, Path], *, sequence: str, options: Kitti360Options, annotated: Annotated
-) -> dict[int, Path]:
-    """The files of frames that are annotated and not left out."""
-    left_out = [entry.frames for entry in options.excluded_frames if f"_drive_{entry.sequence}_" in sequence]
-    return {
-        frame: path
-        for frame, path in files.items()
-        if annotated.covers(frame) and not any(first <= frame <= last for first, last in left_out)
-    }
+def _within(frame: int, spans: tuple[tuple[int, int], ...] | list[tuple[int, int]]) -> bool:
+    return any(first <= frame <= last for first, last in spans)
 
 
-def _timed(files: Mapping[int, Path], clock: FrameClock) -> Iterator[tuple[int, Path]]:
-    """Files with the times of their frames."""
-    return ((clock.at(frame, file=path), path) for frame, path in files.items())
+# Calibration
 
 
-def _clock(root: Path, folder: Path, images: Mapping[int, Path]) -> FrameClock:
-    """The clock of a camera."""
-    file = folder / "timestamps.txt"
+class Mirror(FileModel):
+    """`mirror_parameters`."""
+
+    xi: float
+
+
+class Distortion(FileModel):
+    """`distortion_parameters`."""
+
+    k1: float
+    k2: float
+    p1: float
+    p2: float
+
+
+class Projection(FileModel):
+    """`projection_parameters`, px."""
+
+    gamma1: float
+    gamma2: float
+    u0: float
+    v0: float
+
+
+class FisheyeFile(FileModel):
+    """`image_02.yaml` and `image_03.yaml`."""
+
+    model_config = ConfigDict(extra="ignore", protected_namespaces=())
+
+    model_type: Literal["MEI"]
+    camera_name: str
+    image_width: SidePx
+    image_height: SidePx
+    mirror_parameters: Mirror
+    distortion_parameters: Distortion
+    projection_parameters: Projection
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mountings:
+    """Mountings of all sensors.
+
+    Attributes:
+        vehicle_from_imu: of the frame that poses are given for.
+        vehicle_from_lidar: of the laser scanner.
+        cameras: by name.
+    """
+
+    vehicle_from_imu: RigidTransform
+    vehicle_from_lidar: RigidTransform
+    cameras: dict[str, MountedCamera]
+
+
+def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Options) -> Mountings:
+    """Read the calibration, which all sequences share.
+
+    Args:
+        root: folder of the data set, above `calibration`.
+        cameras: which.
+        options: sizes, masks and the place of the scanner.
+
+    Raises:
+        DataError: a file that is missing or not what the format asks for.
+    """
+    folder = root / CALIBRATION
+    within = linked_folder(root, folder, levels=options.follow_links)
+    poses = folder / "calib_cam_to_pose.txt"
+    imu_from = _cameras_in_imu(within, poses, ("image_00", *cameras))
+    file = folder / "calib_cam_to_velo.txt"
+    lidar_from_camera = _transform(_text(within, file).split(), file=file, field="calib_cam_to_velo")
+    imu_from_lidar = imu_from["image_00"] @ lidar_from_camera.inverse()
+    rotated = RigidTransform(TURN_OVER, np.zeros(3))
+    offset_m = np.array(options.lidar_position_m) - rotated.apply(imu_from_lidar.translation_m)
+    vehicle_from_imu = RigidTransform(TURN_OVER, offset_m)
+    mounted: dict[str, MountedCamera] = {}
+    for name in cameras:
+        lens = _lens(within, folder / f"{name}.yaml", name, options)
+        mounted[name] = options.mounted(name, lens, vehicle_from_imu @ imu_from[name], file=poses, field=name)
+    vehicle_from_lidar = vehicle_from_imu @ imu_from_lidar
+    return Mountings(vehicle_from_imu=vehicle_from_imu, vehicle_from_lidar=vehicle_from_lidar, cameras=mounted)
+
+
+def _lens(root: Path, file: Path, name: CameraName, options: Kitti360Options) -> UnifiedCamera:
+    content = _fisheye(root, file)
+    if content.camera_name != name:
+        raise DataError(file, field="camera_name", expected=repr(name), got=repr(content.camera_name))
+    focal, bend = content.projection_parameters, content.distortion_parameters
+    with located(file, name):
+        return UnifiedCamera(
+            width=content.image_width,
+            height=content.image_height,
+            xi=content.mirror_parameters.xi,
+            focal=(focal.gamma1, focal.gamma2),
+            principal_point=(focal.u0, focal.v0),
+            radial=(bend.k1, bend.k2),
+            tangential=(bend.p1, bend.p2),
+            max_angle_rad=options.max_angle_rad(name),
+        )
+
+
+def _fisheye(root: Path, file: Path) -> FisheyeFile:
+    """OpenCV's dialect: a first line `%YAML:1.0` and keys without a blank after the colon are not YAML."""
+    lines = [line for line in _text(root, file).splitlines() if not line.startswith("%YAML")]
+    spaced = (re.sub(r"^(\s*\w+):(?=\S)", r"\1: ", line) for line in lines)
+    values = parse_yaml("\n".join(spaced), file=file)
+    if not isinstance(values, dict):
+        raise DataError(file, expected="keys and values", got=type(values).__name__)
+    return validated(FisheyeFile, values, file=file)
+
+
+def _cameras_in_imu(root: Path, file: Path, names: tuple[str, ...]) -> dict[str, RigidTransform]:
+    lines = [line.partition(":") for line in _text(root, file).splitlines()]
+    stated = {name: words for name, colon, words in lines if colon and name in names}
+    for name in names:
+        if name not in stated:
+            raise DataError(file, field=name, expected="a line with 12 numbers", got="none")
+    return {name: _transform(stated[name].split(), file=file, field=name) for name in names}
+
+
+def _transform(words: list[str], *, file: Path, field: str) -> RigidTransform:
+    values = numbers(words, 12, file=file, field=field)
+    with located(file, field):
+        return RigidTransform.from_matrix(np.array(values).reshape(3, 4))
+
+
+def _text(root: Path, file: Path) -> str:
     refuse_escape(root, file, file=file)
-    if not images:
-        raise DataError(folder / "data_rgb", expected="images <frame, ten digits>.png", got="none")
-    return read_clock(file, list(images))
-
-
-def _annotated(
-    root: Path, sequence: str, drive: Drive, clock: FrameClock, options: Kitti360Options, annotations: Path | None
-) -> Annotated:
-    """The annotated objects and stretches."""
-    if annotations is not None:
-        return Annotated(tracks=read_annotations(annotations), windows=())
-    file = root / BOXES / options.boxes / f"{sequence}.xml"
-    if not file.is_file():
-        return NO_BOXES
-    refuse_escape(linked_folder(root, file, levels=options.follow_links), file, file=file)
-    return tracks_from_world(
-        read_boxes(file), drive, clock, static_range_m=options.static_range_m, static_people=options.static_people
-    )
+    return read_text(file, largest_bytes=LARGEST_CALIBRATION_BYTES)

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.kitti360.calibration import TURN_OVER
 from bench.egomotion import Trajectory
-from bench.errors import DataError, refuse
+from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep
 from bench.recordings.files import numbers, read_text
@@ -21,6 +20,7 @@ from bench.times import SECOND_NS
 
 STAMP = re.compile(r"(19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d\.\d{1,9}", re.ASCII)  # other years do not fit int64
 LARGEST_FRAME = 10_000_000
+TURN_OVER = np.diag([1.0, -1.0, -1.0])  # from y right, z down to y left, z up
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,10 +69,9 @@ def read_clock(file: Path, frames: list[int]) -> FrameClock:
     numbered = _frame_numbers(file, len(lines), frames)
     times_ns = [_stamp_ns(line, row, file) for row, line in enumerate(lines, start=1)]
     steps_ns = np.diff(times_ns)
-    refuse(
-        DataError(file, field=f"line {row + 2}", expected="times that increase", got=lines[row + 1].strip()[:40])
-        for row in np.flatnonzero(steps_ns <= 0)
-    )
+    for row in np.flatnonzero(steps_ns <= 0):
+        got = lines[row + 1].strip()[:40]
+        raise DataError(file, field=f"line {row + 2}", expected="times that increase", got=got)
     return FrameClock(
         file=file, times_ns=dict(zip(numbered, times_ns, strict=True)), interval_ns=int(np.median(steps_ns))
     )

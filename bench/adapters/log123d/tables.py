@@ -1,4 +1,4 @@
-"""Tables of a 123D log: Arrow files with a head of MessagePack, of which single cells are read."""
+"""Tables of a 123D log: Arrow files with a head of MessagePack, of which single cells are read and decoded."""
 
 from __future__ import annotations
 
@@ -13,8 +13,14 @@ import msgpack
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from pydantic import ConfigDict
 
 from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.lidar import LidarSweep
+from bench.lidar.fields import sweep_of
+from bench.lidar.sweep import LARGEST_BYTES
+from bench.recordings.images import decode_image
 from bench.recordings.validation import FileModel, validated
 
 HEAD = b"metadata"
@@ -24,8 +30,22 @@ LARGEST_BATCH_BYTES = 1 << 31  # of one column
 READERS_HELD = 16
 BATCHES_HELD = 4  # in a process, so that compressed images of a batch are not unpacked again for each of them
 MICROSECOND_NS = 1_000
+ARROW_START = b"\xff\xff\xff\xff"
+TIMES, LIDARS = "timestamps", "ids"
+LARGEST_INTENSITY = 255
+TIME_HINT = "set the card's option motion_compensated: start or end if they are no times of the points"
+CONVERT_HINT = (
+    "convert again with camera_store_option: jpeg_binary, lidar_store_option: binary and lidar_codec: ipc_zstd"
+)
 
-Head = TypeVar("Head", bound=FileModel)
+
+class TableHead(FileModel):
+    """Keys of a head that are used; heads have more."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+Head = TypeVar("Head", bound=TableHead)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +77,7 @@ class LogTable:
         try:
             content = msgpack.unpackb(packed, raw=False, strict_map_key=False)
         except (ValueError, TypeError, msgpack.exceptions.UnpackException) as error:
-            got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-            raise DataError(self.path, field="metadata", expected="MessagePack", got=got) from error
+            raise DataError(self.path, field="metadata", expected="MessagePack", got=_told(error)) from error
         if not isinstance(content, dict):
             raise DataError(self.path, field="metadata", expected="an object", got=type(content).__name__)
         return content
@@ -113,14 +132,8 @@ class LogTable:
             raise self._wrong(name, f"lists of {width} numbers", str(lists.type)) from error
         return values
 
-    def stores_text(self, name: str) -> bool:
-        """True where the cells of a column are texts, such as paths."""
-        with _reading(self.path):
-            kind = _reader(*_state(self.path)).schema.field(self._index(name)).type
-        return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
-
-    def cells(self, name: str) -> Iterator[StoredCell]:
-        """The cells of a column, in order, none of them read.
+    def cells(self, name: str) -> Iterator[tuple[int, int, int]]:
+        """Numbers of batch, column and row of a column's cells, in order, none of them read.
 
         Raises:
             DataError: no such column, or the file is damaged.
@@ -129,8 +142,7 @@ class LogTable:
             index = self._index(name)
         # The rows of a batch are known from the times, which are small.
         for batch, times_us in enumerate(self.column("timestamp_us").iterchunks()):
-            for row in range(len(times_us)):
-                yield StoredCell(container=self.path, batch=batch, column=index, row=row)
+            yield from ((batch, index, row) for row in range(len(times_us)))
 
     def _index(self, name: str) -> int:
         schema = _reader(*_state(self.path)).schema
@@ -143,46 +155,9 @@ class LogTable:
         return DataError(self.path, field=f"{self.key}.{name}", expected=expected, got=got)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StoredCell:
-    """A cell of a table; a `bench.records.recording.StoredPart`.
-
-    Attributes:
-        container: Arrow file.
-        batch: number of the record batch.
-        column: number of the column.
-        row: in the batch.
-    """
-
-    container: Path
-    batch: int
-    column: int
-    row: int
-
-    def value(self) -> bytes | str | int:
-        """Content of the cell: bytes, the path of a file, or the number of a frame in a video.
-
-        Raises:
-            DataError: nothing there, or it cannot be read.
-        """
-        with _reading(self.container):
-            cell = _column(*_state(self.container), self.column, self.batch)[self.row]
-            if not cell.is_valid:
-                raise DataError(self.container, field=self._place, expected="data", got="none")
-            if isinstance(cell, pa.BinaryScalar | pa.LargeBinaryScalar) and cell.as_buffer().size > LARGEST_CELL_BYTES:
-                got = f"{cell.as_buffer().size} bytes"
-                raise DataError(self.container, field=self._place, expected=f"at most {LARGEST_CELL_BYTES}", got=got)
-            value: bytes | str | int = cell.as_py()
-        return value
-
-    def content(self) -> bytes:
-        """All that decides what is read."""
-        value = self.value()
-        return value if isinstance(value, bytes) else repr(value).encode()
-
-    @property
-    def _place(self) -> str:
-        return f"batch {self.batch}, row {self.row}"
+def pose(values: tuple[float, ...] | NDArray[np.float64]) -> RigidTransform:
+    """A pose from x, y, z, qw, qx, qy, qz."""
+    return RigidTransform.from_quaternion(values[3:], values[:3])
 
 
 @contextmanager
@@ -191,8 +166,11 @@ def _reading(path: Path) -> Iterator[None]:
     try:
         yield
     except (pa.ArrowException, OSError, ValueError, IndexError) as error:
-        got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise DataError(path, expected="an Arrow file of a 123D log", got=got) from error
+        raise DataError(path, expected="an Arrow file of a 123D log", got=_told(error)) from error
+
+
+def _told(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())[:200]
 
 
 def _state(path: Path) -> tuple[Path, int, int]:
@@ -219,3 +197,132 @@ def _checked(column: pa.Array, path: Path) -> pa.Array:
     if column.nbytes > LARGEST_BATCH_BYTES:
         raise DataError(path, expected="a batch that fits in memory", got=f"{column.nbytes} bytes")
     return column
+
+
+# Images and sweeps, found again by their cells
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredCell:
+    """A cell of a table; a `bench.records.recording.StoredPart`.
+
+    Attributes:
+        container: Arrow file.
+        batch: number of the record batch.
+        column: number of the column.
+        row: in the batch.
+    """
+
+    container: Path
+    batch: int
+    column: int
+    row: int
+
+    def content(self) -> bytes:
+        """Bytes of the cell.
+
+        Raises:
+            DataError: nothing there, something else, or it cannot be read.
+        """
+        place = f"batch {self.batch}, row {self.row}"
+        with _reading(self.container):
+            cell = _column(*_state(self.container), self.column, self.batch)[self.row]
+            binary = pa.types.is_binary(cell.type) or pa.types.is_large_binary(cell.type)
+            if not binary or not cell.is_valid:
+                got = str(cell.type) if cell.is_valid else "none"
+                raise DataError(self.container, field=place, expected="data in the log", got=got, hint=CONVERT_HINT)
+            size = cell.as_buffer().size
+            if size > LARGEST_CELL_BYTES:
+                expected = f"at most {LARGEST_CELL_BYTES} bytes"
+                raise DataError(self.container, field=place, expected=expected, got=str(size))
+            return bytes(cell.as_py())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogImage(StoredCell):
+    """An image in a log; a `bench.records.recording.StoredImage`."""
+
+    def pixels(self, *, colour: bool) -> NDArray[np.uint8]:
+        """Decode it: (height, width) uint8 grey or (height, width, 3) uint8 BGR.
+
+        Raises:
+            DataError: it cannot be read or decoded.
+        """
+        return decode_image(self.content(), colour=colour, file=self.container)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogSweep(StoredCell):
+    """A sweep in a log, and the reader of its `SweepRef`.
+
+    Attributes:
+        lidar_id: whose points are used, of several that are merged; None for all.
+        as_measured: whether points are each at their own time; else all are as at the time of the sweep.
+    """
+
+    lidar_id: int | None
+    as_measured: bool
+
+    def content(self) -> bytes:
+        """All that decides what is read."""
+        return StoredCell.content(self) + repr((self.lidar_id, self.as_measured)).encode()
+
+    def __call__(self, name: Path, timestamp_ns: int) -> LidarSweep:
+        """Decode it.
+
+        Args:
+            name: of the sweep, for messages.
+            timestamp_ns: its reference time.
+
+        Raises:
+            DataError: it cannot be read or decoded, or lacks what the card asks for.
+        """
+        fields = decode_points(StoredCell.content(self), name)
+        points = np.column_stack([fields.pop(axis) for axis in "xyz"])
+        if self.lidar_id is not None:
+            if LIDARS not in fields:
+                raise DataError(name, field=LIDARS, expected="the lidar of each point", got="none")
+            own = fields[LIDARS] == self.lidar_id
+            points, fields = points[own], {key: values[own] for key, values in fields.items()}
+        if not self.as_measured:
+            fields.pop(TIMES, None)
+        return sweep_of(
+            points,
+            fields,
+            timestamp_ns,
+            name=name,
+            time_unit="us",
+            full_intensity=LARGEST_INTENSITY,
+            time_hint=TIME_HINT,
+        )
+
+
+def decode_points(content: bytes, name: Path) -> dict[str, NDArray[Any]]:
+    """Decode an Arrow stream of points, each coordinate and feature an array (N,).
+
+    Args:
+        content: the stream.
+        name: for messages.
+
+    Raises:
+        DataError: none, or damaged.
+    """
+    if not content.startswith(ARROW_START):
+        got = f"bytes that begin with {content[:8].hex(' ')}"
+        raise DataError(name, expected="points as an Arrow stream", got=got, hint=CONVERT_HINT)
+    try:
+        fields = _from_arrow(content)
+    except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
+        raise DataError(name, expected="whole points", got=_told(error)) from error
+    if missing := set("xyz") - fields.keys():
+        raise DataError(name, expected="the coordinates x, y and z", got=f"no {', '.join(sorted(missing))}")
+    return fields
+
+
+def _from_arrow(content: bytes) -> dict[str, NDArray[Any]]:
+    with pa.ipc.open_stream(pa.BufferReader(content)) as stream:
+        batch = stream.read_next_batch()
+    batch.validate(full=True)
+    if batch.nbytes > LARGEST_BYTES:
+        raise ValueError(f"{batch.nbytes} bytes when unpacked")
+    return {name: batch.column(name).to_numpy(zero_copy_only=False) for name in batch.schema.names}

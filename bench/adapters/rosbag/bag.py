@@ -18,13 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from bench.adapters.rosbag.messages import HEADER_BYTES, Topic, full_name, has_header, header_stamp_ns
-from bench.adapters.rosbag.storage import (
+from bench.adapters.rosbag.messages import (
+    HEADER_BYTES,
     SUFFIXES,
-    ZSTD_BLOCK_BYTES,
     Position,
-    decompressed_message,
-    decompressed_start,
+    Topic,
+    full_name,
+    has_header,
+    header_stamp_ns,
     stored_messages,
 )
 from bench.atomic import path_inside, refuse_escape
@@ -43,29 +44,28 @@ LONGEST_JUMP_S = 10.0  # a delay from stamp to recording that differs by more is
 Clock = Literal["header", "bag"]
 
 
-class _Part(BaseModel):
+class _Described(BaseModel):
     """A part of `metadata.yaml`; other keys are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
-class _TopicName(_Part):
+class _TopicName(_Described):
     name: str
 
 
-class _TopicCount(_Part):
+class _TopicCount(_Described):
     topic_metadata: _TopicName
     message_count: Annotated[int, Field(ge=0)]
 
 
-class _Information(_Part):
+class _Information(_Described):
     relative_file_paths: tuple[str, ...]
     topics_with_message_count: tuple[_TopicCount, ...] = ()
-    compression_format: str | None = None
     compression_mode: str | None = None
 
 
-class _Metadata(_Part):
+class _Metadata(_Described):
     rosbag2_bagfile_information: _Information
 
 
@@ -77,14 +77,12 @@ class Bag:
         path: the folder, or the one file.
         files: of messages, in the order in which they were recorded.
         counts: messages of each topic, as the metadata says.
-        compressed: each message is compressed by itself, with zstd.
         losses: files that are missing.
     """
 
     path: Path
     files: tuple[Path, ...]
     counts: Mapping[str, int] = field(default_factory=dict)
-    compressed: bool = False
     losses: tuple[DataError, ...] = ()
 
 
@@ -223,7 +221,7 @@ def open_bag(root: Path, path: Path) -> Bag:
         content = parse_yaml(read_text(file, largest_bytes=LARGEST_METADATA_BYTES), file=file)
         bag = _described_bag(path, validated(_Metadata, content, file=file).rosbag2_bagfile_information)
     else:
-        got = "no such file; its counts cannot be compared"
+        got = "no such file; its counts cannot be compared (ros2 bag reindex writes it again)"
         missing = DataError(file, expected="the metadata that a recorder writes last", got=got)
         files = sorted((entry for entry in path.iterdir() if entry.suffix in SUFFIXES), key=_recording_order)
         bag = Bag(path=path, files=tuple(files), losses=(missing,))
@@ -252,7 +250,7 @@ def bag_messages(
     Raises:
         DataError: a file that cannot be read, a topic with messages of two types, or one to be read that is too large.
     """
-    start_bytes = dict.fromkeys(listed, ZSTD_BLOCK_BYTES if bag.compressed else HEADER_BYTES)
+    start_bytes = dict.fromkeys(listed, HEADER_BYTES)
     start_bytes |= dict.fromkeys(read, LARGEST_READ_BYTES)
     known: dict[str, tuple[str, bool]] = {}
     for number, file in enumerate(bag.files):
@@ -269,10 +267,6 @@ def bag_messages(
             if topic.name in read and position.size > LARGEST_READ_BYTES:
                 expected, got = f"messages up to {LARGEST_READ_BYTES} bytes", f"{position.size} of {topic.stored_type}"
                 raise DataError(file, field=topic.name, expected=expected, got=got)
-            if bag.compressed and topic.name in read:
-                start = decompressed_message(start, LARGEST_READ_BYTES, file=file)
-            elif bag.compressed:
-                start = decompressed_start(start, HEADER_BYTES, file=file)
             stamp_ns = header_stamp_ns(start) if has_stamp else log_ns
             yield BagMessage(topic, log_ns, stamp_ns, number, file, position, start)
 
@@ -280,10 +274,10 @@ def bag_messages(
 def _described_bag(path: Path, information: _Information) -> Bag:
     """A bag as its metadata describes it."""
     file, key = path / METADATA, "rosbag2_bagfile_information"
-    mode, form = (information.compression_mode or "").lower(), (information.compression_format or "").lower()
-    if mode not in ("", "none", "message", "file", "storage") or (mode == "message" and form != "zstd"):
-        expected, got = "none, or message with zstd", f"{mode[:20]!r} with {form[:20]!r}"
-        raise DataError(file, field=f"{key}.compression_mode", expected=expected, got=got)
+    mode = (information.compression_mode or "").lower()
+    if mode not in ("", "none", "file", "storage"):
+        hint = "write it again without: ros2 bag convert"
+        raise DataError(file, field=f"{key}.compression_mode", expected="none", got=repr(mode[:20]), hint=hint)
     files: list[Path] = []
     losses: list[DataError] = []
     for number, relative in enumerate(information.relative_file_paths):
@@ -302,7 +296,7 @@ def _described_bag(path: Path, information: _Information) -> Bag:
     counts: Counter[str] = Counter()
     for topic in information.topics_with_message_count:
         counts[full_name(topic.topic_metadata.name)] += topic.message_count
-    return Bag(path=path, files=tuple(files), counts=counts, compressed=mode == "message", losses=tuple(losses))
+    return Bag(path=path, files=tuple(files), counts=counts, losses=tuple(losses))
 
 
 def _is_bag(path: Path) -> bool:

@@ -1,19 +1,43 @@
-"""Messages of ROS 2: decoded from CDR by the package `rosbags`, and the times that they carry."""
+"""Messages in the files of a bag, MCAP (`.mcap`) and SQLite (`.db3`): found in one walk, read one by one, decoded.
+
+The packages `mcap` and `rosbags` and SQLite read what is stored. They allocate what a file asks for, so the sizes of
+records, chunks and values are compared with the file and with limits first. A file that they cannot read to its end is
+not repaired here: the error names the tool that does it.
+"""
 
 from __future__ import annotations
 
 import re
+import sqlite3
 import struct
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
+from io import SEEK_END, BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
+from urllib.parse import quote
+from zlib import crc32
+
+import lz4.frame
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Message, Schema, Statistics
+from mcap.stream_reader import read_magic
 
 from bench.errors import DataError
 from bench.times import SECOND_NS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
 
 IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -25,6 +49,16 @@ HEADER_BYTES = 64  # of a message: enough for the time in its header
 NO_TIME = -1
 LONGEST_DEFINITION = 100_000  # blank lines of this length take two seconds to parse
 TYPE_NAME = re.compile(r"[A-Za-z]\w{0,99}(/[A-Za-z]\w{0,99}){1,2}", re.ASCII)
+SUFFIXES = (".mcap", ".db3")
+LARGEST_MESSAGE_BYTES = LARGEST_RECORD_BYTES = 1 << 28  # an image of 8192 x 8192 px in four channels
+LARGEST_DEFINITIONS_BYTES = 1 << 25  # of all topics and message types
+MESSAGE_HEAD_BYTES = 22  # channel, sequence, two times
+LATEST_LOG_NS = 2**63
+NO_CHUNK = -1
+RECORD_HEAD = struct.Struct("<BQ")  # opcode, bytes of the content
+DECOMPRESSORS = {"zstd": zstd.ZstdDecompressor, "lz4": lz4.frame.LZ4FrameDecompressor}
+# Beside their own errors the libraries raise those of unpacking numbers and of text, and lz4 raises RuntimeError.
+LIBRARY_ERRORS = (McapError, zstd.ZstdError, sqlite3.Error, struct.error, ValueError, OverflowError, RuntimeError)
 
 
 def full_name(topic: str) -> str:
@@ -160,3 +194,293 @@ def _typestore(name: str = "", definition: str = "") -> Typestore:
         parsed = get_types_from_msg(definition, name)
         types.register({key: value for key, value in parsed.items() if key not in types.fielddefs})
     return types
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """Position of a message in its file.
+
+    Attributes:
+        chunk: byte at which its chunk begins; `NO_CHUNK` where it is in none.
+        offset: of the message's bytes in the decompressed chunk or in the file; in a database the number of its row.
+        size: bytes of the message, as stored.
+    """
+
+    chunk: int
+    offset: int
+    size: int
+
+
+def stored_messages(file: Path, start_bytes: Mapping[str, int]) -> Iterator[tuple[Topic, int, Position, bytes]]:
+    """All messages of a file, in the order in which they are stored.
+
+    Args:
+        file: MCAP or SQLite, by its suffix.
+        start_bytes: how many bytes of a message are read, by topic; none of other topics.
+
+    Yields:
+        The topic, the time of recording (ns), the position, and the first bytes.
+
+    Raises:
+        DataError: it cannot be read to its end, or is no such file.
+    """
+    with _repairable(file, "a whole file"):
+        yield from (_mcap_messages if file.suffix == ".mcap" else _sqlite_messages)(file, start_bytes)
+
+
+def read_message(file: Path, position: Position) -> bytes:
+    """Read one message.
+
+    Args:
+        file: that holds it.
+        position: where.
+
+    Raises:
+        DataError: it cannot be read.
+    """
+    expected = f"a message of {position.size} bytes"
+    with _repairable(file, expected):
+        data = (_mcap_message if file.suffix == ".mcap" else _sqlite_message)(file, position)
+    if len(data) != position.size:
+        raise DataError(file, expected=expected, got=f"{len(data)}; did the file change?")
+    return data
+
+
+@dataclass(frozen=True, slots=True)
+class StoredMessage:
+    """A message in a bag; a `bench.records.recording.StoredPart`.
+
+    Attributes:
+        container: the file that holds it.
+        position: where in the file.
+        topic: that it was sent on.
+    """
+
+    container: Path
+    position: Position
+    topic: Topic
+
+    def payload(self) -> bytes:
+        """Its bytes in CDR."""
+        return read_message(self.container, self.position)
+
+    def content(self) -> bytes:
+        """Bytes of the message, after everything that decides how they are decoded."""
+        return repr((self.topic, *self.decoding())).encode() + self.payload()
+
+    def decoding(self) -> tuple[Any, ...]:
+        """Everything else that decides how the message is decoded."""
+        return ()
+
+
+@contextmanager
+def _repairable(file: Path, expected: str) -> Iterator[None]:
+    """Errors of the libraries, as one that names the tool that repairs the file."""
+    try:
+        yield
+    except OSError as error:
+        raise DataError(file, expected="a readable file", got=error.strerror or str(error)) from error
+    except LIBRARY_ERRORS as error:
+        tool, repaired = f"mcap recover {file.name} -o", f"{file.stem}-repaired{file.suffix}"
+        if file.suffix != ".mcap":
+            tool = f"sqlite3 {file.name} .recover | sqlite3"
+        got = " ".join(str(error).split())[:200] or f"the end in the middle of it ({type(error).__name__})"
+        raise DataError(
+            file, expected=expected, got=got, hint=f"repair it, then replace it by the result: {tool} {repaired}"
+        ) from error
+
+
+# MCAP
+
+
+def _mcap_messages(file: Path, start_bytes: Mapping[str, int]) -> Iterator[tuple[Topic, int, Position, bytes]]:
+    known = _Definitions()
+    messages, stated, opcode = 0, None, 0
+    with file.open("rb") as stream:
+        read_magic(ReadDataStream(stream))
+        for source, chunk, opcode, size in _records(stream):
+            if opcode == Opcode.MESSAGE:
+                message = Message.read(ReadDataStream(source), MESSAGE_HEAD_BYTES)
+                topic = known.topics.get(message.channel_id)
+                position = Position(chunk, source.tell(), size - MESSAGE_HEAD_BYTES)
+                if topic is None or message.log_time >= LATEST_LOG_NS or position.size < 0:
+                    raise McapError(f"{size} bytes on channel {message.channel_id} at {message.log_time} ns")
+                messages += 1
+                yield topic, message.log_time, position, source.read(min(position.size, start_bytes.get(topic.name, 0)))
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                known.add(opcode, source.read(size))
+            elif opcode == Opcode.STATISTICS:
+                stated = Statistics.read(ReadDataStream(BytesIO(source.read(size)))).message_count
+        if opcode != Opcode.FOOTER:
+            raise McapError("no footer, which a recorder writes last")
+        read_magic(ReadDataStream(stream))
+    if stated is not None and messages != stated:
+        raise McapError(f"{messages} messages, where its statistics say {stated}")
+
+
+class _Definitions:
+    """Topics of an MCAP file by channel, and names and definitions of their types by schema; recorders repeat them."""
+
+    def __init__(self) -> None:
+        self.topics: dict[int, Topic] = {}
+        self._types: dict[int, tuple[str, str]] = {}
+        self._bytes = 0
+
+    def add(self, opcode: int, content: bytes) -> None:
+        stream, before = ReadDataStream(BytesIO(content)), len(self._types) + len(self.topics)
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            # Definitions in other languages than ROS's may be binary and are not read.
+            text = schema.data.decode(errors="replace") if schema.encoding == "ros2msg" else ""
+            self._types.setdefault(schema.id, (schema.name, text))
+        else:
+            channel = Channel.read(stream)
+            name, text = self._types.get(channel.schema_id, ("", ""))
+            topic = Topic(full_name(channel.topic), name, channel.message_encoding, text)
+            if self.topics.setdefault(channel.id, topic) != topic:
+                raise McapError(f"two topics on channel {channel.id}")
+        if len(self._types) + len(self.topics) > before:
+            self._bytes += len(content)
+        if self._bytes > LARGEST_DEFINITIONS_BYTES:
+            raise McapError(f"topics and definitions of more than {LARGEST_DEFINITIONS_BYTES} bytes")
+
+
+def _records(stream: BinaryIO, chunk: int = NO_CHUNK) -> Iterator[tuple[BinaryIO, int, int, int]]:
+    """Records from where the stream stands to the footer or the end, those in chunks too.
+
+    Yields:
+        The stream at the record's content, the chunk's position, the opcode, and the bytes of the content.
+    """
+    position, opcode = stream.tell(), 0
+    end = stream.seek(0, SEEK_END)
+    while position < end and opcode != Opcode.FOOTER:
+        opcode, size = _record_head(stream, position, end)
+        if opcode == Opcode.CHUNK:
+            if chunk != NO_CHUNK:
+                raise McapError("a chunk inside a chunk")
+            yield from _records(BytesIO(_chunk_data(stream.read(size))), position)
+        else:
+            yield stream, chunk, opcode, size
+        position = stream.seek(position + RECORD_HEAD.size + size)
+
+
+def _record_head(stream: BinaryIO, position: int, end: int) -> tuple[int, int]:
+    """Opcode and size of a record, which ends at `end` at the latest; the stream then stands at its content."""
+    stream.seek(position)
+    opcode, size = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
+    most = end - stream.tell()
+    if opcode != Opcode.ATTACHMENT:  # which is skipped
+        most = min(most, LARGEST_RECORD_BYTES)
+    if opcode == 0 or size > most:
+        raise McapError(f"a record of kind {opcode} with {size} bytes at byte {position}, where {most} are the most")
+    return opcode, size
+
+
+def _chunk_data(content: bytes) -> bytes:
+    """The records of a chunk, decompressed."""
+    chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+    if chunk.uncompressed_size > LARGEST_RECORD_BYTES:
+        raise McapError(f"a chunk of {chunk.uncompressed_size} bytes, where {LARGEST_RECORD_BYTES} are the most")
+    data = _decompressed(chunk.data, chunk.compression, chunk.uncompressed_size) if chunk.compression else chunk.data
+    if len(data) != chunk.uncompressed_size or (chunk.uncompressed_crc and crc32(data) != chunk.uncompressed_crc):
+        expected = f"{chunk.uncompressed_size} with the checksum {chunk.uncompressed_crc:08x}"
+        raise McapError(f"a chunk of {len(data)} bytes with the checksum {crc32(data):08x}, where it states {expected}")
+    return data
+
+
+def _decompressed(data: bytes, compression: str, most_bytes: int) -> bytes:
+    """Decompress at most so many bytes; the functions that do it in one call would allocate what the data asks for."""
+    if compression not in DECOMPRESSORS:
+        raise McapError(f"the unknown compression {compression[:20]!r}")
+    decompressor = DECOMPRESSORS[compression]()
+    result: bytes = decompressor.decompress(data, max_length=most_bytes + 1)
+    if len(result) > most_bytes or not decompressor.eof:
+        raise McapError(f"{compression} data of more than {most_bytes} bytes or cut short")
+    return result
+
+
+def _mcap_message(file: Path, position: Position) -> bytes:
+    if position.chunk != NO_CHUNK:
+        state = file.stat()
+        chunk = _cached_chunk(file, (state.st_size, state.st_mtime_ns), position.chunk)
+        return chunk[position.offset : position.offset + position.size]
+    with file.open("rb") as stream:
+        stream.seek(position.offset)
+        return stream.read(position.size)
+
+
+@lru_cache(maxsize=2)  # the next image is in the same chunk or the next one, and sweeps are read between
+def _cached_chunk(file: Path, state: tuple[int, int], position: int) -> bytes:
+    """A chunk of a file of this size and time of change."""
+    with file.open("rb") as stream:
+        _, size = _record_head(stream, position, state[0])
+        return _chunk_data(stream.read(size))
+
+
+# SQLite
+
+
+def _sqlite_messages(file: Path, start_bytes: Mapping[str, int]) -> Iterator[tuple[Topic, int, Position, bytes]]:
+    log = file.with_name(f"{file.name}-wal")
+    if log.is_file() and log.stat().st_size:
+        hint = f"merge it: sqlite3 {file.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+        raise DataError(file, expected="all messages in it", got=f"the last ones still in {log.name}", hint=hint)
+    with closing(_connected(file)) as connection:
+        topics = _sqlite_topics(connection, file)
+        query = "SELECT id, topic_id, timestamp, length(data) FROM messages ORDER BY id"
+        for row, topic_id, log_ns, size in connection.execute(query):
+            topic, numbers = topics.get(topic_id), all(isinstance(value, int) for value in (row, log_ns, size))
+            if topic is None or not numbers or size > LARGEST_MESSAGE_BYTES:
+                raise sqlite3.DataError(f"the row {(row, topic_id, log_ns, size)!r} of the table messages")
+            position = Position(NO_CHUNK, row, size)
+            yield topic, log_ns, position, _blob(connection, row, min(size, start_bytes.get(topic.name, 0)))
+
+
+def _sqlite_message(file: Path, position: Position) -> bytes:
+    with closing(_connected(file)) as connection:
+        return _blob(connection, position.offset, position.size)
+
+
+def _connected(file: Path) -> sqlite3.Connection:
+    """Open for reading only; nothing is written beside the file, and its schema is not trusted."""
+    file.open("rb").close()  # SQLite does not say why it cannot open a file
+    connection = sqlite3.connect(f"file:{quote(str(file.resolve()))}?mode=ro&immutable=1", uri=True)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_MESSAGE_BYTES)
+    connection.execute("PRAGMA trusted_schema = OFF")
+    return connection
+
+
+def _sqlite_topics(connection: sqlite3.Connection, file: Path) -> dict[object, Topic]:
+    # Views and virtual tables, which have no root page, could compute forever.
+    query = "SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0"
+    tables = {name for (name,) in connection.execute(query)}
+    if not {"topics", "messages"} <= tables:
+        got = ", ".join(sorted(map(str, tables)))[:200] or "no tables"
+        raise DataError(file, expected="the tables topics and messages, as in a bag of ROS 2", got=got)
+    definitions: dict[object, str] = {}
+    if "message_definitions" in tables:
+        query = "SELECT topic_type, encoded_message_definition FROM message_definitions WHERE encoding = 'ros2msg'"
+        definitions = {kind: str(text) for kind, text in _bounded_rows(connection, query)}
+    query = "SELECT id, name, type, serialization_format FROM topics"
+    return {
+        row: Topic(full_name(str(name)), str(kind), str(encoding), definitions.get(kind, ""))
+        for row, name, kind, encoding in _bounded_rows(connection, query)
+    }
+
+
+def _bounded_rows(connection: sqlite3.Connection, query: str) -> Iterator[tuple[Any, ...]]:
+    """Rows of topics or definitions; generated columns could make more than the file holds."""
+    size = 0
+    for row in connection.execute(query):
+        size += sum(len(str(value)) for value in row)
+        if size > LARGEST_DEFINITIONS_BYTES:
+            raise sqlite3.DataError(f"topics and definitions of more than {LARGEST_DEFINITIONS_BYTES} bytes")
+        yield row
+
+
+def _blob(connection: sqlite3.Connection, row: int, size: int) -> bytes:
+    """The first bytes of a message, without reading the rest of it."""
+    if not size:
+        return b""
+    with connection.blobopen("messages", "data", row, readonly=True) as blob:
+        return blob.read(size)

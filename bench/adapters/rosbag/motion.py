@@ -1,4 +1,4 @@
-"""Ego-motion from the messages of a bag: poses, or speed and yaw rate from whatever topics have them."""
+"""Ego-motion, from poses or from speed and yaw rate, and frames: made of messages while a bag is walked through."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.adapters.rosbag.bag import BagMessage, Clock, TimedRows
-from bench.adapters.rosbag.messages import ODOMETRY, POSES, decode, field_value
+from bench.adapters.rosbag.messages import ODOMETRY, POSES, TRANSFORMS, decode, field_value
 from bench.adapters.rosbag.rig import EgoMotionRig, OdometryRig, ReverseRig, SignalRig
 from bench.egomotion import Trajectory, planar_trajectory
-from bench.errors import DataError
+from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 
 UNIT_TOLERANCE = 1e-2  # of the length of a quaternion
+STATIC_FRAMES = "/tf_static"
+MOST_FRAMES = 10_000
 
 
 class EgoMotionMessages:
@@ -135,3 +137,69 @@ def _numbers(signal: OdometryRig | SignalRig | ReverseRig, content: Any, message
     if isinstance(signal, ReverseRig):
         return (float(values[0] in signal.values),)
     return (signal.factor * float(np.mean(values)),)
+
+
+class StaticFrames:
+    """The frames of /tf_static. Each has one parent, the last that was published."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, tuple[str, RigidTransform | DataError]] = {}  # child -> parent, parent_from_child
+
+    def take(self, message: BagMessage) -> None:
+        """Take a message of /tf_static.
+
+        A transform that is none matters where its frame is asked for.
+
+        Raises:
+            DataError: another message.
+        """
+        message.topic.refuse_others(TRANSFORMS, file=message.file)
+        for entry in decode(message.topic, message.start, file=message.file).transforms:
+            child = str(entry.child_frame_id).lstrip("/")
+            rotation, translation = entry.transform.rotation, entry.transform.translation
+            parent_from_child: RigidTransform | DataError
+            try:
+                parent_from_child = RigidTransform.from_quaternion(
+                    (rotation.w, rotation.x, rotation.y, rotation.z), (translation.x, translation.y, translation.z)
+                )
+            except ShapeError as error:
+                field = f"{STATIC_FRAMES}, {child[:40]}"
+                parent_from_child = DataError(message.file, field=field, expected="a transform", got=str(error))
+            self._parents[child] = str(entry.header.frame_id).lstrip("/"), parent_from_child
+        if len(self._parents) > MOST_FRAMES:
+            raise DataError(message.file, field=STATIC_FRAMES, expected=f"at most {MOST_FRAMES} frames", got="more")
+
+    def vehicle_from(self, frame: str, *, vehicle: str, file: Path, field: str) -> RigidTransform:
+        """Return the pose of a frame on the vehicle.
+
+        Args:
+            frame: its name.
+            vehicle: name of the vehicle frame.
+            file: that names them, for errors.
+            field: where in the file.
+
+        Raises:
+            DataError: a frame that is not there, or not joined to the vehicle.
+        """
+        names = set(self._parents) | {parent for parent, _ in self._parents.values()}
+        got = ", ".join(sorted(names)[:20]) or "none; is /tf_static recorded?"
+        frame, vehicle = frame.lstrip("/"), vehicle.lstrip("/")
+        for name in (vehicle, frame):
+            if name not in names and frame != vehicle:
+                raise DataError(file, field=field, expected=f"the frame {name!r} in {STATIC_FRAMES}", got=got)
+        (root, root_from_frame), (vehicle_root, root_from_vehicle) = self._root_from(frame), self._root_from(vehicle)
+        if root != vehicle_root:
+            got = f"one below {root!r}, the other below {vehicle_root!r}"
+            raise DataError(file, field=field, expected=f"{frame!r} joined to {vehicle!r} in {STATIC_FRAMES}", got=got)
+        return root_from_vehicle.inverse() @ root_from_frame
+
+    def _root_from(self, frame: str) -> tuple[str, RigidTransform]:
+        """The frame above all others of this one's tree, and this one in it."""
+        root, root_from_frame, passed = frame, RigidTransform.identity(), set[str]()
+        while root in self._parents and root not in passed:
+            passed.add(root)
+            root, parent_from_child = self._parents[root]
+            if isinstance(parent_from_child, DataError):
+                raise parent_from_child
+            root_from_frame = parent_from_child @ root_from_frame
+        return root, root_from_frame

@@ -1,7 +1,4 @@
-"""Options of the card, and the rig file with each sensor's topic, model and mounting.
-
-Mountings may also come from the frames that a bag publishes once on /tf_static.
-"""
+"""Options of the card, and the rig file with each sensor's topic, model and mounting."""
 
 from __future__ import annotations
 
@@ -10,22 +7,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from bench.adapters.rosbag.bag import BagMessage
-from bench.adapters.rosbag.messages import TRANSFORMS, decode, full_name
+from bench.adapters.rosbag.messages import full_name
 from bench.atomic import MOST_LINK_LEVELS, path_inside
-from bench.errors import DataError, ShapeError
-from bench.geometry import RigidTransform
 from bench.lidar.fields import TimeOrigin, TimeUnit
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
 from bench.recordings.images import MOST_WHITE
-from bench.recordings.mounting import EvaluatedSize, Polygon
-from bench.recordings.schema import Mounting, Name, RollingShutterHead, WhiteLevel
+from bench.recordings.mounting import EvaluatedSize, Mounting, Name, Polygon, RollingShutterHead, WhiteLevel
 from bench.recordings.validation import FileModel, SidePx, validated
 
-STATIC_FRAMES = "/tf_static"
 LARGEST_RIG_BYTES = 1_000_000
-MOST_FRAMES = 10_000
 TopicName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_/~.-]+$"), AfterValidator(full_name)]
 FieldPath = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*|\.[0-9]{1,4})*$")]
 OffsetNs = Annotated[int, Field(ge=-(10**9), le=10**9)]
@@ -253,69 +244,3 @@ def read_rig(root: Path, relative: str, *, recording: str, card: Path) -> tuple[
     file = path_inside(root, relative.replace("{recording}", recording), file=card, field="options.rig")
     content = parse_yaml(read_text(file, largest_bytes=LARGEST_RIG_BYTES), file=file)
     return validated(Rig, content, file=file), file
-
-
-class StaticFrames:
-    """The frames of /tf_static. Each has one parent, the last that was published."""
-
-    def __init__(self) -> None:
-        self._parents: dict[str, tuple[str, RigidTransform | DataError]] = {}  # child -> parent, parent_from_child
-
-    def take(self, message: BagMessage) -> None:
-        """Take a message of /tf_static.
-
-        A transform that is none matters where its frame is asked for.
-
-        Raises:
-            DataError: another message.
-        """
-        message.topic.refuse_others(TRANSFORMS, file=message.file)
-        for entry in decode(message.topic, message.start, file=message.file).transforms:
-            child = str(entry.child_frame_id).lstrip("/")
-            rotation, translation = entry.transform.rotation, entry.transform.translation
-            parent_from_child: RigidTransform | DataError
-            try:
-                parent_from_child = RigidTransform.from_quaternion(
-                    (rotation.w, rotation.x, rotation.y, rotation.z), (translation.x, translation.y, translation.z)
-                )
-            except ShapeError as error:
-                field = f"{STATIC_FRAMES}, {child[:40]}"
-                parent_from_child = DataError(message.file, field=field, expected="a transform", got=str(error))
-            self._parents[child] = str(entry.header.frame_id).lstrip("/"), parent_from_child
-        if len(self._parents) > MOST_FRAMES:
-            raise DataError(message.file, field=STATIC_FRAMES, expected=f"at most {MOST_FRAMES} frames", got="more")
-
-    def vehicle_from(self, frame: str, *, vehicle: str, file: Path, field: str) -> RigidTransform:
-        """Return the pose of a frame on the vehicle.
-
-        Args:
-            frame: its name.
-            vehicle: name of the vehicle frame.
-            file: that names them, for errors.
-            field: where in the file.
-
-        Raises:
-            DataError: a frame that is not there, or not joined to the vehicle.
-        """
-        names = set(self._parents) | {parent for parent, _ in self._parents.values()}
-        got = ", ".join(sorted(names)[:20]) or "none; is /tf_static recorded?"
-        frame, vehicle = frame.lstrip("/"), vehicle.lstrip("/")
-        for name in (vehicle, frame):
-            if name not in names and frame != vehicle:
-                raise DataError(file, field=field, expected=f"the frame {name!r} in {STATIC_FRAMES}", got=got)
-        (root, root_from_frame), (vehicle_root, root_from_vehicle) = self._root_from(frame), self._root_from(vehicle)
-        if root != vehicle_root:
-            got = f"one below {root!r}, the other below {vehicle_root!r}"
-            raise DataError(file, field=field, expected=f"{frame!r} joined to {vehicle!r} in {STATIC_FRAMES}", got=got)
-        return root_from_vehicle.inverse() @ root_from_frame
-
-    def _root_from(self, frame: str) -> tuple[str, RigidTransform]:
-        """The frame above all others of this one's tree, and this one in it."""
-        root, root_from_frame, passed = frame, RigidTransform.identity(), set[str]()
-        while root in self._parents and root not in passed:
-            passed.add(root)
-            root, parent_from_child = self._parents[root]
-            if isinstance(parent_from_child, DataError):
-                raise parent_from_child
-            root_from_frame = parent_from_child @ root_from_frame
-        return root, root_from_frame

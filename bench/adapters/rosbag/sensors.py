@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from bench.adapters.rosbag.messages import COMPRESSED_IMAGE, decode, header_stamp_ns
+from bench.adapters.rosbag.messages import COMPRESSED_IMAGE, StoredMessage, decode, header_stamp_ns
 from bench.adapters.rosbag.rig import LidarRig
-from bench.adapters.rosbag.storage import StoredMessage
 from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.lidar.fields import sweep_of

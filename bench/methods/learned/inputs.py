@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 
 from bench.flow import cell_mean
 from bench.methods.contract import MethodInput, UnansweredImage
-from bench.methods.rigid_scene.deviation import LEAST_NOISE, noise_of
-from bench.methods.rigid_scene.evidence import Evidence
+from bench.methods.rigid_scene.evidence import LEAST_NOISE, Evidence, noise_of
 from bench.methods.rigid_scene.method import RigidSceneMethod
-from bench.methods.rigid_scene.scene import OUTSIDE_PX, RigidScene, at_every_pixel, sampled
-from bench.methods.rigid_scene.views import Views
+from bench.methods.rigid_scene.scene import OUTSIDE_PX, RigidScene, Views, at_every_pixel, sampled
 from bench.methods.spherical.likelihood import CONSTRAINTS, PAPER_ANGLE_RAD
 from bench.methods.spherical.method import SphericalMethod
 

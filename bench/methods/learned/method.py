@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -11,11 +10,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
 
 from bench.errors import DataError, UsageError
 from bench.methods.contract import Method, MethodInput
 from bench.methods.learned.inputs import BACK, COARSE, FINE, ZERO, Channels, network_input
-from bench.methods.rigid_scene.views import Views, resized
+from bench.methods.rigid_scene.scene import Views, resized
+from bench.recordings.validation import read_json
 from bench.records.segmentation import Segmentation
 
 try:
@@ -28,52 +29,44 @@ MULTIPLE_PX = 32  # the network takes fine images whose sides are multiples of i
 INSTALL = "pip install 'fisheye-bench[learned]'"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NetworkWeights:
-    """A trained network as its card, the JSON file of the same name, describes it.
+class NetworkCard(BaseModel):
+    """The JSON file beside a trained network; of its other keys nothing is read.
 
     Attributes:
-        file: the ONNX file.
         coarse: names of the channels that it takes, in this order.
         fine: the same of those of the size of the answer.
         threshold: score above which a cell moves: the best on the validation drives.
         sha256: of the ONNX file, hexadecimal.
     """
 
-    file: Path
+    model_config = ConfigDict(frozen=True)
+
     coarse: tuple[str, ...]
     fine: tuple[str, ...]
     threshold: float
     sha256: str
 
-    @classmethod
-    def read(cls, file: Path) -> NetworkWeights:
-        """Read the card of an ONNX file and make sure that the file is the one that it describes.
 
-        Raises:
-            DataError: one of the files is missing, damaged or not of this kind.
-        """
-        card = file.with_suffix(".json")
-        try:
-            content = json.loads(card.read_text(encoding="utf-8"))
-            digest = hashlib.sha256(file.read_bytes()).hexdigest()
-            coarse, fine = tuple(content["coarse"]), tuple(content["fine"])
-            threshold, expected = float(content["threshold"]), content["sha256"]
-        except OSError as error:
-            raise DataError(
-                error.filename or file, expected="a network and its card", got=str(error.strerror)
-            ) from error
-        except (ValueError, KeyError, TypeError) as error:
-            hint = "export it with python -m bench.training.train"
-            raise DataError(card, expected="the card of a network", got=repr(error), hint=hint) from error
-        if digest != expected:
-            raise DataError(
-                file, expected=f"sha256 {expected}, as {card.name} says", got=digest, hint="restore both files"
-            )
-        for field, names, known in (("coarse", coarse, COARSE), ("fine", fine, FINE)):
-            if unknown := [str(name) for name in names if name not in known]:
-                raise DataError(card, field=field, expected="channels of this version", got=", ".join(unknown))
-        return cls(file=file, coarse=coarse, fine=fine, threshold=threshold, sha256=digest)
+def read_card(file: Path) -> NetworkCard:
+    """Read the card of an ONNX file and make sure that the file is the one that it describes.
+
+    Raises:
+        DataError: one of the files is missing, damaged or not of this kind.
+    """
+    card_file = file.with_suffix(".json")
+    card = read_json(NetworkCard, card_file)
+    try:
+        digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise DataError(file, expected="the network of its card", got=str(error.strerror)) from error
+    if digest != card.sha256:
+        expected = f"sha256 {card.sha256}, as {card_file.name} says"
+        raise DataError(file, expected=expected, got=digest, hint="restore both files")
+    for field, names, known in (("coarse", card.coarse, COARSE), ("fine", card.fine, FINE)):
+        if unknown := set(names) - set(known):
+            got = ", ".join(sorted(unknown))
+            raise DataError(card_file, field=field, expected="channels of this version", got=got)
+    return card
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,17 +128,14 @@ class LearnedMethod(Method):
         """Run the network; (H, W) float32 in [0, 1], at the size of the fine channels."""
         height, width = channels.fine.shape[1:]
         whole = padded(channels)
-        (found,) = self._session.run(None, {"coarse": whole.coarse[None], "fine": whole.fine[None]})
+        session = _session(self.files[0], self.trained.sha256)
+        (found,) = session.run(None, {"coarse": whole.coarse[None], "fine": whole.fine[None]})
         return np.asarray(found[0, :height, :width], dtype=np.float32)
 
     @cached_property
-    def trained(self) -> NetworkWeights:
+    def trained(self) -> NetworkCard:
         """The network's card: what it is shown, and its threshold."""
-        return NetworkWeights.read(self.files[0])
-
-    @property
-    def _session(self) -> Any:
-        return _session(self.trained.file, self.trained.sha256)
+        return read_card(self.files[0])
 
     def __getstate__(self) -> dict[str, object]:
         return self.settings()  # a session cannot travel to other processes; they open their own

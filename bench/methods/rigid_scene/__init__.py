@@ -2,14 +2,12 @@
 
 The steps, each in a module and each a setting that can be switched off:
 
-- `scene`: where a static point was in the previous image, for any depth, lens and motion;
-- `first_guess`: dense flow that starts from the motion of road and horizon;
+- `scene`: where a static point was in the previous image, for any depth, lens and motion; flow that starts from there;
 - `motion`: the recorded ego-motion, corrected by the images;
-- `deviation`: how many standard deviations a flow vector lies from all rigid scenes;
-- `evidence`: the same asked of grey values, for every static depth;
-- `standing`: what stands on the road, and what would have to float above it;
-- `own_effects`: shadow and light that move with the ego vehicle are no objects;
-- `objects`: hysteresis, growth, outlines;
+- `evidence`: how many standard deviations a flow vector lies from all rigid scenes, and what grey values say of it;
+- `candidates`: hysteresis, growth, what stands on the road or would have to float above it; shadow and light that move
+  with the ego vehicle are no objects;
+- `outlines`: where objects end, by their own motion;
 - `method`: all of it, on the last pair of images and on one further apart.
 
 Symbols are those of `bench.methods.spherical`.

@@ -14,12 +14,11 @@ from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.flow import DisFlow, FarnebackFlow, dense_flow
 from bench.methods.contract import FlowMethod, MethodInput, UnansweredImage
+from bench.methods.rigid_scene.candidates import Candidates, ObjectSettings, find_candidates
 from bench.methods.rigid_scene.evidence import Evidence, gather_evidence
-from bench.methods.rigid_scene.first_guess import GuidedFlow, guided_flow, warp
 from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
-from bench.methods.rigid_scene.objects import Candidates, ObjectSettings, Pair, draw_objects, find_candidates
-from bench.methods.rigid_scene.scene import RigidScene
-from bench.methods.rigid_scene.views import Views, fine_cell_px
+from bench.methods.rigid_scene.outlines import Pair, draw_objects
+from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, Views, fine_cell_px, guided_flow, warp
 from bench.records.segmentation import Segmentation
 
 FLOW_PARAMETERS: dict[str, dict[str, object]] = {"dis": {"preset": "fast", "finest_scale": 0}}

@@ -18,10 +18,9 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import CameraModel
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane, cross, dot, normalise
-from bench.methods.rigid_scene.deviation import LEAST_NOISE, flow_information, gradients, noise_of, structure_tensor
-from bench.methods.rigid_scene.first_guess import GuidedFlow
-from bench.methods.rigid_scene.scene import RigidScene, pixel_positions
-from bench.methods.row_times import seen_before
+from bench.methods.rigid_scene.evidence import LEAST_NOISE, flow_information, gradients, noise_of, structure_tensor
+from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, pixel_positions
+from bench.methods.two_views import seen_before
 
 Floats = NDArray[np.float64]
 CORRECTIONS = 8  # about and along down, ahead and right; tilt of the road about ahead and right

@@ -1,14 +1,19 @@
-"""Appearance of a rigid scene in the previous image: where each pixel's content was, if it lies at a given depth.
+"""A rigid scene in two images: where each pixel's content was, if it lies at a given depth, and flow that starts there.
 
 For a point of the static world at inverse depth `rho` along the unit ray p' of the current camera, the previous camera
 saw it along `R^T (p' - rho t)`: for rho = 0, infinitely far, only the rotation counts; for growing rho the point moves
 along the epipolar curve. On the road rho is `(p' . h) / eta_C`. Nothing here assumes a lens: curves are projected with
 the camera's own model.
+
+The near road moves by tens of pixels an image, further than a flow finds without help. So the previous image is warped
+as if everything below the horizon lay on the road and everything above it infinitely far away; what is left to find is
+small wherever the world is static. Where either image shows the ego vehicle's own body, or nothing, both are made
+equal: nothing is to be found there, and nothing leaks out of there into the flow around.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -17,10 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, RayGrid, ray_grid
+from bench.flow import DenseFlow
 from bench.geometry import RigidTransform, RoadPlane, dot
 from bench.methods.contract import MethodInput
-from bench.methods.row_times import RowTimes, seen_before
+from bench.methods.two_views import RowTimes, seen_before
 
+FINE_PX = 640  # width about which outlines are drawn, and twice that on which all else is computed
 GRID_PX = 4  # the motion of a rigid scene is smooth: computed on every fourth pixel, interpolated between
 ROW_STEPS = 2  # to the row of the previous image that shows a point
 OUTSIDE_PX = -1e4  # a displacement that surely ends outside of the image, where a NaN would spread
@@ -99,7 +106,7 @@ class RigidScene:
     def extra_motion(
         self, rays_camera: NDArray[np.float64], inverse_depth: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """x of `bench.methods.row_times`, (N,) float64, of static points; arguments as of `previous_pixels`."""
+        """x of `bench.methods.two_views`, (N,) float64, of static points; arguments as of `previous_pixels`."""
         assert self.row_times is not None, "only of a rolling shutter"
         now, extra = self.camera.project(rays_camera)[0], np.zeros(len(rays_camera))
         for _ in range(ROW_STEPS):
@@ -182,3 +189,98 @@ def sampled(image: NDArray[np.float32], flow: NDArray[np.float32], *, outside: f
 def box_mean(values: NDArray[np.float32], side_px: int) -> NDArray[np.float32]:
     """Mean over a square around every pixel; (H, W[, C]) float32."""
     return np.asarray(cv2.boxFilter(values, -1, (side_px, side_px)), dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Views:
+    """The images at the two sizes that are worked on.
+
+    Attributes:
+        fine: (H, W) uint8 each, of the size of the answer, oldest first.
+        given: all that the method is given, with images, lens and valid region at half of that size, rounded down.
+        cell_size_px: pixels of the given images for one of the fine ones.
+    """
+
+    fine: tuple[NDArray[np.uint8], ...]
+    given: MethodInput
+    cell_size_px: int
+
+    @classmethod
+    def of(cls, frame: MethodInput) -> Views:
+        """Those of what a method is given; its images are grey."""
+        height, width = frame.valid.shape
+        cell = fine_cell_px(width)
+        fine_size = -(-width // cell), -(-height // cell)
+        size = max(fine_size[0] // 2, 1), max(fine_size[1] // 2, 1)
+        fine = tuple(image if cell == 1 else resized(image, fine_size) for image in frame.images)
+        given = replace(
+            frame,
+            images=tuple(resized(image, size) for image in fine),
+            camera=frame.camera.scaled(*size),
+            valid=resized(frame.valid.astype(np.uint8) * 255, size) > 250,
+        )
+        return cls(fine=fine, given=given, cell_size_px=cell)
+
+
+def fine_cell_px(width: int) -> int:
+    """Pixels of images of a width for one of those that are worked on."""
+    return max(round(width / FINE_PX), 1)
+
+
+def resized(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """An image at a smaller size (width, height), each pixel the mean of those that it stands for."""
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GuidedFlow:
+    """Flow from the current to the previous image, and what it started from.
+
+    Attributes:
+        flow: (H, W, 2) float32, px; the first guess and what was found beyond it, composed.
+        guess: (H, W, 2) float32, px, the first guess; far outside of the image where the lens saw nothing.
+        warped: (H, W) uint8, the previous image at the ends of the guess; the current one where `neutral`.
+        neutral: (H, W) bool; one of the images shows nothing of the world there.
+    """
+
+    flow: NDArray[np.float32]
+    guess: NDArray[np.float32]
+    warped: NDArray[np.uint8]
+    neutral: NDArray[np.bool_]
+
+
+def guided_flow(
+    current: NDArray[np.uint8],
+    previous: NDArray[np.uint8],
+    *,
+    valid: NDArray[np.bool_],
+    scene: RigidScene | None,
+    flow: DenseFlow,
+) -> GuidedFlow:
+    """Find dense flow from the motion of a rigid scene on.
+
+    Args:
+        current: (H, W) uint8, grey.
+        previous: (H, W) uint8, grey.
+        valid: (H, W) bool; inside the lens's field and off the ego vehicle's body, in both images alike.
+        scene: whose road and horizon the first guess shows, at the images' size; None for no first guess.
+        flow: finds the rest.
+    """
+    guess, warped, neutral = warp(current, previous, valid=valid, scene=scene)
+    rest = flow(current, warped)
+    # The rest ends at x + rest in the warped image, which shows the previous one at x + rest + guess(x + rest).
+    height, width = current.shape
+    start = remapped(guess, pixel_positions(width, height) + rest, outside=None)
+    return GuidedFlow(flow=rest + start, guess=guess, warped=warped, neutral=neutral)
+
+
+def warp(
+    current: NDArray[np.uint8], previous: NDArray[np.uint8], *, valid: NDArray[np.bool_], scene: RigidScene | None
+) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
+    """`guess`, `warped` and `neutral` of `GuidedFlow`; arguments as of `guided_flow`."""
+    height, width = current.shape
+    guess = np.zeros((height, width, 2), np.float32) if scene is None else scene.road_flow()
+    neutral = (sampled((~valid).astype(np.float32), guess, outside=1.0) > 0.01) | ~valid
+    warped = np.rint(sampled(previous.astype(np.float32), guess)).astype(np.uint8)
+    warped[neutral] = current[neutral]
+    return guess, warped, neutral

@@ -14,23 +14,3 @@ Every deviation is >= 0 and built from unit vectors, so it is close to an angle 
 Source:
     Mariotti and Eising, "Spherical formulation of geometric motion segmentation constraints in fisheye cameras".
 """
-
-from bench.methods.spherical.constraints import (
-    Deviations,
-    Variants,
-    deviations,
-    static_camera_deviation,
-    three_view_deviation,
-)
-from bench.methods.spherical.likelihood import PAPER_WEIGHTS, ConstraintWeights, motion_likelihood
-
-__all__ = [
-    "PAPER_WEIGHTS",
-    "ConstraintWeights",
-    "Deviations",
-    "Variants",
-    "deviations",
-    "motion_likelihood",
-    "static_camera_deviation",
-    "three_view_deviation",
-]

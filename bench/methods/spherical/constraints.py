@@ -76,7 +76,7 @@ def deviations(
             depth do not depend on its scale.
         road: the road below the current camera.
         path_share: (...) float64, by how much longer than the translation the camera's path is between the rows that
-            saw the point (`bench.methods.row_times`); 1 where all rows are exposed at once.
+            saw the point (`bench.methods.two_views`); 1 where all rows are exposed at once.
         lambda_height: threshold of positive height, subtracted.
         lambda_anti_parallel: threshold of anti-parallel, subtracted.
         min_epipole_sine: alpha_min, the sine of the angle between q and the epipole below which the epipolar plane

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.methods.row_times import rotated_halfway
 from bench.methods.spherical.constraints import (
     PAPER,
     Deviations,
@@ -18,6 +17,7 @@ from bench.methods.spherical.constraints import (
     deviations,
     static_camera_deviation,
 )
+from bench.methods.two_views import rotated_halfway
 from bench.records.segmentation import PAPER_THRESHOLD
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel")
@@ -207,7 +207,7 @@ class SphericalSettings:
             road: the road below the camera.
             three_view: (...) float64, xi_3v where tracks over three views exist.
             extra_motion: (...) float64, share of the motion by which more of it lies between two rows of a rolling
-                shutter, see `bench.methods.row_times`; None where all rows are exposed at once.
+                shutter, see `bench.methods.two_views`; None where all rows are exposed at once.
         """
         path_share: NDArray[np.float64] | float = 1.0
         if extra_motion is not None:

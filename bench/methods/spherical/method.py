@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 from bench.cameras import ray_grid
 from bench.flow import cell_mean, dense_flow
 from bench.geometry import RigidTransform
-from bench.methods.cells import cell_flow, flow_parts, flow_rays
 from bench.methods.contract import FlowMethod, MethodInput
-from bench.methods.rigid_scene.first_guess import guided_flow
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
-from bench.methods.rigid_scene.scene import RigidScene
-from bench.methods.row_times import extra_motion
+from bench.methods.rigid_scene.scene import RigidScene, guided_flow
 from bench.methods.spherical.likelihood import (
     CONSTRAINTS,
     PAPER_WEIGHTS,
@@ -26,6 +23,7 @@ from bench.methods.spherical.likelihood import (
     SphericalSettings,
     alone,
 )
+from bench.methods.two_views import cell_flow, extra_motion, flow_parts, flow_rays
 from bench.records.segmentation import Segmentation
 
 FLOW_SIGMA_PX = 0.3  # accuracy of Farnebäck's flow on a cell, for the refined motion
@@ -38,7 +36,7 @@ class SphericalMethod(SphericalSettings, FlowMethod):
     Attributes:
         flow: name of the dense flow, see `bench.flow.DENSE_FLOWS`; it is averaged on the cells.
         flow_parameters: what the flow takes.
-        first_guess: the flow starts from the motion of road and horizon, see `bench.methods.rigid_scene.first_guess`;
+        first_guess: the flow starts from the motion of road and horizon, see `bench.methods.rigid_scene.scene`;
             not in the paper.
         refine_motion: the recorded motion is corrected by the flow, see `bench.methods.rigid_scene.motion`; not in
             the paper.

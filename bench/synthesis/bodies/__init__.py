@@ -8,12 +8,22 @@ from functools import partial
 import numpy as np
 
 from bench.synthesis.bodies.body import Body, Built, assemble_body
-from bench.synthesis.bodies.cyclists import RACING, UPRIGHT, cyclist
 from bench.synthesis.bodies.dog import dog
-from bench.synthesis.bodies.fleet import BUS, CITY_CAR, ESTATE, HATCHBACK, LORRY, MINIBUS, PICKUP, SALOON, SUV, VAN
-from bench.synthesis.bodies.motorcycles import ROADSTER, SCOOTER, motorcyclist
 from bench.synthesis.bodies.people import Stature, pedestrian, with_pram
-from bench.synthesis.bodies.vehicles import vehicle
+from bench.synthesis.bodies.riders import RACING, ROADSTER, SCOOTER, UPRIGHT, cyclist, motorcyclist
+from bench.synthesis.bodies.vehicles import (
+    BUS,
+    CITY_CAR,
+    ESTATE,
+    HATCHBACK,
+    LORRY,
+    MINIBUS,
+    PICKUP,
+    SALOON,
+    SUV,
+    VAN,
+    vehicle,
+)
 
 Builder = Callable[[np.random.Generator], Built]
 

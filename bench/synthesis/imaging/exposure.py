@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.machine_code import compiled, inlined
-from bench.synthesis.imaging.faces import PLAIN, corner_weights
-from bench.synthesis.imaging.lens import Lens
-from bench.synthesis.imaging.visibility import NOTHING
+from bench.synthesis.imaging.faces import PLAIN, corner_weights, rows_of
+from bench.synthesis.imaging.visibility import NOTHING, Lens
 from bench.synthesis.scenario import SensorSpec
 
 LEAST_PX = np.float32(0.3)  # shorter motion vectors change nothing that can be seen
@@ -66,23 +65,8 @@ def find_motion_vectors(
         motion_vectors: (2, H, W), px, (u, v), filled.
     """
     height, width = triangles.shape
-    rotation, translation = shutter.rotation, shutter.translation
-    xx, xy, xz, yx, yy, yz = (
-        rotation[0, 0],
-        rotation[0, 1],
-        rotation[0, 2],
-        rotation[1, 0],
-        rotation[1, 1],
-        rotation[1, 2],
-    )
-    zx, zy, zz, ex, ey, ez = (
-        rotation[2, 0],
-        rotation[2, 1],
-        rotation[2, 2],
-        translation[0],
-        translation[1],
-        translation[2],
-    )
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows_of(shutter.rotation)
+    ex, ey, ez = shutter.translation[0], shutter.translation[1], shutter.translation[2]
     for v in range(height):
         for u in range(width):
             x, y, z, near = rays[0, v, u], rays[1, v, u], rays[2, v, u], inverse_depth[v, u]
@@ -292,8 +276,7 @@ class Sensor:
     """
 
     def __init__(self, spec: SensorSpec, lens: Lens, *, gain: float) -> None:
-        gain = gain if spec.gain is None else spec.gain
-        angles = np.arccos(np.clip(lens.off_axis_cos, -1.0, 1.0)) / max(lens.widest_rad, 1e-6)
+        angles = np.arccos(np.clip(lens.off_axis_cos, -1.0, 1.0)) / max(lens.projection.widest_rad, 1e-6)
         self._light = np.where(lens.valid, spec.edge_light ** (angles * angles), 0.0).astype(np.float32)
         self._read_variance = np.float32((spec.read_noise_grey * gain) ** 2)
         # N electrons vary by sqrt(N), and WHITE stands for full_well / gain of them.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,16 +19,28 @@ from numpy.typing import NDArray
 from bench.machine_code import compiled, inlined
 from bench.synthesis.mesh import COLUMN_OF, Mesh
 
+Row = tuple[np.float32, np.float32, np.float32]
+
 
 @inlined
 def corner_weights(
     planes: NDArray[np.float32], t: int | np.integer[Any], x: np.float32, y: np.float32, z: np.float32
-) -> tuple[np.float32, np.float32, np.float32]:
+) -> Row:
     """Weights of a triangle's corners for a ray, see `visibility`; their sum is 1 over the distance."""
     i = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z
     j = planes[t, 3] * x + planes[t, 4] * y + planes[t, 5] * z
     k = planes[t, 6] * x + planes[t, 7] * y + planes[t, 8] * z
     return i, j, k
+
+
+@inlined
+def rows_of(matrix: NDArray[np.float32]) -> tuple[Row, Row, Row]:
+    """Numbers of a (3, 3) matrix, read once: a loop that writes into arrays would read them again and again."""
+    return (
+        (matrix[0, 0], matrix[0, 1], matrix[0, 2]),
+        (matrix[1, 0], matrix[1, 1], matrix[1, 2]),
+        (matrix[2, 0], matrix[2, 1], matrix[2, 2]),
+    )
 
 
 @inlined
@@ -65,8 +77,7 @@ THIRD, TWO_THIRDS = np.float32(1 / 3), np.float32(2 / 3)
 COARSE_FADE = 0.25  # asphalt and plaster are grainy rather than blotched
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TextureAtlas:
+class TextureAtlas(NamedTuple):
     """All mip levels beside each other in one image.
 
     Attributes:
@@ -88,26 +99,22 @@ def quick_log2(value: np.float32) -> np.float32:
 
 
 @inlined
-def atlas_at(
-    u: np.float32, v: np.float32, level: np.float32, image: NDArray[np.float32], layout: NDArray[np.float32]
-) -> np.float32:
+def atlas_at(u: np.float32, v: np.float32, level: np.float32, atlas: TextureAtlas) -> np.float32:
     """The texture at one point: between four texels of each of two levels."""
     u -= np.floor(u)
     v -= np.floor(v)
     level = min(max(level, np.float32(0.0)), HIGHEST)
     whole = np.int32(level)
     share, lower = level - np.float32(whole), np.uintp(whole)
-    fine = _texel(u, v, lower, image, layout)
-    return fine + share * (_texel(u, v, lower + np.uintp(1), image, layout) - fine)
+    fine = _texel(u, v, lower, atlas)
+    return fine + share * (_texel(u, v, lower + np.uintp(1), atlas) - fine)
 
 
 @inlined
-def _texel(
-    u: np.float32, v: np.float32, level: np.uintp, image: NDArray[np.float32], layout: NDArray[np.float32]
-) -> np.float32:
-    column = u * layout[level, 1] + layout[level, 0]
-    row = v * layout[level, 1] + TOP
-    return bilinear(row, column, image)
+def _texel(u: np.float32, v: np.float32, level: np.uintp, atlas: TextureAtlas) -> np.float32:
+    column = u * atlas.layout[level, 1] + atlas.layout[level, 0]
+    row = v * atlas.layout[level, 1] + TOP
+    return bilinear(row, column, atlas.image)
 
 
 @cache

@@ -13,19 +13,15 @@ from numpy.typing import NDArray
 from bench.cameras import CameraModel, RollingShutter
 from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera, RecordingWriter
-from bench.synthesis.draws import named_rng
 from bench.synthesis.ego import own_body
 from bench.synthesis.imaging.exposure import Sensor, Shutter, blur, find_motion_vectors, smooth_edges
 from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, TextureAtlas, faces_of, texture_atlas
-from bench.synthesis.imaging.lens import lens_of, untiled
-from bench.synthesis.imaging.lights import NO_LAMPS, Headlights, Sky, lamp_faces, street_lamps_m
+from bench.synthesis.imaging.lights import NO_LAMPS, Headlights, Shadows, Sky, lamp_faces, street_lamps_m
 from bench.synthesis.imaging.shading import LANES, PIXELS, ShadingScene, shade
-from bench.synthesis.imaging.shadow_maps import Shadows
-from bench.synthesis.imaging.visibility import View, find_visible
+from bench.synthesis.imaging.visibility import View, find_visible, lens_of, untiled
 from bench.synthesis.mesh import Mesh, PlacedMesh
-from bench.synthesis.placement import FIRST_IMAGE_NS
-from bench.synthesis.scenario import RecordingSpec, Scenario, SensorSpec
-from bench.synthesis.scene import Lighting, Scene
+from bench.synthesis.scenario import RecordingSpec, Scenario, SensorSpec, named_rng
+from bench.synthesis.scene import FIRST_IMAGE_NS, Lighting, Scene
 
 BAND_S = 1e-3  # in which a car at 50 km/h drives 14 mm
 
@@ -211,11 +207,11 @@ class ImageRenderer:
             scene = ShadingScene(
                 rows, rotation.astype(np.float32), origin_m.astype(np.float32), light.towards_sun.astype(np.float32),
                 np.float32(light.kind.sun_light), np.float32(light.kind.sky_light), near, far, cover, self._sky, lamps,
-                light.kind.night, self._atlas.image, self._atlas.layout,
+                light.kind.night, self._atlas,
             )  # fmt: skip
             grey, lanes = np.empty(view.inverse_depth.shape, np.float32), np.zeros(LANES, np.float32)
             spots = np.zeros(PIXELS, np.int32)
-            shade(view.triangles, lens.tile_rays, lens.tile_pixel_rad, view.planes, scene, lanes, spots, grey)
+            shade(view.triangles, lens.tiles.rays, lens.tile_pixel_rad, view.planes, scene, lanes, spots, grey)
         return untiled(grey, (lens.valid.shape[0], lens.valid.shape[1]))
 
     def _shutter(self, middle: Moment, corners_m: NDArray[np.float64], shutter: tuple[Moment, Moment]) -> Shutter:
@@ -257,13 +253,12 @@ def write_images(
         light=scene.light,
         sensor=sensor,
     )
-    exposure_ms = scene.light.kind.shutter_ms if sensor.exposure_ms is None else sensor.exposure_ms
-    half_ns = round(exposure_ms * 1e6 / 2)
+    half_ns = round(scene.light.kind.shutter_ms * 1e6 / 2)
     for frame, time_ns in enumerate(scene.image_times_ns.tolist()):
 
-        def exposed(offset_ns: int, time_ns: int = time_ns) -> tuple[Moment, tuple[Moment, Moment] | None]:
+        def exposed(offset_ns: int, time_ns: int = time_ns) -> tuple[Moment, tuple[Moment, Moment]]:
             middle = moment(scene, time_ns + offset_ns)
-            return middle, (middle, moment(scene, time_ns + offset_ns + half_ns)) if half_ns else None
+            return middle, (middle, moment(scene, time_ns + offset_ns + half_ns))
 
         rng = named_rng(scenario.seed, spec.name, camera.name, frame)
         if camera.rolling_shutter is None:

@@ -27,25 +27,28 @@ from bench.synthesis.imaging.faces import (
     STEP_U,
     STEP_V,
     TEXEL_LOG2,
+    TextureAtlas,
     atlas_at,
     corner_weights,
     quick_log2,
+    rows_of,
     share_below,
 )
-from bench.synthesis.imaging.lens import TILE_PX
 from bench.synthesis.imaging.lights import (
     BEAM_FOCAL,
     GLOW_BY_NIGHT,
     MIDDLE_COLUMN,
     MIDDLE_ROW,
     WHITE_LUX,
+    HeightMap,
     Lamps,
     Sky,
+    height_at,
+    lit_share,
     mirrored_grey,
     sky_grey,
 )
-from bench.synthesis.imaging.shadow_maps import HeightMap, height_at, lit_share
-from bench.synthesis.imaging.visibility import NOTHING
+from bench.synthesis.imaging.visibility import NOTHING, TILE_PX
 
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 # A pixel's patch on a slanted face is long and narrow; the texture is smoothed to this power of the stretch: 1 would
@@ -105,7 +108,6 @@ class ShadingScene(NamedTuple):
         lamps: by night.
         night: whether lamps are lit.
         atlas: the texture.
-        layout: of the texture's levels.
     """
 
     rows: NDArray[np.float32]
@@ -120,8 +122,7 @@ class ShadingScene(NamedTuple):
     sky: Sky
     lamps: Lamps
     night: bool
-    atlas: NDArray[np.float32]
-    layout: NDArray[np.float32]
+    atlas: TextureAtlas
 
 
 @compiled
@@ -168,16 +169,8 @@ def shade(
 @inlined
 def _turn(rays: NDArray[np.float32], scene: ShadingScene, lanes: NDArray[np.float32]) -> None:
     """Rays in world axes."""
-    rotation, xs, ys, zs = scene.world_from_camera, rays[0], rays[1], rays[2]
-    xx, xy, xz, yx, yy, yz = (
-        rotation[0, 0],
-        rotation[0, 1],
-        rotation[0, 2],
-        rotation[1, 0],
-        rotation[1, 1],
-        rotation[1, 2],
-    )
-    zx, zy, zz = rotation[2, 0], rotation[2, 1], rotation[2, 2]
+    xs, ys, zs = rays[0], rays[1], rays[2]
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows_of(scene.world_from_camera)
     for n in range(PIXELS):
         x, y, z = xs[n], ys[n], zs[n]
         lanes[RAY_X + n] = xx * x + xy * y + xz * z
@@ -228,9 +221,8 @@ def _show_sky(
             continue
         greys[n] = ZERO
         if rays[0, n] != ZERO or rays[1, n] != ZERO or rays[2, n] != ZERO:
-            greys[n] = sky_grey(
-                lanes[RAY_X + n], lanes[RAY_Y + n], lanes[RAY_Z + n], pixel_rad[n], scene.sky, scene.atlas, scene.layout
-            )
+            x, y, z = lanes[RAY_X + n], lanes[RAY_Y + n], lanes[RAY_Z + n]
+            greys[n] = sky_grey(x, y, z, pixel_rad[n], scene.sky, scene.atlas)
 
 
 @inlined
@@ -260,9 +252,7 @@ def _sample_texture(seen: NDArray[np.int32], scene: ShadingScene, lanes: NDArray
     """Texture, and how much of the sky's light the surroundings take away."""
     for n in range(PIXELS):
         if seen[n] != NOTHING:
-            lanes[NOISE + n] = atlas_at(
-                lanes[TEXTURE_U + n], lanes[TEXTURE_V + n], lanes[LEVEL + n], scene.atlas, scene.layout
-            )
+            lanes[NOISE + n] = atlas_at(lanes[TEXTURE_U + n], lanes[TEXTURE_V + n], lanes[LEVEL + n], scene.atlas)
     for n in range(PIXELS):
         distance_m = lanes[DISTANCE + n]
         if seen[n] != NOTHING and distance_m < COVER_REACH_M:
@@ -343,7 +333,7 @@ def _show(seen: NDArray[np.int32], scene: ShadingScene, lanes: NDArray[np.float3
             stretch = TWO * facing
             mirrored = mirrored_grey(
                 lanes[RAY_X + n] + stretch * lanes[TOWARDS_X + n], lanes[RAY_Y + n] + stretch * lanes[TOWARDS_Y + n],
-                lanes[RAY_Z + n] + stretch * lanes[TOWARDS_Z + n], scene.sky, scene.atlas, scene.layout,
+                lanes[RAY_Z + n] + stretch * lanes[TOWARDS_Z + n], scene.sky, scene.atlas,
             )  # fmt: skip
             grey += share * (mirrored - grey)
         greys[n] = grey
@@ -387,11 +377,8 @@ def _add_street_lamp(k: int, count: int, lamps: Lamps, lanes: NDArray[np.float32
 @inlined
 def _aim_headlight(k: int, count: int, lamps: Lamps, lanes: NDArray[np.float32]) -> None:
     """Coordinates of each spot in a headlight's beam, and the beam's brightness there; `BEAM_ALONG` is 0 behind it."""
-    rotations, positions_m = lamps.lamp_from_world, lamps.positions_m
-    xx, xy, xz = rotations[k, 0, 0], rotations[k, 0, 1], rotations[k, 0, 2]
-    yx, yy, yz = rotations[k, 1, 0], rotations[k, 1, 1], rotations[k, 1, 2]
-    zx, zy, zz = rotations[k, 2, 0], rotations[k, 2, 1], rotations[k, 2, 2]
-    x, y, z = positions_m[k, 0], positions_m[k, 1], positions_m[k, 2]
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows_of(lamps.lamp_from_world[k])
+    x, y, z = lamps.positions_m[k, 0], lamps.positions_m[k, 1], lamps.positions_m[k, 2]
     for n in range(count):
         dx, dy, dz = lanes[SPOT_X + n] - x, lanes[SPOT_Y + n] - y, lanes[SPOT_Z + n] - z
         along = -(dx * lanes[SPOT_TOWARDS_X + n] + dy * lanes[SPOT_TOWARDS_Y + n] + dz * lanes[SPOT_TOWARDS_Z + n])
@@ -418,12 +405,9 @@ def quick_exp(power: np.float32) -> np.float32:
     """
     part = power * SIXTY_FOURTH
     value = ONE + part * (ONE + part * (HALF + part * SIXTH))
-    value *= value
-    value *= value
-    value *= value
-    value *= value
-    value *= value
-    return value * value
+    for _ in range(6):
+        value *= value
+    return value
 
 
 @inlined

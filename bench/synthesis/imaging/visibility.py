@@ -6,20 +6,261 @@ and it is exact where a camera of straight lines would not be.
 A ray r passes through a triangle with corners a, b, c, seen from the origin, where r = t (i a + j b + k c) with
 i, j, k >= 0 and t > 0. With volume = a . (b x c), i, j and k are the products of r with (b x c), (c x a), (a x b) over
 volume, up to the factor 1 / t that is their sum.
+
+Tables of a lens hold the ray of every pixel, and the pixels near a direction.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.cameras import CameraModel, ray_grid
+from bench.geometry import normalise
 from bench.machine_code import compiled, inlined
-from bench.synthesis.imaging.lens import BLOCK_PX, REGION_PX, TILE_PX, Lens, chart_pixel
+
+CHART = 513  # nodes along a side of the chart of all directions; odd, so that the chart's creases fall on nodes
+
+
+def direction_chart(camera: CameraModel) -> NDArray[np.float32]:
+    """The pixel of every direction, on the unfolded octahedron.
+
+    A direction d with |x| + |y| + |z| = 1 lies at (x, y) of the square where z >= 0; the other half is folded outwards,
+    x' = (1 - |y|) sign(x), y' = (1 - |x|) sign(y).
+
+    Returns:
+        (CHART, CHART, 2) float32, px, (u, v), rows along y'; NaN where the lens does not see.
+
+    Source:
+        Meyer et al. 2010, On floating-point normal vectors.
+    """
+    x, y = np.meshgrid(*2 * [np.linspace(-1.0, 1.0, CHART)])
+    z = 1.0 - np.abs(x) - np.abs(y)
+    folded = z < 0
+    flat_x = np.where(folded, (1.0 - np.abs(y)) * np.where(x < 0, -1.0, 1.0), x)
+    flat_y = np.where(folded, (1.0 - np.abs(x)) * np.where(y < 0, -1.0, 1.0), y)
+    pixels, valid = camera.project(np.stack([flat_x, flat_y, z], axis=-1).reshape(-1, 3))
+    return np.where(valid[:, None], pixels, np.nan).reshape(CHART, CHART, 2).astype(np.float32)
+
+
+@inlined
+def chart_pixel(x: float, y: float, z: float, chart: NDArray[np.float32]) -> tuple[float, float]:
+    """The pixel of a direction, NaN where the lens does not see it."""
+    size = abs(x) + abs(y) + abs(z)
+    p, q = x / size, y / size
+    if z < 0:
+        p, q = (1.0 - abs(q)) * (-1.0 if p < 0 else 1.0), (1.0 - abs(p)) * (-1.0 if q < 0 else 1.0)
+    half = (CHART - 1) / 2
+    column, row = (p + 1.0) * half, (q + 1.0) * half
+    i, j = min(int(row), CHART - 2), min(int(column), CHART - 2)
+    a, b = row - i, column - j
+    u = (1 - a) * ((1 - b) * chart[i, j, 0] + b * chart[i, j + 1, 0]) + a * (
+        (1 - b) * chart[i + 1, j, 0] + b * chart[i + 1, j + 1, 0]
+    )
+    v = (1 - a) * ((1 - b) * chart[i, j, 1] + b * chart[i, j + 1, 1]) + a * (
+        (1 - b) * chart[i + 1, j, 1] + b * chart[i + 1, j + 1, 1]
+    )
+    return u, v
+
+
+@compiled
+def chart_error_px(chart: NDArray[np.float32], rays: NDArray[np.float32], valid: NDArray[np.bool_]) -> float:
+    """Largest error of the chart over all pixels of an image, in u or v.
+
+    Args:
+        chart: see `direction_chart`.
+        rays: (3, H, W), camera frame.
+        valid: (H, W), where there is a ray.
+    """
+    height, width = valid.shape
+    worst = 0.0
+    for row in range(height):
+        for column in range(width):
+            if valid[row, column]:
+                u, v = chart_pixel(rays[0, row, column], rays[1, row, column], rays[2, row, column], chart)
+                if u == u:  # beside what the lens does not see, the chart says nothing
+                    worst = max(worst, abs(u - column), abs(v - row))
+    return worst
+
+
+Number = TypeVar("Number", bound=np.generic)
+
+REGION_PX, BLOCK_PX, TILE_PX = 128, 32, 8  # big triangles are looked for in squares of these sizes
+SMALLEST_RAD = 1e-6  # per pixel, next to pixels without a ray
+
+
+class Projection(NamedTuple):
+    """Where a lens shows a triangle.
+
+    Attributes:
+        chart: (CHART, CHART, 2) float32, the pixel of every direction, see `direction_chart`.
+        chart_error_px: how far the chart is off at most.
+        px_per_rad: the largest there is.
+        widest_rad: largest angle of a ray off the optical axis.
+        height: of the image, px.
+        width: of the image, px.
+    """
+
+    chart: NDArray[np.float32]
+    chart_error_px: float
+    px_per_rad: float
+    widest_rad: float
+    height: int
+    width: int
+
+
+class Tiles(NamedTuple):
+    """The rays of a lens tile by tile, and cones around them, see `_cones`.
+
+    Attributes:
+        rays: (H / 8, W / 8, 3, 64) float32, the rays of each tile beside each other; 0 where not valid.
+        cones: (H / 8, W / 8, 5) float32.
+        blocks: (H / 32, W / 32, 5) float32, cones.
+        regions: (H / 128, W / 128, 5) float32, cones.
+    """
+
+    rays: NDArray[np.float32]
+    cones: NDArray[np.float32]
+    blocks: NDArray[np.float32]
+    regions: NDArray[np.float32]
+
+
+class DepthImage(NamedTuple):
+    """An image while triangles are drawn into it.
+
+    Attributes:
+        inverse_depth_bits: (H / 8, W / 8, 64) int32, 1 / m, 1 over the distance of what is seen; 0 where there is
+            nothing; in single precision, read as whole numbers, whose order is the same.
+        triangles: (H / 8, W / 8, 64) int32, row of what is seen.
+        farthest: (H / 8, W / 8) float32, at most the inverse depth of all that is seen in each tile.
+        farthest_bits: the same memory, read as whole numbers.
+        changed: (H / 8, W / 8) bool, tiles that were drawn into since `farthest` was found.
+    """
+
+    inverse_depth_bits: NDArray[np.int32]
+    triangles: NDArray[np.int32]
+    farthest: NDArray[np.float32]
+    farthest_bits: NDArray[np.int32]
+    changed: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Lens:
+    """Lookups of a camera model.
+
+    Attributes:
+        valid: (H, W) bool, where the lens sees anything.
+        rays: (3, H, W) float32, camera frame, unit length; 0 where not valid.
+        along_u: (H, W, 3) float32, change of the ray from pixel to pixel to the right.
+        along_v: (H, W, 3) float32, the same downwards.
+        across: (2, 3, H, W) float32: times a small change of a ray it gives the change of its pixel.
+        off_axis_cos: (H, W) float64, cosine of the angle between the ray and the optical axis.
+        projection: where it shows what.
+        tiles: rays and cones around them.
+        tile_pixel_rad: (H / 8, W / 8, 64) float32, the widths of the pixels of each tile.
+    """
+
+    valid: NDArray[np.bool_]
+    rays: NDArray[np.float32]
+    along_u: NDArray[np.float32]
+    along_v: NDArray[np.float32]
+    across: NDArray[np.float32]
+    off_axis_cos: NDArray[np.float64]
+    projection: Projection
+    tiles: Tiles
+    tile_pixel_rad: NDArray[np.float32]
+
+
+def lens_of(camera: CameraModel) -> Lens:
+    """Build the lookups."""
+    grid = ray_grid(camera)
+    rays = np.where(grid.valid[..., None], grid.rays_camera, 0.0)
+    along_u, along_v = _steps(grid.rays_camera, axis=1), _steps(grid.rays_camera, axis=0)
+    pixel_rad = np.maximum(np.linalg.norm(along_u, axis=2), SMALLEST_RAD)
+    widest = pixel_rad[grid.valid].max() if grid.valid.any() else SMALLEST_RAD
+    narrowest = np.percentile(pixel_rad[grid.valid], 0.1) if grid.valid.any() else SMALLEST_RAD
+    rays_by_axis = np.ascontiguousarray(np.moveaxis(rays, 2, 0), dtype=np.float32)
+    chart = direction_chart(camera)
+    return Lens(
+        valid=grid.valid,
+        rays=rays_by_axis,
+        along_u=along_u.astype(np.float32),
+        along_v=along_v.astype(np.float32),
+        across=_across(along_u, along_v),
+        off_axis_cos=rays[..., 2],
+        projection=Projection(
+            chart=chart,
+            chart_error_px=chart_error_px(chart, rays_by_axis, grid.valid),
+            px_per_rad=float(1.0 / narrowest),
+            widest_rad=float(np.arccos(np.clip(rays[..., 2][grid.valid].min(initial=1.0), -1.0, 1.0))),
+            height=camera.height,
+            width=camera.width,
+        ),
+        tiles=Tiles(
+            np.ascontiguousarray(_squares(rays, TILE_PX).swapaxes(2, 3), dtype=np.float32),
+            *(_cones(rays, size_px, widest) for size_px in (TILE_PX, BLOCK_PX, REGION_PX)),
+        ),
+        tile_pixel_rad=_squares(pixel_rad[..., None], TILE_PX)[..., 0].astype(np.float32),
+    )
+
+
+def untiled(tiled: NDArray[Number], shape: tuple[int, int]) -> NDArray[Number]:
+    """Bring an image that lies tile by tile, (H / 8, W / 8, 64), into rows, (H, W)."""
+    rows, columns = tiled.shape[:2]
+    whole = tiled.reshape(rows, columns, TILE_PX, TILE_PX).swapaxes(1, 2).reshape(rows * TILE_PX, columns * TILE_PX)
+    return np.ascontiguousarray(whole[: shape[0], : shape[1]])
+
+
+def _steps(rays_camera: NDArray[np.float64], *, axis: int) -> NDArray[np.float64]:
+    """Change of the ray from pixel to pixel along an image axis; 0 next to pixels without one."""
+    steps = np.gradient(rays_camera, axis=axis)
+    return np.asarray(cv2.blur(np.nan_to_num(steps), (3, 3)), dtype=np.float64)
+
+
+def _across(along_u: NDArray[np.float64], along_v: NDArray[np.float64]) -> NDArray[np.float32]:
+    """The dual of the two steps, by the inverse of their 2 x 2 matrix of products."""
+    uu, uv, vv = (np.einsum("hwi,hwi->hw", a, b) for a, b in ((along_u,) * 2, (along_u, along_v), (along_v,) * 2))
+    area = uu * vv - uv * uv
+    scale = np.where(area > SMALLEST_RAD**4, 1.0 / np.maximum(area, SMALLEST_RAD**4), 0.0)
+    dual_u = (vv * scale)[..., None] * along_u - (uv * scale)[..., None] * along_v
+    dual_v = (uu * scale)[..., None] * along_v - (uv * scale)[..., None] * along_u
+    return np.ascontiguousarray(np.moveaxis(np.stack([dual_u, dual_v]), 3, 1), dtype=np.float32)
+
+
+def _cones(rays: NDArray[np.float64], size_px: int, widest_rad: float) -> NDArray[np.float32]:
+    """A cone around all rays of each square of pixels: axis, then cosine and sine of its half angle.
+
+    Squares without a ray have a cosine of 2.
+    """
+    squares = _squares(rays, size_px)
+    sums = squares.sum(axis=2)
+    filled = np.linalg.norm(sums, axis=-1) > 0
+    axes = normalise(np.where(filled[..., None], sums, (0.0, 0.0, 1.0)))
+    products = np.where((squares != 0).any(axis=-1), np.einsum("rcni,rci->rcn", squares, axes), 1.0)
+    half_rad = np.arccos(np.clip(products.min(axis=2), -1.0, 1.0)) + widest_rad
+    half_rad = np.minimum(half_rad, np.pi)
+    cosine = np.where(filled, np.cos(half_rad), 2.0)
+    return np.concatenate(
+        [axes, cosine[..., None], np.sin(np.minimum(half_rad, np.pi / 2))[..., None]], axis=-1
+    ).astype(np.float32)
+
+
+def _squares(image: NDArray[np.float64], size_px: int) -> NDArray[np.float64]:
+    """Values of an image, (H, W, N), in each square of pixels, (rows, columns, size_px ** 2, N); 0 beyond it."""
+    height, width, depth = image.shape
+    padded = np.zeros((-(-height // size_px) * size_px, -(-width // size_px) * size_px, depth))
+    padded[:height, :width] = image
+    squares = padded.reshape(padded.shape[0] // size_px, size_px, padded.shape[1] // size_px, size_px, depth)
+    return squares.swapaxes(1, 2).reshape(squares.shape[0], squares.shape[2], -1, depth)
+
 
 SMALL = 0.3  # chord of the longest edge on the unit sphere, of triangles that are looked for by their corners
 BOW = 0.35  # rad of sagitta per rad^2 of edge length: straight edges bow in a fisheye image by less than this
+LEAST_MARGIN_PX = 0.05  # around boxes of triangles, beside twice what the chart is off
 HIDDEN, BIG = -1, -2  # first column of a triangle's box that is not seen, or not known
 # Columns of a triangle's plane, one cache line of 16 numbers: the three products above over the volume, then their sum,
 # whose product with a ray is 1 over the distance, its length, and the lengths of the three.
@@ -32,12 +273,8 @@ def find_planes(
     corners: NDArray[np.float64],
     camera_from_world: NDArray[np.float64],
     origin: NDArray[np.float64],
-    chart: NDArray[np.float32],
-    chart_error_px: float,
-    px_per_rad: float,
-    widest_rad: float,
+    projection: Projection,
     reach_m: float,
-    shape: tuple[int, int],
     planes: NDArray[np.float32],
     boxes: NDArray[np.int16],
     distances_m: NDArray[np.float32],
@@ -49,19 +286,16 @@ def find_planes(
         corners: (T, 3, 3), m, world.
         camera_from_world: (3, 3), rotation.
         origin: (3,), m, the camera in the world.
-        chart: see `direction_chart`.
-        chart_error_px: how far it is off.
-        px_per_rad: the largest there is.
-        widest_rad: largest angle of a ray off the optical axis.
+        projection: of the lens.
         reach_m: what looks small and lies further away is left out.
-        shape: height and width of the image, px.
         planes: (T, 16), filled, columns as above.
         boxes: (T, 4), filled: first and last column, first and last row; or HIDDEN or BIG.
         distances_m: (T,), filled: of the nearest corner; where not hidden.
         seen: (3, 3), scratch space.
     """
-    height, width = shape
-    least_cos = np.cos(widest_rad)
+    height, width, chart = projection.height, projection.width, projection.chart
+    least_cos = np.cos(projection.widest_rad)
+    least_margin_px = 2.0 * projection.chart_error_px + LEAST_MARGIN_PX
     for t in range(len(corners)):
         boxes[t, 0] = HIDDEN
         inside = True
@@ -92,7 +326,7 @@ def find_planes(
                 inside = inside and u == u
                 low_u, high_u, low_v, high_v = min(low_u, u), max(high_u, u), min(low_v, v), max(high_v, v)
             if inside:
-                margin = chart_error_px + BOW * px_per_rad * chord2
+                margin = least_margin_px + BOW * projection.px_per_rad * chord2
                 first_u, last_u = max(np.ceil(low_u - margin), 0), min(np.floor(high_u + margin), width - 1)
                 first_v, last_v = max(np.ceil(low_v - margin), 0), min(np.floor(high_v + margin), height - 1)
                 if first_u > last_u or first_v > last_v:
@@ -125,15 +359,8 @@ def draw(
     planes: NDArray[np.float32],
     boxes: NDArray[np.int16],
     order: NDArray[np.int32],
-    rays: NDArray[np.float32],
-    regions: NDArray[np.float32],
-    blocks: NDArray[np.float32],
-    tiles: NDArray[np.float32],
-    inverse_depth_bits: NDArray[np.int32],
-    triangles: NDArray[np.int32],
-    farthest: NDArray[np.float32],
-    farthest_bits: NDArray[np.int32],
-    changed: NDArray[np.bool_],
+    lens: Tiles,
+    image: DepthImage,
 ) -> None:
     """Draw triangles into an image.
 
@@ -141,17 +368,10 @@ def draw(
         planes: (T, 16), see `find_planes`.
         boxes: (T, 4).
         order: (S,), in which to draw.
-        rays: see `Lens.tile_rays`.
-        regions: cones, see `Lens`.
-        blocks: cones.
-        tiles: cones.
-        inverse_depth_bits: (H / 8, W / 8, 64), 1 / m, 1 over the distance of what is seen; 0 where there is nothing; in
-            single precision, read as whole numbers, whose order is the same; changed.
-        triangles: (H / 8, W / 8, 64), row of what is seen; changed.
-        farthest: (H / 8, W / 8), at most the inverse_depth of all that is seen in each tile; changed.
-        farthest_bits: the same memory.
-        changed: (H / 8, W / 8), tiles that were drawn into since `farthest` was found; changed.
+        lens: its rays and cones.
+        image: changed.
     """
+    regions, blocks, tiles = lens.regions, lens.blocks, lens.cones
     up, per = REGION_PX // BLOCK_PX, BLOCK_PX // TILE_PX
     for n in range(len(order)):
         t = order[n]
@@ -159,10 +379,7 @@ def draw(
         if left != BIG:
             for v in range(top // TILE_PX, bottom // TILE_PX + 1):
                 for u in range(left // TILE_PX, right // TILE_PX + 1):
-                    _draw_tile(
-                        t, planes, v, u, rays, tiles, inverse_depth_bits, triangles, farthest, farthest_bits,
-                        changed,
-                    )  # fmt: skip
+                    _draw_tile(t, planes, v, u, lens, image)
             continue
         for region_v in range(regions.shape[0]):
             for region_u in range(regions.shape[1]):
@@ -179,15 +396,12 @@ def draw(
                         hidden_behind = np.float32(np.inf)
                         for v in range(block_v * per, last_v):
                             for u in range(block_u * per, last_u):
-                                hidden_behind = min(hidden_behind, farthest[v, u])
+                                hidden_behind = min(hidden_behind, image.farthest[v, u])
                         if _largest(planes, t, blocks, block_v, block_u) < hidden_behind:
                             continue
                         for v in range(block_v * per, last_v):
                             for u in range(block_u * per, last_u):
-                                _draw_tile(
-                                    t, planes, v, u, rays, tiles, inverse_depth_bits, triangles, farthest,
-                                    farthest_bits, changed,
-                                )  # fmt: skip
+                                _draw_tile(t, planes, v, u, lens, image)
 
 
 @inlined
@@ -218,35 +432,23 @@ def _largest(planes: NDArray[np.float32], t: int, cones: NDArray[np.float32], v:
 
 
 @inlined
-def _draw_tile(
-    t: int,
-    planes: NDArray[np.float32],
-    v: int,
-    u: int,
-    rays: NDArray[np.float32],
-    cones: NDArray[np.float32],
-    inverse_depth_bits: NDArray[np.int32],
-    triangles: NDArray[np.int32],
-    farthest: NDArray[np.float32],
-    farthest_bits: NDArray[np.int32],
-    changed: NDArray[np.bool_],
-) -> None:
+def _draw_tile(t: int, planes: NDArray[np.float32], v: int, u: int, lens: Tiles, image: DepthImage) -> None:
     """Draw into a tile, unless all that is seen there is nearer."""
-    largest = _largest(planes, t, cones, v, u)
-    if largest < farthest[v, u] or _outside(planes, t, cones, v, u):
+    largest = _largest(planes, t, lens.cones, v, u)
+    if largest < image.farthest[v, u] or _outside(planes, t, lens.cones, v, u):
         return
-    if changed[v, u]:
-        least = inverse_depth_bits[v, u, 0]
+    if image.changed[v, u]:
+        least = image.inverse_depth_bits[v, u, 0]
         for n in range(1, TILE_PX * TILE_PX):
-            least = min(least, inverse_depth_bits[v, u, n])
-        farthest_bits[v, u], changed[v, u] = least, False
-        if largest < farthest[v, u]:
+            least = min(least, image.inverse_depth_bits[v, u, n])
+        image.farthest_bits[v, u], image.changed[v, u] = least, False
+        if largest < image.farthest[v, u]:
             return
     ax, ay, az, bx, by, bz = planes[t, 0], planes[t, 1], planes[t, 2], planes[t, 3], planes[t, 4], planes[t, 5]
     cx, cy, cz = planes[t, 6], planes[t, 7], planes[t, 8]
     zero, number, nothing = np.float32(0.0), np.int32(t), np.int32(0)
-    xs, ys, zs = rays[v, u, 0], rays[v, u, 1], rays[v, u, 2]
-    near_here, seen_here = inverse_depth_bits[v, u], triangles[v, u]
+    xs, ys, zs = lens.rays[v, u, 0], lens.rays[v, u, 1], lens.rays[v, u, 2]
+    near_here, seen_here = image.inverse_depth_bits[v, u], image.triangles[v, u]
     # Always all of a tile and without branches, for the compiler to take several pixels at once.
     for n in range(TILE_PX * TILE_PX):
         x, y, z = xs[n], ys[n], zs[n]
@@ -258,10 +460,9 @@ def _draw_tile(
         former, seen = near_here[n], seen_here[n]
         near_here[n] = max(bits, former)
         seen_here[n] = number if bits > former else seen
-    changed[v, u] = True
+    image.changed[v, u] = True
 
 
-LEAST_MARGIN_PX = 0.05  # around boxes of triangles, beside what the chart is off
 NOTHING = -1  # triangle of a pixel that sees the sky
 
 
@@ -297,24 +498,19 @@ def find_visible(
         origin_m: (3,), m, the camera in the world.
         reach_m: what looks small and lies further away is left out.
     """
-    count, shape = len(corners_m), (lens.valid.shape[0], lens.valid.shape[1])
+    count = len(corners_m)
     planes, boxes = np.empty((count, COLUMNS), dtype=np.float32), np.empty((count, 4), dtype=np.int16)
     distances_m = np.empty(count, dtype=np.float32)
-    find_planes(
-        corners_m, camera_from_world, origin_m, lens.chart, 2.0 * lens.chart_error_px + LEAST_MARGIN_PX,
-        lens.px_per_rad, lens.widest_rad, reach_m, shape, planes, boxes,
-        distances_m, np.empty((3, 3)),
-    )  # fmt: skip
+    scratch = np.empty((3, 3))
+    find_planes(corners_m, camera_from_world, origin_m, lens.projection, reach_m, planes, boxes, distances_m, scratch)
     # Roughly from near to far: what is hidden is then found early. The highest bits of single precision are in order.
     seen = np.flatnonzero(boxes[:, 0] != HIDDEN)
     buckets = (distances_m.view(np.int32)[seen] >> DROPPED_BITS).astype(np.uint16)
     order = seen[np.argsort(buckets, kind="stable")].astype(np.int32)
-    rows, columns = lens.tiles.shape[:2]
+    rows, columns = lens.tiles.cones.shape[:2]
     inverse_depth = np.zeros((rows, columns, TILE_PX * TILE_PX), dtype=np.float32)
     triangles = np.full(inverse_depth.shape, NOTHING, dtype=np.int32)
     farthest, changed = np.zeros((rows, columns), dtype=np.float32), np.zeros((rows, columns), dtype=np.bool_)
-    draw(
-        planes, boxes, order, lens.tile_rays, lens.regions, lens.blocks, lens.tiles,
-        inverse_depth.view(np.int32), triangles, farthest, farthest.view(np.int32), changed,
-    )  # fmt: skip
+    image = DepthImage(inverse_depth.view(np.int32), triangles, farthest, farthest.view(np.int32), changed)
+    draw(planes, boxes, order, lens.tiles, image)
     return View(planes=planes, triangles=triangles, inverse_depth=inverse_depth)

@@ -14,9 +14,7 @@ import shapely
 
 from bench.synthesis.mesh import COLUMN_OF, Mesh, Surface, box, joined, quads
 from bench.synthesis.scenario import StreetSpec
-from bench.synthesis.world.furniture import drawn_trees
-from bench.synthesis.world.ground import ground, kerbs, laid_stones, paving
-from bench.synthesis.world.plan import Plan, Site, drawn_plan
+from bench.synthesis.world.plan import Plan, Site, drawn_plan, ground, kerbs, laid_stones, paving
 from bench.synthesis.world.road_surface import markings, wear
 from bench.synthesis.world.roadside import fronts, guard_rails, lamps, parked_cars, roadsides, street_furniture, trees
 from bench.synthesis.world.solids import (
@@ -31,6 +29,7 @@ from bench.synthesis.world.solids import (
     drawn_wall,
     tinted,
 )
+from bench.synthesis.world.structures import drawn_trees
 
 SKY_RADIUS_M = 500.0
 LAND_M = -0.05  # below everything else that is flat

@@ -199,7 +199,7 @@ class Carriageway:
 
 def wear(plan: Plan, asphalt: Surface, rng: np.random.Generator) -> list[Mesh]:
     """Everything that makes one piece of road differ from the next."""
-    amount = float(rng.beta(2.0, 2.5)) if plan.spec.wear is None else plan.spec.wear
+    amount = float(rng.beta(2.0, 2.5))  # from 0, just laid, to 1, cracked and patched all over
     section = plan.section
     inner_m = section.left_m + 0.4 if plan.spec.kind == "avenue" else section.left_kerb_m
     road = Carriageway(lane=plan.lane, right_m=section.right_kerb_m, left_m=inner_m)

@@ -13,11 +13,15 @@ from shapely.geometry.base import BaseGeometry
 from bench.geometry import RigidTransform
 from bench.synthesis.bodies import make_body
 from bench.synthesis.mesh import COLUMN_OF, Mesh, Surface, joined, slab, tube
-from bench.synthesis.world.buildings import DEPTH_M, building
-from bench.synthesis.world.furniture import (
+from bench.synthesis.world.plan import BAY_M, BAY_WIDTH_M, PARKING_M, Alignment, Plan, Site, around, footprint, spot
+from bench.synthesis.world.road_surface import row_starts_m
+from bench.synthesis.world.solids import PANE, boxes
+from bench.synthesis.world.structures import (
+    DEPTH_M,
     FURNITURE,
     HEDGE_M,
     TREE_FORMS,
+    building,
     bush,
     fence,
     globe_lamp,
@@ -26,9 +30,6 @@ from bench.synthesis.world.furniture import (
     lamp_post,
     wall,
 )
-from bench.synthesis.world.plan import BAY_M, BAY_WIDTH_M, PARKING_M, Alignment, Plan, Site, around, footprint, spot
-from bench.synthesis.world.road_surface import row_starts_m
-from bench.synthesis.world.solids import PANE, boxes
 
 KINDS = ("car", "saloon", "estate", "suv", "city_car", "van")  # what parks in a street
 SPACE_M = 6.0  # of the kerb for each car

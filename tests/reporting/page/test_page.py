@@ -19,7 +19,7 @@ from tests.support.stored_files import change_manifest
 
 SECTIONS = [
     "glance", "results", "splits", "recordings", "around", "plane", "coverage", "threshold", "causes", "worst",
-    "frames", "time", "origin", "ledger",
+    "frames", "origin", "ledger",
 ]  # fmt: skip
 OF_FRAMES = {"plane", "threshold", "causes"}
 

@@ -1,5 +1,0 @@
-"""The aiMotive multimodal data set as recordings; see `adapter`."""
-
-from bench.adapters.aimotive.adapter import aimotive_recordings
-
-__all__ = ["aimotive_recordings"]

@@ -1,0 +1,304 @@
+"""KITTI's raw drives (Geiger, Lenz, Stiller and Urtasun 2013), synchronised and rectified.
+
+```
+<date>/calib_{cam_to_cam,velo_to_cam,imu_to_velo}.txt
+<date>/<date>_drive_<number>_sync/
+  image_0{0,1,2,3}/{data/<frame>.png, timestamps.txt}
+  velodyne_points/{data/<frame>.bin, timestamps.txt}
+  oxts/{data/<frame>.txt, timestamps.txt}
+  tracklet_labels.xml
+```
+
+What is translated here, once:
+
+- The vehicle frame has the axes of the GPS/IMU (x forward, y left, z up) and its origin on the road below the middle of
+  the rear axle; the calibration gives only places of sensors to each other, so that the card's option says where the
+  laser scanner sits.
+- Each sensor has its own times of frames, of one clock. A scan has the time at which the scanner faces forward, when it
+  triggers the cameras; it turns to the left, so that a point at azimuth a was measured a/(2 pi) of a turn later.
+- Latitude and longitude become metres by a Mercator projection that is true to scale at the first frame.
+- A tracklet's boxes are those of the scans with its frame numbers; how they move is taken from their places.
+- A drive without tracklets is not annotated. Tracklets are of what the cameras see.
+
+Sources:
+    The raw data's readme and development kit (`convertOxtsToPose.m`, `run_demoVelodyne.m`, `readTracklets.m`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.spatial.transform import Rotation
+
+from bench.adapters.kitti360.files import read_clock, read_turn
+from bench.adapters.tracklets import UNSET, Tracklet, read_tracklets, upright_box
+from bench.atomic import linked_folder, refuse_escape
+from bench.cameras import PinholeCamera
+from bench.egomotion import Trajectory
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.recordings.annotations import annotation_file_in, read_annotations
+from bench.recordings.catalogue import RecordingHandle
+from bench.recordings.files import framed_files, numbers, read_text
+from bench.recordings.mounting import CameraOptions, Polygon
+from bench.recordings.validation import located, validated
+from bench.records.recording import (
+    COMPLETELY,
+    NOT_ANNOTATED,
+    Cuboid,
+    ImageRef,
+    MountedCamera,
+    ObjectState,
+    Recording,
+    SweepRef,
+    Track,
+    world_velocities,
+    world_yaw_rates,
+)
+
+CameraName = Literal["image_00", "image_01", "image_02", "image_03"]
+DRIVE = re.compile(r"\d{4}_\d\d_\d\d_drive_\d{4}_sync")
+SCANS, MOTION, TRACKLETS = "velodyne_points", "oxts", "tracklet_labels.xml"
+LARGEST_CALIBRATION_BYTES = 100_000
+OXTS_FIELDS = 30  # latitude, longitude (degrees), altitude (m), roll, pitch, yaw (rad, yaw from east to the left), ...
+EARTH_M = 6_378_137.0
+CLASSES = {
+    "Car": "vehicle", "Van": "vehicle", "Truck": "vehicle", "Tram": "vehicle", "Misc": "vehicle",
+    "Pedestrian": "pedestrian", "Person (sitting)": "pedestrian", "Cyclist": "cyclist",
+}  # fmt: skip
+
+
+class KittiRawOptions(CameraOptions[CameraName]):
+    """The card's `options`.
+
+    Attributes:
+        cameras: those to evaluate, of those that are there.
+        lidar_position_m: the laser scanner in the vehicle frame.
+        vehicle_outline_m: the ego vehicle seen from above, vehicle frame.
+        licence: of the data.
+    """
+
+    cameras: tuple[CameraName, ...] = Field(default=("image_02",), min_length=1)
+    lidar_position_m: tuple[float, float, float] = (0.76, 0.0, 1.73)
+    vehicle_outline_m: Polygon = Field(default=((-1.0, -0.91), (3.8, -0.91), (3.8, 0.91), (-1.0, 0.91)), min_length=3)
+    licence: str = "CC BY-NC-SA 3.0"
+
+
+def kitti_raw_recordings(
+    root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
+) -> tuple[RecordingHandle, ...]:
+    """The adapter `kitti-raw`: each `<date>/<drive>_sync` is a recording.
+
+    Raises:
+        DataError: options that are wrong.
+    """
+    chosen = validated(KittiRawOptions, options, file=card, field="options")
+    drives = sorted(path for path in root.glob("*/*") if DRIVE.fullmatch(path.name) and path.is_dir())
+    handles = []
+    for drive in drives:
+        file = annotation_file_in(annotations, drive.name)
+        opener = partial(open_kitti_raw, root, drive, chosen, annotations=file)
+        handles.append(RecordingHandle(name=drive.name, opener=opener))
+    return tuple(handles)
+
+
+def open_kitti_raw(root: Path, folder: Path, options: KittiRawOptions, *, annotations: Path | None = None) -> Recording:
+    """Open a drive.
+
+    Args:
+        root: folder of the data set, above the dates.
+        folder: of the drive.
+        options: as in the card.
+        annotations: annotation file that stands in for the tracklets; None for none.
+
+    Raises:
+        DataError: a file that is missing or not what the format asks for.
+    """
+    within = linked_folder(root, folder, levels=options.follow_links)
+    names = [name for name in options.cameras if (folder / name / "data").is_dir()]
+    if not names:
+        raise DataError(folder, expected=f"images of {' or '.join(options.cameras)}", got="none")
+    vehicle_from_lidar, vehicle_from_imu, cameras = _read_rig(root, folder.parent, names, options)
+    images = {name: _timed_files(within, folder / name, "png") for name in names}
+    scans, turn_ns = _timed_files(within, folder / SCANS, "bin")
+    trajectory = _trajectory(within, folder / MOTION, vehicle_from_imu)
+    reader = partial(read_turn, period_ns=turn_ns, to_the_left=True)
+    tracklets = folder / TRACKLETS
+    refuse_escape(within, tracklets, file=tracklets)
+    if annotations is not None:
+        tracks: tuple[Track, ...] = read_annotations(annotations)
+    else:
+        times_ns = {frame: time_ns for frame, (time_ns, _) in scans.items()}
+        tracks = _tracks(tracklets, times_ns, vehicle_from_lidar, trajectory) if tracklets.is_file() else ()
+    return Recording(
+        name=folder.name,
+        root=root,
+        licence=options.licence,
+        frame_interval_ns=images[names[0]][1],
+        cameras=cameras,
+        images={
+            name: tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in files.values())
+            for name, (files, _) in images.items()
+        },
+        trajectory=trajectory,
+        vehicle_from_lidar=vehicle_from_lidar,
+        sweeps=tuple(SweepRef(timestamp_ns=t, path=path, reader=reader) for t, path in scans.values()),
+        tracks=tracks,
+        annotated=COMPLETELY if annotations is not None or tracklets.is_file() else NOT_ANNOTATED,
+        vehicle_outline_m=np.array(options.vehicle_outline_m, dtype=np.float64),
+    )
+
+
+def _timed_files(root: Path, folder: Path, suffix: str) -> tuple[dict[int, tuple[int, Path]], int]:
+    """Times and files of a sensor by frame, and the time between two of them, ns."""
+    files = framed_files(root, folder / "data", rf"(\d{{10}})\.{suffix}")
+    if not files:
+        raise DataError(folder / "data", expected=f"files <frame, ten digits>.{suffix}", got="none")
+    file = folder / "timestamps.txt"
+    refuse_escape(root, file, file=file)
+    clock = read_clock(file, list(files))
+    return {frame: (clock.at(frame, file=path), path) for frame, path in files.items()}, clock.interval_ns
+
+
+def _read_rig(
+    root: Path, folder: Path, names: list[CameraName], options: KittiRawOptions
+) -> tuple[RigidTransform, RigidTransform, dict[str, MountedCamera]]:
+    """Mountings of the laser scanner and of the GPS/IMU, and the cameras."""
+    within = linked_folder(root, folder, levels=options.follow_links)
+    file = folder / "calib_cam_to_cam.txt"
+    stated = _calibration(within, file)
+    lidar_from_imu = _mounting(within, folder / "calib_imu_to_velo.txt")
+    camera_0_from_lidar = _mounting(within, folder / "calib_velo_to_cam.txt")
+    vehicle_from_lidar = RigidTransform(lidar_from_imu.rotation.T, np.array(options.lidar_position_m))
+    rectified_from_camera_0 = _rotation(stated, "R_rect_00", file)
+    cameras: dict[str, MountedCamera] = {}
+    for name in names:
+        number = name.removeprefix("image_")
+        width, height = _stated(stated, f"S_rect_{number}", 2, file)
+        projection = np.array(_stated(stated, f"P_rect_{number}", 12, file)).reshape(3, 4)
+        with located(file, f"P_rect_{number}"):
+            lens = PinholeCamera(
+                width=round(width),
+                height=round(height),
+                focal=(float(projection[0, 0]), float(projection[1, 1])),
+                principal_point=(float(projection[0, 2]), float(projection[1, 2])),
+            )
+        camera_from_rectified = RigidTransform(np.eye(3), np.linalg.solve(projection[:, :3], projection[:, 3]))
+        camera_from_lidar = camera_from_rectified @ rectified_from_camera_0 @ camera_0_from_lidar
+        vehicle_from_camera = vehicle_from_lidar @ camera_from_lidar.inverse()
+        cameras[name] = options.mounted(name, lens, vehicle_from_camera, file=file, field=name)
+    return vehicle_from_lidar, vehicle_from_lidar @ lidar_from_imu, cameras
+
+
+def _calibration(root: Path, file: Path) -> dict[str, list[str]]:
+    """Numbers by name, as words."""
+    refuse_escape(root, file, file=file)
+    lines = [line.partition(":") for line in read_text(file, largest_bytes=LARGEST_CALIBRATION_BYTES).splitlines()]
+    return {name.strip(): words.split() for name, colon, words in lines if colon}
+
+
+def _stated(calibration: Mapping[str, list[str]], name: str, count: int, file: Path) -> list[float]:
+    if name not in calibration:
+        raise DataError(file, field=name, expected=f"a line with {count} numbers", got="none")
+    return numbers(calibration[name], count, file=file, field=name)
+
+
+def _rotation(calibration: Mapping[str, list[str]], name: str, file: Path) -> RigidTransform:
+    matrix = np.array(_stated(calibration, name, 9, file)).reshape(3, 3)
+    with located(file, name):
+        return RigidTransform.from_matrix(np.column_stack([matrix, np.zeros(3)]))
+
+
+def _mounting(root: Path, file: Path) -> RigidTransform:
+    """The transform of a file with `R` and `T`."""
+    calibration = _calibration(root, file)
+    return RigidTransform(_rotation(calibration, "R", file).rotation, np.array(_stated(calibration, "T", 3, file)))
+
+
+def _trajectory(root: Path, folder: Path, vehicle_from_imu: RigidTransform) -> Trajectory:
+    """Poses of the vehicle in a world that begins below the first one; x is east, z is up."""
+    files, _ = _timed_files(root, folder, "txt")
+    times_ns, paths = zip(*files.values(), strict=True)
+    rows = np.array([numbers(read_text(f).split(), OXTS_FIELDS, file=f, field="oxts") for f in paths])
+    latitude, longitude = np.radians(rows[:, 0]), np.radians(rows[:, 1])
+    if not (np.abs(latitude) < np.radians(85.0)).all():
+        raise DataError(folder / "data", field="latitude", expected="between -85 and 85 degrees", got="another")
+    scale_m = np.cos(latitude[0]) * EARTH_M
+    north = np.log(np.tan(np.pi / 4 + latitude / 2))
+    positions_m = np.column_stack([scale_m * longitude, scale_m * north, rows[:, 2]])
+    world_from_imu = Rotation.from_euler("ZYX", rows[:, [5, 4, 3]])
+    rotations = world_from_imu * Rotation.from_matrix(vehicle_from_imu.rotation.T)
+    positions_m += world_from_imu.as_matrix() @ vehicle_from_imu.inverse().translation_m
+    return Trajectory(
+        source=str(folder / "data"),
+        timestamps_ns=np.array(times_ns, dtype=np.int64),
+        rotations=rotations,
+        positions_m=positions_m - positions_m[0],
+    )
+
+
+def _tracks(
+    file: Path, times_ns: Mapping[int, int], vehicle_from_lidar: RigidTransform, trajectory: Trajectory
+) -> tuple[Track, ...]:
+    """Tracks from tracklets; frames without a scan and poses without ego-motion are left out.
+
+    Args:
+        file: of the tracklets.
+        times_ns: of the scans, by frame.
+        vehicle_from_lidar: mounting of the scanner, in whose frame tracklets are.
+        trajectory: of the vehicle.
+    """
+    numbered: dict[str, int] = defaultdict(int)
+    tracks = []
+    for i, tracklet in enumerate(read_tracklets(file)):
+        if tracklet.label not in CLASSES:
+            expected = f"one of {', '.join(CLASSES)}"
+            raise DataError(file, field=f"tracklets.item {i}.objectType", expected=expected, got=tracklet.label[:40])
+        numbered[tracklet.label] += 1
+        name = f"{tracklet.label} {numbered[tracklet.label]}"
+        tracks.append(_track(name, tracklet, times_ns, vehicle_from_lidar, trajectory, file, f"tracklets.item {i}"))
+    return tuple(track for track in tracks if track.states)
+
+
+def _track(
+    name: str,
+    tracklet: Tracklet,
+    times_ns: Mapping[int, int],
+    vehicle_from_lidar: RigidTransform,
+    trajectory: Trajectory,
+    file: Path,
+    field: str,
+) -> Track:
+    poses = [pose for pose in tracklet.poses if pose.state != UNSET and pose.number in times_ns]
+    at_ns = np.array([times_ns[pose.number] for pose in poses], dtype=np.int64)
+    rotations, positions_m, valid = trajectory.at(at_ns)
+    boxes = [
+        vehicle_from_lidar @ upright_box(pose, tracklet.hwl_m[0], file, f"{field}, frame {pose.number}")
+        for pose in poses
+    ]
+    centres = np.array([box.translation_m for box in boxes]).reshape(-1, 3)
+    turned = np.array([box.rotation for box in boxes]).reshape(-1, 3, 3)
+    velocities: NDArray[np.float64] = np.full((len(poses), 3), np.nan)
+    yaw_rates_radps = np.zeros(len(poses))
+    places = np.einsum("nij,nj->ni", rotations, centres) + positions_m
+    velocities[valid] = world_velocities(at_ns[valid], places[valid])
+    yaw_rates_radps[valid] = world_yaw_rates(at_ns[valid], (rotations @ turned)[valid])
+    height_m, width_m, length_m = tracklet.hwl_m
+    states = tuple(
+        ObjectState(
+            timestamp_ns=int(at_ns[i]),
+            shape=Cuboid(vehicle_from_object=boxes[i], size_m=np.array([length_m, width_m, height_m])),
+            velocity_mps=rotations[i].T @ velocities[i],
+            yaw_rate_radps=float(yaw_rates_radps[i]),
+        )
+        for i in np.flatnonzero(valid)
+    )
+    return Track(track_id=name, object_class=CLASSES[tracklet.label], states=states)

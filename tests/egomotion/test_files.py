@@ -1,0 +1,226 @@
+"""Bus signals, odometry from them by hand and by law, and pose files."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from bench.egomotion import planar_trajectory, read_bus_signals, read_tum, write_tum
+from bench.errors import DataError
+from bench.times import SECOND_NS
+
+START_NS = 1_700_000_000_123_456_789  # more digits than float64 holds
+
+
+def drive(speed_mps, yaw_rate_radps, gear=None, step_ns=SECOND_NS // 10):
+    times_ns = START_NS + step_ns * np.arange(len(speed_mps), dtype=np.int64)
+    return planar_trajectory(
+        source="drive.csv",
+        timestamps_ns=times_ns,
+        speed_mps=np.array(speed_mps, dtype=float),
+        yaw_rate_radps=np.array(yaw_rate_radps, dtype=float),
+        gear=gear,
+    )
+
+
+def test_straight_on_at_ten_metres_a_second():
+    assert drive([10.0] * 11, [0.0] * 11).positions_m[-1] == pytest.approx([10.0, 0.0, 0.0])
+
+
+def test_speed_is_the_mean_of_the_ends():
+    assert drive([0.0, 10.0], [0.0, 0.0]).positions_m[-1] == pytest.approx([0.5, 0.0, 0.0])
+
+
+def test_a_quarter_circle_is_exact_however_few_the_samples():
+    # Radius 10 m to the left: after a quarter of it the vehicle is 10 m ahead and 10 m to the left, heading left.
+    quarter_s = 10 * np.pi / 2 / 5.0
+    path = drive([5.0, 5.0], [0.5, 0.5], step_ns=round(quarter_s * SECOND_NS))
+    assert path.positions_m[-1] == pytest.approx([10.0, 10.0, 0.0], abs=1e-6)
+    assert path.rotations[-1].apply([1.0, 0.0, 0.0]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("reverse", ["R", "r", "Reverse", " rev ", "R2", -1, "-1", -2, "-1.0"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_reverse_gear_drives_backwards_whatever_the_sign_of_the_speed(reverse, sign):
+    assert drive([sign * 2.0] * 11, [0.0] * 11, gear=[reverse] * 11).positions_m[-1, 0] == pytest.approx(-2.0)
+
+
+@pytest.mark.parametrize("forward", ["D", "n", "P", 1, "3.0", "", "Drive", "M2"])
+def test_other_gears_leave_the_sign_of_the_speed(forward):
+    assert drive([2.0] * 11, [0.0] * 11, gear=[forward] * 11).positions_m[-1, 0] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("word", ["backwards", "Rückwärts", "true", "1_0"])
+def test_words_that_may_be_reverse_are_refused(word):
+    with pytest.raises(DataError, match=r"drive.csv: gear, row 2: expected R or a negative number in reverse"):
+        drive([2.0] * 2, [0.0] * 2, gear=["D", word])
+
+
+def test_a_signed_speed_drives_backwards_without_a_gear():
+    path = drive([-2.0] * 11, [0.0] * 11)
+    assert path.positions_m[-1, 0] == pytest.approx(-2.0)
+    assert path.velocity_vehicle_mps(START_NS + SECOND_NS // 2) == pytest.approx([-2.0, 0.0, 0.0])
+
+
+@given(
+    speed=st.floats(-30, 30),
+    rate=st.floats(-1, 1),
+    samples=st.integers(2, 30),
+)
+def test_constant_signals_do_not_depend_on_the_sampling(speed, rate, samples):
+    whole = drive([speed] * 2, [rate] * 2, step_ns=(samples - 1) * 100_000_000)
+    parts = drive([speed] * samples, [rate] * samples)
+    assert parts.positions_m[-1] == pytest.approx(whole.positions_m[-1], abs=1e-6)
+
+
+@pytest.mark.parametrize("column", ["speed_mps", "yaw_rate_radps"])
+def test_a_value_that_is_not_finite_is_named(column):
+    signals = {"speed_mps": [1.0, 1.0, 1.0], "yaw_rate_radps": [0.0, 0.0, 0.0]}
+    signals[column][1] = np.nan
+    with pytest.raises(DataError, match=rf"drive.csv: {column}, row 2: expected a finite number, .*, got nan"):
+        drive(**signals)
+
+
+def csv(tmp_path, text):
+    path = tmp_path / "egomotion.csv"
+    path.write_text(text)
+    return path
+
+
+def test_times_of_nineteen_digits_stay_exact(tmp_path):
+    path = csv(tmp_path, f"timestamp_ns,speed_mps,yaw_rate_radps\n{START_NS},1,0\n{START_NS + 1},2,0.5\n")
+    signals = read_bus_signals(path)
+    assert signals.timestamps_ns.tolist() == [START_NS, START_NS + 1]
+    assert signals.speed_mps.tolist() == [1.0, 2.0]
+    assert signals.yaw_rate_radps.tolist() == [0.0, 0.5]
+    assert signals.gear is None
+
+
+def test_gears_and_comments_are_read(tmp_path):
+    path = csv(tmp_path, "# from the bus\ntimestamp_ns,speed_mps,yaw_rate_radps,gear\n0,2,0,R\n1000000000,2,0,R\n")
+    assert read_bus_signals(path).trajectory().positions_m[-1] == pytest.approx([-2.0, 0.0, 0.0])
+
+
+def test_columns_of_other_names_means_and_constants(tmp_path):
+    path = csv(tmp_path, "t,front,rear\n5,10.0,20.0\n6,12.0,12.0\n")
+    columns = {"timestamp_ns": "t", "speed_mps": ["front", "rear"], "yaw_rate_radps": 0.0}
+    signals = read_bus_signals(path, columns=columns)
+    assert signals.speed_mps.tolist() == [15.0, 12.0]
+    assert signals.yaw_rate_radps.tolist() == [0.0, 0.0]
+
+
+HEAD = "timestamp_ns,speed_mps,yaw_rate_radps\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEAD + "0,1,0\n10,nan,0\n", "speed_mps, row 2: expected a finite number, at most 1e+06, got 'nan'"),
+        (HEAD + "0,1,0\n10,1,fast\n", "yaw_rate_radps, row 2: expected a finite number, at most 1e+06, got 'fast'"),
+        (HEAD + "0,1,0\n10,1_000,0\n", "speed_mps, row 2: expected a finite number, at most 1e+06, got '1_000'"),
+        (HEAD + "0,1,0\n1_000,1,0\n", "timestamp_ns, row 2: expected a whole number of nanoseconds, got '1_000'"),
+        (HEAD + "0,1,0\n10,1e7,0\n", "speed_mps, row 2: expected a finite number, at most 1e+06, got '1e7'"),
+        (HEAD + f"0,1,0\n{2**63},1,0\n", "timestamp_ns, row 2: expected a whole number of nanoseconds, got '9223"),
+        (HEAD + "0.1,1,0\n0.2,1,0\n", "got '0.1'; these would be seconds: multiply them by 1000000000"),
+        (HEAD + "0,1,0\n10,,0\n", "speed_mps, row 2: expected a finite number, at most 1e+06, got ''"),
+        (HEAD + "0,1,0\n1.5e1,1,0\n", "timestamp_ns, row 2: expected a whole number of nanoseconds, got '1.5e1'"),
+        (HEAD + "10,1,0\n10,1,0\n", "timestamp_ns: expected times that increase, got 10 after 10 in row 2"),
+        ("timestamp_ns,speed\n0,1\n", "speed_mps: expected a column of this name, got timestamp_ns, speed"),
+        ("", "expected a table with a header"),
+        (HEAD + "0,1,0\n", "expected at least two poses, got 1"),
+    ],
+)
+def test_faults_name_file_column_and_row(tmp_path, text, message):
+    with pytest.raises(DataError, match=r"egomotion\.csv: ") as caught:
+        read_bus_signals(csv(tmp_path, text)).trajectory()
+    assert message in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(DataError, match=r"none\.csv: expected a readable file"):
+        read_bus_signals(tmp_path / "none.csv")
+
+
+# Pose files
+
+
+def poses(tmp_path, text):
+    path = tmp_path / "poses.csv"
+    path.write_text(text)
+    return path
+
+
+def test_a_pose_by_hand(tmp_path):
+    # A quarter turn to the left at (1, 2, 3), at a time that float64 seconds cannot hold.
+    half = 0.5**0.5
+    path = poses(
+        tmp_path,
+        f"# t x y z qx qy qz qw\n1700000000.123456789 1 2 3 0 0 {half} {half}\n" + 2 * "1700000001 1 2 3 0 0 0 1\n",
+    )  # a line that is there twice counts once
+    trajectory = read_tum(path)
+    assert trajectory.timestamps_ns.tolist() == [1_700_000_000_123_456_789, 1_700_000_001_000_000_000]
+    assert trajectory.positions_m[0].tolist() == [1.0, 2.0, 3.0]
+    assert trajectory.rotations[0].apply([1.0, 0.0, 0.0]) == pytest.approx([0.0, 1.0, 0.0])
+
+
+def test_scientific_notation_as_evo_writes_it(tmp_path):
+    path = poses(tmp_path, "1.305031102175300000e+09 0 0 0 0 0 0 1\n1.305031102275300000e+09 0 0 0 0 0 0 1\n")
+    assert read_tum(path).timestamps_ns.tolist() == [1_305_031_102_175_300_000, 1_305_031_102_275_300_000]
+
+
+@given(
+    start_ns=st.integers(-(10**18), 2 * 10**18),
+    values=st.lists(st.floats(-1e6, 1e6), min_size=6, max_size=6),
+    turn=st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-3, 3)),
+)
+def test_writing_and_reading_gives_the_same(tmp_path_factory, start_ns, values, turn):
+    path = tmp_path_factory.mktemp("tum") / "poses.csv"
+    times_ns = np.array([start_ns, start_ns + 1], dtype=np.int64)
+    positions_m = np.array(values).reshape(2, 3)
+    rotations = Rotation.from_rotvec([turn, (0.0, 0.0, 0.0)])
+    write_tum(path, timestamps_ns=times_ns, rotations=rotations, positions_m=positions_m)
+    trajectory = read_tum(path)
+    assert trajectory.timestamps_ns.tolist() == times_ns.tolist()
+    assert np.array_equal(trajectory.positions_m, positions_m)
+    assert (trajectory.rotations.inv() * rotations).magnitude() == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+LINE = "0 0 0 0 0 0 0 1\n"
+
+
+@pytest.mark.parametrize("start_s", [0, 1_700_000_000])
+@pytest.mark.parametrize("step_ms", [5, 100, 400])
+@pytest.mark.parametrize(("unit", "factor"), [("milli", 10**3), ("micro", 10**6), ("nano", 10**9)])
+def test_times_in_another_unit_are_refused_with_the_factor(tmp_path, start_s, step_ms, unit, factor):
+    lines = [f"{start_s * factor + i * step_ms * factor // 1000} 0 0 0 0 0 0 1\n" for i in range(5)]
+    with pytest.raises(
+        DataError, match=rf"t: expected seconds.*these would be {unit}seconds: divide them by {factor}$"
+    ):
+        read_tum(poses(tmp_path, "".join(lines)))
+
+
+@pytest.mark.parametrize("time", ["1e300", "-1e30", "1e12"])
+def test_times_that_no_unit_explains_are_refused(tmp_path, time):
+    with pytest.raises(DataError, match="t: expected seconds, the same clock"):
+        read_tum(poses(tmp_path, f"{time} 0 0 0 0 0 0 1\n" + LINE))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (LINE + "1 0 0 0 0 0 1\n", "line 2: expected 8 numbers, t x y z qx qy qz qw, got 7"),
+        (LINE + "1 0 nan 0 0 0 0 1\n", "y, line 2: expected a finite number, got 'nan'"),
+        (LINE + "1 0 1_000 0 0 0 0 1\n", "y, line 2: expected a finite number, got '1_000'"),
+        (LINE + "1_0 0 0 0 0 0 0 1\n", "t, line 2: expected a finite number, got '1_0'"),
+        (LINE + "one 0 0 0 0 0 0 1\n", "t, line 2: expected a finite number, got 'one'"),
+        (LINE + "1 0 0 0 0 0 0 2\n", "qx qy qz qw: expected a quaternion of length 1"),
+        ("1 0 0 0 0 0 0 1\n" + LINE, "timestamp_ns: expected times that increase"),
+        (LINE + "0 1 0 0 0 0 0 1\n", "timestamp_ns: expected times that increase, got 0 after 0 in row 2"),
+        ("# nothing\n", "expected at least two poses, got 0"),
+    ],
+)
+def test_faults_name_file_and_line(tmp_path, text, message):
+    with pytest.raises(DataError, match=r"poses\.csv") as caught:
+        read_tum(poses(tmp_path, text))
+    assert message in str(caught.value)

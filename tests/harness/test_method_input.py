@@ -1,0 +1,164 @@
+"""What a method is handed: images, calibration and ego-motion, as many images as it can use, errors if it is to."""
+
+from collections import Counter
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.errors import DataError, UnknownNameError, UsageError
+from bench.harness import FramePipeline, read_image_maps, read_run, read_tables
+from bench.methods import Method, MethodInput, Segmentation
+from bench.recordings import InputErrors, load_card, open_dataset, read_image
+from bench.recordings.input_errors import named_input_errors
+from tests.support import runs
+from tests.support.runs import IMAGES, PAPER
+
+
+class Spy(Method):
+    """Keeps what it is given."""
+
+    name = "spy"
+
+    def __init__(self, *, history=1, longest_history=1, colour=False):
+        self.history, self.longest_history, self.colour, self.seen = history, longest_history, colour, []
+
+    def __deepcopy__(self, memo):
+        return self  # the test looks at what the copy of a task saw
+
+    def segment(self, frame):
+        assert len(frame.images) == len(frame.timestamps_ns) == len(frame.current_from_previous) + 1
+        self.seen.append(frame)
+        return Segmentation(cell_size_px=1, mask=np.zeros(frame.valid.shape, bool))
+
+
+def seen_by(card, indices, **looks):
+    """What a method is given at these images."""
+    recording = next(handle for handle in open_dataset(load_card(str(card))) if handle.name == "crossing").open()
+    method = Spy(**looks)
+    pipeline = FramePipeline(recording, "front", method=method, protocol=PAPER)
+    for index in indices:
+        pipeline.process(index)
+    return method.seen
+
+
+def images_seen(card, indices):
+    return [len(frame.images) for frame in seen_by(card, indices, longest_history=3)]
+
+
+def test_history_colour_and_ego_motion_arrive_and_nothing_else(tiny_card):
+    before, given = seen_by(tiny_card, [2, 3], history=2, colour=True)
+    names = "images timestamps_ns camera road current_from_previous valid rolling_shutter recording camera_name"
+    assert {field.name for field in fields(MethodInput)} == set(names.split())
+    assert [image.shape for image in given.images] == [(240, 320, 3)] * 3
+    np.testing.assert_array_equal(given.images[0], before.images[1])
+    steps = [motion.translation_m for motion in given.current_from_previous]
+    assert len(steps) == 2
+    # 7 km/h at 15 images per second, straight ahead and seen by a camera pitched 20 degrees down: the previous
+    # place lies behind (z < 0) and, in camera axes, below (y > 0).
+    for step in steps:
+        assert np.linalg.norm(step) == pytest.approx(7 / 3.6 / 15, abs=1e-3)
+        assert step[2] < 0 < step[1]
+
+
+def image_file(card: Path, index: int) -> Path:
+    return sorted((card.parent / "data/tiny/crossing/images/front").iterdir())[index]
+
+
+def test_as_many_images_as_there_are_up_to_the_longest(tiny_card):
+    assert images_seen(tiny_card, [1, 2, 3, 4]) == [2, 3, 4, 4]
+    assert images_seen(tiny_card, [4]) == [4]  # wherever a drive is entered
+
+
+def test_an_older_image_that_cannot_be_read_shortens_what_is_seen(own_card):
+    image_file(own_card, 1).write_bytes(b"no picture")
+    assert images_seen(own_card, [3, 4]) == [2, 3]
+
+
+def test_every_image_file_is_read_once(own_card, monkeypatch):
+    image_file(own_card, 1).write_bytes(b"no picture")
+    read = Counter()
+
+    def counted(image, camera, *, colour):
+        read[image.path.name] += 1
+        return read_image(image, camera, colour=colour)
+
+    monkeypatch.setattr("bench.harness.frames.read_image", counted)
+    assert images_seen(own_card, [3, 4]) == [2, 3]
+    assert set(read.values()) == {1}
+    assert len(read) == 4
+
+
+def test_a_gap_shortens_what_is_seen(own_card):
+    image_file(own_card, 2).unlink()  # the images after it are now numbers 2 and 3, with a gap before the first
+    assert images_seen(own_card, [1, 3]) == [2, 2]
+
+
+@pytest.mark.parametrize("name", ["spherical", "background-subtraction"])
+def test_chunks_give_the_same_tables_and_maps(tiny_card, tmp_path, monkeypatch, name):
+    def found(out):
+        runs.score(tiny_card, tmp_path / out, method=name)
+        key = lambda row: (row["recording"], row["timestamp_ns"], row.get("track_id") or "")  # noqa: E731
+        rows = [sorted(table.to_pylist(), key=key) for table in read_tables(tmp_path / out)]
+        (image_map,) = read_image_maps(tmp_path / out / "paper-v1").values()
+        return *rows, image_map.false_px.tolist(), image_map.missed_px.tolist()
+
+    whole = found("whole")
+    monkeypatch.setattr("bench.harness.tasks.TASK_IMAGES", 1)
+    assert found("chunks") == whole
+    assert len(list((tmp_path / "chunks" / "answers").rglob("*.parquet"))) == len(whole[1]) == 12
+
+
+# ---- errors of what a method is told reach the method alone
+
+
+@pytest.fixture
+def score(tiny_card, tmp_path):
+    def scored(out, method="spherical", **errors):
+        options = {"input_errors": named_input_errors(errors), "overwrite": True}
+        return runs.score(tiny_card, tmp_path / out, method=method, **options)
+
+    return scored
+
+
+def test_a_run_with_errors_is_none_without(tiny_card, tmp_path, score):
+    """Answers and data are told apart, and a reader is told of the errors."""
+    told, found = [], []
+    for errors in ({}, {"yaw_rate_bias_degps": 3.0}, {"yaw_rate_bias_degps": 2.0}):
+        found.append(score("run", **errors))
+        told.append(read_run(tmp_path / "run").manifest.dataset.input_errors)
+    plain, *wrong = found
+    assert [run.provenance.images_asked for run in found] == [IMAGES] * 3
+    assert told == [{}, {"yaw_rate_bias_degps": 3.0}, {"yaw_rate_bias_degps": 2.0}]
+    assert len({run.all_moving.model_dump_json() for run in (plain, *wrong)}) == 3
+    assert wrong[1].caveats.endswith("The method was told errors of its input: yaw_rate_bias_degps 2.")
+    assert plain.caveats == load_card(str(tiny_card)).content.caveats
+    with pytest.raises(DataError, match="yaw_rate_bias_degps = 3"):
+        runs.score(tiny_card, tmp_path / "run", input_errors=named_input_errors({"yaw_rate_bias_degps": 3.0}))
+    assert score("run").model_dump_json(exclude={"provenance"}) == plain.model_dump_json(exclude={"provenance"})
+
+
+def test_errors_reach_the_method_and_not_the_reference(score, tmp_path):
+    true, wrong = score("true"), score("wrong", pitch_rate_degps=4)
+    assert wrong.false_positives.coverage.value > true.false_positives.coverage.value + 0.1
+    assert {name: row.object_frames for name, row in true.categories.items()} == {
+        name: row.object_frames for name, row in wrong.categories.items()
+    }
+    assert read_run(tmp_path / "wrong").manifest.method == read_run(tmp_path / "true").manifest.method
+
+
+def test_another_method_can_be_told_errors(score):
+    assert score("run", method="everything", speed_scale_percent=10).all_moving.tpr_all.value == 1.0
+
+
+def test_errors_are_named_numbers():
+    assert named_input_errors({}) == InputErrors()
+    assert named_input_errors({"pitch_deg": 1}) == InputErrors(pitch_deg=1.0)
+    with pytest.raises(UnknownNameError, match="did you mean 'pitch_deg'"):
+        named_input_errors({"pitch_degree": 1})
+    for error in ("far", True, float("nan"), float("inf")):
+        with pytest.raises(UsageError, match="input error pitch_deg: expected a number, got "):
+            named_input_errors({"pitch_deg": error})
+    with pytest.raises(UsageError, match="expected a number of at least 0, got -1"):
+        named_input_errors({"image_noise_grey": -1})

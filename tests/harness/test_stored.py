@@ -1,0 +1,262 @@
+"""What is stored of a run: it reduces to the figures that it had; what is none of a run is refused where it is read."""
+
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from bench.errors import DataError
+from bench.evaluation import (
+    FRAMES_SCHEMA,
+    OBJECTS_SCHEMA,
+    ImageMap,
+    Metric,
+    sum_run,
+    summarise,
+    threshold_sweep,
+)
+from bench.evaluation.maps import range_maps
+from bench.evaluation.summary import take_ratios
+from bench.harness import open_tables, read_image_maps, read_run, read_tables
+from bench.harness.counts import counts_folder, write_counts
+from bench.harness.stored import HISTOGRAMS
+from benchmarks.large_run import STEPS, measure, write_runs
+from tests.support.counts import change_table, counts_file
+from tests.support.runs import PAPER, score
+
+STORED = Path(__file__).parents[1] / "stored"
+RUNS = sorted(folder for folder in STORED.iterdir() if folder.is_dir())
+
+
+@pytest.fixture(params=RUNS, ids=[run.name for run in RUNS])
+def stored(request) -> Path:
+    return request.param
+
+
+def summary_of(part: object, path: str = "") -> dict[str, Metric]:
+    """All figures of a summary by their place in it."""
+    if isinstance(part, Metric):
+        return {path: part}
+    pairs = part.items() if isinstance(part, dict) else part if hasattr(part, "model_dump") else ()
+    return {name: figure for key, inner in pairs for name, figure in summary_of(inner, f"{path}/{key}").items()}
+
+
+def test_a_stored_run_reduces_to_its_figures(stored):
+    run = read_run(stored)
+    summary, protocol = run.summary, run.protocol
+    assert protocol.digest == run.manifest.protocol.digest
+    again = summarise(*read_tables(stored), protocol=protocol)
+    assert (again.objects, again.images) == (summary.objects, summary.images)
+    then, now = summary_of(summary), summary_of(again)
+    assert then.keys() == now.keys()
+    assert len(then) > 200
+    for name, figure in then.items():
+        assert now[name].value == pytest.approx(figure.value, rel=1e-9, nan_ok=True), name
+        assert now[name].cases == figure.cases, name
+        assert (now[name].ci95 is None) == (math.isnan(figure.value) or now[name].recordings < 6), name
+
+
+def test_a_stored_runs_sums_have_its_figures(stored):
+    run = read_run(stored)
+    summary, protocol = run.summary, run.protocol
+    found = take_ratios(sum_run(*open_tables(stored), protocol=protocol))
+    for category, row in summary.categories.items():
+        for metric in row.metric_names() if row.object_frames else ():
+            value = found["category", category, metric].value
+            assert value == pytest.approx(row.metric(metric).value, rel=1e-9, nan_ok=True), (category, metric)
+    coverage = found["frames", "frames", "false_positive_coverage"]
+    assert coverage.value == pytest.approx(summary.false_positives.coverage.value)
+
+
+def test_a_stored_runs_curve_and_maps_agree_with_its_figures(stored):
+    summary, (_, frames) = read_run(stored).summary, read_tables(stored)
+    sweep = threshold_sweep(frames)
+    threshold = read_run(stored).manifest.method.settings["threshold"]
+    (at,) = [k for k, edge in enumerate(sweep.thresholds.tolist()) if edge == threshold]
+    assert sweep.recall[at] == pytest.approx(summary.segmentation.recall.value)
+    assert sweep.precision[at] == pytest.approx(summary.segmentation.precision.value)
+    assert sweep.false_positive_coverage[at] == pytest.approx(summary.false_positives.coverage.value)
+    (front,) = read_image_maps(stored).values()
+    assert (front.camera, front.frames) == ("front", summary.images.evaluated)
+    for grid, column in ((front.reference_px, "reference_px"), (front.missed_px, "fn_px"), (front.false_px, "fp_px")):
+        assert grid.sum() == sum(frames[column].to_pylist()) > 0
+
+
+def test_histograms_may_stay_unread(stored):
+    objects, frames = read_tables(stored, histograms=False)
+    whole = read_tables(stored)
+    assert objects == whole[0]
+    assert frames == whole[1].drop_columns(sorted(HISTOGRAMS))
+
+
+# ---- counts that no run writes
+
+
+@pytest.fixture(scope="module")
+def results(tiny_card, tmp_path_factory):
+    run = tmp_path_factory.mktemp("keys") / "run"
+    score(tiny_card, run, method="nothing")
+    return run / PAPER.name
+
+
+@pytest.fixture
+def changed(results, tmp_path):
+    return shutil.copytree(results, tmp_path / "results")
+
+
+def change_cell(results, table, name, value):
+    """Give a cell of a recording another value, or None where the schema of the file lets it be."""
+
+    def change(rows: pa.Table) -> pa.Table:
+        cells = rows[name].to_pylist()
+        cells[1] = value
+        return rows.set_column(rows.schema.names.index(name), name, pa.array(cells, rows.schema.field(name).type))
+
+    change_table(results, table, change, recording="crossing")
+
+
+@pytest.mark.parametrize(
+    ("table", "name"),
+    [
+        *[("objects", name) for name in ("recording", "timestamp_ns", "track_id", "object_class", "tp")],
+        *[("frames", name) for name in ("recording", "timestamp_ns", "status", "detected_px", "fp_by_cause")],
+    ],
+)
+def test_a_null_where_every_row_has_a_value(changed, table, name):
+    change_cell(changed, table, name, None)
+    file = counts_file(changed, table, "crossing")
+    with pytest.raises(DataError, match=rf"{file.name}: expected counts of a run, got .*'{name}'.*; remove the file"):
+        read_tables(changed)
+
+
+@pytest.mark.parametrize("table", ["objects", "frames"])
+def test_a_row_that_is_there_twice_also_in_another_file(changed, table):
+    file = counts_file(changed, table, "crossing")
+    for each in file.parent.glob("*00000001*"):
+        shutil.copy(each, each.with_name(each.name.replace("00000001", "00000009")))
+    with pytest.raises(DataError, match=r"recording, camera, timestamp_ns.*: expected each row once, got one twice"):
+        read_tables(changed)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("x_m", 1e9, r"x_m, y_m: expected centroids of evaluated objects within 33 m of the vehicle's origin"),
+        ("x_m", math.inf, r"x_m, y_m: expected centroids"),
+        ("object_class", "tram", r"object_class of evaluated objects: expected pedestrian, .*, got 'tram'"),
+        ("direction", "up", r"direction of evaluated objects: expected lateral, .*, got 'up'"),
+    ],
+)
+def test_maps_are_no_larger_than_the_protocol_lets_objects_lie(changed, name, value, message):
+    change_cell(changed, "objects", name, value)
+    run = read_run(changed)
+    with pytest.raises(DataError, match=message):
+        range_maps(run.objects, protocol=run.protocol)
+
+
+@pytest.mark.parametrize(
+    ("table", "name", "value"),
+    [("objects", "category", "other"), ("objects", "status", "other"), ("frames", "status", "other")],
+)
+def test_words_of_no_run_are_in_no_summary(changed, table, name, value):
+    change_cell(changed, table, name, value)
+    with pytest.raises(DataError, match=r"counts of the run: .*expected .*got 'other'"):
+        sum_run(*open_tables(changed), protocol=PAPER)
+
+
+def as_words(table: pa.Table) -> pa.Table:
+    return table.set_column(table.schema.names.index("tp"), "tp", pa.array(["x"] * len(table)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda table: table.drop_columns(["tp"]), "tp: expected this column of a run's counts, got none"),
+        (as_words, "expected counts of a run, got .*'x'"),
+    ],
+)
+def test_a_column_that_is_missing_or_of_another_kind_is_named(changed, change, message):
+    change_table(changed, "objects", change, recording="crossing")
+    with pytest.raises(DataError, match=rf"objects\.parquet: {message}.*"):
+        read_tables(changed)
+
+
+# ---- maps of where in the image
+
+GRIDS = ("reference_px", "missed_px", "false_px")
+
+
+def image_map(camera="front", *, width=20, height=9, seed=0) -> ImageMap:
+    draw = np.random.default_rng(seed)
+    grids = {name: draw.integers(0, 2**40, (-(-height // 8), -(-width // 8))) for name in GRIDS}
+    return ImageMap(camera=camera, width=width, height=height, cell_px=8, frames=7, **grids)
+
+
+def assert_equal(one: ImageMap, other: ImageMap) -> None:
+    for name in ImageMap.__slots__:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert other.false_px.dtype == np.int64
+
+
+def test_maps_of_an_older_run_do_not_stay_behind(tiny_card, tmp_path):
+    score(tiny_card, tmp_path / "run", method="everything")
+    score(tiny_card, tmp_path / "run", method="nothing", split="moving", overwrite=True)
+    (found,) = read_image_maps(tmp_path / "run" / "paper-v1").values()
+    assert found.frames == 8
+    assert found.false_px.sum() == 0
+    np.testing.assert_array_equal(found.missed_px, found.reference_px)
+
+
+def store(results, *maps):
+    empty = OBJECTS_SCHEMA.empty_table(), FRAMES_SCHEMA.empty_table()
+    for number, one in enumerate(maps):
+        write_counts(counts_folder(results, "drive"), f"front-{number:08d}", *empty, one)
+    return results / "counts" / "drive" / "front-00000000.map.npz"
+
+
+def test_maps_survive_their_files_and_are_added_by_camera_and_size(tmp_path):
+    other = image_map("rear/left ü", width=33, seed=1)
+    store(tmp_path, image_map("front"), other, image_map("front"))
+    front, left = read_image_maps(tmp_path).values()
+    assert_equal(image_map("front") + image_map("front"), front)
+    assert_equal(other, left)
+
+
+def test_a_camera_of_several_sizes_has_a_map_of_each(tmp_path):
+    store(tmp_path, image_map(), image_map(width=64), image_map("left"))
+    assert list(read_image_maps(tmp_path)) == ["front, 20 x 9", "front, 64 x 9", "left"]
+
+
+def test_damaged_maps_are_named(tmp_path):
+    assert read_image_maps(tmp_path) == {}
+    file = store(tmp_path, image_map())
+    whole = file.read_bytes()
+    for damaged in (b"", b"words", whole[:200], whole[:-40]):
+        file.write_bytes(damaged)
+        with pytest.raises(DataError, match=r"map\.npz: expected where in the image a run was right and wrong"):
+            read_image_maps(tmp_path)
+    np.savez(file, camera=np.array("front"))
+    with pytest.raises(DataError, match=r"map\.npz"):
+        read_image_maps(tmp_path)
+
+
+# ---- runs larger than the memory: what reads a whole run holds a part of it at a time
+
+OBJECT_FRAMES = 500_000
+ROWS_AT_ONCE = 20_000  # in proportion to the default at ten million
+GROWTH_MB = 100  # in proportion to 2 GB at ten million
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> tuple[Path, Path]:
+    return write_runs(tmp_path_factory.mktemp("large"), object_frames=OBJECT_FRAMES)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("step", sorted(STEPS))
+def test_memory_is_bounded_by_the_part_and_not_by_the_run(runs, step):
+    spent = measure(step, runs, rows_at_once=ROWS_AT_ONCE)
+    assert spent.peak_mb - spent.start_mb < GROWTH_MB

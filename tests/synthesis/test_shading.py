@@ -1,0 +1,203 @@
+"""Motion blur, the light of lamps, and texture, by numbers done by hand."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numba
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bench.synthesis.imaging.exposure import blur
+from bench.synthesis.imaging.faces import LEVELS, SIZE, TextureAtlas, atlas_at, texture_atlas
+from bench.synthesis.imaging.lights import BEAM_HEIGHT, BEAM_WIDTH, NO_LAMPS, Lamps
+from bench.synthesis.imaging.shading import (
+    ABOVE,
+    CUT_OFF,
+    HEADLIGHT,
+    LANES,
+    PIXELS,
+    SPOT_LIGHT,
+    SPOT_TOWARDS_X,
+    SPOT_TOWARDS_Y,
+    SPOT_TOWARDS_Z,
+    SPOT_X,
+    SPOT_Y,
+    SPOT_Z,
+    light_spots,
+)  # fmt: skip
+
+SHAPE = (20, 33)
+
+
+def blurred(
+    grey: NDArray[np.float32],
+    motion_vectors: NDArray[np.float32],
+    inverse_depth: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+) -> NDArray[np.float32]:
+    out = np.full(grey.shape, np.nan, dtype=np.float32)
+    contiguous = np.ascontiguousarray
+    blur(contiguous(grey), contiguous(motion_vectors), contiguous(inverse_depth), contiguous(valid), out)
+    return out
+
+
+def ways_px(u: float, v: float) -> NDArray[np.float32]:
+    return np.stack([np.full(SHAPE, u, np.float32), np.full(SHAPE, v, np.float32)])
+
+
+def test_blur_down_is_blur_across_of_the_turned_picture() -> None:
+    rng = np.random.default_rng(1)
+    grey, inverse_depth = (rng.random(SHAPE, dtype=np.float32) for _ in range(2))
+    motion_vectors, valid = rng.normal(0.0, 6.0, (2, *SHAPE)).astype(np.float32), rng.random(SHAPE) < 0.9
+    upright = blurred(grey, motion_vectors, inverse_depth, valid)
+    turned = blurred(grey.T, motion_vectors[::-1].transpose(0, 2, 1), inverse_depth.T, valid.T)
+    assert np.array_equal(upright, turned.T)
+    assert not np.allclose(upright, grey, atol=0.01)
+
+
+def test_a_way_of_three_pixels_is_the_mean_over_three_pixels() -> None:
+    grey = np.zeros(SHAPE, dtype=np.float32)
+    grey[10, 16] = 1.0
+    picture = blurred(grey, ways_px(3.0, 0.0), np.ones(SHAPE, np.float32), np.ones(SHAPE, np.bool_))
+    # The straight lines between the pixels, from 1.5 px before to 1.5 px after; a third of their integral.
+    expected = np.array([0.0, 0.125, 0.875, 1.0, 0.875, 0.125, 0.0]) / 3.0
+    assert np.allclose(picture[10, 13:20], expected, atol=1e-6)
+    assert not picture[:10].any()
+
+
+def test_what_the_lens_does_not_see_stays_out() -> None:
+    grey, valid = np.full(SHAPE, 0.5, dtype=np.float32), np.ones(SHAPE, dtype=np.bool_)
+    grey[:, 20:], valid[:, 20:] = 100.0, False
+    picture = blurred(grey, ways_px(9.0, 4.0), np.zeros(SHAPE, np.float32), valid)
+    assert (picture[:, :20] == 0.5).all()
+
+
+def test_what_stands_nearer_stays_out_and_what_moves_nearer_does_not() -> None:
+    grey, inverse_depth = np.zeros(SHAPE, dtype=np.float32), np.full(SHAPE, 0.1, dtype=np.float32)
+    grey[:, 20:], inverse_depth[:, 20:] = 1.0, 0.5
+    valid, motion_vectors = np.ones(SHAPE, dtype=np.bool_), ways_px(10.0, 0.0)
+    assert (blurred(grey, motion_vectors, inverse_depth, valid)[:-1, 18] > 0.2).all()
+    motion_vectors[:, :, 20:] = 0.0
+    assert (blurred(grey, motion_vectors, inverse_depth, valid)[:, :20] == 0.0).all()
+
+
+AHEAD = np.eye(3, dtype=np.float32)  # the headlight looks along z, y is down
+UP, TOWARDS = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
+
+
+def lit(spots_m: list[tuple[float, float, float]], normal: tuple[float, float, float], lamps: Lamps) -> np.ndarray:
+    lanes = np.full(LANES, np.nan, dtype=np.float32)
+    for start, axis in ((SPOT_X, 0), (SPOT_Y, 1), (SPOT_Z, 2)):
+        lanes[start : start + len(spots_m)] = [spot[axis] for spot in spots_m]
+    for start, value in zip((SPOT_TOWARDS_X, SPOT_TOWARDS_Y, SPOT_TOWARDS_Z), normal, strict=True):
+        lanes[start : start + len(spots_m)] = value
+    light_spots(len(spots_m), lamps, lanes)
+    return lanes[SPOT_LIGHT : SPOT_LIGHT + len(spots_m)]
+
+
+def street(*places_m: tuple[float, float, float]) -> Lamps:
+    return NO_LAMPS._replace(street_m=np.array(places_m, dtype=np.float32))
+
+
+def headlight(inverse_depth: float) -> Lamps:
+    """One at the origin, that meets something at 1 / `inverse_depth` everywhere."""
+    pictures = np.full((2, BEAM_HEIGHT, BEAM_WIDTH), inverse_depth, dtype=np.float32)
+    return NO_LAMPS._replace(lamp_from_world=np.stack([AHEAD, AHEAD]), inverse_depth=pictures, headlights=1)
+
+
+def test_below_a_street_lamp_six_metres_up() -> None:
+    # 1200 cd / (6 m)^2 = 33.3 lux, and 15 lux are white.
+    assert lit([(0.0, 0.0, 0.0)], UP, street((0.0, 0.0, 6.0)))[0] == pytest.approx(33.333 / 15, rel=1e-4)
+
+
+def test_beside_a_street_lamp() -> None:
+    # 6 m aside and 6 m below, the square of the distance is 72 m^2; the cosine of 45 degrees counts on the ground, and
+    # once more below the lamp.
+    light = lit([(6.0, 0.0, 0.0)], UP, street((0.0, 0.0, 6.0)))[0]
+    assert light == pytest.approx(1200 / 72 / 2 / 15, rel=1e-4)
+
+
+def test_light_of_several_lamps_adds_up() -> None:
+    places = [(0.0, 0.0, 6.0), (10.0, 3.0, 5.0), (-4.0, -8.0, 7.0)]
+    alone = [lit([(1.0, 2.0, 0.0)], UP, street(place))[0] for place in places]
+    assert lit([(1.0, 2.0, 0.0)], UP, street(*places))[0] == pytest.approx(sum(alone), rel=1e-6)
+
+
+def test_a_lamp_lights_nothing_above_it_or_turned_away() -> None:
+    assert lit([(1.0, 0.0, 7.0)], (0.0, 0.0, -1.0), street((0.0, 0.0, 6.0)))[0] == 0.0
+    assert lit([(1.0, 0.0, 0.0)], (0.0, 0.0, -1.0), street((0.0, 0.0, 6.0)))[0] == 0.0
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 33, PIXELS])
+def test_a_spot_has_its_light_whatever_spots_are_beside_it(count: int) -> None:
+    rng = np.random.default_rng(0)
+    spots = [(float(x), float(y), float(z)) for x, y, z in rng.uniform((-6, 0.1, -2), (6, 2, 30), (count, 3))]
+    lamps = headlight(1 / 12)._replace(street_m=np.array([[0, -5, 9], [4, -2, 20]], dtype=np.float32))
+    together = lit(spots, TOWARDS, lamps)
+    assert np.array_equal(together, [lit([spot], TOWARDS, lamps)[0] for spot in spots])
+
+
+def test_at_the_cut_off_of_a_headlight() -> None:
+    # Straight ahead at the cut-off the whole 20,000 cd arrive, at 10 m of them 200 lux.
+    down = 10.0 * float(CUT_OFF)
+    light = lit([(0.0, down, 10.0)], TOWARDS, headlight(0.0))[0]
+    assert light == pytest.approx(20_000 / 100 / 15, rel=2e-3)
+    assert light == pytest.approx(float(HEADLIGHT) / 100, rel=2e-3)
+
+
+def test_above_the_cut_off_little_is_left() -> None:
+    light = lit([(0.0, -1.0, 10.0)], TOWARDS, headlight(0.0))[0]
+    assert light == pytest.approx(float(HEADLIGHT * ABOVE) * 10 / 101**1.5, rel=1e-2)
+
+
+def test_a_headlight_lights_neither_what_is_behind_it_nor_what_is_hidden() -> None:
+    assert lit([(0.0, 0.1, -10.0)], UP, headlight(0.0))[0] == 0.0
+    assert lit([(0.0, 0.1, 10.0)], TOWARDS, headlight(1 / 5))[0] == 0.0
+    assert lit([(0.0, 0.1, 10.0)], TOWARDS, headlight(1 / 10))[0] > 1.0
+
+
+@numba.njit(error_model="numpy")
+def fill(u: np.ndarray, v: np.ndarray, level: np.ndarray, atlas: TextureAtlas, found: np.ndarray) -> None:
+    for k in range(len(u)):
+        found[k] = atlas_at(u[k], v[k], level[k], atlas)
+
+
+def sample(atlas: TextureAtlas, u: np.ndarray, v: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """The texture at places (N,), in periods, smoothed to levels."""
+    found = np.empty(len(u), dtype=np.float32)
+    fill(u, v, level, atlas, found)
+    return found
+
+
+def test_levels_lie_on_each_other() -> None:
+    # A shift between levels would make surfaces creep as the camera comes nearer, and flow would see it.
+    atlas = texture_atlas(3)
+    for level in range(4):
+        texels = SIZE >> level
+        v, u = np.meshgrid(*2 * [((np.arange(200) + 0.5) / texels).astype(np.float32)], indexing="ij")
+        fine, coarse = (
+            sample(atlas, u.ravel(), v.ravel(), np.full(u.size, k, np.float32)).reshape(u.shape)
+            for k in (level, level + 1)
+        )
+        slopes = np.stack([part.ravel() for part in np.gradient(fine)], axis=1)
+        shift_texels, *_ = np.linalg.lstsq(slopes, (coarse - fine).ravel(), rcond=None)
+        assert np.abs(shift_texels).max() < 0.05
+
+
+def test_texture_has_no_seam() -> None:
+    atlas = texture_atlas(3)
+    u = np.array([-1e-5, 1e-5, 1 - 1e-5, 2 + 1e-5], dtype=np.float32)
+    v = np.full_like(u, 0.3)
+    for level in range(LEVELS - 1):
+        values = sample(atlas, u, v, np.full_like(u, level))
+        assert np.ptp(values) < 0.05
+
+
+def test_texture_turns_smooth_with_distance() -> None:
+    atlas = texture_atlas(3)
+    u, v = np.random.default_rng(0).random((2, 10_000), dtype=np.float32)
+    spreads = [sample(atlas, u, v, np.full_like(u, level)).std() for level in range(LEVELS)]
+    assert spreads[0] == pytest.approx(1.0, abs=0.15)
+    assert all(b < a for a, b in pairwise(spreads))
