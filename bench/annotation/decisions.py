@@ -123,7 +123,6 @@ class ReviewedTrack:
 
     Attributes:
         id: unique in the review.
-        source: "proposed" or "drawn".
         status: what was decided of it.
         object_class: one of `OBJECT_CLASSES`.
         category: kind of motion where a reviewer named it, else None.
@@ -137,7 +136,6 @@ class ReviewedTrack:
     """
 
     id: str
-    source: str
     status: Status
     object_class: ObjectClass
     category: str | None
@@ -252,7 +250,6 @@ def undecided(track: StoredTrack) -> ReviewedTrack:
     motion = motion_of(track.states)
     return ReviewedTrack(
         id=track.id,
-        source=track.source,
         status="open",
         object_class=track.object_class,
         category=track.category,

@@ -144,7 +144,6 @@ def _fitted(recording: Recording, found: dict[int, NDArray[np.float64]], name: s
     centres_m = np.array([_axes(yaw) @ middle for yaw, middle in zip(yaws, middles, strict=True)])
     return StoredTrack(
         id=name,
-        source="drawn",
         object_class=guess_class(size_m, speed_mps),
         size_m=tuple(size_m.tolist()),
         points_median=float(np.median([len(points) for points in found.values()])),

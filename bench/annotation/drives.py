@@ -131,7 +131,6 @@ def stored_track(proposal: Proposal) -> StoredTrack:
     """A proposal as a review file holds it."""
     return StoredTrack(
         id=proposal.track_id,
-        source="proposed",
         object_class=proposal.object_class,
         size_m=tuple(proposal.size_m.tolist()),
         doubts=tuple(Doubt(reason=reason, value=value) for reason, value in proposal.doubts),
@@ -250,7 +249,6 @@ def _as_drawn(track: ReviewedTrack, name: str) -> StoredTrack:
     motion = track.motion
     return StoredTrack(
         id=name,
-        source="drawn",
         object_class=track.object_class,
         category=track.category,
         unclear=track.unclear,

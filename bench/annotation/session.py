@@ -281,7 +281,6 @@ class Session:
         rows = np.column_stack([motion.centres_m, motion.yaws_rad, motion.velocities_mps])
         return {
             "id": track.id,
-            "source": track.source,
             "status": track.status,
             "class": track.object_class,
             "category": track.category,
