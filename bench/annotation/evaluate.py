@@ -111,7 +111,11 @@ def evaluate_proposals(
         placed = pose_sweep(ref.read(), recording.trajectory, recording.vehicle_from_lidar, recording.lidar_from_sensor)
         if placed is not None:
             seen, told = (
-                [one for track, motion in of_all if (one := _seen(track, motion, placed, recording, left_out, near_ns))]
+                [
+                    entry
+                    for track, motion in of_all
+                    if (entry := _seen(track, motion, placed, recording, left_out, near_ns))
+                ]
                 for of_all, near_ns in ((truths, NEAR_NS), (others, 0))
             )
             common = {"recording": recording.name, "timestamp_ns": ref.timestamp_ns}
@@ -255,7 +259,7 @@ def _seen(
 
 def _rows(seen: Sequence[_Seen], told: Sequence[_Seen]) -> Iterator[dict[str, object]]:
     """Match the objects of a sweep with proposals, and say what became of each."""
-    ious = np.array([[_iou(one.rows, other.rows) for other in told] for one in seen]).reshape(len(seen), len(told))
+    ious = np.array([[_iou(truth.rows, match.rows) for match in told] for truth in seen]).reshape(len(seen), len(told))
     pairs = {int(a): int(b) for a, b in zip(*linear_sum_assignment(-ious), strict=True) if ious[a, b] >= LEAST_IOU}
     for a, truth in enumerate(seen):
         match = told[pairs[a]] if a in pairs else None
@@ -281,6 +285,6 @@ def _rows(seen: Sequence[_Seen], told: Sequence[_Seen]) -> Iterator[dict[str, ob
             yield {**row, "outcome": FALSE if match.moving and match.annotated else NEUTRAL}
 
 
-def _iou(one: NDArray[np.intp], other: NDArray[np.intp]) -> float:
-    both = len(np.intersect1d(one, other, assume_unique=True))
-    return both / (len(one) + len(other) - both)
+def _iou(a: NDArray[np.intp], b: NDArray[np.intp]) -> float:
+    both = len(np.intersect1d(a, b, assume_unique=True))
+    return both / (len(a) + len(b) - both)
