@@ -36,6 +36,7 @@ def test_what_is_not_proposed_is_missed(recording):
     assert scores["precision"] == 1.0
     assert set(frames.loc[frames["object"] == "rider", "outcome"]) == {"missed"}
     assert (frames["object"] == "rider").sum() == SWEEPS
+    assert set(frames.loc[frames["object"] == "parked", "outcome"]) == {"neutral"}
 
 
 def test_a_second_proposal_for_an_object_is_false(recording):
