@@ -12,7 +12,6 @@ from bench.errors import DataError, UsageError
 from bench.evaluation import compare_sums
 from bench.gate import read_baseline, write_baseline
 from bench.harness import manifest as manifests
-from bench.harness.method_of_run import MethodOfRun
 from bench.methods import build_method
 from tests.gate.factories import one, scored, sums, verdict_of
 from tests.support.manifests import method_of_run
@@ -92,7 +91,7 @@ def test_the_commit_of_a_plug_in_is_that_of_its_own_checkout(monkeypatch, tmp_pa
     git = ("git", "-C", str(tmp_path), "-c", "user.name=x", "-c", "user.email=x@x")
 
     def commit() -> str | None:
-        return MethodOfRun.of(build_method("own_for_the_gate:Own")).commit
+        return manifests.MethodOfRun.of(build_method("own_for_the_gate:Own")).commit
 
     assert commit() is None
     for command in (("init", "-q"), ("add", "."), ("commit", "-qm", "x")):
