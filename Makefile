@@ -3,9 +3,9 @@ PYTHON ?= python3
 DATASET ?= datasets/demo.yaml
 METHOD ?= spherical
 METHODS ?=
+VARIANTS := spherical:flow=dis spherical:first_guess=true truth truth:cell_size_px=5
 DATASETS ?= demo paper $(if $(FISHEYE_BENCH_REAL),aimotive-sample)
 PROTOCOL ?= paper-v1,surface-v1
-CATEGORY ?=
 RUN ?= reports/runs/$(basename $(notdir $(DATASET)))-$(METHOD)
 BASELINE ?= reports/baselines/$(basename $(notdir $(DATASET)))
 TOLERANCES ?= $(if $(filter datasets/demo.yaml,$(DATASET)),rendered-v1,default-v1)
@@ -27,7 +27,7 @@ unexport PYTHONDONTWRITEBYTECODE # tests start hundreds of processes, each of wh
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):[^#]*## /\1|/' | awk -F'|' '{ printf "  make %-13s %s\n", $$1, $$2 }'
 
-benchmark: $(INSTALLED) ## score METHOD= on DATASET= (the demo) by PROTOCOL= (paper-v1,surface-v1): tables, range maps, pictures
+benchmark: $(INSTALLED) ## score METHOD= on DATASET= (the demo) by PROTOCOL= (paper-v1,surface-v1): tables, pictures
 	$(BIN)/fisheye-bench run $(DATASET) --method $(METHOD) --protocol $(PROTOCOL) --overwrite
 
 paper: $(INSTALLED) ## rebuild reports/paper: the simulated experiment with both ego-motions, the range maps, the audit (an hour, 4 GB)
@@ -38,9 +38,10 @@ paper: $(INSTALLED) ## rebuild reports/paper: the simulated experiment with both
 	$(BIN)/python -m benchmarks.ranking datasets/paper.yaml --recordings 42 --out reports/audit/paper
 	cp reports/runs/paper-spherical/paper-v1/table.md reports/paper/table.md
 	cp reports/runs/paper-exact-spherical/paper-v1/table.md reports/paper/table-exact.md
-	cp reports/runs/range-maps-spherical/extended-v1/range_map.png reports/paper/range_map.png
+	$(BIN)/fisheye-bench report reports/runs/range-maps-spherical/extended-v1 --no-pictures
+	cp reports/runs/range-maps-spherical/extended-v1/figures/range_map.png reports/paper/range_map.png
 	cp reports/runs/range-maps-spherical/extended-v1/table.md reports/paper/table-range-maps.md
-	cp reports/audit/paper/audit.md reports/audit/paper/fit.png reports/audit/paper/causes-crossing.png reports/paper/
+	cp reports/audit/paper/audit.md reports/audit/paper/causes-crossing.png reports/paper/
 	cp reports/audit/paper/ranking.md reports/audit/paper/ranking.png reports/paper/
 
 gate: benchmark ## score, then judge by the baselines (BASELINE= and its -surface-v1) and TOLERANCES=
@@ -51,12 +52,18 @@ gate: benchmark ## score, then judge by the baselines (BASELINE= and its -surfac
 			$(if $(GITHUB_ACTIONS),--github) || status=$$?; \
 	done; exit $$status
 
-leaderboard: $(INSTALLED) ## score all methods (or METHODS=a,b) on DATASETS= (hours with paper), write reports/leaderboard
-	$(BIN)/fisheye-bench leaderboard reports/runs/leaderboard $(foreach one,$(DATASETS),--score $(one)) \
-		$(if $(METHODS),--methods $(METHODS)) --out reports/leaderboard
+leaderboard: $(INSTALLED) ## score all methods (or METHODS="a b:flow=dis") on DATASETS= (hours with paper), write reports/leaderboard
+	@known="$$($(BIN)/python -c 'from bench.methods import known_methods; print(*known_methods())') $(VARIANTS)"; \
+	for data in $(DATASETS); do for method in $(if $(METHODS),$(METHODS),$$known); do \
+		out=reports/runs/leaderboard/$$data/$$(echo $$method | tr ':=' '--'); \
+		$(BIN)/fisheye-bench run $$data --method $${method%%:*} $$(echo $$method | sed 's/^[^:]*//; s/:/ --set /g') \
+			--out $$out --no-pictures --overwrite && $(BIN)/fisheye-bench report $$out/surface-v1 --no-pictures || \
+			echo "not whole, or left out: $$data, $$method"; \
+	done; done
+	$(BIN)/fisheye-bench leaderboard reports/runs/leaderboard --out reports/leaderboard
 
-report: $(INSTALLED) ## write the page of RUN= (the demo's), or of one kind of motion with CATEGORY=
-	$(BIN)/fisheye-bench report $(RUN) $(if $(CATEGORY),--category $(CATEGORY))
+report: $(INSTALLED) ## write the page of RUN= (the demo's)
+	$(BIN)/fisheye-bench report $(RUN)
 
 perf: $(INSTALLED_DEV) ## measure speed and memory into reports/perf.md, then the hot functions (10 minutes)
 	$(BIN)/fisheye-bench synthesize datasets/demo.scenario.yaml --out datasets/data/demo

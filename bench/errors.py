@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import os
 from difflib import get_close_matches
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -56,7 +57,8 @@ class DataError(BenchError):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way back from a worker process, keyword arguments included."""
-        return _data_error, (self.file, self.field, self.expected, self.got, self.hint)
+        made = partial(DataError, field=self.field, expected=self.expected, got=self.got, hint=self.hint)
+        return made, (self.file,)
 
 
 def refuse(errors: Iterable[DataError]) -> None:
@@ -91,7 +93,7 @@ class OutputError(BenchError):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Survive the way back from a worker process, keyword arguments included."""
-        return _output_error, (self.file, self.got, self.hint)
+        return partial(OutputError, got=self.got, hint=self.hint), (self.file,)
 
 
 class UnknownNameError(UsageError):
@@ -112,16 +114,4 @@ class UnknownNameError(UsageError):
         super().__init__(f"unknown {kind} {name!r}: known are {', '.join(self.known) or 'none'}{advice}{near}")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _unknown_name, (self.kind, self.name, self.known, self.hint)
-
-
-def _unknown_name(kind: str, name: str, known: Iterable[str], hint: str) -> UnknownNameError:
-    return UnknownNameError(kind, name, known, hint=hint)
-
-
-def _output_error(file: str, got: str, hint: str) -> OutputError:
-    return OutputError(file, got=got, hint=hint)
-
-
-def _data_error(file: str, field: str | None, expected: str, got: str, hint: str) -> DataError:
-    return DataError(file, field=field, expected=expected, got=got, hint=hint)
+        return partial(UnknownNameError, hint=self.hint), (self.kind, self.name, self.known)

@@ -31,22 +31,17 @@ def parse_yaml(text: str, *, file: Path | str) -> Any:
         DataError: not YAML, with tags that stand for objects, a key that stands twice in a mapping, too deep, or too
             large with its references written out.
     """
-    return parse_yaml_tree(text, file=file)[0]
-
-
-def parse_yaml_tree(text: str, *, file: Path | str) -> tuple[Any, yaml.Node | None]:
-    """Like `parse_yaml`, with the tree of nodes, which knows the line of everything; None for an empty document."""
     try:
         _refuse_deep(text, file)
         loader = LOADER(text)
         tree = loader.get_single_node()
         if tree is None:
-            return None, None
+            return None
         if _size(tree, {}) > MOST_VALUES:
             expected = f"at most {MOST_VALUES} values with references written out"
             raise DataError(file, expected=expected, got="more, by references to references")
         _refuse_keys_twice(tree, file)
-        return loader.construct_document(tree), tree
+        return loader.construct_document(tree)
     except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: days and numbers that cannot be
         raise DataError(file, expected="YAML", got=" ".join(str(error).split())[:200]) from error
 

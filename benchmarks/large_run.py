@@ -23,7 +23,7 @@ from bench.harness import Provenance, open_tables, read_run
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
 from bench.harness.stored import SUMS, write_run
 from bench.methods import build_method
-from bench.reporting.compare_page import write_comparison
+from bench.reporting.compare import write_comparison
 from bench.reporting.run_page import write_page
 from bench.reporting.run_tables import write_report_files
 from benchmarks.drawn_tables import write_run_tables

@@ -20,7 +20,7 @@ from bench.reference import ReferenceBuilder
 from bench.reference.exposure import Exposure
 from bench.reference.motion import AnnotationIndex
 from bench.reference.scanned import ScannedObject
-from bench.reporting import canvas
+from bench.reporting import figures, frame
 
 DOCS = Path(__file__).parent
 CARD, DRIVE, TRACK, TIME_NS = DOCS.parent / "datasets" / "demo.yaml", "crossing-adult-and-child", "adult", 2400000007
@@ -28,7 +28,7 @@ CAPTION = f"{DRIVE} of the demo, {TRACK}, {TIME_NS / 1e9:.1f} s, by surface-v1"
 MARGIN_PX, PANEL_IN, TALL_IN, TITLE_IN, BELOW_IN = 4, 3.3, 5.6, 0.45, 0.55  # of the picture
 
 
-@canvas.styled
+@figures.styled
 def draw() -> Figure:
     """Draw the returns and patches on the left, core, band and exact mask on the right."""
     recording = next(handle for handle in open_dataset(load_card(str(CARD))) if handle.name == DRIVE).open()
@@ -42,18 +42,18 @@ def draw() -> Figure:
     assert region is not None, "the object is in view"
     exact = read_truth(image, camera) == next(t.instance_id for t in recording.tracks if t.track_id == TRACK)
 
-    figure = canvas.new_figure(2 * PANEL_IN, TALL_IN + TITLE_IN + BELOW_IN)
+    figure = figures.new_figure(2 * PANEL_IN, TALL_IN + TITLE_IN + BELOW_IN)
     height_in = TALL_IN + TITLE_IN + BELOW_IN
-    pixels = canvas.faded(read_image(image, camera), 0.5)
-    left, right = (canvas.axes_at(figure, k * PANEL_IN + 0.05, BELOW_IN, PANEL_IN - 0.1, TALL_IN) for k in (0, 1))
-    canvas.show_image(left, pixels)
+    pixels = frame.faded(read_image(image, camera), 0.5)
+    left, right = (figures.axes_at(figure, k * PANEL_IN + 0.05, BELOW_IN, PANEL_IN - 0.1, TALL_IN) for k in (0, 1))
+    frame.show_image(left, pixels)
     draw_patches(left, scanned)
     areas = {}
-    for mask, colour in ((region.core, canvas.GREEN), (region.possible & ~region.core, canvas.SKY_BLUE)):
+    for mask, colour in ((region.core, figures.GREEN), (region.possible & ~region.core, figures.SKY_BLUE)):
         areas[colour] = np.zeros(exact.shape, dtype=bool)
         areas[colour][region.window] = mask
-    canvas.show_image(right, canvas.overlay_areas(pixels, areas))
-    right.contour(exact, levels=[0.5], colors=canvas.BLACK, linewidths=1.2)
+    frame.show_image(right, frame.overlay_areas(pixels, areas))
+    right.contour(exact, levels=[0.5], colors=figures.BLACK, linewidths=1.2)
     middle_u, middle_v = (float((axis.start + axis.stop) / 2) for axis in region.window[::-1])
     half_px = (region.window[0].stop - region.window[0].start) / 2 + MARGIN_PX
     for axes, title in ((left, "Returns and their patches"), (right, "Core, unknown band, exact mask")):
@@ -61,13 +61,13 @@ def draw() -> Figure:
         axes.set(xlim=(middle_u - across_px, middle_u + across_px), ylim=(middle_v + half_px, middle_v - half_px))
         axes.set_title(title, pad=4, fontsize=9)
     handles = [
-        Line2D([], [], marker="o", linestyle="", color=canvas.VERMILION, markersize=3, label="return"),
-        Patch(facecolor=canvas.YELLOW, edgecolor=canvas.BLACK, label="a single patch"),
-        Patch(facecolor="none", edgecolor=canvas.BLUE, label="between four neighbours"),
-        Patch(facecolor="none", edgecolor=canvas.ORANGE, label="with a free end"),
-        Patch(facecolor=canvas.GREEN, alpha=0.6, label="core: counts"),
-        Patch(facecolor=canvas.SKY_BLUE, alpha=0.6, label="unknown: does not count"),
-        Line2D([], [], color=canvas.BLACK, label="exact mask"),
+        Line2D([], [], marker="o", linestyle="", color=figures.VERMILION, markersize=3, label="return"),
+        Patch(facecolor=figures.YELLOW, edgecolor=figures.BLACK, label="a single patch"),
+        Patch(facecolor="none", edgecolor=figures.BLUE, label="between four neighbours"),
+        Patch(facecolor="none", edgecolor=figures.ORANGE, label="with a free end"),
+        Patch(facecolor=figures.GREEN, alpha=0.6, label="core: counts"),
+        Patch(facecolor=figures.SKY_BLUE, alpha=0.6, label="unknown: does not count"),
+        Line2D([], [], color=figures.BLACK, label="exact mask"),
     ]
     figure.legend(handles=handles, loc="lower center", ncols=4, frameon=False, fontsize=7)
     figure.text(0.5, 1 - 0.08 / height_in, CAPTION, ha="center", va="top", fontsize=7)
@@ -79,14 +79,14 @@ def draw_patches(axes: Axes, scanned: ScannedObject) -> None:
     patches = scanned.patches
     corners_px = scanned.exposure.project(patches.corners.reshape(3, -1).T).reshape(4, -1, 2)
     linked = patches.grid.linked.all(axis=0)
-    for colour, chosen in ((canvas.BLUE, linked), (canvas.ORANGE, ~linked)):
+    for colour, chosen in ((figures.BLUE, linked), (figures.ORANGE, ~linked)):
         for number in np.flatnonzero(chosen):
             axes.add_patch(PolygonPatch(corners_px[:, number], fill=False, edgecolor=colour, linewidth=0.4))
     inner = np.flatnonzero(linked)
     one = inner[np.argmin(np.abs(scanned.pixels[inner] - np.median(scanned.pixels[inner], axis=0)).sum(axis=1))]
-    axes.add_patch(PolygonPatch(corners_px[:, one], facecolor=canvas.YELLOW, alpha=0.8, edgecolor=canvas.BLACK))
-    axes.plot(*scanned.pixels.T, ".", color=canvas.VERMILION, markersize=1.8)
+    axes.add_patch(PolygonPatch(corners_px[:, one], facecolor=figures.YELLOW, alpha=0.8, edgecolor=figures.BLACK))
+    axes.plot(*scanned.pixels.T, ".", color=figures.VERMILION, markersize=1.8)
 
 
 if __name__ == "__main__":
-    canvas.write_picture(DOCS / "surface-patches", draw(), formats=("png",))
+    figures.write_picture(DOCS / "surface-patches", draw(), formats=("png",))

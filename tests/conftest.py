@@ -70,16 +70,6 @@ def _one_worker() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _blank_range_maps() -> Iterator[None]:
-    """The map of a run takes two thirds of the time of a small run: it is blank but for tests that are about it."""
-    from matplotlib.figure import Figure
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("bench.reporting.run_tables.draw_run_maps", lambda _: Figure(figsize=(1, 1)))
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
 def _one_tree_of_commands() -> Iterator[None]:
     """Commands that are called in this process build the tree of all commands once."""
     with pytest.MonkeyPatch.context() as patched:
@@ -103,5 +93,5 @@ def tiny_card(shared: Path) -> Path:
 @pytest.fixture
 def without_charts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages of this test show no chart, which takes most of their time."""
-    monkeypatch.setattr("bench.reporting.charts.Chart.drawing", lambda chart: Drawing(Markup(f"chart {chart.name}")))
-    monkeypatch.setattr("bench.reporting.charts.write_picture", lambda *_, **__: ())
+    monkeypatch.setattr("bench.reporting.figures.Chart.drawing", lambda chart: Drawing(Markup(f"chart {chart.name}")))
+    monkeypatch.setattr("bench.reporting.figures.write_picture", lambda *_, **__: ())

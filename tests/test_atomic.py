@@ -1,8 +1,11 @@
-"""Files appear whole or not at all."""
+"""Files appear whole or not at all; errors come whole from other processes."""
+
+import pickle
 
 import pytest
 
 from bench.atomic import replacing, write_text
+from bench.errors import DataError, OutputError, UnknownNameError
 
 
 def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
@@ -23,3 +26,16 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
     write_text(path, "new")
     assert path.read_text() == "new"
     assert list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        DataError("drive.json", field="camera", expected="a lens", got="none", hint="add one"),
+        OutputError("out", got="a full disk", hint="free some space"),
+        UnknownNameError("method", "sperical", ["spherical"], hint="list them"),
+    ],
+)
+def test_an_error_comes_whole_from_another_process(error):
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))

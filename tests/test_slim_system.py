@@ -61,7 +61,7 @@ def test_every_command_works_without_the_libraries_of_open3d(slim, tmp_path):
     for tool in ("boxes", "openlabel"):
         made = tmp_path / tool
         calls.append(("annotate", "export", card, "--annotated", "--format", tool, "--out", made))
-        calls.append(("annotate", "import", tool, made / "standing", *drive, "--out", tmp_path / "labels"))
+        calls.append(("annotate", "import", tool, made / "standing", *drive, "--out", tmp_path / "labels" / tool))
     calls += [
         ("report", run),
         ("gate", run, "--baseline", baseline, "--update", "--allow-dirty"),
@@ -76,7 +76,7 @@ def test_every_command_works_without_the_libraries_of_open3d(slim, tmp_path):
     told = json.dumps([([str(word) for word in words], status) for words, status in zip(calls, expected, strict=True)])
     done = run_program(slim, CALLS, told, cwd=tmp_path)
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
-    assert list((tmp_path / "labels").glob("*.json"))
+    assert len([*(tmp_path / "labels").glob("*/*.json")]) == 2
 
 
 def test_clouds_are_read_without_it(slim, tmp_path):

@@ -33,7 +33,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
 from bench.atomic import linked_folder, refuse_escape
 from bench.cameras import RadialPolynomialCamera
@@ -42,7 +42,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.catalogue import RecordingHandle
 from bench.recordings.mounting import FisheyeOptions, Polygon, Quaternion
-from bench.recordings.validation import LARGEST_SIDE_PX, FileModel, located, read_json, validated
+from bench.recordings.validation import LARGEST_SIDE_PX, FileModel, in_order, located, read_json, validated
 from bench.records.recording import COMPLETELY, ImageRef, MountedCamera, Recording
 
 CameraName = Literal["FV", "RV", "MVL", "MVR"]
@@ -99,15 +99,8 @@ class CarOptions(FileModel):
         body_polygons: per camera, outlines of this car's own body, (u, v) in stored pixels.
     """
 
-    indices: tuple[Index | None, Index | None] = (None, None)
+    indices: Annotated[tuple[Index | None, Index | None], AfterValidator(in_order)] = (None, None)
     body_polygons: dict[CameraName, tuple[Polygon, ...]] = Field(default_factory=dict)
-
-    @model_validator(mode="after")
-    def _is_ordered(self) -> CarOptions:
-        first, last = self.span
-        if first > last:
-            raise ValueError("the first index not after the last")
-        return self
 
     @property
     def span(self) -> tuple[int, int]:

@@ -123,7 +123,6 @@ class ReviewedTrack:
 
     Attributes:
         id: unique in the review.
-        source: "proposed" or "drawn".
         status: what was decided of it.
         object_class: one of `OBJECT_CLASSES`.
         category: kind of motion where a reviewer named it, else None.
@@ -131,13 +130,11 @@ class ReviewedTrack:
         size_m: (3,) float64, full length, width and height, m.
         proposed_doubts: reasons to look twice, of those who proposed it.
         points_median: returns in its box.
-        motion: where it is, key frames applied.
-        found: where it is without key frames.
+        uncorrected: where it is without key frames; splits and merges begin anew from where it is with them.
         keys: key frames by time.
     """
 
     id: str
-    source: str
     status: Status
     object_class: ObjectClass
     category: str | None
@@ -145,15 +142,19 @@ class ReviewedTrack:
     size_m: NDArray[np.float64]
     proposed_doubts: tuple[Doubt, ...]
     points_median: float
-    motion: Motion
-    found: Motion
+    uncorrected: Motion
     keys: Mapping[int, SetBox]
+
+    @property
+    def motion(self) -> Motion:
+        """Where it is, key frames applied."""
+        return _corrected(self.uncorrected, self.keys)
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
         """Reasons to look twice: what follows from the track as it stands, which a reviewer can mend, goes first."""
-        step_ns = self.motion.step_ns
-        missing = [round((end - start) / step_ns) - 1 for start, end in self.motion.holes(step_ns)]
+        step_ns = self.uncorrected.step_ns
+        missing = [round((end - start) / step_ns) - 1 for start, end in self.uncorrected.holes(step_ns)]
         doubts = []
         if missing:
             count = max(sum(missing), 1)
@@ -249,10 +250,8 @@ def _interpolated(
 
 def undecided(track: StoredTrack) -> ReviewedTrack:
     """A track of a file before any decision."""
-    motion = motion_of(track.states)
     return ReviewedTrack(
         id=track.id,
-        source=track.source,
         status="open",
         object_class=track.object_class,
         category=track.category,
@@ -260,8 +259,7 @@ def undecided(track: StoredTrack) -> ReviewedTrack:
         size_m=np.array(track.size_m),
         proposed_doubts=track.doubts,
         points_median=track.points_median,
-        motion=motion,
-        found=motion,
+        uncorrected=motion_of(track.states),
         keys={},
     )
 
@@ -300,8 +298,8 @@ def _drawn(state: State, decision: Draw) -> State:
 
 def _with_key(track: ReviewedTrack, key: SetBox) -> ReviewedTrack:
     keys = dict(sorted({**track.keys, key.timestamp_ns: key}.items()))
-    found = _reaching(track.found, key.timestamp_ns)
-    return replace(track, keys=keys, found=found, motion=_corrected(found, keys), size_m=np.array(key.size_m))
+    uncorrected = _reaching(track.uncorrected, key.timestamp_ns)
+    return replace(track, keys=keys, uncorrected=uncorrected, size_m=np.array(key.size_m))
 
 
 def _reaching(motion: Motion, time_ns: int) -> Motion:
@@ -315,7 +313,7 @@ def _reaching(motion: Motion, time_ns: int) -> Motion:
     later = int(np.searchsorted(motion.times_ns, time_ns))
     beside = motion.times_ns[max(later - 1, 0) : later + 1]
     times_ns = [motion.times_ns, np.array([time_ns])]
-    for start, end in [(min(int(one), time_ns), max(int(one), time_ns)) for one in beside]:
+    for start, end in [(min(int(near), time_ns), max(int(near), time_ns)) for near in beside]:
         if end - start <= LARGEST_GAP_NS:
             times_ns.append(_between(start, end, motion.step_ns))
     reached = np.unique(np.concatenate(times_ns).astype(np.int64))
@@ -327,29 +325,23 @@ def _between(start_ns: int, end_ns: int, step_ns: int) -> NDArray[np.int64]:
     return np.linspace(start_ns, end_ns, round((end_ns - start_ns) / step_ns) + 1).round().astype(np.int64)[1:-1]
 
 
-def _corrected(found: Motion, keys: Mapping[int, SetBox]) -> Motion:
+def _corrected(uncorrected: Motion, keys: Mapping[int, SetBox]) -> Motion:
     """The motion led through key frames: each gives a correction in the box's own axes, linear in between."""
     if not keys:
-        return found
+        return uncorrected
     key_times = np.array(list(keys), dtype=np.int64)
-    at_keys = found.at(key_times)
+    at_keys = uncorrected.at(key_times)
     offsets_m = rotated(np.array([key.centre_m for key in keys.values()]) - at_keys.centres_m, -at_keys.yaws_rad)
     turns_rad = np.unwrap(
         [_wrapped(key.yaw_rad - yaw) for key, yaw in zip(keys.values(), at_keys.yaws_rad, strict=True)]
     )
-    seconds, known_s = (found.times_ns - key_times[0]) / 1e9, (key_times - key_times[0]) / 1e9
+    seconds, known_s = (uncorrected.times_ns - key_times[0]) / 1e9, (key_times - key_times[0]) / 1e9
     corrections = _interpolated(seconds, known_s, np.column_stack([offsets_m, turns_rad]))
-    return found.moved(corrections[:, :3], corrections[:, 3])
+    return uncorrected.moved(corrections[:, :3], corrections[:, 3])
 
 
 def _wrapped(angle_rad: float) -> float:
     return float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
-
-
-def _baked(track: ReviewedTrack, **changes: object) -> ReviewedTrack:
-    """A track whose key frames have become its motion, so that it can be cut and joined."""
-    changed: ReviewedTrack = replace(track, **changes)  # type: ignore[arg-type]
-    return replace(changed, found=changed.motion, keys={})
 
 
 def _split_in_time(state: State, decision: SplitTime) -> State:
@@ -360,8 +352,8 @@ def _split_in_time(state: State, decision: SplitTime) -> State:
     other = _free_id(state, track.id)
     return {
         **state,
-        track.id: _baked(track, motion=track.motion.where(early)),
-        other: _baked(track, id=other, motion=track.motion.where(~early)),
+        track.id: replace(track, uncorrected=track.motion.where(early), keys={}),
+        other: replace(track, id=other, uncorrected=track.motion.where(~early), keys={}),
     }
 
 
@@ -398,7 +390,8 @@ def _part(track: ReviewedTrack, part: Polygon) -> ReviewedTrack:
 def _resized(track: ReviewedTrack, low: NDArray[np.float64], high: NDArray[np.float64]) -> ReviewedTrack:
     """The box between two corners in its own axes, (3,) m each."""
     offsets = np.tile((low + high) / 2, (len(track.motion), 1))
-    return _baked(track, motion=track.motion.moved(offsets, np.zeros(len(offsets))), size_m=high - low)
+    motion = track.motion.moved(offsets, np.zeros(len(offsets)))
+    return replace(track, uncorrected=motion, keys={}, size_m=high - low)
 
 
 def _merged(state: State, decision: Merge) -> State:
@@ -426,8 +419,8 @@ def _joined(a: ReviewedTrack, b: ReviewedTrack) -> ReviewedTrack:
     grown_a, grown_b = _resized(a, low, high), _resized(b, low - between, high - between)
     alone = ~np.isin(grown_b.motion.times_ns, grown_a.motion.times_ns)
     return replace(
-        _baked(grown_a, motion=_in_one(grown_a.motion, grown_b.motion.where(alone))),
-        proposed_doubts=a.proposed_doubts,
+        grown_a,
+        uncorrected=_in_one(grown_a.motion, grown_b.motion.where(alone)),
         points_median=max(a.points_median, b.points_median),
     )
 

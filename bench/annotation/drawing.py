@@ -83,10 +83,10 @@ def draw_track(recording: Recording, lasso: Lasso, *, name: str) -> StoredTrack:
     last = len(recording.sweeps) - 1
     before = range(lasso.sweep - 1, max(lasso.sweep - FARTHEST_SWEEPS, 0) - 1, -1)
     behind = range(lasso.sweep + 1, min(lasso.sweep + FARTHEST_SWEEPS, last) + 1)
-    found = {lasso.sweep: points}
-    found |= dict(_followed(recording, points, lasso.sweep, before))
-    found |= dict(_followed(recording, points, lasso.sweep, behind))
-    return _fitted(recording, dict(sorted(found.items())), name)
+    points_in = {lasso.sweep: points}
+    points_in |= dict(_followed(recording, points, lasso.sweep, before))
+    points_in |= dict(_followed(recording, points, lasso.sweep, behind))
+    return _fitted(recording, dict(sorted(points_in.items())), name)
 
 
 def _standing(recording: Recording, index: int) -> NDArray[np.float64]:
@@ -122,20 +122,20 @@ def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray((low + high) / 2)
 
 
-def _fitted(recording: Recording, found: dict[int, NDArray[np.float64]], name: str) -> StoredTrack:
-    times_ns = np.array([recording.sweeps[i].timestamp_ns for i in found], dtype=np.int64)
-    middles = np.array([[*_middle(points), 0.0] for points in found.values()])
-    velocities = world_velocities(times_ns, _smoothed(middles)) if len(found) > 2 else np.zeros((len(found), 3))
+def _fitted(recording: Recording, points_in: dict[int, NDArray[np.float64]], name: str) -> StoredTrack:
+    times_ns = np.array([recording.sweeps[i].timestamp_ns for i in points_in], dtype=np.int64)
+    middles = np.array([[*_middle(points), 0.0] for points in points_in.values()])
+    velocities = world_velocities(times_ns, _smoothed(middles)) if len(points_in) > 2 else np.zeros((len(points_in), 3))
     speeds = np.hypot(velocities[:, 0], velocities[:, 1])
     moving = speeds > STANDING_MPS
     speed_mps = float(np.median(speeds[moving])) if moving.any() else 0.0
     if np.median(speeds) > STANDING_MPS:
         headings = np.unwrap(np.arctan2(velocities[moving, 1], velocities[moving, 0]))
-        yaws = np.interp(np.arange(len(found)), np.flatnonzero(moving), headings)
+        yaws = np.interp(np.arange(len(points_in)), np.flatnonzero(moving), headings)
     else:
-        yaws = np.full(len(found), _heading(next(iter(found.values()))))
-    lows, highs = np.empty((len(found), 3)), np.empty((len(found), 3))
-    for row, (points, yaw) in enumerate(zip(found.values(), yaws, strict=True)):
+        yaws = np.full(len(points_in), _heading(next(iter(points_in.values()))))
+    lows, highs = np.empty((len(points_in), 3)), np.empty((len(points_in), 3))
+    for row, (points, yaw) in enumerate(zip(points_in.values(), yaws, strict=True)):
         own = points @ _axes(yaw)
         lows[row], highs[row] = np.percentile(own, 2, axis=0) - MARGIN_M, np.percentile(own, 98, axis=0) + MARGIN_M
     lows[:, 2] -= GROUND_M - MARGIN_M  # what stands on the road was left out with it
@@ -144,10 +144,9 @@ def _fitted(recording: Recording, found: dict[int, NDArray[np.float64]], name: s
     centres_m = np.array([_axes(yaw) @ middle for yaw, middle in zip(yaws, middles, strict=True)])
     return StoredTrack(
         id=name,
-        source="drawn",
         object_class=guess_class(size_m, speed_mps),
         size_m=tuple(size_m.tolist()),
-        points_median=float(np.median([len(points) for points in found.values()])),
+        points_median=float(np.median([len(points) for points in points_in.values()])),
         states=box_states(times_ns, centres_m, yaws, velocities[:, :2]),
     )
 

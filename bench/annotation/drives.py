@@ -131,7 +131,6 @@ def stored_track(proposal: Proposal) -> StoredTrack:
     """A proposal as a review file holds it."""
     return StoredTrack(
         id=proposal.track_id,
-        source="proposed",
         object_class=proposal.object_class,
         size_m=tuple(proposal.size_m.tolist()),
         doubts=tuple(Doubt(reason=reason, value=value) for reason, value in proposal.doubts),
@@ -226,7 +225,7 @@ def merge_reviews(a: Review, b: Review) -> Review:
         UsageError: decisions that cannot be carried out.
     """
     mine, theirs = (
-        {name: track for name, track in applied(one).items() if track.status != "rejected"} for one in (a, b)
+        {name: track for name, track in applied(review).items() if track.status != "rejected"} for review in (a, b)
     )
     same = _same(mine, theirs)
     differ = [name for name, track in mine.items() if name not in same or not _agree(track, theirs[same[name]])]
@@ -250,7 +249,6 @@ def _as_drawn(track: ReviewedTrack, name: str) -> StoredTrack:
     motion = track.motion
     return StoredTrack(
         id=name,
-        source="drawn",
         object_class=track.object_class,
         category=track.category,
         unclear=track.unclear,
@@ -279,8 +277,8 @@ def carry_over(old: Review, new: Review) -> Review:
         UsageError: old decisions that cannot be carried out.
     """
     decisions, _ = history(old.decisions)
-    shaped = {_root(name) for one in decisions if not isinstance(one, DESCRIBING) for name in _named(one)}
-    judged = {_root(name) for one in decisions if not _rejects(one) for name in _named(one)}
+    shaped = {_root(name) for told in decisions if not isinstance(told, DESCRIBING) for name in _named(told)}
+    judged = {_root(name) for told in decisions if not _rejects(told) for name in _named(told)}
     drawn = [decision.drawn for decision in decisions if isinstance(decision, Draw)]
     before, proposed = opening(old), opening(new)
     same = _same(before, proposed)
@@ -298,8 +296,8 @@ def carry_over(old: Review, new: Review) -> Review:
             names[track.id] = next(name for name in free if name not in taken)
             taken.add(names[track.id])
             tracks.append(track.model_copy(update={"id": names[track.id]}))
-    told = (renamed for decision in decisions if (renamed := _renamed(decision, names)) is not None)
-    carried = new.model_copy(update={"tracks": tuple(tracks), "decisions": tuple(told)})
+    moved = (renamed for decision in decisions if (renamed := _renamed(decision, names)) is not None)
+    carried = new.model_copy(update={"tracks": tuple(tracks), "decisions": tuple(moved)})
     applied(carried)  # raises where the old review could not be carried out either
     same_data = old.proposed is not None and new.proposed is not None and old.proposed.data == new.proposed.data
     return carried.watched(old.watched_ns) if same_data else carried

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from math import radians
 
 import numpy as np
@@ -34,11 +33,10 @@ LEAST_POINTS = 10  # returns of an object that is asked for, as the protocols as
 NEAR_NS = 60_000_000  # of an annotation to a sweep
 CLEARANCE_M = 0.1  # returns lower above the box's bottom are the ground's
 BANDS_M = (8.0, 20.0)
-SPEEDS_MPS = (2.0, 6.0)
 HALF = 0.5
 OUTCOMES = FOUND, MISSED, FALSE, NEUTRAL = "found", "missed", "false", "neutral"
 COLUMNS = [
-    *("recording", "timestamp_ns", "object", "proposal", "outcome", "object_class", "kind", "range_m", "speed_mps"),
+    *("recording", "timestamp_ns", "object", "proposal", "outcome", "object_class", "kind", "range_m"),
     *("iou", "speed_error_mps", "centre_error_m", "size_error_m", "yaw_error_rad", "proposed_class"),
 ]
 SIZE_OFF_M, YAW_OFF_RAD = 1.0, radians(20)  # from which on a box is listed as wrong
@@ -51,7 +49,7 @@ class _Seen:
 
     Attributes:
         name: of its track.
-        described: class, kind of motion, range and speed, by column.
+        described: class, kind of motion and range, by column.
         rows: (N,) intp, its returns in the sweep.
         centre: (3,) float64, m, world frame, at the time of the sweep.
         yaw_rad: heading in the world; NaN for what has no box.
@@ -90,7 +88,7 @@ def evaluate_proposals(
     Returns:
         One row for each object-frame that is annotated or proposed: `recording`, `timestamp_ns`, `object` and
         `proposal` (names, None for none), `outcome` (one of `OUTCOMES`), `object_class`, `kind` of motion, `range_m`
-        from the lidar to the nearest return, `speed_mps`; of those that are found also `iou`, `speed_error_mps`
+        from the lidar to the nearest return; of those that are found also `iou`, `speed_error_mps`
         (length of the difference of the velocities), `centre_error_m` (seen from above), `size_error_m` (the largest
         difference of length, width and height), `yaw_error_rad` (of the heading, 0 to pi) and `proposed_class`, NaN
         elsewhere and where an annotation has no box.
@@ -101,19 +99,19 @@ def evaluate_proposals(
     """
     if recording.annotated == NOT_ANNOTATED:
         raise UsageError(f"{recording.name}: expected annotations to compare with, got a recording without")
-    truths = [_with_motion(track, recording) for track in recording.tracks if track.states]
-    others = [_with_motion(track, recording) for track in proposed if track.states]
+    truths, others = (
+        [(track, track_motion(track, recording.trajectory, MOTION)) for track in tracks if track.states]
+        for tracks in (recording.tracks, proposed)
+    )
     left_out = left_out_ground(recording.annotated)
     rows: list[dict[str, object]] = []
     for number, ref in enumerate(recording.sweeps):
         placed = pose_sweep(ref.read(), recording.trajectory, recording.vehicle_from_lidar, recording.lidar_from_sensor)
         if placed is not None:
-            seen, told = (
-                [one for track, motion in of_all if (one := _seen(track, motion, placed, recording, left_out, near_ns))]
-                for of_all, near_ns in ((truths, NEAR_NS), (others, 0))
-            )
+            seen = [_seen(track, motion, placed, recording, left_out, NEAR_NS) for track, motion in truths]
+            told = [_seen(track, motion, placed, recording, left_out, 0) for track, motion in others]
             common = {"recording": recording.name, "timestamp_ns": ref.timestamp_ns}
-            rows += [common | row for row in _rows(seen, told)]
+            rows += [common | row for row in _rows([*filter(None, seen)], [*filter(None, told)])]
         progress((number + 1) / len(recording.sweeps))
     return pd.DataFrame(rows, columns=COLUMNS)
 
@@ -126,21 +124,18 @@ def proposal_scores(frames: pd.DataFrame, *, minutes: float) -> pd.DataFrame:
         minutes: how long the sweeps took.
 
     Returns:
-        One row for each range (nearer than 8 m, nearer than 20 m, all) and group (all; each class, kind of motion and
-        range of speeds): `object_frames`, `recall`, `precision`, `switches` (from one proposal to another on one
-        object), `false_tracks_per_minute` (with more false object-frames than others), `class_right` (share of those
-        that are found), `speed_error_median`, `speed_error_p90` (m/s), likewise of `centre_error` (m), `size_error`
+        One row for each range (nearer than 8 m, nearer than 20 m, all) and group (all; each class and kind of
+        motion): `object_frames`, `recall`, `precision`, `switches` (from one proposal to another on one object),
+        `false_tracks_per_minute` (with more false object-frames than others), `class_right` (share of those that are
+        found), `speed_error_median`, `speed_error_p90` (m/s), likewise of `centre_error` (m), `size_error`
         (m) and `yaw_error_deg`; NaN for 0/0.
     """
-    speeds = [0.0, *SPEEDS_MPS, np.inf]
-    bins = [f"{low:g} to {high:g} m/s" for low, high in pairwise(speeds[:-1])] + [f"{speeds[-2]:g} m/s and more"]
-    frames = frames.assign(speed=pd.cut(frames["speed_mps"], speeds, right=False, labels=bins).astype(object))
     table = []
     for limit_m in (*BANDS_M, np.inf):
         near = frames[frames["range_m"] < limit_m]
         label = "all" if np.isinf(limit_m) else f"< {limit_m:g} m"
         table.append({"range": label, "group": "all", **_scores(near, minutes)})
-        for column in ("object_class", "kind", "speed"):
+        for column in ("object_class", "kind"):
             names = sorted(set(near.loc[near["outcome"] != NEUTRAL, column].dropna()))
             groups = ((name, near[near[column] == name]) for name in names)
             table += [{"range": label, "group": name, **_scores(rows, minutes)} for name, rows in groups]
@@ -201,10 +196,6 @@ def _share(part: float, whole: float) -> float:
     return part / whole if whole else float("nan")
 
 
-def _with_motion(track: Track, recording: Recording) -> tuple[Track, TrackMotion]:
-    return track, track_motion(track, recording.trajectory, MOTION)
-
-
 def _seen(
     track: Track,
     motion: TrackMotion,
@@ -232,7 +223,7 @@ def _seen(
     world_from_vehicle = recording.trajectory.world_from_vehicle(sweep_ns)
     middle_m = world_from_vehicle.inverse().apply(centre)
     annotated = recording.annotated.covers(sweep_ns) and not left_out.covers(shapely.Point(middle_m[:2]))
-    speed_mps, kind = float(np.hypot(*smooth_mps[:2])), state.category
+    kind, speed_known = state.category, bool(np.isfinite(smooth_mps[:2]).all())
     if kind is None and np.isfinite(smooth_mps).all():
         ego_mps = world_from_vehicle.rotation @ recording.trajectory.velocity_vehicle_mps(sweep_ns)
         kind = str(categorise(smooth_mps, ego_mps, MOTION))
@@ -242,7 +233,6 @@ def _seen(
             "object_class": track.object_class,
             "kind": kind,
             "range_m": float(np.hypot(*placed.points_sensor(cluster.rows)[:, :2].T).min()),
-            "speed_mps": speed_mps,
         },
         rows=cluster.rows,
         centre=centre,
@@ -251,13 +241,13 @@ def _seen(
         velocity_mps=velocity_mps,
         moving=bool(motion.moving[index]),
         annotated=annotated,
-        clear=annotated and not state.unclear and bool(np.isfinite(speed_mps)) and len(cluster.rows) >= LEAST_POINTS,
+        clear=annotated and not state.unclear and speed_known and len(cluster.rows) >= LEAST_POINTS,
     )
 
 
 def _rows(seen: Sequence[_Seen], told: Sequence[_Seen]) -> Iterator[dict[str, object]]:
     """Match the objects of a sweep with proposals, and say what became of each."""
-    ious = np.array([[_iou(one.rows, other.rows) for other in told] for one in seen]).reshape(len(seen), len(told))
+    ious = np.array([[_iou(truth.rows, match.rows) for match in told] for truth in seen]).reshape(len(seen), len(told))
     pairs = {int(a): int(b) for a, b in zip(*linear_sum_assignment(-ious), strict=True) if ious[a, b] >= LEAST_IOU}
     for a, truth in enumerate(seen):
         match = told[pairs[a]] if a in pairs else None
@@ -283,6 +273,6 @@ def _rows(seen: Sequence[_Seen], told: Sequence[_Seen]) -> Iterator[dict[str, ob
             yield {**row, "outcome": FALSE if match.moving and match.annotated else NEUTRAL}
 
 
-def _iou(one: NDArray[np.intp], other: NDArray[np.intp]) -> float:
-    both = len(np.intersect1d(one, other, assume_unique=True))
-    return both / (len(one) + len(other) - both)
+def _iou(a: NDArray[np.intp], b: NDArray[np.intp]) -> float:
+    both = len(np.intersect1d(a, b, assume_unique=True))
+    return both / (len(a) + len(b) - both)

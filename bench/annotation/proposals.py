@@ -17,7 +17,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import find_peaks
 
 from bench.annotation.boxes import VEHICLE_M, Box, fit_box
 from bench.annotation.prepared import Cloud, clouds
@@ -386,6 +385,8 @@ def _in_box(box: Box, number: int) -> Floats:
 
 def _valleys(places_m: Floats) -> Floats:
     """(K,) float64, m, where a profile of points is lowest between two peaks that stand apart."""
+    from scipy.signal import find_peaks  # a second and a half, which opening a drive need not wait for
+
     if len(places_m) < 2:
         return np.empty(0)
     low = places_m.min() - APART_M

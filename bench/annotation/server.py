@@ -28,6 +28,7 @@ LARGEST_BODY_BYTES = 1_000_000
 LONGEST_PATH = 100
 IDLE_S = 30
 OPENED = 2  # drives that are held at once
+NOTHING = "there is no such thing"
 QUESTION = re.compile(r"/drives/([0-9]{1,6})(?:/([a-z]{1,10})((?:/[0-9]{1,9}){0,2}))?")
 POLICY = (
     "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src blob: data:; "
@@ -68,14 +69,9 @@ class ReviewServer(ThreadingHTTPServer):
         super().__init__((ADDRESS, port), Handler)
 
     @property
-    def origin(self) -> str:
-        """Scheme, host and port."""
-        return f"http://{ADDRESS}:{self.server_port}"
-
-    @property
     def url(self) -> str:
         """The address to open, with the token."""
-        return f"{self.origin}/#{self.token}"
+        return f"http://{ADDRESS}:{self.server_port}/#{self.token}"
 
     def session(self, index: int) -> Session:
         """The drive of an index, opened when it is first asked for."""
@@ -96,23 +92,27 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """The page, lists, sweeps, images and lenses."""
-        self._answer(self._read)
+        self._answer_or_refuse()
 
     def do_POST(self) -> None:
         """Decisions, lassos, what was watched, and the reference of a box that is being moved."""
-        self._answer(self._write)
+        self._answer_or_refuse()
 
     def log_message(self, format: str, *args: object) -> None:
         """Say nothing."""
 
-    def _answer(self, act: Callable[[], None]) -> None:
+    def _answer_or_refuse(self) -> None:
         try:
             self._refuse_foreign()
-            act()
+            if (self.command, self.path) == ("GET", "/"):
+                self._send_page()
+            else:
+                self._refuse_without_token()
+                self._answer()
         except Refused as refused:
             self._refuse(refused.status, refused.reason)
         except IndexError:
-            self._refuse(HTTPStatus.NOT_FOUND, "there is no such thing")
+            self._refuse(HTTPStatus.NOT_FOUND, NOTHING)
         except (ChangedFileError, OutputError) as error:
             self._refuse(HTTPStatus.CONFLICT, str(error))
         except DataError as error:
@@ -138,51 +138,35 @@ class Handler(BaseHTTPRequestHandler):
         if not compare_digest(given.encode(errors="replace"), self.server.token.encode()):
             raise Refused(HTTPStatus.FORBIDDEN, "expected the token of this review; open the address that was printed")
 
-    def _question(self) -> tuple[Session, str, list[int]]:
-        self._refuse_without_token()
-        match = QUESTION.fullmatch(self.path)
-        if match is None:
-            raise Refused(HTTPStatus.NOT_FOUND, "there is no such thing")
-        numbers = [int(number) for number in match[3].split("/")[1:]] if match[3] else []
-        return self.server.session(int(match[1])), match[2] or "", numbers
-
-    def _read(self) -> None:
-        if self.path == "/":
-            self._send_page()
-            return
-        if self.path == "/drives":
-            self._refuse_without_token()
+    def _answer(self) -> None:
+        content = self._body() if self.command == "POST" else b""
+        if (self.command, self.path) == ("GET", "/drives"):
             self._send_json({"drives": self.server.names})
             return
-        session, what, numbers = self._question()
-        match what, numbers:
-            case "", []:
+        match = QUESTION.fullmatch(self.path)
+        if match is None:
+            raise Refused(HTTPStatus.NOT_FOUND, NOTHING)
+        session = self.server.session(int(match[1]))
+        match self.command, match[2] or "", [int(number) for number in (match[3] or "").split("/")[1:]]:
+            case "GET", "", []:
                 self._send_json(session.drive())
-            case "sweep", [index]:
+            case "GET", "sweep", [index]:
                 self._send(session.sweep(index), "application/octet-stream")
-            case "lens", [camera]:
+            case "GET", "lens", [camera]:
                 self._send(session.lens(camera), "application/octet-stream")
-            case "image", [camera, index]:
-                content, pose = session.image(camera, index)
-                self._send(content, "image/jpeg", {"X-Pose": json.dumps(pose)})
-            case _:
-                raise Refused(HTTPStatus.NOT_FOUND, "there is no such thing")
-
-    def _write(self) -> None:
-        self._refuse_without_token()
-        content = self._body()
-        session, what, numbers = self._question()
-        match what, numbers:
-            case "decide", []:
+            case "GET", "image", [camera, index]:
+                image, pose = session.image(camera, index)
+                self._send(image, "image/jpeg", {"X-Pose": json.dumps(pose)})
+            case "POST", "decide", []:
                 self._send_json(session.decide(content))
-            case "draw", []:
+            case "POST", "draw", []:
                 self._send_json(session.draw(content))
-            case "watched", []:
+            case "POST", "watched", []:
                 self._send_json(session.watch(content))
-            case "outline", [camera, image]:
-                self._send_json(session.outline(content, camera, image))
+            case "POST", "outline", [camera, image_index]:
+                self._send_json(session.outline(content, camera, image_index))
             case _:
-                raise Refused(HTTPStatus.NOT_FOUND, "there is no such thing")
+                raise Refused(HTTPStatus.NOT_FOUND, NOTHING)
 
     def _body(self) -> bytes:
         if self.headers.get_content_type() != "application/json":

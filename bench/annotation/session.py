@@ -156,7 +156,7 @@ class Session:
         """
         lasso = parse_json(Lasso, content, Path("lasso"))
         taken = {track.id for track in self.review.tracks} | set(self._state)
-        taken |= {one.drawn.id for one in self.review.decisions if isinstance(one, Draw)}
+        taken |= {decision.drawn.id for decision in self.review.decisions if isinstance(decision, Draw)}
         name = next(name for i in range(1, len(taken) + 2) if (name := f"d{i:03d}") not in taken)
         drawn = draw_track(self.recording, lasso, name=name)
         return self._add(Draw(made_at=datetime.now(UTC), reviewer=self._reviewer, drawn=drawn))
@@ -240,7 +240,7 @@ class Session:
         near = np.abs(track.motion.times_ns - shown.timestamp_ns) <= AROUND_NS
         if not near.any():
             return region_outlines(None, model)
-        track = replace(track, motion=track.motion.where(near))
+        track = replace(track, uncorrected=track.motion.where(near), keys={})
         with self._drawing:
             recording = replace(self.recording, tracks=(to_track(track, self.recording, reviewed=False),))
             settings = load_protocol(PROTOCOL).reference_settings()
@@ -281,13 +281,12 @@ class Session:
         rows = np.column_stack([motion.centres_m, motion.yaws_rad, motion.velocities_mps])
         return {
             "id": track.id,
-            "source": track.source,
             "status": track.status,
             "class": track.object_class,
             "category": track.category,
             "unclear": track.unclear,
             "size": np.round(track.size_m, 3).tolist(),
-            "doubts": [{"reason": one.reason, "value": one.value} for one in track.doubts],
+            "doubts": [{"reason": doubt.reason, "value": doubt.value} for doubt in track.doubts],
             "points": track.points_median,
             "times": (motion.times_ns - self._start_ns).tolist(),
             "rows": np.round(rows, 3).tolist(),

@@ -5,19 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 
+from bench.evaluation import load_protocol
 from bench.records.reference import MotionSettings
-from bench.times import SECOND_NS
 
-MOTION = MotionSettings(  # those of paper-v1
-    static_below_mps=0.3,
-    hysteresis_low_mps=0.2,
-    hysteresis_high_mps=0.4,
-    min_run_ns=SECOND_NS * 3 // 10,
-    smoothing_ns=SECOND_NS // 2,
-    ego_static_below_mps=0.05,
-    crossing_from_rad=radians(45),
-    crossing_to_rad=radians(135),
-)
+MOTION = load_protocol("paper-v1").reference_settings().motion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

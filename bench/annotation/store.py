@@ -69,7 +69,6 @@ class StoredTrack(FileModel):
 
     Attributes:
         id: unique in the file.
-        source: of its states: found by `annotate propose`, or drawn by a reviewer.
         object_class: what it is, or seems to be.
         category: its kind of motion where somebody says so; None leaves it to the reference.
         unclear: nobody could tell; it is ignored when scored.
@@ -80,7 +79,6 @@ class StoredTrack(FileModel):
     """
 
     id: TrackId
-    source: Literal["proposed", "drawn"]
     object_class: ObjectClass
     category: MotionKind | None = None
     unclear: bool = False

@@ -15,9 +15,9 @@ constraint says what it cannot see.
 """
 
 from bench.audit.causes import ExplainedImage, FalseCause, MissCause, explain_image
-from bench.audit.polygons import Compensation, lenient
-from bench.audit.recording import RecordingAudit, Scoring
-from bench.audit.run import ALL, AUDIT, AuditSummary, CauseFigures, PolygonFigures, Quartiles, run_audit
+from bench.audit.polygons import Compensation
+from bench.audit.recording import Scoring
+from bench.audit.run import ALL, AUDIT, AuditSummary, PolygonFigures, Quartiles, run_audit
 from bench.audit.sources import AuditSource, audit_sources
 
 __all__ = [
@@ -25,17 +25,14 @@ __all__ = [
     "AUDIT",
     "AuditSource",
     "AuditSummary",
-    "CauseFigures",
     "Compensation",
     "ExplainedImage",
     "FalseCause",
     "MissCause",
     "PolygonFigures",
     "Quartiles",
-    "RecordingAudit",
     "Scoring",
     "audit_sources",
     "explain_image",
-    "lenient",
     "run_audit",
 ]

@@ -235,9 +235,6 @@ class FalseCause(StrEnum):
     EGO_MOTION = "ego_motion"  # ego-motion or calibration
 
 
-BLIND = (MissCause.NEAR_EPIPOLE, MissCause.ENTERED, MissCause.ABOVE_HORIZON, MissCause.BELOW_THRESHOLD)
-
-
 def miss_causes(evidence: Evidence) -> NDArray[np.int64]:
     """Index into `MissCause` of each cell, (rows, columns); it means something where R does not fire."""
     blind = ~evidence.by_exact_flow

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 
 import cv2
@@ -81,26 +81,16 @@ class RegionFit:
 
     Attributes:
         iou: |region n mask| / |region u mask|.
-        missing: share of the mask that the region leaves out.
-        surplus: pixels of the region outside the mask, over |mask|.
+        area_error: (|region| - |mask|) / |mask|: positive for a region that is too large.
         boundary_px: mean distance from the outline of either to the outline of the other, px.
-        centroid_px: distance between their centroids, px.
-        filled_iou: IoU with the mask whose holes are filled, such as those between the spokes of a wheel.
-        solid: |mask| / |filled mask|: about the best IoU that a polygon without holes can reach.
+        solid: |mask| / |mask with its holes filled|, such as those between the spokes of a wheel: about the best IoU
+            that a polygon without holes can reach.
     """
 
     iou: float
-    missing: float
-    surplus: float
+    area_error: float
     boundary_px: float
-    centroid_px: float
-    filled_iou: float
     solid: float
-
-    @property
-    def area_error(self) -> float:
-        """(|region| - |mask|) / |mask|: positive for a region that is too large."""
-        return self.surplus - self.missing
 
 
 def region_fit(region: Mask, mask: Mask) -> RegionFit:
@@ -115,15 +105,11 @@ def region_fit(region: Mask, mask: Mask) -> RegionFit:
     both, size, covered = np.count_nonzero(region & mask), np.count_nonzero(mask), np.count_nonzero(region)
     assert size, "the object is seen"
     assert covered, "the object has a region"
-    filled = _filled(mask)
     return RegionFit(
         iou=both / (size + covered - both),
-        missing=(size - both) / size,
-        surplus=(covered - both) / size,
+        area_error=(covered - size) / size,
         boundary_px=_outline_distance_px(region, mask),
-        centroid_px=float(np.linalg.norm(_centroid(region) - _centroid(mask))),
-        filled_iou=np.count_nonzero(region & filled) / np.count_nonzero(region | filled),
-        solid=size / np.count_nonzero(filled),
+        solid=size / np.count_nonzero(_filled(mask)),
     )
 
 
@@ -136,10 +122,6 @@ def _filled(mask: Mask) -> Mask:
 def _window(mask: Mask) -> tuple[slice, slice]:
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
-
-
-def _centroid(mask: Mask) -> NDArray[np.float64]:
-    return np.array([np.mean(places) for places in np.nonzero(mask)])
 
 
 def _outline_distance_px(first: Mask, second: Mask) -> float:
@@ -156,7 +138,7 @@ def _outline(mask: Mask) -> Mask:
     return mask & ~inner
 
 
-FIT = ("iou", "area_error", "missing", "surplus", "boundary_px", "centroid_px", "filled_iou", "solid")
+FIT = tuple(measure.name for measure in fields(RegionFit))
 
 # One row per evaluated object-frame, kind and compensation that gave a polygon; ratios as in `RegionFit`.
 POLYGONS_SCHEMA = pa.schema(
@@ -164,7 +146,7 @@ POLYGONS_SCHEMA = pa.schema(
         *[(name, pa.string()) for name in ("recording", "camera")],
         ("timestamp_ns", pa.int64()),
         *[(name, pa.string()) for name in ("track_id", "object_class", "category", "kind", "compensation")],
-        *[(name, pa.float64()) for name in ("range_m", "speed_mps", "x_m", "y_m")],
+        *[(name, pa.float64()) for name in ("range_m", "speed_mps")],
         *[(name, pa.int64()) for name in ("points", "mask_px", "region_px")],
         *[(name, pa.float64()) for name in FIT],
     ]
@@ -239,9 +221,4 @@ def lenient(settings: ReferenceSettings, kind: str) -> ReferenceSettings:
 def _description(evaluated: ReferenceFrame, item: ReferenceObject) -> Row:
     """What the protocol's reference says of an object, the same for all kinds of polygon."""
     same = ("track_id", "object_class", "category", "range_m", "speed_mps", "points")
-    x_m, y_m = item.centroid_m[:2]
-    return (
-        {name: getattr(evaluated, name) for name in IMAGE}
-        | {name: getattr(item, name) for name in same}
-        | {"x_m": float(x_m), "y_m": float(y_m)}
-    )
+    return {name: getattr(evaluated, name) for name in IMAGE} | {name: getattr(item, name) for name in same}

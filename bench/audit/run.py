@@ -41,9 +41,6 @@ from bench.reference import REGION_KINDS
 AUDIT = "audit.json"
 ALL = "all"
 STATIC = "static"
-PAPER_RANGE_M = 8.0
-# Least median IoU of a polygon that is meant to follow the outline; the paper's convex hull is not.
-AIMS = {"vehicle": 0.90, "pedestrian": 0.85, "cyclist": 0.85}
 
 
 class Quartiles(AuditModel):
@@ -69,7 +66,6 @@ class PolygonFigures(AuditModel):
         compensation: of the motion between lidar and camera.
         object_class: or "all".
         range_m: bin, or "all".
-        speed_mps: bin of the object's own speed, or "all".
         object_frames: how many.
         fit: the measures of `RegionFit`.
     """
@@ -78,33 +74,8 @@ class PolygonFigures(AuditModel):
     compensation: str
     object_class: str
     range_m: str
-    speed_mps: str
     object_frames: int
     fit: dict[str, Quartiles]
-
-
-class Aim(AuditModel):
-    """Target that a kind of polygon has to meet for a class.
-
-    Attributes:
-        kind: of polygon, with full compensation.
-        object_class: of the objects, within `within_m`.
-        within_m: range.
-        object_frames: how many.
-        median_iou: of them; NaN, null in JSON, without any.
-        median_filled_iou: the same with masks whose holes are filled.
-        expected: least median.
-        met: whether it is; None without object-frames.
-    """
-
-    kind: str
-    object_class: str
-    within_m: float
-    object_frames: int
-    median_iou: Ratio
-    median_filled_iou: Ratio
-    expected: float
-    met: bool | None
 
 
 class CauseFigures(AuditModel):
@@ -141,7 +112,6 @@ class AuditSummary(StoredAudit):
         protocol: that says which object-frames count.
         polygon_kinds: the protocol's own first.
         polygons: by kind, compensation, class and range.
-        aims: for the kinds that are meant to follow the outline.
         not_seen: evaluated object-frames of which the camera sees no pixel; they are in none of the metrics.
         scores: the evaluation's metrics by `Scoring`.
         misses: by kind of motion, then "all"; empty without exact flow.
@@ -153,7 +123,6 @@ class AuditSummary(StoredAudit):
     protocol: ProtocolOfRun
     polygon_kinds: tuple[str, ...]
     polygons: tuple[PolygonFigures, ...]
-    aims: tuple[Aim, ...]
     not_seen: int
     scores: dict[str, Summary]
     misses: tuple[CauseFigures, ...]
@@ -162,48 +131,18 @@ class AuditSummary(StoredAudit):
 
 
 def polygon_figures(rows: pd.DataFrame, *, protocol: Protocol, kinds: tuple[str, ...]) -> tuple[PolygonFigures, ...]:
-    """Quartiles of every kind and compensation, by class and range and by class and the object's own speed.
-
-    Slices without object-frames are left out.
-    """
-    edges = {"range_m": protocol.bins.range_m, "speed_mps": protocol.bins.speed_mps}
-    binned = rows.assign(**{name: name_bins(rows[name], own) for name, own in edges.items()})
-    slices = [
-        {"object_class": of_class} | dict.fromkeys(edges, ALL) | cut
-        for of_class in (ALL, *protocol.reference.classes)
-        for cut in ({}, *({name: bin_name} for name, own in edges.items() for bin_name in bin_names(own)))
-    ]
+    """Quartiles of every kind and compensation, by class and range; slices without object-frames are left out."""
+    edges = protocol.bins.range_m
+    binned = rows.assign(range_m=name_bins(rows["range_m"], edges))
+    classes, ranges = (ALL, *protocol.reference.classes), (ALL, *bin_names(edges))
     figures = []
-    for kind, way, cut in product(kinds, Compensation, slices):
-        wanted = {"kind": kind, "compensation": way.value} | cut
+    for kind, way, object_class, range_m in product(kinds, Compensation, classes, ranges):
+        wanted = {"kind": kind, "compensation": way.value, "object_class": object_class, "range_m": range_m}
         part = binned[np.all([binned[column] == name for column, name in wanted.items() if name != ALL], axis=0)]
         if len(part):
             fit = {name: Quartiles.of(part[name]) for name in FIT}
             figures.append(PolygonFigures(**wanted, object_frames=len(part), fit=fit))
     return tuple(figures)
-
-
-def aims(rows: pd.DataFrame, *, kinds: tuple[str, ...]) -> tuple[Aim, ...]:
-    """The aim of every class, for every kind that follows the outline."""
-    near = rows[(rows["compensation"] == Compensation.FULL.value) & (rows["range_m"] <= PAPER_RANGE_M)]
-    reached = []
-    for kind, (name, expected) in product(kinds, AIMS.items()):
-        if REGION_KINDS[kind].follows_outline:
-            part = near[(near["kind"] == kind) & (near["object_class"] == name)]
-            iou, filled_iou = (Quartiles.of(part[column]).median for column in ("iou", "filled_iou"))
-            reached.append(
-                Aim(
-                    kind=kind,
-                    object_class=name,
-                    within_m=PAPER_RANGE_M,
-                    object_frames=len(part),
-                    median_iou=iou,
-                    median_filled_iou=filled_iou,
-                    expected=expected,
-                    met=iou >= expected if len(part) else None,
-                )
-            )
-    return tuple(reached)
 
 
 def scores(audit: RecordingAudit, *, protocol: Protocol) -> dict[str, Summary]:
@@ -278,7 +217,6 @@ def run_audit(
         protocol=ProtocolOfRun(name=protocol.name, version=protocol.version, digest=protocol.digest),
         polygon_kinds=kinds,
         polygons=polygon_figures(polygons, protocol=protocol, kinds=kinds),
-        aims=aims(polygons, kinds=kinds),
         not_seen=audit.not_seen,
         scores=scores(audit, protocol=protocol),
         misses=tuple(cause_figures(*part, MissCause) for part in by_category.items()) if explained else (),

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from typing_extensions import override
 
-from bench.cameras.model import Bools, CameraModel, Floats, checked_max_angle, finite_numbers, finite_pair
+from bench.cameras.model import CameraModel, checked_max_angle, finite_numbers, finite_pair
 from bench.errors import ShapeError
+from bench.geometry import Bools, Floats
 
 NODES = 128  # a search in more costs more than the steps that they save
 NODES_WITHOUT_LIMIT = 4096

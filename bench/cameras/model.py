@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError, UnknownNameError
+from bench.geometry import Bools, Floats
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Scalar = TypeVar("Scalar", bound=np.generic)
 CHUNK_ROWS = 16_384  # temporaries of a chunk stay in the processor's cache
 

@@ -10,8 +10,9 @@ from numpy.polynomial import Polynomial
 from typing_extensions import override
 
 from bench.cameras.angular import MonotonePolynomial
-from bench.cameras.model import Bools, CameraModel, Floats, checked_max_angle, finite_numbers, finite_pair
+from bench.cameras.model import CameraModel, checked_max_angle, finite_numbers, finite_pair
 from bench.errors import ShapeError
+from bench.geometry import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)

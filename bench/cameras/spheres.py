@@ -10,9 +10,10 @@ import numpy as np
 from typing_extensions import override
 
 from bench.cameras.angular import AngularCamera
-from bench.cameras.model import Bools, Floats, checked_max_angle, finite_pair
+from bench.cameras.model import checked_max_angle, finite_pair
 from bench.cameras.pinhole import BrownDistortion, PlanarCamera
 from bench.errors import ShapeError
+from bench.geometry import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)

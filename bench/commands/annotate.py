@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bench.commands.command import PATH, TEXT, Place, Words, command_line, print_nothing
-from bench.commands.console import print_blocks, print_failures, say
-from bench.commands.options import FAILURES, Dataset, Workers, group
+from bench.commands.console import FAILURES, print_blocks, print_failures, say
+from bench.commands.options import Dataset, Workers, group
 from bench.commands.progress import Report, progress_bar, resumable
 from bench.errors import UnknownNameError, UsageError
 

@@ -10,7 +10,7 @@ import typer
 
 from bench.commands import options
 from bench.commands.command import PATH, Place
-from bench.commands.console import note, print_blocks, print_failures, say
+from bench.commands.console import FAILURES, note, print_blocks, print_failures, say
 from bench.commands.progress import Report, interruptible, progress_bar
 from bench.errors import UsageError
 
@@ -54,7 +54,7 @@ def audit_reference(
         int | None, typer.Option(help="Number of recordings, spread over the split; default: all.")
     ] = None,
     workers: options.Workers = 1,
-    pictures: Annotated[bool, typer.Option(help="Draw median and worst examples of every class.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw why cells are missed and falsely marked.")] = True,
     progress: Report | None = None,
 ) -> Audit:
     """Compare lidar polygons with exact masks of a rendered data set, and find why a method errs.
@@ -79,12 +79,11 @@ def audit_reference(
         DataError: nothing of the data set could be audited, above all where it has no rendered masks.
     """
     from bench.atomic import output_folder
-    from bench.audit import audit_sources, run_audit
+    from bench.audit import AUDIT, audit_sources, run_audit
     from bench.commands.data import as_card, as_executor, rendered_card
     from bench.evaluation import load_protocol
     from bench.methods import FlowMethod, build_method
-    from bench.reporting.audit_pictures import write_audit_files, write_cause_pictures, write_examples
-    from bench.reporting.audit_tables import audit_tables
+    from bench.reporting.audit import audit_tables, write_cause_pictures, write_tables
 
     if settings and not isinstance(method, str):
         raise UsageError("settings: expected none beside a method that is built already")
@@ -104,14 +103,10 @@ def audit_reference(
                 executor=executor,
                 progress=report,
             )
-    polygons, misses = rows.tables["polygons"], rows.tables["misses"]
-    files = list(write_audit_files(folder, found, polygons))
-    if pictures:
+    files = [folder / AUDIT, write_tables(folder, found)]
+    if pictures and isinstance(built, FlowMethod):
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
-        handles = {name: source.recorded for name, source in sources.items()}
-        files += write_examples(folder, found, polygons, handles=handles, protocol=rules)
-        if isinstance(built, FlowMethod):
-            files += write_cause_pictures(folder, misses, sources=sources, method=built, protocol=rules)
+        files += write_cause_pictures(folder, rows.tables["misses"], sources=sources, method=built, protocol=rules)
     remarks = (f"without exact flow: {found.left_out}",) if found.left_out else ()
     return Audit(folder=folder, summary=found, tables=audit_tables(found), files=tuple(files), remarks=remarks)
 
@@ -123,9 +118,8 @@ def audit_folder(card: DatasetCard, out: str | Path | None) -> Path:
 
 def show(found: Audit) -> int:
     """Print the tables, the cost, failures and files."""
-    from bench.reporting.audit_tables import for_terminal
 
-    print_blocks(for_terminal(found.tables))
+    print_blocks(found.tables)
     summary, made = found.summary, found.summary.provenance
     say(f"{made.images} images of {summary.recordings} recordings in {made.seconds:.1f} s")
     for remark in found.remarks:
@@ -133,7 +127,7 @@ def show(found: Audit) -> int:
     print_failures(summary.failures, all_in="audit.json")
     for file in found.files:
         note(str(file))
-    return options.FAILURES if summary.failures else 0
+    return FAILURES if summary.failures else 0
 
 
 command = audit_reference  # `bench.audit` is a package

@@ -59,8 +59,7 @@ def compare(
     """
     from bench.commands.runs import run_folder
     from bench.harness.stored import results_folder, run_name
-    from bench.reporting.compare import compare_runs, read_comparable
-    from bench.reporting.compare_page import write_comparison
+    from bench.reporting.compare import compare_runs, read_comparable, write_comparison
 
     folders = [run_folder(run) for run in runs]
     if out is None:
@@ -74,8 +73,7 @@ def compare(
 
 def show(compared: Comparison) -> None:
     """Print differences, verdict and what was gained and lost of each pair, then the files."""
-    from bench.reporting.compare import verdict_line
-    from bench.reporting.compare_page import terminal_report
+    from bench.reporting.compare import terminal_report, verdict_line
     from bench.reporting.formats import found_by
 
     for comparison in compared.pairs:

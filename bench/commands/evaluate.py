@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH, TEXT
-from bench.commands.console import note, note_blocks
+from bench.commands.command import PATH, TEXT, Place
+from bench.commands.console import Verbosity, note, note_blocks, verbosity
 from bench.commands.progress import Report, progress_bar
 from bench.commands.runs import PROTOCOLS, Run, print_runs, score
 from bench.errors import UsageError
@@ -50,9 +49,7 @@ def evaluate(
     protocol: options.Protocols = PROTOCOLS,
     split: options.Split = None,
     out: Annotated[
-        str | Path | None,
-        typer.Option(metavar="FOLDER", help="Folder of the run; default: reports/runs/<data set>-NAME."),
-        TEXT,
+        Place, typer.Option(metavar="FOLDER", help="Folder of the run; default: reports/runs/<data set>-NAME."), TEXT
     ] = None,
     overwrite: options.Overwrite = False,
     pictures: options.Pictures = True,
@@ -78,11 +75,10 @@ def evaluate(
     Raises:
         UnknownNameError: no data set, protocol or split of this name.
         UsageError: the name of a method, or a threshold for masks.
-        DataError: a prediction is missing, damaged or extra where all are asked for; the error names a file that lists
-            all of them; or `out` holds another run.
+        DataError: a prediction is missing, damaged or extra where all are asked for; or `out` holds another run.
     """
     from bench.commands.data import as_card, as_executor, rendered_card
-    from bench.commands.runs import run_request
+    from bench.commands.runs import default_folder, run_request
     from bench.harness.stored import PREDICTIONS
     from bench.methods import known_methods
     from bench.methods.predictions import PredictedMotion
@@ -94,19 +90,26 @@ def evaluate(
     card, called = as_card(dataset), name or f"predictions-{Path(predictions).resolve().name}"
     if called in known_methods():
         raise UsageError(f"--name: expected another name than those of methods, got {called!r}")
-    named = partial(PredictedMotion, name=called, folder=str(predictions), dataset=str(card.file), split=split)
-    usual = named().settings()
-    method = named(threshold=threshold, missing=missing)
-    chosen = [(option, value) for option, value in method.settings().items() if value != usual[option]]
-    request = run_request(card, method, protocol=protocol, split=split, out=out, overwrite=overwrite, named_by=chosen)
+    method = PredictedMotion(
+        name=called,
+        folder=str(predictions),
+        dataset=str(card.file),
+        split=split,
+        threshold=threshold,
+        missing=missing,
+    )
+    given = (("threshold", threshold, None), ("missing", missing, "error"))
+    chosen = [(option, value) for option, value, usual in given if value != usual]
+    place = default_folder(card, called, chosen, split) if out is None else out
+    request = run_request(card, method, protocol=protocol, split=split, out=place, overwrite=overwrite)
     executor = as_executor(workers)
     rendered_card(card, split, executor=executor, as_it_is=True)
     with progress_bar(f"reading {predictions}", "recordings") as report:
         found = check_predictions(card, method=method, progress=report)
-    if (table := prediction_table(found)) is not None:
+    if (table := prediction_table(found, whole=verbosity() is Verbosity.VERBOSE)) is not None:
         note_blocks([table])
     note(prediction_line(found, threshold=method.threshold))
-    refuse_faults(card, method, found)
+    refuse_faults(method, found)
     scored = score(
         request,
         executor=executor,

@@ -10,7 +10,6 @@ import typer
 from typer.core import TyperGroup
 
 from bench.commands.command import TEXT, Words
-from bench.commands.console import FAILURES as FAILURES
 from bench.errors import UsageError
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import typer
 
 from bench.commands import options
 from bench.commands.command import PATH, command_line
-from bench.commands.console import note, say
+from bench.commands.console import FAILURES, note, say
 from bench.commands.progress import Report, progress_bar
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def show(export: ReferenceExport) -> int:
     say(str(export.folder))
     for problem in export.problems:
         note(f"no reference: {problem}")
-    return options.FAILURES if export.problems else 0
+    return FAILURES if export.problems else 0
 
 
 app.command("export")(command_line(export_reference, show))

@@ -8,7 +8,7 @@ import typer
 
 from bench.commands import options
 from bench.commands.command import TEXT, Place
-from bench.commands.console import print_failures, say
+from bench.commands.console import FAILURES, print_failures, say
 from bench.commands.progress import Report, progress_bar, resumable
 from bench.commands.runs import PROTOCOLS, Run, print_cost, print_runs, score
 
@@ -106,4 +106,4 @@ def _show_part(scored: Run) -> int:
     say("next, when all parts are done: the same command without --shard")
     print_cost(part.provenance(images=0))
     print_failures(part.failures, all_in="the summary.json of the finished run")
-    return options.FAILURES if part.failures else 0
+    return FAILURES if part.failures else 0

@@ -31,7 +31,7 @@ RUNS = Path("reports/runs")
 PROTOCOLS = "paper-v1,surface-v1"  # that a run is scored by where none is named
 PURPOSES = {"paper-v1": "the paper's rules", "surface-v1": "the rules of the leaderboard"}
 LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # as `make leaderboard` wrote it; else the one that ships
-READ_FIRST = ("summary.json", "table.md", "range_map.png")
+READ_FIRST = ("summary.json", "table.md")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,7 +156,6 @@ def run_request(
     input_errors: Mapping[str, object] | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
-    named_by: Iterable[tuple[str, object]] | None = None,
 ) -> RunRequest:
     """The run that is asked for, by names; nothing is rendered or computed yet.
 
@@ -169,7 +168,6 @@ def run_request(
         input_errors: as of `run`.
         out: folder of the run; None for the usual one.
         overwrite: as of `run`.
-        named_by: settings that name the usual folder; None for those that are not the default.
 
     Raises:
         UnknownNameError, UsageError, DataError: as `run`; a protocol twice, or a folder of something else.
@@ -193,7 +191,7 @@ def run_request(
         chosen = require_scorable(method)
         named = chosen.name
     errors = named_input_errors(input_errors or {})
-    changed = [*(_non_default_settings(chosen, named) if named_by is None else named_by), *errors.named.items()]
+    changed = [*_non_default_settings(chosen, named), *errors.named.items()]
     folder = default_folder(card, chosen.name, changed, split) if out is None else run_folder(out)
     refuse_foreign(folder)
     return RunRequest(
@@ -264,7 +262,6 @@ def score(
         DataError: nothing of the data set could be used, or the folder holds another run.
     """
     from bench.harness import run_benchmark
-    from bench.reporting.frame_pictures import write_example_pictures
     from bench.reporting.run_tables import write_report_files
 
     runs: list[Run] = []
@@ -274,6 +271,8 @@ def score(
             finish(stored)
         files, missing = [stored.folder / READ_FIRST[0], *write_report_files(stored)[1]], list[str]()
         if pictures:
+            from bench.reporting.frame_pictures import write_example_pictures  # matplotlib, which no table needs
+
             with progress_bar("drawing", "pictures") as drawing:
                 drawn, missing = write_example_pictures(stored, card=request.card, progress=drawing)
             files += drawn
@@ -296,9 +295,11 @@ def print_runs(first: Run) -> int:
         The exit status.
     """
     from bench.recordings.cards import shipped_folder
+    from bench.reporting.document import Paragraph
     from bench.reporting.leaderboard import best_line
     from bench.reporting.run_tables import (
         is_rendered,
+        legend,
         nothing_scored,
         odd_masks,
         table_rows,
@@ -309,11 +310,7 @@ def print_runs(first: Run) -> int:
     runs, images, manifest = (first, *first.others), first.summary.images, first.manifest
     if images.failed and images.failed == images.images - images.skipped:
         say(f"{manifest.method.name} failed on all {counted(images.failed, 'image')}", style="bold red")
-        print_failures(first.summary.failures[:1], all_in="summary.json")
-        row = first.frames[first.frames["status"] == "failed"].iloc[0]
-        place = ["--recording", row["recording"], "--camera", row["camera"], "--time-ns", str(row["timestamp_ns"])]
-        words = ["fisheye-bench", "-v", "view", manifest.dataset.card, *manifest.method.options(), *place]
-        say(f"next, its traceback: {shlex.join(words)}")
+        _print_failures(first, first.summary.failures[:1])
         return FAILURES
     for run in runs:
         summary, manifest = run.summary, run.manifest
@@ -326,9 +323,10 @@ def print_runs(first: Run) -> int:
         print_blocks(terminal_report(rows, title=f"{told}{beside}, in percent"))
         for line in total_lines(summary, run.stored.protocol):
             note(line)
+    print_blocks([Paragraph(legend(rows), "dim")])
     print_cost(first.summary.provenance)
     failures = [*dict.fromkeys(failure for run in runs for failure in run.summary.failures)]
-    print_failures(failures, all_in="summary.json")
+    _print_failures(first, failures)
     for run in runs:
         note_files(run.files)
     for remark in dict.fromkeys(remark for run in runs for remark in run.remarks):
@@ -338,6 +336,17 @@ def print_runs(first: Run) -> int:
         say(best)
     say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(first.last.folder)])}")
     return FAILURES if failures else 0
+
+
+def _print_failures(run: Run, failures: Sequence[str]) -> None:
+    """Print failures, and the command that shows the traceback of the first that a method raised."""
+    print_failures(failures, all_in="summary.json")
+    if not any(failure.startswith("method ") for failure in failures):
+        return
+    for row in run.frames[run.frames["status"] == "failed"][:1].to_dict("records"):
+        place = ["--recording", row["recording"], "--camera", row["camera"], "--time-ns", str(row["timestamp_ns"])]
+        words = ["fisheye-bench", "-v", "view", run.manifest.dataset.card, *run.manifest.method.options(), *place]
+        say(f"the traceback of the first: {shlex.join(words)}")
 
 
 def print_cost(made: Provenance) -> None:

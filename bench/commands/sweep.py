@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH, Words
-from bench.commands.console import note, note_files, print_blocks, print_failures
+from bench.commands.command import PATH, Place, Words
+from bench.commands.console import FAILURES, note, note_files, print_blocks, print_failures
 from bench.commands.progress import Report, progress_bar, resumable
 from bench.commands.runs import Run
 from bench.errors import UsageError
@@ -86,9 +86,7 @@ def sweep(
     protocol: options.ProtocolName = "paper-v1",
     split: options.Split = None,
     out: Annotated[
-        str | Path | None,
-        typer.Option(help="Folder of the sweep; default: reports/sweeps/<data set>-<method>-<setting>."),
-        PATH,
+        Place, typer.Option(help="Folder of the sweep; default: reports/sweeps/<data set>-<method>-<setting>."), PATH
     ] = None,
     overwrite: options.Overwrite = False,
     workers: options.Workers = 1,
@@ -123,8 +121,7 @@ def sweep(
     from bench.harness.references import cache_folder
     from bench.harness.stages import part_of
     from bench.methods.settings import flat_settings
-    from bench.reporting.run_tables import write_report_files
-    from bench.reporting.sweep import METHOD_ONLY, table, write_sweep
+    from bench.reporting.run_tables import METHOD_ONLY, sweep_table, write_report_files, write_sweep
 
     if "," in str(protocol):
         raise UsageError(f"sweep: expected one protocol, got {protocol!r}")
@@ -162,7 +159,7 @@ def sweep(
     }
     summaries = {value: run.summary for value, run in runs.items()}
     files = write_sweep(folder, setting, summaries, **shown)
-    return Sweep(folder=folder, runs=runs, table=table(setting, summaries, **shown), files=files)
+    return Sweep(folder=folder, runs=runs, table=sweep_table(setting, summaries, **shown), files=files)
 
 
 def _folder_name(value: str) -> str:
@@ -180,7 +177,7 @@ def show(swept: Sweep) -> int:
     asked = sum(run.summary.provenance.images_asked for run in swept.runs.values())
     note(f"{len(swept.runs)} values; {counted(asked, 'image')} answered, the others were there")
     note_files(swept.files)
-    return options.FAILURES if failures else 0
+    return FAILURES if failures else 0
 
 
 def _combinations(

@@ -110,8 +110,7 @@ def view(
     from bench.evaluation import load_protocol
     from bench.harness import FramePipeline, build_scorable
     from bench.harness.frames import InputOnly
-    from bench.reporting.calibration import write_calibration
-    from bench.reporting.film import refuse_other_files, write_film
+    from bench.reporting.film import refuse_other_files, write_calibration, write_film
     from bench.reporting.formats import made_by
 
     # mistakes are told before anything is rendered
@@ -147,7 +146,6 @@ def view(
                 indices,
                 video=film,
                 rrd=log,
-                lidar=True,
                 made_by=made,
                 with_method=built is not None,
                 progress=report,

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.egomotion.trajectory import LARGEST_SIGNAL, Trajectory, planar_trajectory
 from bench.errors import DataError, refuse
+from bench.geometry import Floats
 from bench.plain_text import parsed_number
 from bench.times import SECOND_NS, unit_hint
 
@@ -41,8 +42,8 @@ class BusSignals:
 
     source: str
     timestamps_ns: NDArray[np.int64]
-    speed_mps: NDArray[np.float64]
-    yaw_rate_radps: NDArray[np.float64]
+    speed_mps: Floats
+    yaw_rate_radps: Floats
     gear: Sequence[str] | None = None
 
     def trajectory(self) -> Trajectory:
@@ -124,7 +125,7 @@ def _is_time(text: str) -> bool:
     return WHOLE_NUMBER.fullmatch(text) is not None and abs(int(text)) <= LARGEST_TIME_NS
 
 
-def _signal(path: Path, table: pd.DataFrame, source: Source, faults: list[DataError]) -> NDArray[np.float64]:
+def _signal(path: Path, table: pd.DataFrame, source: Source, faults: list[DataError]) -> Floats:
     if isinstance(source, int | float):
         return np.full(len(table), float(source))
     columns = []
@@ -224,7 +225,7 @@ def write_tum(
     *,
     timestamps_ns: NDArray[np.int64],
     rotations: Rotation,
-    positions_m: NDArray[np.float64],
+    positions_m: Floats,
     decimals: int | None = None,
 ) -> None:
     """Write poses in TUM form.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.errors import DataError
-from bench.geometry import RigidTransform, advance_twist, twist_between
+from bench.geometry import Bools, Floats, RigidTransform, advance_twist, twist_between
 from bench.times import SECOND_NS
 
 
@@ -35,12 +35,12 @@ class Trajectory:
     source: str
     timestamps_ns: NDArray[np.int64]
     rotations: Rotation
-    positions_m: NDArray[np.float64]
+    positions_m: Floats
     max_gap_ns: int = SECOND_NS // 2
     max_extrapolation_ns: int = SECOND_NS // 10
-    _matrices: NDArray[np.float64] = field(init=False, repr=False)
-    _turns_rad: NDArray[np.float64] = field(init=False, repr=False)
-    _paths_m: NDArray[np.float64] = field(init=False, repr=False)
+    _matrices: Floats = field(init=False, repr=False)
+    _turns_rad: Floats = field(init=False, repr=False)
+    _paths_m: Floats = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         times_ns, positions_m = self.timestamps_ns, self.positions_m
@@ -66,9 +66,7 @@ class Trajectory:
         object.__setattr__(self, "_turns_rad", turns_rad)
         object.__setattr__(self, "_paths_m", paths_m)
 
-    def at(
-        self, timestamps_ns: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    def at(self, timestamps_ns: NDArray[np.int64]) -> tuple[Floats, Floats, Bools]:
         """Poses at any times.
 
         Args:
@@ -100,7 +98,7 @@ class Trajectory:
             raise self._no_motion(timestamp_ns)
         return RigidTransform(rotations[0], positions_m[0])
 
-    def velocity_vehicle_mps(self, timestamp_ns: int) -> NDArray[np.float64]:
+    def velocity_vehicle_mps(self, timestamp_ns: int) -> Floats:
         """Velocity of the vehicle's origin over the ground in the vehicle's own axes, (3,) float64, m/s.
 
         That of the constant twist between the poses around the time, so exact on a bend; negative x in reverse gear.
@@ -128,9 +126,7 @@ class Trajectory:
             hint="give ego-motion that covers every image and sweep",
         )
 
-    def _intervals(
-        self, times_ns: NDArray[np.int64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.bool_]]:
+    def _intervals(self, times_ns: NDArray[np.int64]) -> tuple[NDArray[np.intp], Floats, Bools]:
         known = self.timestamps_ns
         left = np.clip(np.searchsorted(known, times_ns, side="right") - 1, 0, len(known) - 2)
         span_ns = known[left + 1] - known[left]
@@ -151,8 +147,8 @@ def planar_trajectory(
     *,
     source: str,
     timestamps_ns: NDArray[np.int64],
-    speed_mps: NDArray[np.float64],
-    yaw_rate_radps: NDArray[np.float64],
+    speed_mps: Floats,
+    yaw_rate_radps: Floats,
     gear: Sequence[str | int] | None = None,
 ) -> Trajectory:
     """Integrate speed and yaw rate; the world's origin is the vehicle's at the first sample.
@@ -191,7 +187,7 @@ def planar_trajectory(
     return Trajectory(source=source, timestamps_ns=timestamps_ns, rotations=rotations, positions_m=positions_m)
 
 
-def _in_reverse(gear: Sequence[str | int], source: str) -> NDArray[np.bool_]:
+def _in_reverse(gear: Sequence[str | int], source: str) -> Bools:
     """(N,) bool.
 
     Raises:

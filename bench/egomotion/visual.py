@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.errors import ShapeError, UsageError
-from bench.geometry import angle_between, cross, dot, normalise
+from bench.geometry import Bools, Floats, angle_between, cross, dot, normalise
 
 EIGHT = 8  # tracks that give an essential matrix
 ROUNDS = 15  # of weighted least squares, at most
@@ -33,9 +32,9 @@ class VisualMotion:
         inliers: (N,) bool; tracks that agree with it.
     """
 
-    rotation: NDArray[np.float64]
-    direction: NDArray[np.float64]
-    inliers: NDArray[np.bool_]
+    rotation: Floats
+    direction: Floats
+    inliers: Bools
 
     @property
     def moves(self) -> bool:
@@ -44,13 +43,13 @@ class VisualMotion:
 
 
 def draw_essentials(
-    rays_previous: NDArray[np.float64],
-    rays_current: NDArray[np.float64],
-    rotation: NDArray[np.float64],
+    rays_previous: Floats,
+    rays_current: Floats,
+    rotation: Floats,
     *,
     draws: int,
     generator: np.random.Generator,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Essential matrices E with p'.E p = 0, from random sets of tracks.
 
     One for each set of eight tracks, which assumes nothing but fails where all eight lie on one plane; and one for the
@@ -81,24 +80,19 @@ def draw_essentials(
     return np.concatenate([general, _skew(direction) @ rotation])
 
 
-def epipolar_sines(
-    rays_previous: NDArray[np.float64],
-    rays_current: NDArray[np.float64],
-    rotation: NDArray[np.float64],
-    direction: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def epipolar_sines(rays_previous: Floats, rays_current: Floats, rotation: Floats, direction: Floats) -> Floats:
     """Sine of the angle between each current ray and the epipolar plane of its previous one; (N,) float64, >= 0."""
     normals = normalise(cross(np.broadcast_to(direction, rays_previous.shape), rays_previous @ rotation.T))
     return np.abs(np.nan_to_num(dot(normals, rays_current)))
 
 
 def best_pose(
-    essential: NDArray[np.float64],
-    rays_previous: NDArray[np.float64],
-    rays_current: NDArray[np.float64],
+    essential: Floats,
+    rays_previous: Floats,
+    rays_current: Floats,
     *,
     tolerance_rad: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats]:
     """Of the four poses of an essential matrix, the one that sees most in front of it.
 
     "In front" means along the rays, in both views, whichever way the camera looks. A track counts by its parallax, up
@@ -118,9 +112,7 @@ def best_pose(
     return poses[int(np.argmax(votes))]
 
 
-def _vote(
-    q: NDArray[np.float64], rays_current: NDArray[np.float64], t: NDArray[np.float64], *, tolerance_rad: float
-) -> float:
+def _vote(q: Floats, rays_current: Floats, t: Floats, *, tolerance_rad: float) -> float:
     """Parallax of the tracks whose rays `a q + t` and `b p'` meet at a, b > 0."""
     translation = np.broadcast_to(t, q.shape)
     plane = cross(q, rays_current)
@@ -131,16 +123,14 @@ def _vote(
     return float(np.minimum(parallax, 10 * tolerance_rad)[front_current & front_previous & near].sum())
 
 
-def _skew(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _skew(vectors: Floats) -> Floats:
     x, y, z = np.moveaxis(vectors, -1, 0)
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def fit_rotation(
-    rays_previous: NDArray[np.float64], rays_current: NDArray[np.float64], *, tolerance_rad: float
-) -> NDArray[np.float64]:
+def fit_rotation(rays_previous: Floats, rays_current: Floats, *, tolerance_rad: float) -> Floats:
     """The rotation that brings previous rays nearest to current ones.
 
     Weighted least squares, repeated with Cauchy's weights, whose scale is the median of what is left, but not less
@@ -168,13 +158,13 @@ def fit_rotation(
 
 
 def refine_pose(
-    rays_previous: NDArray[np.float64],
-    rays_current: NDArray[np.float64],
-    rotation: NDArray[np.float64],
-    direction: NDArray[np.float64],
+    rays_previous: Floats,
+    rays_current: Floats,
+    rotation: Floats,
+    direction: Floats,
     *,
     tolerance_rad: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats]:
     """Gauss-Newton on the sine of the angle to the epipolar plane, over the five unknowns of rotation and direction.
 
     Tukey's weights leave out what lies beyond the tolerance; its first rounds are three times as wide.
@@ -203,7 +193,7 @@ def refine_pose(
     return rotation, direction
 
 
-def _tangents(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+def _tangents(direction: Floats) -> Floats:
     """Two unit vectors across a direction: (2, 3)."""
     axis = np.eye(3)[int(np.argmin(np.abs(direction)))]
     first = normalise(cross(direction, axis))
@@ -246,7 +236,7 @@ class VisualOdometry:
         if self.min_tracks < 8:
             raise UsageError(f"visual odometry: expected min_tracks >= 8, got {self.min_tracks}")
 
-    def __call__(self, rays_previous: NDArray[np.float64], rays_current: NDArray[np.float64]) -> VisualMotion | None:
+    def __call__(self, rays_previous: Floats, rays_current: Floats) -> VisualMotion | None:
         """Estimate the motion between two images.
 
         Args:
@@ -278,16 +268,14 @@ class VisualOdometry:
         inliers[usable] = agree
         return VisualMotion(rotation=rotation, direction=direction, inliers=inliers)
 
-    def _travel(
-        self, previous: NDArray[np.float64], current: NDArray[np.float64], rotation: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _travel(self, previous: Floats, current: Floats, rotation: Floats) -> tuple[Floats, Floats]:
         """Draw, score on some tracks, refine the best on all, and take the best of these."""
         generator = np.random.default_rng(self.seed)
         scored = generator.permutation(len(previous))[: self.scored]
         drawn = draw_essentials(previous, current, rotation, draws=self.draws, generator=generator)
         normals = previous[scored] @ drawn.transpose(0, 2, 1)  # E p, (2 draws, scored, 3)
         costs = self._cost(dot(normals, current[scored]) / np.maximum(np.sqrt(dot(normals, normals)), 1e-12))
-        best: tuple[float, NDArray[np.float64], NDArray[np.float64]] | None = None
+        best: tuple[float, Floats, Floats] | None = None
         for index in np.argsort(costs, kind="stable")[:REFINED]:
             rotation, direction = best_pose(drawn[index], previous, current, tolerance_rad=self.tolerance_rad)
             rotation, direction = refine_pose(previous, current, rotation, direction, tolerance_rad=self.tolerance_rad)
@@ -297,6 +285,6 @@ class VisualOdometry:
         assert best is not None, "at least one matrix was drawn"
         return best[1], best[2]
 
-    def _cost(self, sines: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _cost(self, sines: Floats) -> Floats:
         """Mean of squares, truncated at the tolerance."""
         return np.asarray(np.minimum((sines / self.tolerance_rad) ** 2, 1.0).mean(axis=-1))

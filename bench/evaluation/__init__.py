@@ -36,8 +36,8 @@ The modules, in the order of the data: `protocol` (the rules, a versioned file w
 counts, histograms, map and chance level of one image), `rows` (the two tables, and reading them in parts), `scorer` (a
 sequence of images to its tables). These decide a task; a
 change of the others, which reduce, computes no image again: `definitions` (every metric once), `sums` (one long table
-by slice, recording and metric), `intervals`, `summary` (all metrics of a run), `maps` (by place around the vehicle, by
-coverage), `thresholds` (metrics over all thresholds), `comparison` (two tables of sums), `published` (the paper's
+by slice, recording and metric), `intervals`, `summary` (all metrics of a run), `maps` (by place around the vehicle),
+`thresholds` (metrics over all thresholds), `comparison` (two tables of sums), `published` (the paper's
 numbers). The harness calls `SequenceScorer`, `sum_run` and `summary_of`; reporting and the gate read `Summary`, the
 table of sums, the rows and the maps.
 
@@ -54,7 +54,6 @@ from bench.evaluation.comparison import (
 )
 from bench.evaluation.counts import ImageMap, add_image_maps, count_frame
 from bench.evaluation.definitions import Definition, find_metric, headlines
-from bench.evaluation.maps import CoverageCurve
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows, RowSource
 from bench.evaluation.scorer import SequenceScorer
@@ -65,7 +64,6 @@ from bench.evaluation.thresholds import ThresholdFreeMetrics, threshold_free_met
 __all__ = [
     "FRAMES_SCHEMA",
     "OBJECTS_SCHEMA",
-    "CoverageCurve",
     "Definition",
     "FalsePositiveMetrics",
     "ImageMap",

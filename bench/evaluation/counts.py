@@ -418,7 +418,11 @@ class ImageMap:
     @property
     def false_rate(self) -> NDArray[np.float64]:
         """(rows, columns) float64, mean share of the cell that was false; NaN without images."""
-        area_px = count_by_cell(np.ones((self.height, self.width), dtype=bool), self.cell_px)
+        sides_px = [
+            np.minimum(self.cell_px, size_px - self.cell_px * np.arange(cells))
+            for size_px, cells in zip((self.height, self.width), self.false_px.shape, strict=True)
+        ]
+        area_px = np.multiply.outer(*sides_px)
         return self.false_px / (area_px * self.frames) if self.frames else np.full(area_px.shape, np.nan)
 
 

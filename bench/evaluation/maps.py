@@ -1,9 +1,8 @@
-"""Maps of found objects: around the vehicle (the paper's second result), and by how much is covered."""
+"""Maps of found objects around the vehicle, the paper's second result."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.evaluation.definitions import chance_coverage, coverage, detected
+from bench.evaluation.definitions import coverage, detected
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import EVALUATED, Rows, read_parts
 from bench.evaluation.sums import refuse_strange
@@ -82,7 +81,8 @@ def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> Rang
     cell_m = protocol.range_map.cell_m
     key = ["object_class", "direction", "x", "y"]  # cells half-open, [a, b), counted from the vehicle's origin
     parts = []
-    for rows in _evaluated(objects, ("object_class", "direction", "x_m", "y_m", "tp", "fn")):
+    for part in read_parts(objects, ["status", "object_class", "direction", "x_m", "y_m", "tp", "fn"]):
+        rows = part[part["status"] == EVALUATED]
         found = detected(rows) & (coverage(rows) >= level)
         x, y = (np.floor(rows[name] / cell_m) for name in ("x_m", "y_m"))
         placed = rows.assign(x=x, y=y, object_frames=1, detected=found)[[*key, "object_frames", "detected"]]
@@ -121,61 +121,3 @@ def _range_map(
         detected=grids[1],
         min_object_frames=protocol.range_map.min_object_frames,
     )
-
-
-def _evaluated(objects: Rows, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
-    for rows in read_parts(objects, ["status", *columns]):
-        yield rows[rows["status"] == EVALUATED]
-
-
-STEPS = 1000  # finer than any picture
-THRESHOLDS: NDArray[np.float64] = np.arange(STEPS + 1) / STEPS
-THRESHOLDS.setflags(write=False)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CoverageCurve:
-    """Object-frames by how much of them is covered.
-
-    Attributes:
-        at_least: (STEPS + 1,) int64, those covered by at least `THRESHOLDS`; the first counts any pixel, the paper's
-            rule.
-        object_frames: all of them.
-    """
-
-    at_least: NDArray[np.int64]
-    object_frames: int
-
-    @property
-    def rate(self) -> NDArray[np.float64]:
-        """(STEPS + 1,) float64, share of the object-frames; NaN without any."""
-        return self.at_least / self.object_frames if self.object_frames else np.full(STEPS + 1, np.nan)
-
-
-def coverage_curves(objects: Rows, *, protocol: Protocol) -> dict[str, tuple[CoverageCurve, CoverageCurve]]:
-    """The curve of each category and that of chance, a few recordings in memory at a time.
-
-    Args:
-        objects: of `OBJECTS_SCHEMA`, rows in any order, in memory or stored.
-        protocol: that the run was made with.
-
-    Returns:
-        By category: the curve of its evaluated object-frames, and that against the masks of other frames, over the
-        object-frames that have one.
-    """
-    columns = ("category", "tp", "fn", "chance_tp")
-    parts = [
-        rows[["category"]].assign(own=coverage(rows), chance=chance_coverage(rows))
-        for rows in _evaluated(objects, columns)
-    ]
-    covered = pd.concat(parts)
-    kinds = {str(name): covered[covered["category"] == name] for name in protocol.reference.categories}
-    return {name: (_curve(rows["own"]), _curve(rows["chance"])) for name, rows in kinds.items()}
-
-
-def _curve(covered: pd.Series[float]) -> CoverageCurve:
-    """The curve of the coverage of object-frames; NaN, where no mask of another time is, counts as no object-frame."""
-    ascending = np.sort(covered.dropna().to_numpy())
-    at_least = len(ascending) - np.searchsorted(ascending, THRESHOLDS)
-    at_least[0] = np.count_nonzero(ascending > 0)
-    return CoverageCurve(at_least=at_least, object_frames=len(ascending))

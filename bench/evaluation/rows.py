@@ -128,24 +128,6 @@ def as_source(rows: Rows) -> RowSource:
     return TableRows(rows) if isinstance(rows, pa.Table) else rows
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ChosenRows:
-    """Those rows of a source that have a word in a column."""
-
-    source: RowSource
-    column: str
-    word: str
-
-    def recordings(self) -> Mapping[str, int]:
-        """Most rows that each recording can have, by name."""
-        return self.source.recordings()
-
-    def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
-        """The chosen rows of some recordings."""
-        rows = self.source.read(recordings, list(dict.fromkeys([*columns, self.column])))
-        return rows.loc[rows[self.column] == self.word, list(columns)]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class CommonImages:
     """The images that all of several runs scored, by the frames of each run."""
@@ -159,9 +141,8 @@ class CommonImages:
 
     def of(self, recordings: Sequence[str]) -> pd.DataFrame:
         """The images of some recordings: columns `IMAGE`."""
-        first, *others = (
-            ChosenRows(source=rows, column="status", word=EVALUATED).read(recordings, IMAGE) for rows in self.frames
-        )
+        read = [rows.read(recordings, [*IMAGE, "status"]) for rows in self.frames]
+        first, *others = (rows.loc[rows["status"] == EVALUATED, IMAGE] for rows in read)
         for other in others:
             first = merge_rows(first, other, on=IMAGE)[IMAGE]
         return first

@@ -252,16 +252,15 @@ def take_ratios(sums: pd.DataFrame) -> Ratios:
     return {key: take_ratio(part, find_metric(key[2])) for key, part in groups}
 
 
-def summarise(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: int | None = None) -> Summary:
+def summarise(objects: Rows, frames: Rows, *, protocol: Protocol) -> Summary:
     """Reduce the tables of a run to its metrics.
 
     Args:
         objects: of `OBJECTS_SCHEMA`, rows in any order, in memory or stored.
         frames: of `FRAMES_SCHEMA`, rows in any order, in memory or stored.
         protocol: that the run was made with.
-        rows_at_once: most rows in memory, unless one recording has more.
     """
-    return summary_of(sum_run(objects, frames, protocol=protocol, rows_at_once=rows_at_once), protocol=protocol)
+    return summary_of(sum_run(objects, frames, protocol=protocol), protocol=protocol)
 
 
 def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:

@@ -219,18 +219,16 @@ def sum_metrics(
         Columns breakdown, slice, metric and `TERMS`, and those of `by`.
     """
     terms = {(m.name, term): getattr(m, term)(rows).astype(np.float64) for m in metrics for term in TERMS}
-    wide = pd.DataFrame(terms, index=rows.index)
+    wide = pd.DataFrame(terms, index=rows.index).rename_axis(columns=["metric", "term"])
     without = [name for name, term in terms if not np.isfinite(wide[name, term]).all()]
     assert not without, f"every evaluated row has a number for each metric, not so for {without}"
     within = [rows[name].astype("category") for name in by]
-    return pd.concat(
-        [
-            sums[metric.name].reset_index().assign(breakdown=name, metric=metric.name)
-            for name, slices in breakdowns.items()
-            for sums in [wide.groupby([slices.rename("slice"), *within], observed=True).sum()]
-            for metric in metrics
-        ]
-    ).astype(dict.fromkeys({*KEY, *by}, str))
+    sums = [
+        wide.groupby([slices.rename("slice"), *within], observed=True).sum().stack("metric", future_stack=True)  # noqa: PD013
+        for slices in breakdowns.values()
+    ]
+    table = pd.concat([of.reset_index().assign(breakdown=name) for name, of in zip(breakdowns, sums, strict=True)])
+    return table.rename_axis(columns=None).astype(dict.fromkeys({*KEY, *by}, str))
 
 
 def _count_tracks(rows: pd.DataFrame, breakdown: str, slices: pd.Series[str]) -> pd.DataFrame:

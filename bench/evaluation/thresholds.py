@@ -1,8 +1,7 @@
 """Scores at every threshold, from histograms that were counted once, and the metrics that need no threshold.
 
 Masks at any edge of the histograms' bins, and so the whole curve, follow without another look at an image. The area
-under it and the false-positive rate at 95 % recall are those of masks at these edges, which exist; the order of pixels
-within a bin is unknown, so beside them stand the least and the most that any order could give.
+under it and the false-positive rate at 95 % recall are those of masks at these edges, which exist.
 """
 
 from __future__ import annotations
@@ -14,12 +13,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
-from scipy.special import digamma
 
 from bench.evaluation.counts import BINS, EDGES, OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.intervals import FEWEST_RECORDINGS, RATIO, jackknife
 from bench.evaluation.rows import Rows, read_parts
-from bench.evaluation.summary import Metric, Ratio
+from bench.evaluation.summary import Metric
 
 IMAGES_AT_ONCE = 4096  # 10 MB of histograms
 HISTOGRAMS = REFERENCE_COLUMN, OUTSIDE_COLUMN
@@ -85,18 +83,14 @@ class ThresholdFreeMetrics(BaseModel):
 
     Attributes:
         auprc: area under precision over recall, as the sum of precision x gain in recall (average precision).
-        auprc_bounds: least and most that it can be without bins.
         fpr95: share of the negative pixels above the highest edge that leaves at least 95 % of the positive ones above.
-        fpr95_bounds: least and most that it can be without bins; `fpr95` is the most.
         images: with a likelihood.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     auprc: Metric
-    auprc_bounds: tuple[Ratio, Ratio]
     fpr95: Metric
-    fpr95_bounds: tuple[Ratio, Ratio]
     images: int
 
 
@@ -118,12 +112,9 @@ def threshold_free_metrics(frames: Rows) -> ThresholdFreeMetrics | None:
         return None
     of_recording = np.stack(_histograms(by_recording), axis=1)  # (S, 2, BINS)
     positive, negative = of_recording.sum(axis=0)
-    fpr95 = _metric(_rate_at_recall, of_recording, cases=int(negative.sum()))
     return ThresholdFreeMetrics(
         auprc=_metric(_average_precision, of_recording, cases=int(positive.sum())),
-        auprc_bounds=_precision_bounds(positive, negative),
-        fpr95=fpr95,
-        fpr95_bounds=(float(_rate_at_recall(positive, negative, least=True)), fpr95.value),
+        fpr95=_metric(_rate_at_recall, of_recording, cases=int(negative.sum())),
         images=int(by_recording["images"].sum()),
     )
 
@@ -172,25 +163,13 @@ def _average_precision(positive: Histograms, negative: Histograms) -> Histograms
     return _share((positive * _share(tp, tp + fp, empty=0.0)).sum(axis=-1), positive.sum(axis=-1))
 
 
-def _rate_at_recall(positive: Histograms, negative: Histograms, *, least: bool = False) -> Histograms:
-    """(...) from (..., BINS): false-positive rate at 95 % recall; `least` as if the bin's positives came first."""
+def _rate_at_recall(positive: Histograms, negative: Histograms) -> Histograms:
+    """(...) from (..., BINS): false-positive rate at the highest edge with 95 % recall; NaN without positives."""
     tp, fp, total = _from_above(positive), _from_above(negative), positive.sum(axis=-1)
     enough = RECALL[1] * tp >= RECALL[0] * total[..., None]
     edge = np.count_nonzero(enough, axis=-1) - 1  # recall falls with the edge
-    above = np.concatenate([fp, np.zeros_like(fp[..., :1])], axis=-1)
-    found = np.take_along_axis(above, (edge + least)[..., None], axis=-1)[..., 0]
-    return np.where(total > 0, _share(found, negative.sum(axis=-1)), np.nan)
-
-
-def _precision_bounds(positive: Histograms, negative: Histograms) -> tuple[float, float]:
-    """Least: the bin's negatives first, its positives one by one after them. Most: its positives first, as one."""
-    tp, fp = _from_above(positive), _from_above(negative)
-    before_tp, before_fp = tp - positive, fp - negative
-    # The sum of a / (a + fp) over a = before_tp + 1 ... tp.
-    one_by_one = positive - fp * (digamma(tp + fp + 1) - digamma(before_tp + fp + 1))
-    at_once = positive * _share(tp, tp + before_fp, empty=0.0)
-    total = positive.sum()
-    return float(_share(one_by_one.sum(), total)), float(_share(at_once.sum(), total))
+    above = np.take_along_axis(fp, edge[..., None], axis=-1)[..., 0]
+    return np.where(total > 0, _share(above, negative.sum(axis=-1)), np.nan)
 
 
 def _from_above(histogram: Histograms) -> Histograms:

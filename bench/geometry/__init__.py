@@ -12,9 +12,11 @@ Conventions of the whole project, written here once:
 """
 
 from bench.geometry.rigid import RigidTransform, RoadPlane, advance_twist, quaternions_wxyz, twist_between
-from bench.geometry.sphere import angle_between, cross, dot, normalise
+from bench.geometry.sphere import Bools, Floats, angle_between, cross, dot, normalise
 
 __all__ = [
+    "Bools",
+    "Floats",
     "RigidTransform",
     "RoadPlane",
     "advance_twist",

@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from bench.errors import ShapeError
-from bench.geometry.sphere import cross, dot
+from bench.geometry.sphere import Floats, cross, dot
 
 ORTHONORMAL_TOLERANCE = 1e-6
 
@@ -31,8 +31,8 @@ class RigidTransform:
         ShapeError: another shape, a value that is not finite, a reflection or a scaled rotation.
     """
 
-    rotation: NDArray[np.float64]
-    translation_m: NDArray[np.float64]
+    rotation: Floats
+    translation_m: Floats
 
     def __post_init__(self) -> None:
         rotation = np.array(self.rotation, dtype=np.float64)
@@ -52,19 +52,19 @@ class RigidTransform:
             )
         self._hold(rotation, translation_m)
 
-    def _hold(self, rotation: NDArray[np.float64], translation_m: NDArray[np.float64]) -> RigidTransform:
+    def _hold(self, rotation: Floats, translation_m: Floats) -> RigidTransform:
         rotation.flags.writeable = translation_m.flags.writeable = False
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "translation_m", translation_m)
         return self
 
     @classmethod
-    def _unchecked(cls, rotation: NDArray[np.float64], translation_m: NDArray[np.float64]) -> RigidTransform:
+    def _unchecked(cls, rotation: Floats, translation_m: Floats) -> RigidTransform:
         """Build from valid transforms without a second check, on the hot path."""
         return cls.__new__(cls)._hold(rotation, translation_m)
 
     @classmethod
-    def each(cls, rotations: NDArray[np.float64], translations_m: NDArray[np.float64]) -> list[RigidTransform]:
+    def each(cls, rotations: Floats, translations_m: Floats) -> list[RigidTransform]:
         """Many transforms, (N, 3, 3) and (N, 3) float64, checked all at once; errors as of one."""
         errors = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
         sound = (
@@ -121,12 +121,12 @@ class RigidTransform:
         return cls(rotation, np.asarray(translation_m, dtype=np.float64))
 
     @property
-    def quaternion_wxyz(self) -> NDArray[np.float64]:
+    def quaternion_wxyz(self) -> Floats:
         """(4,) float64, unit quaternion, see `quaternions_wxyz`."""
         return quaternions_wxyz(self.rotation)
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Floats:
         """(4, 4) float64 homogeneous matrix."""
         rows = np.eye(4)
         rows[:3, :3], rows[:3, 3] = self.rotation, self.translation_m
@@ -140,11 +140,11 @@ class RigidTransform:
         """`b_from_a` of this `a_from_b`."""
         return self._unchecked(self.rotation.T.copy(), -self.rotation.T @ self.translation_m)
 
-    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def apply(self, points: Floats) -> Floats:
         """Points of frame b in frame a; (..., 3) float64, NaN rows stay NaN; in memory as by `rotate`."""
         return self.rotate(points) + self.translation_m
 
-    def rotate(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rotate(self, vectors: Floats) -> Floats:
         """Directions of frame b in frame a; (..., 3) float64.
 
         Each component of the result is contiguous in memory: sums over them run three times faster.
@@ -156,7 +156,7 @@ class RigidTransform:
         return np.moveaxis(rotated.reshape(components.shape), 0, -1)
 
 
-def quaternions_wxyz(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
+def quaternions_wxyz(rotations: Floats) -> Floats:
     """Unit quaternions of rotations, many in one call, which a single one costs nearly as much as.
 
     Args:
@@ -177,10 +177,10 @@ SMALL_ANGLE_RAD = 1e-8
 
 def twist_between(
     rotations_from: Rotation,
-    positions_from_m: NDArray[np.float64],
+    positions_from_m: Floats,
     rotations_to: Rotation,
-    positions_to_m: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    positions_to_m: Floats,
+) -> tuple[Floats, Floats]:
     """The constant twist that leads from one pose to the other, one row each.
 
     Args:
@@ -197,9 +197,7 @@ def twist_between(
     return turn_rad, _inverse_jacobian(turn_rad, rotations_from.inv().apply(positions_to_m - positions_from_m))
 
 
-def advance_twist(
-    turn_rad: NDArray[np.float64], path_m: NDArray[np.float64], fraction: NDArray[np.float64]
-) -> tuple[Rotation, NDArray[np.float64]]:
+def advance_twist(turn_rad: Floats, path_m: Floats, fraction: Floats) -> tuple[Rotation, Floats]:
     """Move along a constant twist.
 
     Args:
@@ -221,7 +219,7 @@ def advance_twist(
     return Rotation.from_rotvec(part_rad), part_m + first * once + second * cross(part_rad, once)
 
 
-def _inverse_jacobian(turn_rad: NDArray[np.float64], advance_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inverse_jacobian(turn_rad: Floats, advance_m: Floats) -> Floats:
     """Path in body axes whose constant twist ends at `advance_m`: the inverse of SO(3)'s left Jacobian."""
     angle = np.sqrt(dot(turn_rad, turn_rad))
     small = angle < 1e-4
@@ -246,7 +244,7 @@ class RoadPlane:
         Mariotti and Eising 2020, section III-D, equations 11 and 13.
     """
 
-    down: NDArray[np.float64]
+    down: Floats
     height_m: float
 
     def __post_init__(self) -> None:
@@ -276,7 +274,7 @@ class RoadPlane:
         down_camera = vehicle_from_camera.inverse().rotate(np.array([0.0, 0.0, -1.0]))
         return cls(down_camera, float(vehicle_from_camera.translation_m[2]) - ground_height_m)
 
-    def distance_m(self, rays_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distance_m(self, rays_camera: Floats) -> Floats:
         """Length along each unit ray to the road, equation 13.
 
         Args:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
-def dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+
+def dot(a: Floats, b: Floats) -> Floats:
     """Row-wise scalar product.
 
     Args:
@@ -19,7 +22,7 @@ def dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2])
 
 
-def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def cross(a: Floats, b: Floats) -> Floats:
     """Row-wise vector product.
 
     Each component of the product is contiguous in memory, and so are those of what is computed from it: on the cells of
@@ -39,7 +42,7 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return product
 
 
-def normalise(vectors: ArrayLike) -> NDArray[np.float64]:
+def normalise(vectors: ArrayLike) -> Floats:
     """Scale rows to unit length.
 
     Args:
@@ -53,7 +56,7 @@ def normalise(vectors: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(rows / np.sqrt(dot(rows, rows))[..., None])
 
 
-def angle_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def angle_between(a: Floats, b: Floats) -> Floats:
     """Angle between rows of any length, accurate also near 0 and pi.
 
     Args:

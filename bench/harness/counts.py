@@ -2,28 +2,24 @@
 
 ```
 <run>/<protocol>/counts/<recording>/<camera>-<first image>.objects.parquet   rows of `OBJECTS_SCHEMA`
-<run>/<protocol>/counts/<recording>/<camera>-<first image>.map.npz           where in the image; only with a scored one
+<run>/<protocol>/counts/<recording>/<camera>-<first image>.map.parquet       where in the image; only with a scored one
 <run>/<protocol>/counts/<recording>/<camera>-<first image>.frames.parquet    rows of `FRAMES_SCHEMA`; written last
 ```
 """
 
 from __future__ import annotations
 
-import io
-import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.atomic import open_regular, write_bytes
+from bench.atomic import open_regular
 from bench.errors import BenchError, DataError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, Protocol, SequenceScorer, add_image_maps
 from bench.evaluation.rows import IMAGE, OBJECT, to_frame
@@ -42,10 +38,16 @@ from bench.harness.references import StoredReference, reference_of, told
 from bench.recordings import ImageRef, Recording, read_truth
 
 COUNTS = "counts"
-OBJECTS, FRAMES, MAP = ".objects.parquet", ".frames.parquet", ".map.npz"
+OBJECTS, FRAMES, MAP = ".objects.parquet", ".frames.parquet", ".map.parquet"
 REMOVE = "remove the file, and run again"
-_WORDS = ("camera", "width", "height", "cell_px", "frames")
 _GRIDS = ("reference_px", "missed_px", "false_px")
+_MAP_SCHEMA = pa.schema(
+    [
+        pa.field("camera", pa.string(), nullable=False),
+        *(pa.field(name, pa.int64(), nullable=False) for name in ("width", "height", "cell_px", "frames")),
+        *(pa.field(name, pa.list_(pa.int64()), nullable=False) for name in _GRIDS),  # row by row
+    ]
+)
 
 
 def count_answers(
@@ -105,7 +107,9 @@ def write_counts(
     """
     write_table(folder / f"{name}{OBJECTS}", objects)
     if image_map is not None:
-        write_bytes(folder / f"{name}{MAP}", _map_bytes(image_map))
+        grids = {grid: getattr(image_map, grid).ravel() for grid in _GRIDS}
+        row = {field.name: grids.get(field.name, getattr(image_map, field.name)) for field in _MAP_SCHEMA}
+        write_table(folder / f"{name}{MAP}", pa.Table.from_pylist([row], _MAP_SCHEMA))
     write_table(folder / f"{name}{FRAMES}", frames)
 
 
@@ -240,18 +244,10 @@ def _readable(file: Path) -> Iterator[None]:
         raise DataError(file, expected="counts of a run", got=got, hint=REMOVE) from error
 
 
-def _map_bytes(item: ImageMap) -> bytes:
-    content = io.BytesIO()
-    arrays: dict[str, Any] = {name: np.array(getattr(item, name)) for name in (*_WORDS, *_GRIDS)}
-    np.savez_compressed(content, **arrays)
-    return content.getvalue()
-
-
 def _read_map(file: Path) -> ImageMap:
-    try:
-        with open_regular(file) as content, np.load(content, allow_pickle=False) as stored:
-            words = {name: stored[name].item() for name in _WORDS}
-            return ImageMap(**words, **{name: stored[name] for name in _GRIDS})
-    except (OSError, ValueError, KeyError, TypeError, NotImplementedError, BadZipFile, EOFError, zlib.error) as error:
-        got, hint = " ".join(str(error).split())[:200], REMOVE
-        raise DataError(file, expected="where in the image a run was right and wrong", got=got, hint=hint) from error
+    with _readable(file):
+        (row,) = read_table(file).cast(_MAP_SCHEMA).to_pylist()
+        if not (row["height"] > 0 and row["cell_px"] > 0):
+            raise ValueError(f"a height of {row['height']} px in cells of {row['cell_px']} px")
+        rows = -(-row["height"] // row["cell_px"])
+        return ImageMap(**row | {name: np.array(row[name], dtype=np.int64).reshape(rows, -1) for name in _GRIDS})

@@ -128,7 +128,6 @@ def open_dataset(
     split: str | None = None,
     *,
     workers: int = 1,
-    progress: Callable[[float, int], None] | None = None,
 ) -> Dataset:
     """Open a data set, rendered first where its card names a scenario that is not rendered yet.
 
@@ -136,14 +135,13 @@ def open_dataset(
         dataset: path of a card, or a name that `fisheye-bench list` shows.
         split: of the data set; None for all of it.
         workers: processes that render; more than one need `if __name__ == "__main__":` in a program.
-        progress: called with the numbers of rendered and of all recordings.
 
     Raises:
         UnknownNameError: no card or split of this name.
         DataError: the card or its data cannot be used.
     """
     card = load_card(dataset)
-    render_if_missing(card, split, workers=workers, progress=progress)
+    render_if_missing(card, split, workers=workers)
     return Dataset(card=card, handles=list_recordings(card, split))
 
 

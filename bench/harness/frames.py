@@ -62,7 +62,6 @@ class FramePipeline:
         camera: name of the camera.
         method: asked for segmentations; anything with the history and colour of one where only its input is wanted.
         protocol: the rules of the reference; None where none is wanted.
-        clock: of no use any more.
     """
 
     def __init__(
@@ -72,7 +71,6 @@ class FramePipeline:
         *,
         method: Scorable,
         protocol: Protocol | None = None,
-        clock: object = None,  # noqa: ARG002
     ) -> None:
         self.recording, self.camera = recording, recording.cameras[camera]
         self.images = recording.images[camera]

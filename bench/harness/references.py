@@ -135,14 +135,14 @@ def reference_of(row: StoredReference, recording: str) -> ReferenceFrame:
     )
 
 
-def evict_cache(limit_bytes: int = LIMIT_BYTES) -> None:
-    """Remove the references that were used longest ago until the rest takes no more than a limit."""
+def evict_cache() -> None:
+    """Remove the references that were used longest ago until the rest takes no more than `LIMIT_BYTES`."""
     with suppress(FileNotFoundError):  # another process does the same
         folders = [folder for folder in (cache_folder() / "references").glob("*") if folder.is_dir()]
         sizes = {folder: sum(file.stat().st_size for file in folder.iterdir()) for folder in folders}
         total = sum(sizes.values())
         for folder in sorted(folders, key=lambda folder: folder.stat().st_mtime):
-            if total <= limit_bytes:
+            if total <= LIMIT_BYTES:
                 break
             shutil.rmtree(folder, ignore_errors=True)
             total -= sizes[folder]

@@ -3,35 +3,14 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from time import perf_counter
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
 Progress = Callable[[float, int], None]
-
-
-class StageClock:
-    """Of no use any more; audits still make one."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    def stage(self, name: str) -> AbstractContextManager[None]:  # noqa: ARG002
-        """Time nothing."""
-        return nullcontext()
-
-
-def add_up(counted: Iterable[Mapping[str, float]]) -> dict[str, float]:  # noqa: ARG001
-    """Nothing."""
-    return {}
-
-
-def no_progress(_done: float, _total: int) -> None:
-    """Progress that is not shown."""
 
 
 def part_of(progress: Progress | None, *, number: int, total: int) -> Progress | None:
@@ -53,7 +32,6 @@ class Provenance(BaseModel):
     Attributes:
         started_utc: ISO 8601.
         seconds: wall time.
-        stage_seconds: of no use any more; empty.
         images: scored images.
         images_asked: of which the method was asked; the answers of the others were stored.
         workers: processes.
@@ -64,7 +42,6 @@ class Provenance(BaseModel):
 
     started_utc: str
     seconds: float
-    stage_seconds: dict[str, float] = Field(default_factory=dict, exclude=True)
     images: int
     images_asked: int
     workers: int
@@ -75,7 +52,6 @@ def provenance_since(
     start_s: float,
     *,
     images: int,
-    stage_seconds: object = None,  # noqa: ARG001
     images_asked: int | None = None,
     workers: int = 1,
     peak_memory_mb: float | None = None,
@@ -85,7 +61,6 @@ def provenance_since(
     Args:
         start_s: when it began, by `time.perf_counter`, which never goes back.
         images: that were scored.
-        stage_seconds: of no use any more.
         images_asked: of which the method was asked; None for all.
         workers: processes.
         peak_memory_mb: of the largest process; None for this one.

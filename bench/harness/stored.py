@@ -42,7 +42,7 @@ from bench.evaluation import (
 )
 from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.definitions import level_metrics
-from bench.evaluation.rows import IMAGE, ChosenRows, CommonImages, Rows, RowsOnImages, RowSource, read_parts, sort_rows
+from bench.evaluation.rows import IMAGE, CommonImages, Rows, RowsOnImages, RowSource, read_parts, sort_rows
 from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
 from bench.harness.counts import COUNTS, open_tables
 from bench.harness.digests import short_digest
@@ -50,14 +50,13 @@ from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_mani
 from bench.harness.stages import Provenance
 from bench.recordings.openlabel import NOT_REVIEWED
 from bench.recordings.validation import read_json
-from bench.records.reference import Category
 
 SUMMARY, SUMS, PROTOCOL = "summary.json", "sums.csv", "protocol.json"
 PREDICTIONS = "predictions.json"  # of runs of predictions from disk
 USUAL_PROTOCOL = "paper-v1"
 RESULT_FILES = (
     *(ANSWERS, COUNTS, MANIFEST, SUMMARY, SUMS, PROTOCOL, PREDICTIONS),
-    *("validation.json", "cost.json", "table.*", "range_map.*", "index.html", "index-*.html", "figures", "pictures"),
+    *("validation.json", "cost.json", "table.*", "index.html", "figures", "pictures"),
 )
 
 # What the reference alone decides, in whole numbers and words: no floats, whose text could differ between versions.
@@ -77,7 +76,7 @@ class RunSummary(Summary):
         provenance: how the result came about.
         vehicle_outline_m: the ego vehicle from above, vehicle frame, for pictures.
         caveats: what a reader has to know of the data set, from its card.
-        failures: one line per recording, unit or image that could not be used; the metrics are of the rest.
+        failures: one line per recording, task or image that could not be used; the metrics are of the rest.
         threshold_free: what the method's likelihood is worth at all thresholds; None for a method without one.
     """
 
@@ -135,8 +134,7 @@ def reference_digest(objects: Rows, frames: Rows) -> str:
 class StoredRun:
     """A run on disk: its small files as they were read, its tables as they are asked for.
 
-    It may be of the object-frames of one kind of motion only, and of some images: objects, frames, sums and metrics are
-    then of these, the summary is of the whole run.
+    It may be of some images only: objects, frames, sums and metrics are then of these, the summary is of the whole run.
 
     Attributes:
         folder: of the run.
@@ -144,7 +142,6 @@ class StoredRun:
         manifest: what the run is.
         summary: its metrics, and how they came about.
         protocol: its rules.
-        category: of the object-frames; None for all.
         images: which; None for all of the run.
     """
 
@@ -153,15 +150,12 @@ class StoredRun:
     manifest: Manifest
     summary: RunSummary
     protocol: Protocol
-    category: Category | None = None
     images: CommonImages | None = None
 
     @cached_property
     def objects(self) -> RowSource:
         """Rows of `OBJECTS_SCHEMA`, on disk."""
-        rows: RowSource = open_tables(self.folder)[0]
-        if self.category is not None:
-            rows = ChosenRows(source=rows, column="category", word=self.category.value)
+        rows = open_tables(self.folder)[0]
         return rows if self.images is None else RowsOnImages(rows, self.images)
 
     @cached_property
@@ -173,24 +167,20 @@ class StoredRun:
     @cached_property
     def sums(self) -> pd.DataFrame:
         """Table of sums: as it is stored, or of the rows that were chosen."""
-        if self._is_whole:
+        if self.images is None:
             return read_sums(self.folder / SUMS)
         return sum_run(self.objects, self.frames, protocol=self.protocol)
 
     @cached_property
     def metrics(self) -> Summary:
         """Metrics of these rows; the summary itself for all of them."""
-        return self.summary if self._is_whole else summary_of(self.sums, protocol=self.protocol)
+        return self.summary if self.images is None else summary_of(self.sums, protocol=self.protocol)
 
     @property
     def answers(self) -> Path:
         """Folder of the answers: those of an oracle lie beside the results, those of a method above."""
         own = self.folder / ANSWERS
         return own if own.is_dir() else self.folder.parent / ANSWERS
-
-    @property
-    def _is_whole(self) -> bool:
-        return self.category is None and self.images is None
 
 
 def find_answer(answers: Path, recording: str, camera: str, timestamp_ns: int) -> Answer | None:
@@ -238,13 +228,12 @@ def run_name(results: Path) -> str:
     return run if place.name == USUAL_PROTOCOL else f"{run}-{place.name}"
 
 
-def read_run(folder: Path, *, label: str | None = None, category: Category | None = None) -> StoredRun:
+def read_run(folder: Path, *, label: str | None = None) -> StoredRun:
     """Read the results of a run.
 
     Args:
         folder: of the run or of its results by a protocol; see `results_folder`.
         label: what tables call it; None for the run's name.
-        category: of the object-frames; None for all.
 
     Raises:
         DataError: a file is missing, damaged, or of another run.
@@ -259,7 +248,6 @@ def read_run(folder: Path, *, label: str | None = None, category: Category | Non
         manifest=manifest,
         summary=summary,
         protocol=_read_protocol(folder, manifest, summary),
-        category=category,
     )
 
 
@@ -327,6 +315,10 @@ def _read_protocol(folder: Path, manifest: Manifest, summary: RunSummary) -> Pro
         expected = f"the protocol of {MANIFEST}, with digest {short_digest(manifest.protocol.digest)}"
         got = f"{protocol.name!r} with digest {short_digest(protocol.digest)}"
         raise DataError(file, expected=expected, got=got)
+    rows = {str(category) for category in protocol.reference.categories}
+    if rows != summary.categories.keys():
+        expected, got = ", ".join(sorted(rows)), ", ".join(summary.categories)
+        raise DataError(folder / SUMMARY, field="categories", expected=expected, got=got)
     levels = {metric.name for metric in level_metrics(protocol.scoring.detection_levels)}
     if missing := sorted(levels - {*summary.all_moving.metric_names()}):
         expected, got = "the metrics of its protocol", f"no {missing[0]}"

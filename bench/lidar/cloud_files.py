@@ -12,8 +12,10 @@ and once it is loaded for the whole process the import finds it, with no system 
 from __future__ import annotations
 
 import ctypes
+import io
 import re
 import sys
+import warnings
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -117,8 +119,12 @@ def read_pcd(path: Path) -> Arrays:
     if kind not in {"ascii", "binary"}:
         hint = f"pcl_convert_pcd_ascii_binary {path.name} NEW.pcd 1"
         raise DataError(path, field="DATA", expected="ascii or binary", got=kind, hint=hint)
-    parse = _written if kind == "ascii" else _packed
-    fields = parse(path, content[end.end() :], columns, rows)
+    table = _table(path, content[end.end() :], columns, rows, is_text=kind == "ascii")
+    fields = {
+        column.name: table[str(i)].astype(column.dtype.newbyteorder("="))
+        for i, column in enumerate(columns)
+        if column.is_read
+    }
     points = np.stack([fields.pop(axis) for axis in "xyz"], axis=-1)
     return {"points_lidar": points if points.dtype.kind == "f" else points.astype(np.float64)} | fields
 
@@ -148,42 +154,29 @@ def _rows(lines: dict[str, list[str]]) -> int:
     return rows
 
 
-def _packed(path: Path, body: bytes, columns: list[Column], rows: int) -> Arrays:
-    """Points as bytes, one after the other."""
-    sizes = [column.dtype.itemsize * column.numbers for column in columns]
-    needed = rows * sum(sizes)
-    if len(body) < needed:
-        got, expected = f"{len(body)}; the file is cut short", f"{rows} points of {sum(sizes)} bytes, {needed} in all"
-        raise DataError(path, field="bytes", expected=expected, got=got)
-    fields: Arrays = {}
-    for column, offset in zip(columns, np.cumsum([0, *sizes]).tolist(), strict=False):
-        if column.is_read:
-            values = np.ndarray((rows,), column.dtype, body, offset, (sum(sizes),))
-            fields[column.name] = values.astype(column.dtype.newbyteorder("="))
-    return fields
-
-
-def _written(path: Path, body: bytes, columns: list[Column], rows: int) -> Arrays:
-    """Points as text, one a line."""
-    width, words = sum(column.numbers for column in columns), body.split()
-    if len(body.split(b"\n")) - body.endswith(b"\n") < rows or len(words) < rows * width:
-        raise DataError(path, expected=f"{rows} lines of {width} numbers", got="fewer; the file is cut short")
-    table = np.array(words[: rows * width], dtype=np.bytes_).reshape(rows, width)
-    fields: Arrays = {}
-    for column, first in zip(columns, np.cumsum([0, *(column.numbers for column in columns)]).tolist(), strict=False):
-        if column.is_read:
-            fields[column.name] = _typed(path, column, table[:, first])
-    return fields
-
-
-def _typed(path: Path, column: Column, words: NDArray[np.bytes_]) -> NDArray[Any]:
-    """Words as numbers of a type that holds them."""
+def _table(path: Path, body: bytes, columns: list[Column], rows: int, *, is_text: bool) -> NDArray[Any]:
+    """(rows,) of a structured type, whose fields are called by the numbers of the columns."""
+    dtype = np.dtype(
+        [
+            (str(i), column.dtype, (column.numbers,)) if column.numbers > 1 else (str(i), column.dtype)
+            for i, column in enumerate(columns)
+            if column.numbers
+        ]
+    )
+    if not is_text:
+        if len(body) < rows * dtype.itemsize:
+            expected = f"{rows} points of {dtype.itemsize} bytes, {rows * dtype.itemsize} bytes in all"
+            raise DataError(path, expected=expected, got=f"{len(body)}; the file is cut short")
+        return np.frombuffer(body, dtype=dtype, count=rows)
     try:
-        with np.errstate(over="raise"):
-            return words.astype(np.float64 if column.dtype.kind == "f" else column.dtype).astype(column.dtype)
-    except (ValueError, OverflowError, FloatingPointError) as error:
-        got = " ".join(str(error).split())[:80]
-        raise DataError(path, field=column.name, expected=f"numbers of type {column.dtype}", got=got) from None
+        with warnings.catch_warnings(action="ignore"):  # of a file without lines
+            table = np.loadtxt(io.BytesIO(body), dtype=dtype, comments=None, max_rows=rows, ndmin=1)
+    except (ValueError, OverflowError) as error:
+        got = " ".join(str(error).split())[:200]
+        raise DataError(path, expected=f"{rows} lines of numbers as the header says", got=got) from None
+    if len(table) < rows:
+        raise DataError(path, expected=f"{rows} lines of numbers", got=f"{len(table)}; the file is cut short")
+    return table
 
 
 def write_pcd(path: Path, points: NDArray[np.floating], intensity: NDArray[np.float32] | None = None) -> None:

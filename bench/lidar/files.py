@@ -5,8 +5,6 @@ Every reader gives named arrays: `points_lidar` (N, 3) and what else the file ha
 
 from __future__ import annotations
 
-import io
-import math
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -15,8 +13,6 @@ from tokenize import TokenError
 from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy
-from numpy.typing import NDArray
 
 from bench.errors import DataError, UnknownNameError
 from bench.lidar.cloud_files import read_pcd
@@ -31,7 +27,6 @@ UNREADABLE = (
     *(NotImplementedError, RuntimeError, zlib.error, zipfile.BadZipFile),
     *(SyntaxError, TokenError),  # of headers that are no Python
 )
-NPY_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 NPZ_TYPES: Mapping[str, tuple[str, str, type[Any] | None]] = {  # kinds of type, in words, and what they are read as
     "points_lidar": ("f", "floating point", None),
     "intensity": ("f", "floating point", np.float32),
@@ -44,21 +39,19 @@ FARTHEST_M = 1e8  # coordinates of any map are below
 def read_npz(path: Path) -> Arrays:
     """Read our own arrays; objects (pickles) and arrays of other names are refused.
 
-    `numpy.load` alone allocates what a header states before it checks whether the file holds as much.
-
     Raises:
         DataError: cut short, an array that is missing, unknown or of another type.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            unpacked = sum(entry.file_size for entry in archive.infolist())
+        with np.load(path, allow_pickle=False) as stored:
+            entries = stored.zip.infolist()
+            if any(entry.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED} for entry in entries):
+                raise zipfile.BadZipFile("packed in another way than by deflate")  # whose memory nothing limits
+            unpacked = sum(entry.file_size for entry in entries)  # no stream is read beyond that
             if unpacked > LARGEST_BYTES:
-                raise DataError(
-                    path, expected=f"at most {LARGEST_BYTES} bytes of arrays", got=f"{unpacked} when unpacked"
-                )
-            arrays: Arrays = {
-                entry.filename.removesuffix(".npy"): _array(path, archive, entry) for entry in archive.infolist()
-            }
+                expected = f"at most {LARGEST_BYTES} bytes of arrays"
+                raise DataError(path, expected=expected, got=f"{unpacked} when unpacked")
+            arrays: Arrays = {name: stored[name] for name in stored.files}
     except DataError:
         raise
     except UNREADABLE as error:
@@ -77,29 +70,6 @@ def read_npz(path: Path) -> Arrays:
     return {name: values.astype(NPZ_TYPES[name][2] or values.dtype, copy=False) for name, values in arrays.items()}
 
 
-def _array(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
-    """An array of an entry, read-only."""
-    if entry.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:  # `zipfile` limits no other's memory
-        raise zipfile.BadZipFile(f"{entry.filename} is packed in another way than by deflate")
-    with archive.open(entry) as packed:
-        content = packed.read(entry.file_size)  # without the size, a stream is unpacked beyond it
-    if len(content) != entry.file_size:
-        raise zipfile.BadZipFile(f"{entry.filename} is cut short")
-    member = io.BytesIO(content)
-    version = npy.read_magic(member)
-    if version not in NPY_HEADERS:
-        raise DataError(path, field=entry.filename, expected="NumPy's format 1 or 2", got=str(version))
-    shape, by_column, kind = NPY_HEADERS[version](member)
-    stated, held = math.prod(shape) * max(kind.itemsize, 1), len(content) - member.tell()
-    if stated > held or min(shape, default=0) < 0:
-        got = f"a header of {shape} x {kind.itemsize} bytes over {held}"
-        raise DataError(path, field=entry.filename, expected="a whole array", got=got)
-    if kind.hasobject:
-        raise DataError(path, field=entry.filename, expected="an array of numbers", got="Python objects")
-    values = np.frombuffer(content, dtype=kind, count=math.prod(shape), offset=member.tell())
-    return values.reshape(shape, order="F" if by_column else "C")
-
-
 def read_bin(path: Path, columns: Sequence[str] | None = None) -> Arrays:
     """Read rows of little-endian float32.
 
@@ -116,6 +86,11 @@ def read_bin(path: Path, columns: Sequence[str] | None = None) -> Arrays:
         expected = f"rows of {len(names)} float32 ({4 * len(names)} bytes)"
         raise DataError(path, expected=expected, got=got, hint=BIN_HINT)
     table = dict(zip(names, np.fromfile(path, dtype="<f4").reshape(-1, len(names)).T, strict=True))
+    if (
+        columns is None and (table["intensity"] < 0).any()
+    ):  # of five columns, read as four, each is a coordinate at times
+        got = f"{table['intensity'].min():g}; the file may have another number of columns"
+        raise DataError(path, field="intensity", expected="no value below 0", got=got, hint=BIN_HINT)
     points = np.stack([table.pop(axis) for axis in "xyz"], axis=1)
     return {"points_lidar": points} | {name: column.copy() for name, column in table.items()}
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import DataError, ShapeError
+from bench.geometry import Floats
 
 Arrays = dict[str, NDArray[Any]]  # of a point cloud, by name
 LARGEST_BYTES = 1 << 28  # of an unpacked sweep: ten million points
@@ -112,9 +113,9 @@ def deskew(
     times_ns: NDArray[np.int64],
     *,
     interpolation_ns: NDArray[np.int64],
-    rotations: NDArray[np.float64],
-    positions_m: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    rotations: Floats,
+    positions_m: Floats,
+) -> Floats:
     """Apply to each point the sensor's pose at the point's own time.
 
     Poses are interpolated linearly, which is exact to second order in the few milliseconds between them.

@@ -10,12 +10,11 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
 from bench.errors import UsageError
 from bench.flow import dense_flow
-from bench.geometry import angle_between
+from bench.geometry import Floats, angle_between
 from bench.methods.contract import Method, MethodInput
 from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD
 from bench.methods.two_views import cell_flow, flow_parts, flow_rays
@@ -126,8 +125,8 @@ class BackgroundSubtraction(Method):
         )
         for image in earlier:
             model.apply(image)
-        found = np.asarray(model.apply(current, learningRate=0))
-        return Segmentation(cell_size_px=1, mask=(found == MOG2_FOREGROUND) & frame.valid)
+        classes = np.asarray(model.apply(current, learningRate=0))
+        return Segmentation(cell_size_px=1, mask=(classes == MOG2_FOREGROUND) & frame.valid)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +160,7 @@ class FlowMagnitude(Method):
             raise UsageError(f"{self.name}: expected cell_size_px >= 1 and threshold in (0, pi], got {got}")
         dense_flow(self.flow, **self.flow_parameters)
 
-    def compensated(self, rays_previous: NDArray[np.float64], frame: MethodInput) -> NDArray[np.float64]:  # noqa: ARG002
+    def compensated(self, rays_previous: Floats, frame: MethodInput) -> Floats:  # noqa: ARG002
         """Previous rays as they are compared with current ones; here as they are."""
         return rays_previous
 
@@ -191,6 +190,6 @@ class RotationCompensatedFlow(FlowMagnitude):
 
     name = "rotation-compensated-flow"
 
-    def compensated(self, rays_previous: NDArray[np.float64], frame: MethodInput) -> NDArray[np.float64]:
+    def compensated(self, rays_previous: Floats, frame: MethodInput) -> Floats:
         """Previous rays, rotated into the current frame."""
         return frame.current_from_previous[-1].rotate(rays_previous)

@@ -92,7 +92,7 @@ class Scorable:
         Raises:
             UsageError: an attribute is missing.
         """
-        found: dict[str, object] = {}
+        settings: dict[str, object] = {}
         for name in inspect.signature(type(self)).parameters:
             if not hasattr(self, name):
                 raise UsageError(
@@ -100,8 +100,8 @@ class Scorable:
                     f"{name!r}, got none; set self.{name}, or write settings()"
                 )
             value = getattr(self, name)
-            found[name] = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
-        return found
+            settings[name] = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+        return settings
 
 
 class Method(Scorable, ABC):

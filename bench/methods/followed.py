@@ -125,12 +125,6 @@ class FollowedMethod(Method):
     def _notes(self) -> dict[tuple[str, tuple[int, ...]], Any]:
         return {}
 
-    def __getstate__(self) -> dict[str, object]:
-        return self.settings()  # notes stay where they were made
-
-    def __setstate__(self, settings: dict[str, object]) -> None:
-        self.__dict__.update(settings)
-
 
 def _as_of(frame: MethodInput, back: int, *, images: int) -> MethodInput:
     """Return the input of a method that uses so many images where the image `back` before is the current one."""

@@ -107,10 +107,10 @@ def build(name: str, target: str, base: type[Kind], parameters: Mapping[str, obj
 
 
 def _class(name: str, target: str, base: type[Kind]) -> type[Kind]:
-    found = imported(target, expected=f"method {name!r}: expected a class")
-    if not (isinstance(found, type) and issubclass(found, base)):
+    loaded = imported(target, expected=f"method {name!r}: expected a class")
+    if not (isinstance(loaded, type) and issubclass(loaded, base)):
         raise UsageError(f"method {name!r}: {not_derived(target.rpartition(':')[2])}")
-    return found
+    return loaded
 
 
 def _refuse_values(name: str, kind: type, parameters: Mapping[str, object]) -> None:

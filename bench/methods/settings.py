@@ -67,15 +67,15 @@ def split_methods(text: str) -> list[tuple[str, str, list[str]]]:
     Raises:
         UsageError: words behind a setting that are none.
     """
-    found = []
+    methods = []
     for written in (part.strip() for part in text.split(",")):
         words = written.split(":")
         settings = [word for word in words if "=" in word]
         method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
         if any("=" in word for word in method):
             raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {written!r}")
-        found.append((written, ":".join(method), settings))
-    return found
+        methods.append((written, ":".join(method), settings))
+    return methods
 
 
 def _number(value: object) -> object:

@@ -24,10 +24,8 @@ from scipy.spatial.transform import Rotation
 
 from bench.cameras import CameraModel, RayGrid, RollingShutter
 from bench.flow import flow_on_cells
-from bench.geometry import RigidTransform
+from bench.geometry import Bools, Floats, RigidTransform
 from bench.methods.contract import MethodInput
-
-Floats = NDArray[np.float64]
 
 
 def cell_flow(
@@ -48,9 +46,7 @@ def cell_flow(
     return flow_on_cells(now, before, flow=flow, parameters=parameters, cell_size_px=cell_size_px)
 
 
-def flow_rays(
-    frame: MethodInput, cells: RayGrid, flow: NDArray[np.float32]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def flow_rays(frame: MethodInput, cells: RayGrid, flow: NDArray[np.float32]) -> tuple[Floats, Bools]:
     """Rays of each cell's content in the previous image.
 
     Args:

@@ -9,12 +9,12 @@ from typing import Annotated as Of
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform, quaternions_wxyz
 from bench.recordings import openlabel
-from bench.recordings.validation import FileModel, TimeNs, read_json
+from bench.recordings.validation import FileModel, TimeNs, in_order, read_json
 from bench.records.recording import (
     ALWAYS_NS,
     COMPLETELY,
@@ -31,6 +31,7 @@ from bench.times import unit_hint
 
 REVIEW_SUFFIX = ".review.json"  # of files beside the annotations, from which they are made
 
+Stretch = Of[tuple[TimeNs | None, TimeNs | None], AfterValidator(in_order)]
 Outline = Of[tuple[tuple[float, float], ...], Field(min_length=3, max_length=1000)]
 
 
@@ -42,15 +43,8 @@ class PartlyAnnotated(FileModel):
         left_out_m: outlines on the ground, x and y in the vehicle frame, in which nothing is annotated.
     """
 
-    timestamps_ns: tuple[tuple[TimeNs | None, TimeNs | None], ...] = Field(default=((None, None),), min_length=1)
+    timestamps_ns: tuple[Stretch, ...] = Field(default=((None, None),), min_length=1)
     left_out_m: tuple[Outline, ...] = ()
-
-    @model_validator(mode="after")
-    def _in_order(self) -> PartlyAnnotated:
-        for first, last in self.timestamps_ns:
-            if first is not None and last is not None and first > last:
-                raise ValueError(f"first and last time of a stretch in order, not {first} before {last}")
-        return self
 
 
 Statement = Literal["none", "complete"] | PartlyAnnotated
@@ -116,7 +110,7 @@ def _states(content: openlabel.OpenLabel, file: Path) -> dict[str, list[ObjectSt
                 got = f"{timestamp_ns} twice"
                 raise DataError(file, field=field, expected="one frame for each time", got=got)
             last_ns[uid] = timestamp_ns
-            states[uid].append(read_state(entry.object_data, timestamp_ns, file=file, field=field))
+            states[uid].append(_state(entry.object_data, timestamp_ns))
     return states
 
 
@@ -145,23 +139,11 @@ def annotation_document(tracks: Sequence[Track], timestamps_ns: Iterable[int] = 
     }
 
 
-def read_state(data: openlabel.FrameObjectData, timestamp_ns: int, *, file: Path, field: str) -> ObjectState:
-    """One object in one frame.
-
-    Args:
-        data: what the file says of it.
-        timestamp_ns: of the frame.
-        file: for messages.
-        field: place of the object in the file, for messages.
-
-    Raises:
-        DataError: no shape or more than one, or a shape without what belongs to it.
-    """
-    numbers: dict[str, Any] = {entry.name: entry.val for entry in data.num}
-    vectors: dict[str, Any] = {entry.name: entry.val for entry in data.vec}
+def _state(data: openlabel.FrameObjectData, timestamp_ns: int) -> ObjectState:
+    numbers, vectors = data.numbers, data.vectors
     return ObjectState(
         timestamp_ns=timestamp_ns,
-        shape=_shape(data, numbers, vectors, file, f"{field}.object_data"),
+        shape=_shape(data, numbers, vectors),
         velocity_mps=np.array(vectors.get("velocity_mps", (np.nan,) * 3), dtype=np.float64),
         yaw_rate_radps=float(numbers.get("yaw_rate_radps", 0.0)),
         category=data.text[0].val if data.text else None,
@@ -169,36 +151,17 @@ def read_state(data: openlabel.FrameObjectData, timestamp_ns: int, *, file: Path
     )
 
 
-def _shape(
-    data: openlabel.FrameObjectData, numbers: dict[str, Any], vectors: dict[str, Any], file: Path, field: str
-) -> ObjectShape:
-    if bool(data.cuboid) + bool(data.poly2d) + ("point_indices" in vectors) != 1:
-        given = [name for name in ("cuboid", "poly2d") if getattr(data, name)]
-        given += ["vec point_indices"] if "point_indices" in vectors else []
-        expected = "one of cuboid, poly2d and vec point_indices"
-        raise DataError(file, field=field, expected=expected, got=" and ".join(given) or "none")
+def _shape(data: openlabel.FrameObjectData, numbers: dict[str, Any], vectors: dict[str, Any]) -> ObjectShape:
     if data.cuboid:
         x, y, z, qx, qy, qz, qw, *size_m = data.cuboid[0].val
-        return Cuboid(
-            vehicle_from_object=RigidTransform.from_quaternion((qw, qx, qy, qz), (x, y, z)), size_m=np.array(size_m)
-        )
+        pose = RigidTransform.from_quaternion((qw, qx, qy, qz), (x, y, z))
+        return Cuboid(vehicle_from_object=pose, size_m=np.array(size_m))
     if data.poly2d:
-        _demand(("bottom_m", "top_m"), numbers, file, field)
-        if numbers["bottom_m"] >= numbers["top_m"]:
-            got = f"{numbers['top_m']} over {numbers['bottom_m']}"
-            raise DataError(file, field=f"{field}.num", expected="top_m above bottom_m", got=got)
         outline_m = np.array(data.poly2d[0].val, dtype=np.float64).reshape(-1, 2)
         return GroundPolygon(outline_m=outline_m, bottom_m=float(numbers["bottom_m"]), top_m=float(numbers["top_m"]))
-    _demand(("sweep_timestamp_ns",), numbers, file, field)
     return PointIndices(
         indices=np.array(vectors["point_indices"], dtype=np.int64), sweep_timestamp_ns=numbers["sweep_timestamp_ns"]
     )
-
-
-def _demand(names: tuple[str, ...], numbers: dict[str, Any], file: Path, field: str) -> None:
-    for name in names:
-        if name not in numbers:
-            raise DataError(file, field=f"{field}.num", expected=f"a number named {name}", got="none")
 
 
 def _object(track: Track) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from bench.errors import DataError, UnknownNameError
 from bench.plain_yaml import parse_yaml
 from bench.recordings.annotations import Statement
 from bench.recordings.files import read_text
-from bench.recordings.validation import FileModel, validated
+from bench.recordings.validation import FileModel, in_order, validated
 
 WORKING_FOLDER = Path("datasets")
 OWN_CARDS, OWN_DATA = "FISHEYE_BENCH_DATASETS", "FISHEYE_BENCH_DATA"
@@ -31,15 +31,8 @@ RENDERED = PurePath("data")  # it holds the roots of the cards that ship
 LARGEST_CARD_BYTES = 1_000_000
 
 
-def _in_order(span: tuple[int | None, int | None]) -> tuple[int | None, int | None]:
-    first, last = span
-    if first is not None and last is not None and first > last:
-        raise ValueError(f"first and last in order, not {first} before {last}")
-    return span
-
-
 # First and last, both included; None for open.
-Span = Annotated[tuple[int | None, int | None], AfterValidator(_in_order)]
+Span = Annotated[tuple[int | None, int | None], AfterValidator(in_order)]
 
 
 class Exclusion(FileModel):

@@ -12,9 +12,10 @@ object one shape and what is known of the motion, all in the vehicle frame at th
 from __future__ import annotations
 
 import json
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from bench.recordings.validation import FileModel, Measured, TimeNs
 from bench.records.recording import MotionKind
@@ -137,6 +138,27 @@ class FrameObjectData(FileModel):
         if len({entry.name for entry in entries}) < len(entries):
             raise ValueError("each name once")
         return entries
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Values of `num` by name."""
+        return {entry.name: entry.val for entry in self.num}
+
+    @property
+    def vectors(self) -> dict[str, Any]:
+        """Values of `vec` by name."""
+        return {entry.name: entry.val for entry in self.vec}
+
+    @model_validator(mode="after")
+    def _is_one_shape(self) -> FrameObjectData:
+        numbers = self.numbers
+        if bool(self.cuboid) + bool(self.poly2d) + ("point_indices" in self.vectors) != 1:
+            raise ValueError("one of cuboid, poly2d and vec point_indices")
+        if self.poly2d and not numbers.get("bottom_m", math.inf) < numbers.get("top_m", -math.inf):
+            raise ValueError("with a poly2d the numbers bottom_m and top_m, which is above it")
+        if "point_indices" in self.vectors and "sweep_timestamp_ns" not in numbers:
+            raise ValueError("with point_indices a number named sweep_timestamp_ns")
+        return self
 
 
 class FrameObject(FileModel):

@@ -30,9 +30,19 @@ class FileModel(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
+Span = TypeVar("Span", tuple[int, int], tuple[int | None, int | None])
 LATEST_NS = 2**62  # in the year 2116; room is left for sums
 LARGEST_SIDE_PX = 16_384
 LARGEST_MEASURED = 1e8  # places on any map in metres, and speeds in m/s, are within
+
+
+def in_order(span: Span) -> Span:
+    """Refuse a first and last of which the first is later; None is open."""
+    first, last = span
+    if first is not None and last is not None and first > last:
+        raise ValueError(f"first and last in order, not {first} before {last}")
+    return span
+
 
 TimeNs = Annotated[int, Field(ge=-LATEST_NS, le=LATEST_NS)]
 SidePx = Annotated[int, Field(gt=0, le=LARGEST_SIDE_PX)]
@@ -50,14 +60,14 @@ def read_json(model: type[Model], file: Path) -> Model:
     return parse_json(model, _content(file), file)
 
 
-def parse_json(model: type[Model], content: bytes, file: Path, *, strict: bool = True) -> Model:
+def parse_json(model: type[Model], content: bytes, file: Path) -> Model:
     """Validate the content of a JSON file, which may begin with a byte-order mark.
 
     Raises:
         DataError: not JSON, or not what the model asks for.
     """
     try:
-        return model.model_validate_json(content.removeprefix(codecs.BOM_UTF8), strict=strict)
+        return model.model_validate_json(content.removeprefix(codecs.BOM_UTF8), strict=True)
     except ValidationError as error:
         raise _data_error(error, file) from None
 

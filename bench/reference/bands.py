@@ -250,11 +250,8 @@ class _Beams:
     of the object's returns, and elevation, (2, K) float64, rad, from where a beam starts."""
 
     def __init__(self, scanned: ScannedObject) -> None:
-        self.sweep, self._rows, self._world_from_sensor = (
-            scanned.sweep,
-            scanned.cluster.rows,
-            scanned.world_from_sensor,
-        )
+        self.sweep, self._rows = scanned.sweep, scanned.cluster.rows
+        self._world_from_sensor = scanned.world_from_sensor
         points_sensor = self.sweep.points_sensor(self._rows)
         x, y, _ = points_sensor.mean(axis=0).tolist()
         self._middle_rad = float(np.arctan2(y, x))

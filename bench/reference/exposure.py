@@ -23,9 +23,8 @@ def visible_region(camera: MountedCamera) -> NDArray[np.bool_]:
     return valid.copy() if camera.ego_body is None else valid & ~camera.ego_body
 
 
-ROW_STEPS = (
-    3  # to the row that sees a point; each leaves as much of the error as the point moves, in rows, from row to row
-)
+# Steps to the row that sees a point; each leaves as much of the error as the point moves, in rows, from row to row.
+ROW_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

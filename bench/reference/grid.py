@@ -221,9 +221,9 @@ def _column_step(azimuth: NDArray[np.float64], elevation: NDArray[np.float64]) -
     _, nearest = tree.query(directions[asked], k=min(NEIGHBOURS + 1, len(directions)))
     steps = azimuth[nearest] - azimuth[asked][:, None]
     lifts = np.abs(elevation[nearest] - elevation[asked][:, None])
-    found = np.where((steps > 0) & (lifts < steps / 2), steps, np.inf).min(axis=1)
-    found = found[np.isfinite(found)]
-    return float(np.median(found)) if found.size else 0.0
+    nearest_steps = np.where((steps > 0) & (lifts < steps / 2), steps, np.inf).min(axis=1)
+    nearest_steps = nearest_steps[np.isfinite(nearest_steps)]
+    return float(np.median(nearest_steps)) if nearest_steps.size else 0.0
 
 
 def _above_and_below(
@@ -279,9 +279,9 @@ def _beside(
     keys = np.floor(azimuth / column_step) * ROW_KEY + elevation
     order = np.argsort(keys, kind="stable")
     keys, azimuth, elevation, most_lift = keys[order], azimuth[order], elevation[order], most_lift[order]
-    found, turns = np.full((2, len(order)), -1, dtype=np.intp), np.full((2, len(order)), np.inf)
+    beside, turns = np.full((2, len(order)), -1, dtype=np.intp), np.full((2, len(order)), np.inf)
     limits = column_step / 4, BRIDGED_STEPS * column_step, ROW_KEY
-    find_beside(keys, azimuth, elevation, most_lift, *limits, found, turns)
+    find_beside(keys, azimuth, elevation, most_lift, *limits, beside, turns)
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
-    return np.where(found >= 0, order[found], -1).take(back, axis=1), turns.take(back, axis=1)
+    return np.where(beside >= 0, order[beside], -1).take(back, axis=1), turns.take(back, axis=1)

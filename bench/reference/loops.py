@@ -60,7 +60,7 @@ def find_beside(
     least_turn: float,
     most_turn: float,
     column_key: float,
-    found: NDArray[np.intp],
+    beside: NDArray[np.intp],
     turns: NDArray[np.float64],
 ) -> None:
     """Find the return of nearest elevation in the next column, else in the one after it.
@@ -73,7 +73,7 @@ def find_beside(
         least_turn: rad, neighbours are further.
         most_turn: rad, and no further.
         column_key: between columns.
-        found: (2, N) intp, -1, to be filled: to the left and to the right.
+        beside: (2, N) intp, -1, to be filled: to the left and to the right.
         turns: (2, N) float64, rad, infinite, to be filled: angles to them.
     """
     last = len(keys) - 1
@@ -84,9 +84,9 @@ def find_beside(
                 while position <= last and keys[position] < keys[k] + side * columns * column_key:
                     position += 1
                 least = most_lift[k]
-                if columns == 2 and found[number, k] >= 0:
+                if columns == 2 and beside[number, k] >= 0:
                     continue
                 for other in (max(position - 1, 0), min(position, last)):
                     turn, lift = (azimuth[other] - azimuth[k]) * side, abs(elevation[other] - elevation[k])
                     if least_turn < turn <= most_turn and lift < least:
-                        found[number, k], turns[number, k], least = other, turn, lift
+                        beside[number, k], turns[number, k], least = other, turn, lift

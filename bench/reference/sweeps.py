@@ -45,17 +45,20 @@ class PosedSweep:
     @cached_property
     def envelope(self) -> Envelope:
         """The lowest beam, which meets the road, and the highest that meets anything."""
-        sensor_from_lidar, kind = self.lidar_from_sensor.inverse(), self._components.dtype
-        points = sensor_from_lidar.rotation.astype(kind) @ self._components  # every point of the sweep, in its own type
-        return find_envelope((points + sensor_from_lidar.translation_m.astype(kind)[:, None]).T)
+        return find_envelope(self._sensor_components.T)
 
     @cached_property
     def azimuths_rad(self) -> NDArray[np.floating]:
         """(N,), of all points, sensor frame at each one's own time, in their own type."""
-        rotation = self.lidar_from_sensor.rotation.T.astype(self._components.dtype)
-        x, y, _ = rotation @ self._components
-        offset_x, offset_y, _ = self.lidar_from_sensor.inverse().translation_m.astype(x.dtype)
-        return np.asarray(np.arctan2(y + offset_y, x + offset_x))
+        x, y, _ = self._sensor_components
+        return np.asarray(np.arctan2(y, x))
+
+    @cached_property
+    def _sensor_components(self) -> NDArray[np.floating]:
+        """(3, N), all points in the sensor frame at each one's own time, in their own type."""
+        sensor_from_lidar, kind = self.lidar_from_sensor.inverse(), self._components.dtype
+        turned = sensor_from_lidar.rotation.astype(kind) @ self._components
+        return np.asarray(turned + sensor_from_lidar.translation_m.astype(kind)[:, None])
 
     @cached_property
     def _components(self) -> NDArray[np.floating]:

@@ -2,46 +2,66 @@
 
 Only runs of the same data set, split and protocol are compared, on the images that they scored in common, and only if
 their references agree on these. The first run is the one compared against. The metrics are those of
-`bench.evaluation.comparison`, as one table; a verdict is read off each row of it.
+`bench.evaluation.comparison`, as one table; a verdict is read off each row of it. A comparison is written as a page,
+Markdown, CSV, and pictures of what changed most.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
+import os
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
 
+from bench.atomic import write_bytes
 from bench.errors import DataError, UsageError
-from bench.evaluation import changes_in_parts, compare_sums, headlines, holm
+from bench.evaluation import changes_in_parts, compare_sums, find_metric, headlines, holm
 from bench.evaluation.comparison import SIGNIFICANCE, SLICE, excludes_no_change
 from bench.evaluation.definitions import false_share, image_metrics, object_metrics
+from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.rows import (
     EVALUATED,
     IMAGE,
-    OBJECT,
     CommonImages,
-    RowSource,
     group_recordings,
     merge_rows,
     pick,
 )
-from bench.evaluation.summary import NO_CASES, Ratios, take_ratios
-from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES
-from bench.harness import StoredRun, read_run
-from bench.harness.manifest import ANSWERS_MANIFEST, Aspect, Manifest, all_settings, differences
+from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, recording_values
+from bench.harness import FramePipeline, ProcessedFrame, StoredRun, read_run
+from bench.harness.digests import short_digest
+from bench.harness.manifest import Aspect, Manifest, all_settings, differences
+from bench.harness.stages import Progress
 from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_digest, refuse_unscored
-from bench.reporting.formats import LABELS, chance_of, found_level
+from bench.reporting import formats
+from bench.reporting.document import (
+    Bar,
+    Block,
+    Cell,
+    Choice,
+    Column,
+    Filters,
+    Group,
+    Heads,
+    Paragraph,
+    Picture,
+    Report,
+    Style,
+    Table,
+    Tags,
+)
 
 
 def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
-    """Read runs of the same data and protocol.
+    """Read runs of the same data and protocol; of equal names those from the second on get a number.
 
     Raises:
         DataError: a run is damaged.
@@ -49,10 +69,13 @@ def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
     """
     if len(folders) < 2:
         raise UsageError(f"compare: expected at least two runs, got {len(folders)}")
-    labels = _labels(folders)
-    runs = [read_run(folder, label=label) for folder, label in zip(folders, labels, strict=True)]
-    for other in runs[1:]:
-        _refuse_different(runs[0], other)
+    runs: list[StoredRun] = []
+    for run in map(read_run, folders):
+        same = sum(run.label == other.label.partition(" (")[0] for other in runs)
+        runs.append(replace(run, label=f"{run.label} ({same + 1})") if same else run)
+        for difference in differences(runs[0].manifest, run.manifest):
+            if not difference.comparable:
+                raise UsageError(f"{runs[0].folder} and {run.folder} do not compare: {difference}")
     return runs
 
 
@@ -75,26 +98,6 @@ def name_method(name: str, settings: Mapping[str, object]) -> str:
     """For example "spherical (flow=dis, weights.anti_parallel=0)", settings as `--set` takes them."""
     text = ", ".join(f"{setting}={value}" for setting, value in settings.items())
     return f"{name} ({text})" if text else name
-
-
-def name_methods(manifests: Sequence[Manifest]) -> list[str]:
-    """Name the method of each run, with those settings that are not the same in all runs of it."""
-    pairs = zip(manifests, differing_settings(manifests), strict=True)
-    return [name_method(own.method.name, settings) for own, settings in pairs]
-
-
-def _refuse_different(first: StoredRun, other: StoredRun) -> None:
-    for difference in differences(first.manifest, other.manifest):
-        if not difference.comparable:
-            raise UsageError(f"{first.folder} and {other.folder} do not compare: {difference}")
-
-
-def _labels(folders: Sequence[Path]) -> list[str]:
-    """Names of the runs, with a number from the second on where several are the same."""
-    paths = [folder.resolve() for folder in folders]
-    names = [(path.parent if (path.parent / ANSWERS_MANIFEST).is_file() else path).name for path in paths]
-    seen = [names[:place].count(name) for place, name in enumerate(names)]
-    return [f"{name} ({before + 1})" if before else name for name, before in zip(names, seen, strict=True)]
 
 
 # Of the images of each run of a table, so many must be common: one run that scored a few would else shrink it for all.
@@ -161,7 +164,7 @@ def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRu
             scored = [run.summary.images.evaluated for run in (before, after)]
             raise UsageError(f"{refused}no image was scored by both; the first has {scored[0]}, the second {scored[1]}")
         if _digest(before, images) != _digest(after, images):
-            differ = "; ".join(_differences(before, after, images))
+            differ = "; ".join(_reference_differences(before, after, images))
             raise UsageError(f"{refused}their references differ on the {common} images that both scored: {differ}")
     (before, after), _ = on_common_images([before, after])
     return before, after, common
@@ -173,43 +176,27 @@ def _digest(run: StoredRun, images: CommonImages) -> str:
     return reference_digest(on_images.objects, on_images.frames)
 
 
-def _differences(one: StoredRun, two: StoredRun, images: CommonImages) -> list[str]:
-    """Differences, each with its number and its first example."""
-    groups = group_recordings(images.recordings())
-    one, two = replace(one, images=images), replace(two, images=images)
-    objects, frames = (one.objects, two.objects), (one.frames, two.frames)
-    of_objects = _table_differences(objects, OBJECT, REFERENCE_OF_OBJECTS, groups, "object-frames")
-    return of_objects or _table_differences(frames, IMAGE, REFERENCE_OF_FRAMES, groups, "images")
-
-
-def _table_differences(
-    sources: tuple[RowSource, RowSource],
-    key: Sequence[str],
-    columns: Sequence[str],
-    groups: Sequence[Sequence[str]],
-    unit: str,
-) -> list[str]:
-    count: Counter[str] = Counter()
-    first: dict[str, str] = {}
-
-    def count_rows(what: str, rows: pd.DataFrame, example: str) -> None:
-        if len(rows):
-            count[what] += len(rows)
-            first.setdefault(what, example.format(**{str(c): v for c, v in rows.iloc[0].items()}))
-
-    name = " ".join(f"{{{column}}}" for column in key)
-    for group in groups:
-        tables = [source.read(group, columns).astype(dict.fromkeys(columns, object)) for source in sources]
-        both = merge_rows(*tables, on=key, how="outer").sort_values(list(key), ignore_index=True)
-        for side, what in (("left_only", f"{unit} only in the first"), ("right_only", f"{unit} only in the second")):
-            count_rows(what, both[both["side"] == side], name)
-        shared = both[both["side"] == "both"]
-        for column in columns[len(key) :]:
-            before, after = (shared[f"{column}_{side}"] for side in ("before", "after"))
-            differs = (before != after) & ~(before.isna() & after.isna())
-            example = f"{name}, {{{column}_before}} and {{{column}_after}}"
-            count_rows(f"{unit} with another {column}", shared[differs], example)
-    return [f"{number} {what}, the first {first[what]}" for what, number in count.items()]
+def _reference_differences(one: StoredRun, two: StoredRun, images: CommonImages) -> Iterator[str]:
+    """Say how many objects, or else images, only one of the runs has as they are, each with its first example."""
+    runs = [replace(run, images=images) for run in (one, two)]
+    tables = (
+        ("object-frames", [run.objects for run in runs], REFERENCE_OF_OBJECTS),
+        ("images", [run.frames for run in runs], REFERENCE_OF_FRAMES),
+    )
+    for unit, sources, columns in tables:
+        alone: dict[str, list[pd.DataFrame]] = {"left_only": [], "right_only": []}
+        for group in group_recordings(images.recordings()):
+            rows = [source.read(group, columns).astype(object) for source in sources]
+            both = merge_rows(*rows, on=columns, how="outer")
+            for side, found in alone.items():
+                found.append(both[both["side"] == side].drop(columns="side"))
+        for which, found in zip(("first", "second"), alone.values(), strict=True):
+            if count := sum(map(len, found)):
+                first = next(rows.iloc[0] for rows in found if len(rows))
+                told = ", ".join(f"{name} {value}" for name, value in first.items() if not pd.isna(value))
+                yield f"{count} {unit} as only the {which} has them, the first: {told}"
+        if any(map(len, alone["left_only"] + alone["right_only"])):
+            return
 
 
 class Shown(StrEnum):
@@ -259,9 +246,7 @@ def metric_changes(before: StoredRun, after: StoredRun) -> pd.DataFrame:
 
     Returns:
         The rows and columns of `compare_sums`, also those without cases, with the p-value NaN where there is none, and
-        beside them `label` of the slice, `p_holm` and `verdict` (missing for what is no headline), `metric_before` and
-        `metric_after` with their own intervals, `chance_before`, `chance_after` and `ceiling` (of the exact masks on
-        the same images), NaN where not known.
+        beside them `label` of the slice, `p_holm` and `verdict` (missing for what is no headline).
     """
     protocol = before.protocol
     sides = [run.sums[run.sums["breakdown"].isin([CATEGORY, ALL_MOVING, FRAMES])] for run in (before, after)]
@@ -277,16 +262,7 @@ def metric_changes(before: StoredRun, after: StoredRun) -> pd.DataFrame:
     table["p_holm"] = tested.groupby("metric").transform(lambda p: pd.Series(holm([*p]), p.index))
     records = zip(keys, table.to_dict("records"), strict=True)
     table["verdict"] = [what_is_shown(row) if key[2] in HEADLINES else None for key, row in records]
-    ratios = [take_ratios(sums) for sums in sides]
-    table["label"] = [LABELS[name] for _, name, _ in keys]
-    for side, of_run in zip(("before", "after"), ratios, strict=True):
-        found: Any = [of_run.get(key, NO_CASES) for key in keys]
-        table[f"metric_{side}"] = found
-        table[f"chance_{side}"] = [
-            _value(of_run, key, chance_of(key[2])) if key[2].startswith("detection_rate") else math.nan for key in keys
-        ]
-    ceilings = [[_value(of_run, key, f"ceiling_{key[2]}") for key in keys] for of_run in ratios]  # equal where known
-    table["ceiling"] = np.where(np.isnan(ceilings).any(axis=0), math.nan, ceilings[0])
+    table["label"] = [formats.LABELS[name] for _, name, _ in keys]
     return table
 
 
@@ -295,10 +271,7 @@ def what_is_shown_of(before: StoredRun, after: StoredRun, metric: str) -> Shown:
     return Shown(str(metric_changes(before, after)["verdict"][ALL_MOVING, ALL_MOVING, metric]))
 
 
-def _value(ratios: Ratios, key: tuple[str, str, str], metric: str) -> float:
-    """Value of another metric of the same slice."""
-    return ratios.get((*key[:2], metric), NO_CASES).value
-
+# What was gained and lost.
 
 LISTED = 50  # of each kind, one per track: enough for the page's filters to leave some of each recording
 
@@ -314,51 +287,36 @@ class Kind(StrEnum):
     FEWER_FALSE = "fewer false positives"
 
 
-IMPROVEMENTS = {Kind.GAINED, Kind.ROSE, Kind.FEWER_FALSE}
 # Columns of the frames that changed: `track_id` and `category` missing and `what`, the object in words, empty for false
 # positives; in both runs the coverage of the object, or the false-positive coverage of the image, and the object's IoU.
 CHANGED = ["kind", *IMAGE, "track_id", "category", "what", "before", "after", "iou_before", "iou_after"]
 
 
-def paired_objects(before: StoredRun, after: StoredRun) -> Iterator[pd.DataFrame]:
-    """The evaluated object-frames of both runs, one per row, as `object_changes` sets them side by side, in parts.
-
-    Raises:
-        DataError: the runs did not evaluate the same object-frames, though their summaries say so.
-    """
-    for part in changes_in_parts(before.objects, after.objects, level=found_level(before.protocol)):
-        alone = part[~part["change"].isin(["gained", "lost", "both", "neither"])]
-        if len(alone):
-            first = " ".join(str(alone.iloc[0][name]) for name in (*IMAGE, "track_id"))
-            raise DataError(
-                after.folder / "counts",
-                expected=f"the object-frames of {before.folder}, whose reference has the same digest",
-                got=f"at least {len(alone)} that only one has, first {first}",
-                hint="run again what was changed by hand",
-            )
-        yield part
-
-
-def sum_changes(
-    parts: Iterable[pd.DataFrame], *, categories: Sequence[str], limit: int = LISTED
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Count the detections, and pick the object-frames that changed most.
-
-    Args:
-        parts: whole recordings, as `paired_objects` gives them.
-        categories: of the protocol.
-        limit: of object-frames of each kind; at most one of each track and kind, largest change of coverage first, of
-            equals the largest object.
+def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Count the detections, and pick the object-frames that changed most, some recordings in memory at a time.
 
     Returns:
         detections: a row for each category and for all, `name` the index: `object_frames`, those detected `before` and
             `after`, and those `gained` and `lost`; `after - before == gained - lost`.
-        frames: columns `CHANGED`, the object-frames that changed most.
+        frames: columns `CHANGED`, of each kind at most `LISTED`, and at most one of each track; the largest change of
+            coverage first, of equals the largest object.
+
+    Raises:
+        DataError: the runs did not evaluate the same object-frames, though their summaries say so.
     """
     counts: list[pd.DataFrame] = []
 
-    def counted() -> Iterator[pd.DataFrame]:
-        for rows in parts:
+    def parts() -> Iterator[pd.DataFrame]:
+        for rows in changes_in_parts(before.objects, after.objects, level=formats.found_level(before.protocol)):
+            alone = rows[rows["change"].isin(["only_before", "only_after"])]
+            if len(alone):
+                first = " ".join(str(alone.iloc[0][name]) for name in (*IMAGE, "track_id"))
+                raise DataError(
+                    after.folder / "counts",
+                    expected=f"the object-frames of {before.folder}, whose reference has the same digest",
+                    got=f"at least {len(alone)} that only one has, first {first}",
+                    hint="run again what was changed by hand",
+                )
             lost, gained, both = (rows["change"] == change for change in ("lost", "gained", "both"))
             numbers = {run: rows[f"detected_{run}"].astype(bool) for run in ("before", "after")}
             numbers |= {"gained": gained, "lost": lost}
@@ -370,14 +328,15 @@ def sum_changes(
 
     def largest(rows: pd.DataFrame) -> pd.DataFrame:
         ranked = rows.sort_values(["size", "region_px"], ascending=False, kind="stable")
-        return ranked.drop_duplicates(["kind", "recording", "track_id"]).groupby("kind").head(limit)
+        return ranked.drop_duplicates(["kind", "recording", "track_id"]).groupby("kind").head(LISTED)
 
-    changed = pick(counted(), largest)
+    changed = pick(parts(), largest)
     by_category = pd.concat(counts).groupby("category").sum().astype(int)
     by_category.loc[ALL_MOVING] = by_category.sum()
-    detections = by_category.reindex([*categories, ALL_MOVING], fill_value=0).rename_axis("name")
+    names = [*map(str, before.protocol.reference.categories), ALL_MOVING]
     words = [f"{row['object_class']} '{row['track_id']}', {row['category'].replace('_', ' ')}, {row['range_m']:.1f} m"
              for row in changed.to_dict("records")]  # fmt: skip
+    detections = by_category.reindex(names, fill_value=0).rename_axis("name")
     return detections, _by_kind(changed.assign(what=words), value="coverage")
 
 
@@ -385,9 +344,13 @@ def changed_images(before: StoredRun, after: StoredRun) -> pd.DataFrame:
     """The image with most more and the one with most fewer false positives; none where nothing changed."""
     counts = [run.frames.recordings() for run in (before, after)]
 
+    def shares(run: StoredRun, recordings: Sequence[str]) -> pd.DataFrame:
+        frames = run.frames.read(recordings, [*IMAGE, "status", "width", "height", "fp_px"])
+        return frames[frames["status"] == EVALUATED].assign(share=false_share)[[*IMAGE, "share"]]
+
     def parts() -> Iterator[pd.DataFrame]:
         for group in group_recordings({name: rows for name, rows in counts[0].items() if name in counts[1]}) or [[]]:
-            rows = merge_rows(_false_shares(before, group), _false_shares(after, group), on=IMAGE)
+            rows = merge_rows(shares(before, group), shares(after, group), on=IMAGE)
             rows = rows.sort_values(IMAGE, ignore_index=True)
             change = rows["share_after"] - rows["share_before"]
             yield _of_kinds(rows, {Kind.MORE_FALSE: change > 0, Kind.FEWER_FALSE: change < 0}, size=change.abs())
@@ -400,7 +363,7 @@ def changed_images(before: StoredRun, after: StoredRun) -> pd.DataFrame:
 
 def _of_kinds(rows: pd.DataFrame, kinds: Mapping[Kind, pd.Series[bool]], *, size: pd.Series[float]) -> pd.DataFrame:
     """The rows that changed, with the kind and the size of the change."""
-    kind = np.select(list(kinds.values()), [str(one) for one in kinds], "")
+    kind = np.select(list(kinds.values()), [str(name) for name in kinds], "")
     changed: pd.DataFrame = rows.assign(kind=kind, size=size).loc[kind != ""]
     return changed
 
@@ -410,11 +373,6 @@ def _by_kind(changed: pd.DataFrame, *, value: str) -> pd.DataFrame:
     order = changed["kind"].map({str(kind): place for place, kind in enumerate(Kind)})
     named = changed.rename(columns={f"{value}_before": "before", f"{value}_after": "after"})
     return named.iloc[order.argsort(kind="stable")].reindex(columns=CHANGED)
-
-
-def _false_shares(run: StoredRun, recordings: Sequence[str]) -> pd.DataFrame:
-    frames = run.frames.read(recordings, [*IMAGE, "status", "width", "height", "fp_px"])
-    return frames[frames["status"] == EVALUATED].assign(share=false_share)[[*IMAGE, "share"]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -427,7 +385,7 @@ class RunComparison:
         images: how many each scored, and how many of these both did; all values are of the last.
         methods: of both, with the settings in which they differ.
         changes: of the metrics, as `metric_changes` gives them.
-        detections: gained and lost, by category and of all, as `sum_changes` gives them.
+        detections: gained and lost, by category and of all, as `changed_objects` gives them.
         frames: those that changed most, columns `CHANGED`.
         notes: what a reader should know: on how many images the runs are compared, whether the data's files differ.
         pictures: of some of the frames, by the name of the file the row of `frames`.
@@ -445,26 +403,46 @@ class RunComparison:
     pictures: Mapping[str, Mapping[Any, Any]] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
+    @property
+    def over_everything(self) -> pd.DataFrame:
+        """The changes of all moving objects and of whole images, by metric."""
+        return self.changes.drop(CATEGORY, level="breakdown").droplevel(["breakdown", "slice"])
 
-def changes_over_everything(comparison: RunComparison) -> pd.DataFrame:
-    """The rows of all moving objects and of whole images, by metric."""
-    return comparison.changes.drop(CATEGORY, level="breakdown").droplevel(["breakdown", "slice"])
+
+def compare_runs(runs: Sequence[StoredRun]) -> list[RunComparison]:
+    """Compare the first of several runs with each of the others, on the images that both scored.
+
+    Raises:
+        DataError: a table is damaged.
+        UsageError: no image was scored by both, or the references differ on these.
+    """
+    return [_compare(runs[0], other) for other in runs[1:]]
 
 
-def verdict_line(comparison: RunComparison) -> str:
-    """One sentence: which headline metrics are better, worse, or not shown to differ."""
-    overall, said = changes_over_everything(comparison)["verdict"], []
-    for shown in Shown:
-        names = [label for metric, label in HEADLINES.items() if overall.get(metric) == shown]
-        if names:
-            said.append(f"{shown.value}: {'; '.join(names)}")
-    return f"{comparison.after.label} against {comparison.before.label}, over everything: {'. '.join(said)}."
+def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
+    before, after, common = pair_on_common_images(first, other)
+    images = (before.summary.images.evaluated, after.summary.images.evaluated, common)
+    detections, objects = changed_objects(before, after)
+    manifests = [before.manifest, after.manifest]
+    names = [
+        name_method(manifest.method.name, own)
+        for manifest, own in zip(manifests, differing_settings(manifests), strict=True)
+    ]
+    return RunComparison(
+        before=before,
+        after=after,
+        images=images,
+        methods=(names[0], names[1]),
+        changes=metric_changes(before, after),
+        detections=detections,
+        frames=pd.concat([objects, changed_images(before, after)], ignore_index=True),
+        notes=_notes(before, after, images),
+    )
 
 
 def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) -> tuple[str, ...]:
-    notes = [f"Compared on the {images[2]} images that both scored."]
-    if len(set(images)) > 1:
-        notes[0] = notes[0][:-1] + f": {before.label} scored {images[0]}, {after.label} {images[1]}."
+    scored = f": {before.label} scored {images[0]}, {after.label} {images[1]}" if len(set(images)) > 1 else ""
+    notes = [f"Compared on the {images[2]} images that both scored{scored}."]
     notes += dict.fromkeys(run.summary.unreviewed for run in (before, after) if run.summary.unreviewed)
     found = differences(before.manifest, after.manifest)
     if any(difference.aspect is Aspect.DATA for difference in found):
@@ -476,29 +454,342 @@ def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) ->
     return tuple(notes)
 
 
-def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
-    before, after, common = pair_on_common_images(first, other)
-    images = (before.summary.images.evaluated, after.summary.images.evaluated, common)
-    categories = [str(category) for category in before.protocol.reference.categories]
-    detections, objects = sum_changes(paired_objects(before, after), categories=categories)
-    methods = name_methods([before.manifest, after.manifest])
-    return RunComparison(
-        before=before,
-        after=after,
-        images=images,
-        methods=(methods[0], methods[1]),
-        changes=metric_changes(before, after),
-        detections=detections,
-        frames=pd.concat([objects, changed_images(before, after)], ignore_index=True),
-        notes=_notes(before, after, images),
+# For people.
+
+NOTE = (
+    "Differences are after minus before, in percentage points, with 95 % intervals by recording, in pairs (jackknife). "
+    "p: two-sided, of no difference, corrected after Holm over the rows of one metric (the categories and all moving "
+    "objects), for each pair of runs by itself. Better or worse is said of the four headlines only, and only if the "
+    "interval excludes 0 and the corrected p-value is at most 5 %; both need "
+    f"{FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
+    "chance. TPR and IoU over detected object-frames are taken over other object-frames in each run where detection "
+    "differs; TPR and IoU over all are not."
+)
+_TERMINAL_NOTE = (
+    "Differences in percentage points, with 95 % intervals by recording, in pairs; p: corrected over the rows of a "
+    f"metric; a verdict needs {FEWEST_RECORDINGS} recordings (recs). All metrics: compare.html."
+)
+STYLES: dict[str, Style] = {Shown.BETTER: "good", Shown.WORSE: "bad"}
+
+
+def p_text(p_value: float) -> str:
+    """For example "0.012" or "<0.001"; "" for NaN."""
+    if math.isnan(p_value):
+        return ""
+    return "<0.001" if p_value < 0.001 else f"{p_value:.3f}"
+
+
+def _bound(ratio: float) -> str:
+    return "" if math.isnan(ratio) else formats.hundredths(ratio)
+
+
+_COLUMNS: dict[str, Heads] = {
+    "metric": Column("Metric", lambda name: find_metric(name).label),
+    "label": "Type",
+    "verdict": Column("Verdict", lambda verdict: Cell(str(verdict), style=STYLES.get(verdict, ""))),
+    "frames_before": "Frames",
+    "recordings": "Recs",
+    "before": Column("before", formats.hundredths),
+    "after": Column("after", formats.hundredths),
+    "difference": Column("change", formats.points),
+    "ci95": Column("95 %", formats.points_interval),
+    "p_holm": Column("p (Holm)", p_text),
+}
+_CHANGE = ["recordings", "before", "after", "difference", "ci95"]
+FILTERS = (Choice("motion", "Kind of motion"), Choice("recording", "Recording"))
+
+
+def verdict_line(comparison: RunComparison) -> str:
+    """One sentence: which headline metrics are better, worse, or not shown to differ."""
+    overall, said = comparison.over_everything["verdict"], []
+    for shown in Shown:
+        names = [label for metric, label in HEADLINES.items() if overall.get(metric) == shown]
+        if names:
+            said.append(f"{shown.value}: {'; '.join(names)}")
+    return f"{comparison.after.label} against {comparison.before.label}, over everything: {'. '.join(said)}."
+
+
+def terminal_report(comparison: RunComparison) -> list[Block]:
+    """The metrics that are judged, for 100 columns."""
+    return [_headline_table(comparison), Paragraph(_TERMINAL_NOTE, "dim")]
+
+
+def _motion_tag(name: str) -> Tags:
+    """What is of all kinds of motion has no such tag, and stays."""
+    return {} if name in (ALL_MOVING, FRAMES) else {"motion": formats.LABELS[name]}
+
+
+def _frame_tags(frame: Mapping[Any, Any]) -> Tags:
+    return {"motion": formats.LABELS.get(frame["category"], ""), "recording": frame["recording"]}
+
+
+def _pair(comparison: RunComparison, out: Path, *, filters: bool) -> Iterator[Block]:
+    """The verdict first, then pictures, then the tables that it rests on."""
+    yield Paragraph(verdict_line(comparison), "strong")
+    yield verdict_tiles(comparison)
+    sides = {"before": comparison.before, "after": comparison.after}
+    rows = [
+        [side, Cell(run.label, link=_page_address(run, out)), "" if method == run.label else method]
+        for (side, run), method in zip(sides.items(), comparison.methods, strict=True)
+    ]
+    yield Table(columns=["", "", ""], rows=rows, words=3, look="about")
+    yield from map(Paragraph, comparison.notes)
+    titles = {name: frame_title(frame) for name, frame in comparison.pictures.items()}
+    pictures = [Picture(f"pictures/{name}", title, title, tags=_frame_tags(comparison.pictures[name]))
+                for name, title in titles.items()]  # fmt: skip
+    yield Group(look="pairs", blocks=pictures[:FIRST_PICTURES])
+    if filters:
+        yield Filters(FILTERS)
+    yield _headline_table(comparison)
+    if pictures[FIRST_PICTURES:]:
+        more = Group(look="pairs", blocks=pictures[FIRST_PICTURES:])
+        yield Group(look="folded", title=f"{len(pictures) - FIRST_PICTURES} more pictures", blocks=[more])
+    changed = [_frame_table(str(kind), frames) for kind, frames in comparison.frames.groupby("kind", sort=False)]
+    for table in (_recording_table(comparison), _detection_table(comparison), *changed, _further_table(comparison)):
+        yield Group(look="folded", title=table.title, blocks=[replace(table, title="")])
+    yield from (Paragraph(remark, "dim") for remark in comparison.remarks)
+
+
+FIRST_PICTURES = 4  # that a reader sees before the tables
+
+
+def _page_address(run: StoredRun, out: Path) -> str:
+    """Address of a run's page as seen from a folder; "" where the run has none."""
+    page = run.folder / "index.html"
+    return quote(Path(os.path.relpath(page.resolve(), out.resolve())).as_posix()) if page.is_file() else ""
+
+
+def verdict_tiles(comparison: RunComparison) -> Table:
+    """A card for each metric that is judged, over everything: the change, its interval, what is shown."""
+    overall = comparison.over_everything
+    overall = overall.loc[[name for name in HEADLINES if name in overall.index]]
+    cells = []
+    for row, change in zip(overall.to_dict("records"), _change_cells(overall), strict=True):
+        p_value = p_text(row["p_holm"])
+        interval = "" if row["ci95"] is None else f"95 %: {formats.points_interval(row['ci95'])}"
+        about = f"{formats.hundredths(row['before'])} to {formats.hundredths(row['after'])} %"
+        below = (str(row["verdict"]), about, ", ".join(filter(None, (interval, p_value and f"p {p_value}"))))
+        cells.append(replace(change, text=f"{change.text} points", below=below, style=change.style or "strong"))
+    headings = [HEADLINES[str(name)] for name in overall.index]
+    return Table(columns=headings, rows=[cells], words=0, look="tiles")
+
+
+def _change_cells(rows: pd.DataFrame) -> list[Cell]:
+    """The differences as dots with their intervals on one scale, in the colour of what is shown."""
+    ends = [abs(end) for ci95 in rows["ci95"] if ci95 is not None for end in ci95]
+    scale = 2.1 * max([*ends, *rows["difference"].abs().dropna(), 1e-9])
+    cells = []
+    for difference, ci95, verdict in zip(rows["difference"], rows["ci95"], rows["verdict"], strict=True):
+        interval = None if ci95 is None else (0.5 + ci95[0] / scale, 0.5 + ci95[1] / scale)
+        bar = Bar(share=0.5 + difference / scale, interval=interval, tick=0.5, dot=True)
+        cells.append(
+            Cell(formats.points(difference), style=STYLES.get(verdict, ""), bar=None if math.isnan(difference) else bar)
+        )
+    return cells
+
+
+def _headline_table(comparison: RunComparison) -> Table:
+    """The metrics that are judged, by kind of motion, with their verdicts; kinds without object-frames are left out."""
+    title = f"{comparison.after.label} (after) against {comparison.before.label} (before), percent"
+    return _change_table(comparison.changes, HEADLINES, title, ["metric", "label", "verdict"], [*_CHANGE, "p_holm"])
+
+
+def _further_table(comparison: RunComparison) -> Table:
+    changes, numbers = comparison.changes, ["frames_before", *_CHANGE]
+    return _change_table(changes, changes.index.unique("metric"), "All metrics, percent", ["metric", "label"], numbers)
+
+
+def _change_table(
+    changes: pd.DataFrame, metrics: Iterable[str], title: str, words: Sequence[str], numbers: Sequence[str]
+) -> Table:
+    """For each metric the rows that have it."""
+    held = changes[changes["frames_before"] > 0].reset_index()
+    rows = pd.concat([held[held["metric"] == metric] for metric in metrics])
+    if "verdict" in words:
+        rows = rows.assign(difference=pd.Series(_change_cells(rows), rows.index, dtype=object))
+    columns = {name: _COLUMNS[name] for name in (*words, *numbers)}
+    return Table(title=title, columns=columns, rows=rows, words=len(words), tags=[*map(_motion_tag, rows["slice"])])
+
+
+def _recording_table(comparison: RunComparison) -> Table:
+    """The metrics that are judged, by recording: all moving objects of each, and its whole images."""
+    sides = {"before": comparison.before, "after": comparison.after}
+    values = pd.concat({side: recording_values(run.sums)[0] for side, run in sides.items()}, axis=1).sort_index()
+    columns = [Column(f"{label}: {side}", _bound) for label in HEADLINES.values() for side in sides]
+    return Table(
+        title="By recording, percent, before and after",
+        columns=["Recording", *columns],
+        rows=values[[(side, name) for name in HEADLINES for side in sides]].reset_index(),
+        tags=[{"recording": str(name)} for name in values.index],
     )
 
 
-def compare_runs(runs: Sequence[StoredRun]) -> list[RunComparison]:
-    """Compare the first of several runs with each of the others, on the images that both scored.
+def _detection_table(comparison: RunComparison) -> Table:
+    return Table(
+        title=f"Object-frames gained and lost: found by {formats.found_by(comparison.before.protocol)}",
+        columns=["Type", "Object-frames", "detected before", "after", "newly detected", "newly missed"],
+        rows=comparison.detections.rename(index=formats.LABELS).reset_index(),
+        tags=[*map(_motion_tag, comparison.detections.index)],
+    )
+
+
+def _frame_table(kind: str, frames: pd.DataFrame) -> Table:
+    what, which = "share of the image", "the image with most"
+    if frames["track_id"].notna().all():
+        what, which = "coverage", f"largest first, one per object, at most {LISTED}"
+    records = frames.to_dict("records")
+    names = [frame_title(frame).removeprefix(kind).lstrip(": ") for frame in records]
+    before = Column(f"{what} before, percent", formats.hundredths)
+    return Table(
+        title=f"{kind.capitalize()}: {which}",
+        columns={"name": "Frame", "before": before, "after": Column("after", formats.hundredths)},
+        rows=frames.assign(name=names),
+        tags=[*map(_frame_tags, records)],
+    )
+
+
+def frame_title(frame: Mapping[Any, Any]) -> str:
+    """For example "newly missed: pedestrian 'a', crossing, 5.0 m (drive-1, front, 1200 ms)".
+
+    Args:
+        frame: with `CHANGED`.
+    """
+    return f"{_headline(frame)} ({frame['recording']}, {frame['camera']}, {frame['timestamp_ns'] / 1e6:.0f} ms)"
+
+
+def _headline(frame: Mapping[Any, Any]) -> str:
+    return f"{frame['kind']}: {frame['what']}" if frame["what"] else str(frame["kind"])
+
+
+def report(comparisons: Sequence[RunComparison], *, out: Path) -> Report:
+    """The first run with each of the others; of numbers a line per pair of runs, row and metric, ratios in [0, 1].
+
+    Args:
+        comparisons: with the same first run.
+        out: folder from which links to runs lead.
+    """
+    first = comparisons[0].before.manifest
+    data = first.dataset
+    about = (
+        f"Data set {data.name}, {data.split or 'all recordings'}, protocol {first.protocol.name} "
+        f"({short_digest(first.protocol.digest)}), reference {short_digest(str(first.reference))}."
+    )
+    sections = [
+        Group(look="section", name=f"pair-{number}",
+              title=f"{pair.after.label} against {pair.before.label}" if comparisons[1:] else "What is shown",
+              blocks=[*_pair(pair, out, filters=number == 1)])
+        for number, pair in enumerate(comparisons, start=1)
+    ]  # fmt: skip
+    how = Group(look="section", name="how", title="How to read it", blocks=[Paragraph(about), Paragraph(NOTE)])
+    tables = {(c.before.label, c.after.label): _numbers(c) for c in comparisons}
+    return Report(
+        title=f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}",
+        blocks=[*sections, how],
+        numbers=pd.concat(tables, names=["before_run", "after_run"]).droplevel(2).reset_index(),
+        page=True,
+    )
+
+
+def _numbers(comparison: RunComparison) -> pd.DataFrame:
+    """A line for each row and metric."""
+    table = comparison.changes.reset_index().rename(columns={"slice": "row", "frames_before": "frames"})
+    table[["ci95_low", "ci95_high"]] = [ci95 or (math.nan, math.nan) for ci95 in table["ci95"]]
+    table[["images_before", "images_after", "images_compared"]] = comparison.images
+    counts = ["p_value", "cases_before", "cases_after", "recordings"]
+    shown = ["row", "frames", "metric", "verdict", "before", "after", "difference", *counts, "ci95_low", "ci95_high"]
+    return table[[*shown, "p_holm", "images_before", "images_after", "images_compared"]]
+
+
+PICTURED = 2  # frames of each kind
+QUALITY = 90  # of JPEG; as PNG a picture takes 2 MB
+_PICTURE_NAME = re.compile(r"\d\d-\d\d-[a-z-]+\.jpg")
+
+
+def _draw_changed_frames(
+    comparison: RunComparison, folder: Path, *, number: int, progress: Progress | None
+) -> RunComparison:
+    """Draw the frames that changed most as both methods were scored on them.
+
+    Args:
+        comparison: of two runs.
+        folder: of the pictures.
+        number: of the comparison, for the names of the files.
+        progress: called with the pictures done and their number.
+
+    Returns:
+        The comparison with the pictures, and with a line for every reason why one could not be made.
+    """
+    from bench.reporting import figures, frame_pictures  # matplotlib, which a table need not wait for
+    from bench.reporting.frame import draw_frames, scored_layers
+
+    chosen: dict[tuple[str, str, int], dict[str, Mapping[Any, Any]]] = {}  # by image and name
+    largest = comparison.frames.groupby("kind", sort=False).head(PICTURED).to_dict("records")
+    for ordinal, frame in enumerate(largest, start=1):
+        name = f"{number:02d}-{ordinal:02d}-{frame['kind'].replace(' ', '-')}.jpg"
+        chosen.setdefault((frame["recording"], frame["camera"], frame["timestamp_ns"]), {})[name] = frame
+    labels = [
+        run.label if method == run.label else f"{run.label}: {method}"
+        for run, method in zip((comparison.before, comparison.after), comparison.methods, strict=True)
+    ]
+
+    def draw(
+        key: tuple[str, str, int], both: Sequence[ProcessedFrame], _: FramePipeline
+    ) -> dict[str, Mapping[Any, Any]]:
+        for name, frame in chosen[key].items():
+            sides = [
+                scored_layers(
+                    processed,
+                    label=label,
+                    note=f"coverage {formats.percent(frame[run])}, IoU {formats.percent(frame[f'iou_{run}'])}"
+                    if frame["what"]
+                    else "",
+                )
+                for processed, label, run in zip(both, labels, ("before", "after"), strict=True)
+            ]
+            figure = draw_frames(sides, name=formats.image_name(*key), title=_headline(frame))
+            write_bytes(folder / name, figures.jpeg_bytes(figure, quality=QUALITY))
+        return chosen[key]
+
+    runs = (comparison.before, comparison.after)
+    drawn, problems = frame_pictures.draw_images(runs, chosen, draw, progress=progress)
+    pictures = {name: frame for of_image in drawn.values() for name, frame in of_image.items()}
+    remarks = tuple(f"no picture: {problem}" for problem in problems)
+    return replace(comparison, pictures=dict(sorted(pictures.items())), remarks=remarks)
+
+
+def write_comparison(
+    folders: Sequence[Path],
+    out: Path,
+    *,
+    pictures: bool = True,
+    progress: Progress | None = None,
+) -> tuple[list[RunComparison], tuple[Path, ...]]:
+    """Compare runs and write `compare.html`, `.md`, `.csv` and `pictures/`.
+
+    Each file appears whole or not at all. Pictures of an earlier comparison in `out` are removed, other files are left.
+
+    Args:
+        folders: of the runs, the one compared against first.
+        out: folder, is made.
+        pictures: draw the frames that changed most; needs the data set and the methods.
+        progress: called with the pictures done and their number, for each pair anew.
+
+    Returns:
+        comparisons: the first run with each of the others.
+        files: paths, texts first.
 
     Raises:
-        DataError: a table is damaged.
-        UsageError: no image was scored by both, or the references differ on these.
+        DataError: a run is damaged.
+        UsageError: fewer than two runs, or runs that do not compare.
     """
-    return [_compare(runs[0], other) for other in runs[1:]]
+    comparisons = compare_runs(read_comparable(folders))
+    folder = out / "pictures"
+    if pictures:
+        numbered = enumerate(comparisons, start=1)
+        comparisons = [_draw_changed_frames(c, folder, number=number, progress=progress) for number, c in numbered]
+    shown = [name for comparison in comparisons for name in comparison.pictures]
+    files = report(comparisons, out=out).write(out, "compare")
+    for old in sorted(folder.glob("*.jpg")):
+        if old.name not in shown and _PICTURE_NAME.fullmatch(old.name):
+            old.unlink()
+    return comparisons, (*files, *(folder / name for name in shown))

@@ -125,13 +125,6 @@ class Table:
             rows = shown.itertuples(index=False)
         return [[_as_cell(value, form) for value, form in zip(row, forms, strict=True)] for row in rows]
 
-    def transposed(self) -> Table:
-        """Return the table with rows for columns, for few rows and many columns; the first one becomes the headings."""
-        first, *rows = zip(self.headings(), *self.cells(), strict=True)
-        if not self.words:
-            first, rows = (Cell(""),) * len(first), [first, *rows]
-        return replace(self, columns=[Cell(""), *first[1:]], rows=rows, words=1)
-
     def _columns(self) -> Sequence[Heads]:
         return [*self.columns.values()] if isinstance(self.columns, Mapping) else self.columns
 
@@ -245,10 +238,10 @@ _RICH = {"": "", "strong": "bold", "dim": "dim", "good": "green", "warn": "yello
 
 
 def to_terminal(blocks: Iterable[Block], *, clean: Callable[[str], str] = plain) -> Iterator[RichTable | Text]:
-    """Convert to what a `rich` console prints, line by line and table by table; pictures are named.
+    """Convert to what a `rich` console prints, line by line and table by table.
 
     Args:
-        blocks: of the report.
+        blocks: headings, paragraphs and tables; others are for pages and Markdown.
         clean: makes a line harmless, whatever it holds.
     """
     for block in blocks:
@@ -257,17 +250,6 @@ def to_terminal(blocks: Iterable[Block], *, clean: Callable[[str], str] = plain)
                 yield Text(clean(block.text), style="bold")
             case Paragraph():
                 yield Text(clean(block.text), style=_RICH[block.style])
-            case Items():
-                yield from (Text(f"- {clean(text)}") for text in block.texts)
-            case Code():
-                yield from (Text(f"  {clean(line)}") for line in block.text.splitlines())
-            case Picture():
-                yield Text(clean(f"{block.text}: {block.address}"))
-            case Group():
-                yield from (Text(clean(title), style="bold") for title in (block.title,) if title)
-                yield from to_terminal(block.blocks, clean=clean)
-            case Drawing() | Filters():
-                pass
             case Table():
                 yield from (Text(clean(title), style="bold") for title in (block.title,) if title)
                 yield _rich_table(block, clean)

@@ -1,4 +1,4 @@
-"""Frames as a film: a video, a log for the viewer rerun, or both in one pass.
+"""What `view` makes of a drive beside single frames: videos, logs for the viewer rerun, pictures of the calibration.
 
 The viewer knows pinhole cameras only, so what a fisheye sees is drawn here and logged as a flat picture, beside the
 path, the lidar in the world, and boxes.
@@ -6,7 +6,7 @@ path, the lidar in the world, and boxes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -14,119 +14,101 @@ from typing import Any
 
 import cv2
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.atomic import refuse_foreign, replacing
-from bench.errors import OutputError, ShapeError, UsageError
+from bench.atomic import refuse_foreign, replacing, write_bytes
+from bench.cameras import ray_grid
+from bench.errors import OutputError, UsageError
 from bench.harness import FramePipeline
 from bench.harness.frames import UnscorableFrame
 from bench.harness.stages import Progress
-from bench.recordings import Cuboid, ImageRef, Recording, read_image
-from bench.reporting.canvas import figure_pixels
-from bench.reporting.formats import image_name
-from bench.reporting.frame import Layers, SeenSweep, SweepViewer, draw_frames, reference_layers, scored_layers
+from bench.recordings import Cuboid, ImageRef, read_image
+from bench.records.recording import MountedCamera, Recording
+from bench.reporting import figures
+from bench.reporting.formats import file_name, image_name
+from bench.reporting.frame import (
+    FARTHEST_M,
+    NEAREST_M,
+    Layers,
+    SeenSweep,
+    SweepViewer,
+    draw_frames,
+    draw_points,
+    faded,
+    reference_layers,
+    scored_layers,
+    show_image,
+)
+from bench.validation.fits.flow import SeenFlow, reduced, seen_flow
 
 # The codecs that the OpenCV wheel carries; H.264 is not among them for its licence. Browsers play .webm only.
 CODECS = {".mp4": "mp4v", ".webm": "VP90", ".avi": "MJPG"}
+DISK_HINT = "free some disk space, then run the same command again"
 
 
-class VideoFile:
-    """A video that is being written, by `video_file`."""
+def refuse_other_files(*, video: Path | None, rrd: Path | None) -> None:
+    """Refuse what `write_film` could not write, before anything is rendered.
 
-    def __init__(self, path: Path, named: Path, frame_rate_hz: float) -> None:
-        self._path, self._named, self._rate_hz = path, named, frame_rate_hz
-        self._writer: cv2.VideoWriter | None = None
-        self._size = (0, 0)
-        self.pictures = 0
-
-    def add(self, picture: NDArray[np.uint8]) -> None:
-        """Append a picture, (H, W, 3) BGR uint8, of one size throughout; without the last row or column if odd.
-
-        Raises:
-            ShapeError: another size than the first picture's.
-            UsageError: this OpenCV cannot write such files.
-        """
-        even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]  # as codecs need it
-        size = even.shape[1], even.shape[0]
-        if self._writer is None:
-            self._writer, self._size = self._opened(size), size
-        if size != self._size:
-            raise ShapeError(f"video: expected pictures of {self._size}, got {size}")
-        self._writer.write(np.ascontiguousarray(even))
-        self.pictures += 1
-
-    def close(self) -> None:
-        """Finish the file."""
-        if self._writer is not None:
-            self._writer.release()
-
-    def check(self) -> None:
-        """Read the finished file: OpenCV does not report that a disk is full.
-
-        Raises:
-            OutputError: it does not hold the pictures.
-        """
-        video = cv2.VideoCapture(str(self._path))
-        stated, held = video.get(cv2.CAP_PROP_FRAME_COUNT), 0  # by the file's own end, and what comes before it
-        while video.grab():
-            held += 1
-        video.release()
-        with self._path.open("rb") as file:
-            head = file.read(8)
-        length = int.from_bytes(head[4:], "little") + 8 if head.startswith(b"RIFF") else 0  # .avi, its last picture too
-        if not self.pictures == stated == held or length > self._path.stat().st_size:
-            got = "a file that ends before its last picture"
-            raise OutputError(self._named, got=got, hint="free some disk space, then run the same command again")
-
-    def _opened(self, size: tuple[int, int]) -> cv2.VideoWriter:
-        codec = CODECS[self._named.suffix.lower()]
-        self._path.touch()  # OpenCV reports a path that cannot be written as it does a missing codec
-        writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*codec), self._rate_hz, size)
-        if not writer.isOpened():
-            raise UsageError(
-                f"{self._named}: expected a codec for {self._named.suffix} in this OpenCV, got none ({codec}); "
-                f"try another of {', '.join(CODECS)}"
-            )
-        return writer
+    Raises:
+        UsageError: another suffix, or no viewer.
+    """
+    if video is not None and video.suffix.lower() not in CODECS:
+        raise UsageError(f"video: expected a file {', '.join('*' + s for s in CODECS)}, got {video.name!r}")
+    if rrd is not None and rrd.suffix.lower() != ".rrd":
+        raise UsageError(f"--rrd: expected a file *.rrd, got {rrd.name!r}")
+    if rrd is not None:
+        viewer()
 
 
 @contextmanager
-def video_file(path: Path, *, frame_rate_hz: float) -> Iterator[VideoFile]:
-    """A video file that appears whole or not at all; without any picture none is made.
+def video_file(path: Path, *, frame_rate_hz: float) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
+    """A video file that appears whole or not at all.
 
     Args:
         path: .mp4, .webm or .avi.
         frame_rate_hz: pictures per second.
 
     Yields:
-        Takes the pictures.
+        Takes a picture, (H, W, 3) BGR uint8, at least one, all of one size; without the last row or column if odd.
 
     Raises:
-        UsageError: a suffix or a codec that cannot be written.
+        UsageError: a codec that cannot be written.
         OutputError: the file is there, cannot be written, or not to its end.
     """
-    refuse_other_suffix(path)
     refuse_foreign(path)
+    codec, pictures, writers = CODECS[path.suffix.lower()], 0, list[cv2.VideoWriter]()
+
+    def add(picture: NDArray[np.uint8]) -> None:
+        nonlocal pictures
+        even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]  # as codecs need it
+        if not writers:
+            temporary.touch()  # OpenCV reports a path that cannot be written as it does a missing codec
+            size = (even.shape[1], even.shape[0])
+            writers.append(cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*codec), frame_rate_hz, size))
+        if not writers[0].isOpened():
+            raise UsageError(
+                f"{path}: expected a codec for {path.suffix} in this OpenCV, got none ({codec}); "
+                f"try another of {', '.join(CODECS)}"
+            )
+        writers[0].write(np.ascontiguousarray(even))
+        pictures += 1
+
     with replacing(path) as temporary:
-        video = VideoFile(temporary, path, frame_rate_hz)
         try:
-            yield video
+            yield add
         finally:
-            video.close()
-        if not video.pictures:
-            raise UsageError(f"{path}: expected at least one picture for a video, got none")
-        video.check()
-
-
-def refuse_other_suffix(path: Path) -> None:
-    """Refuse a file that is no video by its suffix.
-
-    Raises:
-        UsageError: it is not.
-    """
-    if path.suffix.lower() not in CODECS:
-        raise UsageError(f"video: expected a file {', '.join('*' + s for s in CODECS)}, got {path.name!r}")
+            for writer in writers:
+                writer.release()
+        video, held = cv2.VideoCapture(str(temporary)), 0  # OpenCV does not report that a disk is full
+        while video.grab():
+            held += 1
+        stated = video.get(cv2.CAP_PROP_FRAME_COUNT)
+        video.release()
+        if not pictures == stated == held:
+            raise OutputError(path, got="a file that ends before its last picture", hint=DISK_HINT)
 
 
 TIMELINE = "exposure"
@@ -200,11 +182,10 @@ def rerun_log(path: Path, *, recording: Recording, cameras: Sequence[str]) -> It
         Takes the frames.
 
     Raises:
-        UsageError: the viewer's library is not installed, or another suffix.
+        UsageError: the viewer's library is not installed.
         OutputError: the file is there, cannot be written, or not to its end.
     """
     rerun = viewer()
-    refuse_other_log(path)
     refuse_foreign(path)
     with replacing(path) as temporary:
         stream = rerun.RecordingStream("fisheye-bench", recording_id="-".join([recording.name, *cameras]))
@@ -224,7 +205,7 @@ def _write_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:  # the library's thread that writes has ended; why, it prints itself
-        raise OutputError(path, got=str(error), hint="free some disk space, then run the same command again") from error
+        raise OutputError(path, got=str(error), hint=DISK_HINT) from error
 
 
 def viewer() -> ModuleType:
@@ -244,36 +225,12 @@ def viewer() -> ModuleType:
     return module
 
 
-def refuse_other_log(path: Path) -> None:
-    """Refuse a file that is not *.rrd.
-
-    Raises:
-        UsageError: it is not.
-    """
-    if path.suffix.lower() != ".rrd":
-        raise UsageError(f"--rrd: expected a file *.rrd, got {path.name!r}")
-
-
-def refuse_other_files(*, video: Path | None, rrd: Path | None) -> None:
-    """Refuse what `write_film` could not write, before anything is rendered.
-
-    Raises:
-        UsageError: another suffix, or no viewer.
-    """
-    if video is not None:
-        refuse_other_suffix(video)
-    if rrd is not None:
-        refuse_other_log(rrd)
-        viewer()
-
-
 def write_film(
     pipeline: FramePipeline,
     indices: range,
     *,
     video: Path | None,
     rrd: Path | None,
-    lidar: bool,
     made_by: str,
     with_method: bool,
     progress: Progress,
@@ -285,7 +242,6 @@ def write_film(
         indices: of images, in steps that give the rate.
         video: the video file; None for none.
         rrd: the file for the viewer; None for none.
-        lidar: draw lidar points into the pictures.
         made_by: method and protocol, in every picture.
         with_method: ask the method; else the reference is drawn alone.
         progress: called with the pictures done and their number.
@@ -294,7 +250,7 @@ def write_film(
         The files.
 
     Raises:
-        UsageError: as `refuse_other_files`, or a codec that is missing.
+        UsageError: a codec that is missing.
         OutputError: a file cannot be written.
         DataError: an image or sweep cannot be read.
     """
@@ -306,22 +262,210 @@ def write_film(
         log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, cameras=[camera.name]))
         for number, index in enumerate(indices, start=1):
             image = pipeline.images[index]
-            sweep = sweeps.see(image) if lidar or log is not None else None
-            shown = sweep if lidar else None
+            sweep = sweeps.see(image)
             try:
                 if with_method:
-                    layers = scored_layers(pipeline.process(index), label=made_by, sweep=shown)
+                    layers = scored_layers(pipeline.process(index), label=made_by, sweep=sweep)
                 else:
                     pixels, reference = read_image(image, camera), pipeline.reference(index)
-                    layers = reference_layers(pixels, reference, label=made_by, sweep=shown)
+                    layers = reference_layers(pixels, reference, label=made_by, sweep=sweep)
             except UnscorableFrame as reason:
                 pixels = read_image(image, camera)
                 layers = Layers(pixels=pixels, reference=None, label=made_by, note=f"no score: {reason}")
             figure = draw_frames([layers], name=image_name(recording.name, camera.name, image.timestamp_ns))
-            picture = figure_pixels(figure)
+            picture = figures.figure_pixels(figure)
             if film is not None:
-                film.add(picture)
+                film(picture)
             if log is not None:
                 log.add(image, picture, sweep)
             progress(number, len(indices))
     return [file for file in (video, rrd) if file is not None]
+
+
+# The calibration of a camera: lidar, road, lens and ego-motion drawn onto an image, without any method.
+
+GRID_M, GRID_STEP_M, LINE_STEP_M = 10.0, 1.0, 0.05  # reach of the grid, between its lines, between points of a line
+HORIZON_POINTS = 1441
+ARROWS_ACROSS, ARROW_PX = 32, 16.0  # arrows are drawn as many times as long as makes half of them longer than this
+_WIDTH_IN, _TOP_IN, _FOOT_IN, _GAP_IN = 4.2, 0.2, 0.2, 0.08
+_FADE = 0.55
+
+
+def write_calibration(
+    recording: Recording,
+    chosen: Mapping[str, Sequence[int]],
+    *,
+    out: Path,
+    rrd: Path | None,
+    progress: Progress,
+) -> list[Path]:
+    """Write `<recording>-<camera>/<index>-<image>/calibration.png` of images, and log them for the viewer.
+
+    Args:
+        recording: the drive.
+        chosen: indices of images by camera.
+        out: folder of the pictures.
+        rrd: the file for the viewer; None for none.
+        progress: called with the pictures done and their number.
+
+    Returns:
+        The files.
+
+    Raises:
+        DataError: an image or its sweep cannot be read.
+        OutputError: a file cannot be written.
+    """
+    tasks = [(name, index) for name, indices in chosen.items() for index in indices]
+    tasks.sort(key=lambda task: recording.images[task[0]][task[1]].timestamp_ns)
+    sweeps = {name: SweepViewer(recording, recording.cameras[name]) for name in chosen}
+    files = []
+    with ExitStack() as stack:
+        log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, cameras=list(chosen)))
+        for number, (name, index) in enumerate(tasks, start=1):
+            image = recording.images[name][index]
+            figure = draw_calibration(recording, name, index, sweeps[name])
+            if log is not None:
+                log.add(image, figures.figure_pixels(figure), sweeps[name].see(image))
+            folder = out / f"{file_name(recording.name)}-{file_name(name)}"
+            files.append(folder / f"{index:06d}-{file_name(image.path.stem)}" / "calibration.png")
+            write_bytes(files[-1], figures.figure_bytes(figure, "png"))
+            progress(number, len(tasks))
+    return [*files, *([] if rrd is None else [rrd])]
+
+
+@figures.styled
+def draw_calibration(recording: Recording, camera_name: str, index: int, sweeps: SweepViewer) -> Figure:
+    """Draw four panels of an image.
+
+    Lidar points by range where they were when the image was exposed, and as they were measured; the flow of static
+    points that lidar and ego-motion predict beside the flow seen; horizon, a grid on the road, the lens's field of view
+    and the mask of the vehicle's own body.
+
+    Args:
+        recording: the drive; it needs no annotations.
+        camera_name: one of its cameras.
+        index: of the image.
+        sweeps: of the camera.
+
+    Raises:
+        DataError: the image or its sweep cannot be read.
+    """
+    camera, image = recording.cameras[camera_name], recording.images[camera_name][index]
+    grey = faded(read_image(image, camera), _FADE)
+    height_in = _WIDTH_IN * grey.shape[0] / grey.shape[1]
+    full_in = 2 * (height_in + _TOP_IN) + _FOOT_IN
+    figure = figures.new_figure(2 * _WIDTH_IN + 3 * _GAP_IN, full_in)
+    axes = []
+    for row in (0, 1):
+        for column in (0, 1):
+            left_in = _GAP_IN + column * (_WIDTH_IN + _GAP_IN)
+            bottom_in = full_in - _TOP_IN - height_in - row * (height_in + _TOP_IN)
+            panel = figures.axes_at(figure, left_in, bottom_in, _WIDTH_IN, height_in)
+            show_image(panel, grey)
+            axes.append(panel)
+    _draw_points(axes[0], "(a) lidar at the exposure, by range", sweeps.see(image))
+    as_measured = sweeps.see(image, compensated=False)
+    _draw_points(axes[1], "(b) lidar as measured, without motion compensation", as_measured)
+    _draw_flow(axes[2], recording, camera, index)
+    _draw_geometry(axes[3], camera)
+    name = image_name(recording.name, camera_name, image.timestamp_ns)
+    figure.text(0.5, 0.06 / full_in, f"{name}; points from {NEAREST_M:g} m, yellow, to {FARTHEST_M:g} m, dark",
+                ha="center", va="bottom", fontsize=6.5)  # fmt: skip
+    return figure
+
+
+def _draw_points(axes: Axes, title: str, seen: SeenSweep | None) -> None:
+    some = seen is not None and len(seen.pixels) > 0
+    axes.set_title(title if some else f"{title}: no points within 100 ms", pad=3)
+    if seen is not None:
+        draw_points(axes, seen, size=0.35)
+
+
+def _draw_flow(axes: Axes, recording: Recording, camera: MountedCamera, index: int) -> None:
+    """Arrows to where a static point is from where it was in the image before, as predicted and as seen."""
+    flow = seen_flow(recording, reduced(camera), index) if index else None
+    arrows = None if flow is None else _arrows(recording, camera, flow)
+    if arrows is None:
+        told = ": too little motion or texture"
+    elif not len(arrows[0]):
+        told = ": none where there is flow"
+    else:
+        current, predicted, seen = arrows
+        told = f"; they differ by {np.median(np.linalg.norm(predicted - seen, axis=1)):.1f} px"
+        times = max(1, round(ARROW_PX / max(float(np.median(np.linalg.norm(seen - current, axis=1))), 0.1)))
+        for ends, colour, width in ((predicted, figures.VERMILION, 0.9), (seen, figures.SKY_BLUE, 0.5)):
+            axes.quiver(
+                *(current - times * (current - ends)).T, *times * (current - ends).T, color=colour, angles="xy",
+                scale_units="xy", scale=1.0, width=width / 72 / _WIDTH_IN, headwidth=4, headlength=5, zorder=4,
+            )  # fmt: skip
+        axes.text(
+            0.01, 0.015, f"arrows {times} times as long as the flow; the median of the differences is said above",
+            transform=axes.transAxes, fontsize=5.5, color="white",
+        )  # fmt: skip
+    axes.set_title(f"(c) flow of what stands: predicted red, seen blue{told}", pad=3)
+
+
+def _arrows(
+    recording: Recording, camera: MountedCamera, flow: SeenFlow
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Of a point in each cell of a grid: its place, its place before as predicted and as seen; each (K, 2), px."""
+    small = reduced(camera)
+    pixels = []
+    for time_ns in (flow.current_ns, flow.previous_ns):
+        world_from_camera = recording.trajectory.world_from_vehicle(time_ns) @ camera.vehicle_from_camera
+        pixels.append(_project(world_from_camera.inverse().apply(flow.points_world), small))
+    (current, now), (previous, before) = pixels
+    rows = np.flatnonzero(now & before)
+    u, v = np.round(current[rows]).astype(int).T
+    seen = current[rows] + flow.flow[np.clip(v, 0, small.model.height - 1), np.clip(u, 0, small.model.width - 1)]
+    kept = np.isfinite(seen).all(axis=1)
+    rows, seen = rows[kept], seen[kept]
+    step = small.model.width / ARROWS_ACROSS
+    cells = (current[rows] // step).astype(int) @ np.array([1, ARROWS_ACROSS + 1])
+    _, first = np.unique(cells, return_index=True)
+    scale = camera.model.width / small.model.width
+    full = [
+        (pixels_small + 0.5) * scale - 0.5
+        for pixels_small in (current[rows][first], previous[rows][first], seen[first])
+    ]
+    return full[0], full[1], full[2]
+
+
+def _draw_geometry(axes: Axes, camera: MountedCamera) -> None:
+    road = camera.road
+    up = -road.down
+    forward = camera.vehicle_from_camera.inverse().rotate(np.array([1.0, 0.0, 0.0]))
+    ahead = forward - (forward @ up) * up
+    ahead /= np.linalg.norm(ahead)
+    left = np.cross(up, ahead)
+    turn = np.linspace(0.0, 2 * np.pi, HORIZON_POINTS)[:, None]
+    _draw_line(axes, np.cos(turn) * ahead + np.sin(turn) * left, camera, colour=figures.YELLOW, width=1.1)
+    foot = road.down * road.height_m - (camera.vehicle_from_camera.translation_m[:2] @ np.eye(2, 3)) @ np.stack(
+        [ahead, left, up]
+    )
+    along = np.arange(-GRID_M, GRID_M + LINE_STEP_M / 2, LINE_STEP_M)[:, None]
+    for across in np.arange(-GRID_M, GRID_M + GRID_STEP_M / 2, GRID_STEP_M):
+        for points in (foot + along * ahead + across * left, foot + across * ahead + along * left):
+            fifth = round(across / GRID_STEP_M) % 5 == 0
+            _draw_line(axes, points, camera, colour=figures.SKY_BLUE, width=0.9 if fifth else 0.35)
+    valid = ray_grid(camera.model).valid
+    if not valid.all():
+        axes.contour(valid, levels=[0.5], colors=[figures.GREEN], linewidths=1.0)
+    if camera.ego_body is not None and camera.ego_body.any():
+        axes.contour(camera.ego_body, levels=[0.5], colors=[figures.VERMILION], linewidths=1.0)
+    axes.set_title("(d) horizon yellow, road by metres blue, lens green, own body red", pad=3)
+
+
+def _draw_line(
+    axes: Axes, points_camera: NDArray[np.float64], camera: MountedCamera, *, colour: str, width: float
+) -> None:
+    pixels, seen = _project(points_camera, camera)
+    axes.plot(*np.where(seen[:, None], pixels, np.nan).T, color=colour, linewidth=width, zorder=3)
+
+
+def _project(
+    points_camera: NDArray[np.float64], camera: MountedCamera
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Pixels, (N, 2), and which of them are in the image."""
+    pixels, valid = camera.model.project(points_camera)
+    return pixels, valid & camera.model.contains(pixels)

@@ -9,10 +9,8 @@ from pathlib import Path
 from bench.methods.predictions import FaultKind, PredictionIndex
 from bench.plain_text import counted, listed
 from bench.reporting.document import Block, Heading, Paragraph, Style, Table
-from bench.reporting.formats import shortened
 from bench.validation import Count, Depth, Finding, RecordingReport, Severity, ValidationReport
 
-SWEEP = "sweep.csv"  # the runs in a folder with this file are values of a sweep, and no entries of a leaderboard
 SHOWN = 5  # findings of one check in one recording, of which the file has all; faults of a kind
 SHOWN_PLACES = 3  # of findings that read alike
 STYLES: dict[Severity, Style] = {Severity.ERROR: "bad", Severity.WARNING: "warn"}
@@ -87,17 +85,14 @@ def _occurrence(findings: Sequence[Finding]) -> str:
     return f" ({both})" if both else ""
 
 
-LONGEST = 160  # letters of a reason
-
-
-def prediction_table(found: PredictionIndex) -> Table | None:
-    """The first few faults of each kind, with the number of all; None where there is none."""
+def prediction_table(found: PredictionIndex, *, whole: bool = False) -> Table | None:
+    """The faults of each kind, the first few or all, with the number of all; None where there is none."""
     rows = []
     for kind in FaultKind:
         faults = found.of_kind(kind)
         label = f"{kind.value}: {len(faults)}"
-        rows += [(label, fault.place, shortened(fault.reason, LONGEST)) for fault in faults[:SHOWN]]
-        rows += [(label, "...", "")] if len(faults) > SHOWN else []
+        rows += [(label, fault.place, fault.reason) for fault in (faults if whole else faults[:SHOWN])]
+        rows += [(label, "...", "")] if len(faults) > SHOWN and not whole else []
     columns = ["fault: how many", "file or image", "why"]
     return Table(title="Predictions that do not fit", columns=columns, rows=rows, words=3) if rows else None
 

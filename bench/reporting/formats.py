@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Container, Iterable
+from dataclasses import replace
 
 from bench.evaluation import Metric, Protocol, Summary, headlines
 from bench.evaluation.definitions import HALF, IMAGE_FRAMES
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.records.reference import Category, ReferenceFrame
-from bench.reporting.document import Cell
+from bench.reporting.document import Bar, Cell
 
 LABELS: dict[str, str] = {
     Category.CROSSING: "Crossing",
@@ -88,18 +89,17 @@ def metric_cell(metric: Metric) -> Cell:
     """A ratio, "72.1 %", over its interval, "[65.0, 78.3]"; "n/a" over "(0 cases)" for NaN."""
     if math.isnan(metric.value):
         return Cell("n/a", (f"({metric.cases} cases)",))
-    return _over(percent(metric.value), interval(metric.ci95))
+    return Cell(percent(metric.value), (interval(metric.ci95),) if metric.ci95 else ())
 
 
-def mean_cell(metric: Metric) -> Cell:
-    """A mean that is no ratio in the same way, "3.2" over "[2.8, 3.9]"."""
+def bar_cell(metric: Metric, *notes: str, lowest: bool = False, tick: float | None = None) -> Cell:
+    """A ratio with its bar, and its interval and notes below; marked where it is the lowest of a table."""
+    cell = metric_cell(metric)
     if math.isnan(metric.value):
-        return metric_cell(metric)
-    return _over(f"{metric.value:.1f}", interval(metric.ci95, unit=1.0))
-
-
-def _over(text: str, below: str) -> Cell:
-    return Cell(text, (below,) if below else ())
+        return cell
+    below = tuple(filter(None, ("lowest" if lowest else "", *cell.below, *notes)))
+    bar = Bar(share=metric.value, interval=metric.ci95, tick=tick)
+    return replace(cell, below=below, style="bad" if lowest else "strong", bar=bar)
 
 
 def with_interval(metric: Metric) -> str:

@@ -2,28 +2,142 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+import cv2
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path
+from matplotlib.patheffects import Stroke, withStroke
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
-from shapely import box
+from shapely import box, get_parts, get_rings
 
 from bench.errors import ShapeError
 from bench.evaluation.counts import ObjectCounts, count_frame
 from bench.harness import ProcessedFrame
+from bench.plain_text import plain
 from bench.recordings import ImageRef, MountedCamera, Recording
-from bench.records.reference import Category, IgnoreReason, ReferenceFrame, ReferenceObject, Status
+from bench.records.reference import Category, IgnoreReason, Outline, ReferenceFrame, ReferenceObject, Status
 from bench.reference.exposure import Readout
 from bench.reference.sweeps import SweepCache
-from bench.reporting import canvas
+from bench.reporting import figures
+
+# An image on axes.
+
+_LABEL_SIZES = 4.5, 6.0  # points, in a picture of 1.8 inches and less, of 2.4 inches and more
+_LABEL_GAP_PX = 3.0
+
+
+def faded(image: NDArray[np.uint8], strength: float) -> NDArray[np.uint8]:
+    """An image, (H, W) grey or (H, W, 3) BGR, in grey mixed with white; `strength` 1 keeps its contrast, 0 is white."""
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    return np.asarray(255.0 - strength * (255.0 - grey), dtype=np.uint8)
+
+
+def overlay_areas(
+    image: NDArray[np.uint8], areas: Mapping[str, NDArray[np.bool_]], *, strength: float = 0.5
+) -> NDArray[np.uint8]:
+    """Tint areas of an image.
+
+    Args:
+        image: (H, W) grey or (H, W, 3) BGR uint8.
+        areas: (H, W) bool, by colour "#rrggbb".
+        strength: 0 leaves the image, 1 paints it over.
+
+    Returns:
+        (H, W, 3) BGR uint8, a new image.
+
+    Raises:
+        ShapeError: an area and the image differ in size.
+    """
+    tinted = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
+    for colour, area in areas.items():
+        if area.shape != image.shape[:2]:
+            raise ShapeError(f"mask: expected {image.shape[:2]}, got {area.shape}")
+        painted = np.round(255 * np.array(to_rgb(colour)[::-1]))
+        tinted[area] = ((1 - strength) * tinted[area] + strength * painted).astype(np.uint8)
+    return np.asarray(tinted, dtype=np.uint8)
+
+
+def show_image(axes: Axes, image: NDArray[np.uint8]) -> None:
+    """Draw an image, (H, W) grey or (H, W, 3) BGR, so that data coordinates are its pixels (u, v); no ticks."""
+    height, width = image.shape[:2]
+    shown = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
+    axes.imshow(shown, interpolation="antialiased")
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
+
+
+def zoom_on(axes: Axes, polygon: Outline, *, size: tuple[int, int], aspect: float) -> None:
+    """Show of an image a polygon with as much around it as it is large, inside the image.
+
+    Args:
+        axes: of the image.
+        polygon: in pixels; what is outside of the image is left out.
+        size: width and height of the image.
+        aspect: width over height of what is shown.
+    """
+    width, height = size
+    u_min, v_min, u_max, v_max = polygon.intersection(box(0, 0, width - 1, height - 1)).bounds
+    half_v = min(max(v_max - v_min, (u_max - u_min) / aspect, 24.0), height / 2, width / 2 / aspect)
+    u = float(np.clip((u_min + u_max) / 2, half_v * aspect - 0.5, width - 0.5 - half_v * aspect))
+    v = float(np.clip((v_min + v_max) / 2, half_v - 0.5, height - 0.5 - half_v))
+    axes.set(xlim=(u - half_v * aspect, u + half_v * aspect), ylim=(v + half_v, v - half_v))
+
+
+def draw_outline(axes: Axes, polygon: Outline, *, colour: str, style: str = "-", width: float = 1.0) -> PathPatch:
+    """Outline a polygon with its holes; a thin dark rim keeps it visible on any background."""
+    rings = [Path(np.asarray(ring.coords)[:, :2], closed=True) for ring in get_rings(get_parts(polygon))]
+    path = Path.make_compound_path(*rings)
+    patch = PathPatch(path, fill=False, edgecolor=colour, linewidth=width, linestyle=style)
+    patch.set_path_effects([withStroke(linewidth=width + 0.8, foreground="black")])
+    axes.add_patch(patch)
+    return patch
+
+
+def fit_text(text: Text, width_in: float) -> None:
+    """Make a text as small as it must be to be no wider."""
+    while (
+        share := width_in * figures.DPI / max(text.get_window_extent().width, 1.0)
+    ) < 1.0:  # hinted letters shrink in steps
+        text.set_fontsize(float(text.get_fontsize()) * min(share, 0.97))
+
+
+def place_labels(axes: Axes, polygons: Sequence[Outline], texts: Sequence[str]) -> None:
+    """Write each text beside its polygon, inside the axes and off the labels already there.
+
+    Above the polygon where there is room, else below it, else further up and down; amid it last.
+    """
+    taken: list[Bbox] = []
+    (left, right), (top, bottom) = sorted(axes.get_xlim()), sorted(axes.get_ylim())  # v grows downwards
+    figure_width_in = axes.figure.get_figure(root=True).get_figwidth()
+    size = float(np.clip(2.5 * figure_width_in * axes.get_position().width, *_LABEL_SIZES))
+    for polygon, text in zip(polygons, texts, strict=True):
+        label = axes.text(0, 0, plain(text), fontsize=size, color="white", ha="left", va="bottom", zorder=10)
+        label.set_path_effects([effect(linewidth=1.4, foreground="black") for effect in (Stroke, withStroke)])
+        extent = label.get_window_extent().transformed(axes.transData.inverted())
+        width, height = abs(extent.width), abs(extent.height)
+        u_min, v_min, u_max, v_max = polygon.bounds
+        u = float(np.clip((u_min + u_max - width) / 2, left + _LABEL_GAP_PX, right - width - _LABEL_GAP_PX))
+        above, below = v_min - _LABEL_GAP_PX, v_max + _LABEL_GAP_PX + height
+        levels = [v for k in range(6) for v in (above - k * height, below + k * height)]
+        inside = [v for v in levels if top + height <= v <= bottom]
+        amid = float(np.clip((v_min + v_max + height) / 2, top + height, bottom))
+        places = [Bbox.from_extents(u, v - height, u + width, v) for v in (*inside, amid)]
+        free = (place for place in places if not any(place.overlaps(other) for other in taken))
+        taken.append(next(free, places[-1]))
+        label.set_position((u, taken[-1].y1))
+
+
+# A frame.
 
 
 class PixelClass(IntEnum):
@@ -40,12 +154,12 @@ class PixelClass(IntEnum):
 
 
 AREA_COLOURS = {
-    PixelClass.TRUE_POSITIVE: canvas.GREEN,
-    PixelClass.FALSE_NEGATIVE: canvas.SKY_BLUE,
-    PixelClass.FALSE_POSITIVE: canvas.VERMILION,
-    PixelClass.UNKNOWN: canvas.YELLOW,
-    PixelClass.IGNORED: canvas.LIGHT_GREY,
-    PixelClass.LEFT_OUT: canvas.DARK_GREY,
+    PixelClass.TRUE_POSITIVE: figures.GREEN,
+    PixelClass.FALSE_NEGATIVE: figures.SKY_BLUE,
+    PixelClass.FALSE_POSITIVE: figures.VERMILION,
+    PixelClass.UNKNOWN: figures.YELLOW,
+    PixelClass.IGNORED: figures.LIGHT_GREY,
+    PixelClass.LEFT_OUT: figures.DARK_GREY,
 }
 AREA_NAMES = {
     PixelClass.TRUE_POSITIVE: "found",
@@ -107,13 +221,11 @@ class SeenSweep:
 
     Attributes:
         points_world: (N, 3) float64, m.
-        points_vehicle: (N, 3) float64, m, vehicle frame at exposure.
         pixels: (K, 2) float64, px, of the points in the image.
         range_m: (K,) float64, m, of these points from the camera.
     """
 
     points_world: NDArray[np.float64]
-    points_vehicle: NDArray[np.float64]
     pixels: NDArray[np.float64]
     range_m: NDArray[np.float64]
 
@@ -170,15 +282,15 @@ def draw_layers(axes: Axes, layers: Layers, *, names: bool = True) -> None:
         layers: of the image.
         names: name the annotated objects, evaluated ones with their values and ignored ones with the reason.
     """
-    image, reference = canvas.faded(layers.pixels, _FADE), layers.reference
+    image, reference = faded(layers.pixels, _FADE), layers.reference
     if reference is None:
-        canvas.show_image(axes, image)
+        show_image(axes, image)
         return
     detected = reference.labels > 0 if layers.detected is None else layers.detected
     classes = pixel_classes(reference, detected=detected)
     image = np.where(classes == PixelClass.OUTSIDE, (_OUTSIDE_FADE * image).astype(np.uint8), image)
     areas = {colour: classes == kind for kind, colour in AREA_COLOURS.items()}
-    canvas.show_image(axes, canvas.overlay_areas(image, areas, strength=_TINT))
+    show_image(axes, overlay_areas(image, areas, strength=_TINT))
     for kind, hatch in HATCHES.items():
         if (classes == kind).any():
             filled = axes.contourf((classes == kind).astype(float), levels=[0.5, 1.5], colors="none", hatches=[hatch])
@@ -194,9 +306,9 @@ def draw_layers(axes: Axes, layers: Layers, *, names: bool = True) -> None:
         polygons.append(polygon)
         texts.append(object_text(target, None if layers.detected is None else of_target))
         if target.status is Status.EVALUATED and not target.unknown_px:  # an outline would hide the unknown band
-            canvas.draw_outline(axes, polygon, colour="white", style="--", width=0.9)
+            draw_outline(axes, polygon, colour="white", style="--", width=0.9)
     if names:
-        canvas.place_labels(axes, polygons, texts)
+        place_labels(axes, polygons, texts)
 
 
 def object_text(target: ReferenceObject, counts: ObjectCounts | None) -> str:
@@ -259,7 +371,7 @@ LEGEND_IN, LEAST_WIDTH_IN = 0.36, 3.2  # at most two rows; a column of a paper
 _MARGIN_IN, _LINE_IN, _NAME_IN = 0.04, 0.13, 0.18
 
 
-@canvas.styled
+@figures.styled
 def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figure:
     """Draw an image with one or several sets of layers, two in a row, under one name and above one legend.
 
@@ -278,24 +390,24 @@ def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figu
     columns = min(COLUMNS, len(layers))
     rows = -(-len(layers) // columns)
     height, width = layers[0].pixels.shape[:2]
-    scale = -(-int(LEAST_WIDTH_IN * canvas.DPI) // width)
-    width_in, height_in = scale * width / canvas.DPI, scale * height / canvas.DPI
+    scale = -(-int(LEAST_WIDTH_IN * figures.DPI) // width)
+    width_in, height_in = scale * width / figures.DPI, scale * height / figures.DPI
     head_in = any(side.label for side in layers) * _LINE_IN + any(side.note for side in layers) * _LINE_IN + _MARGIN_IN
     full_in = _NAME_IN * (1 + bool(title)) + rows * (head_in + height_in) + LEGEND_IN
     across_in = columns * (width_in + _MARGIN_IN) + _MARGIN_IN
-    figure = canvas.new_figure(across_in, full_in)
+    figure = figures.new_figure(across_in, full_in)
     for number, line in enumerate(filter(None, (title, name))):
         at_in = full_in - 0.03 - number * _NAME_IN
         text = figure.text(0.5, at_in / full_in, line, ha="center", va="top", fontsize=8)
-        canvas.fit_text(text, across_in - 2 * _MARGIN_IN)
+        fit_text(text, across_in - 2 * _MARGIN_IN)
     for number, side in enumerate(layers):
         row, column = divmod(number, columns)
         bottom_in = LEGEND_IN + (rows - 1 - row) * (head_in + height_in)
         left_in = _MARGIN_IN + column * (width_in + _MARGIN_IN)
-        axes = canvas.axes_at(figure, left_in, bottom_in, width_in, height_in)
+        axes = figures.axes_at(figure, left_in, bottom_in, width_in, height_in)
         draw_layers(axes, side)
         axes.set_title("\n".join(filter(None, (side.label, side.note))), pad=2, fontsize=7)
-        canvas.fit_text(axes.title, width_in)
+        fit_text(axes.title, width_in)
     add_legend(
         figure,
         results=any(side.detected is not None for side in layers),
@@ -307,22 +419,17 @@ def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figu
 CLOSE_UP_IN = 2.4, 1.8
 
 
-@canvas.styled
+@figures.styled
 def draw_close_up(layers: Layers, target: ReferenceObject, *, name: str) -> Figure:
     """Draw an evaluated object with as much around it as it is large, above the name of the image."""
     assert target.polygon is not None, "an evaluated object has a polygon"
     width_in, height_in = CLOSE_UP_IN
-    figure = canvas.new_figure(width_in, height_in + _LINE_IN)
-    axes = canvas.axes_at(figure, 0.0, _LINE_IN, width_in, height_in)
+    figure = figures.new_figure(width_in, height_in + _LINE_IN)
+    axes = figures.axes_at(figure, 0.0, _LINE_IN, width_in, height_in)
     draw_layers(axes, layers, names=False)
     height, width = layers.pixels.shape[:2]
-    u_min, v_min, u_max, v_max = target.polygon.intersection(box(0, 0, width - 1, height - 1)).bounds
-    aspect = width_in / height_in
-    half_v = min(max(v_max - v_min, (u_max - u_min) / aspect, 24.0), height / 2, width / 2 / aspect)
-    u = float(np.clip((u_min + u_max) / 2, half_v * aspect - 0.5, width - 0.5 - half_v * aspect))
-    v = float(np.clip((v_min + v_max) / 2, half_v - 0.5, height - 0.5 - half_v))
-    axes.set(xlim=(u - half_v * aspect, u + half_v * aspect), ylim=(v + half_v, v - half_v))
-    canvas.fit_text(figure.text(0.5, 0.02, name, ha="center", va="bottom", fontsize=6.5), width_in - 2 * _MARGIN_IN)
+    zoom_on(axes, target.polygon, size=(width, height), aspect=width_in / height_in)
+    fit_text(figure.text(0.5, 0.02, name, ha="center", va="bottom", fontsize=6.5), width_in - 2 * _MARGIN_IN)
     return figure
 
 
@@ -368,7 +475,6 @@ class SweepViewer:
         seen = valid & self._camera.model.contains(pixels)
         return SeenSweep(
             points_world=points_world,
-            points_vehicle=points_vehicle,
             pixels=pixels[seen],
             range_m=np.linalg.norm(points_camera[seen], axis=1),
         )

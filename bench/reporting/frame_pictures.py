@@ -15,7 +15,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as PolygonPatch
-from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from bench.errors import BenchError
@@ -29,15 +28,20 @@ from bench.harness.stored import StoredRun
 from bench.recordings import DatasetCard, ImageRef, read_image
 from bench.records.reference import Category, ObjectGeometry, Outline, ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
-from bench.reporting import canvas, formats
-from bench.reporting.formats import file_name, frame_name
+from bench.reporting import figures
+from bench.reporting.formats import file_name, frame_name, made_by
 from bench.reporting.frame import (
     LEGEND_IN,
     add_legend,
     draw_frames,
     draw_layers,
+    draw_outline,
+    faded,
+    fit_text,
     reference_layers,
     scored_layers,
+    show_image,
+    zoom_on,
 )
 
 LIKELIHOOD_SATURATION = 0.02  # the paper's figure 6
@@ -68,7 +72,7 @@ class _Panel:
     unit: str = ""
 
 
-@canvas.styled
+@figures.styled
 def draw_panels(processed: ProcessedFrame, *, made_by: str = "") -> Figure:
     """Draw a frame as a column of panels, one for everything that the method shows of its work, its areas last.
 
@@ -83,16 +87,16 @@ def draw_panels(processed: ProcessedFrame, *, made_by: str = "") -> Figure:
     height, width = processed.reference.valid.shape
     height_in, top_in = _PANEL_IN * height / width, _TOP_IN + bool(made_by) * _LINE_IN
     full_in = top_in + len(panels) * (height_in + _GAP_IN) + LEGEND_IN
-    figure = canvas.new_figure(_LEFT_IN + _PANEL_IN + _RIGHT_IN, full_in)
+    figure = figures.new_figure(_LEFT_IN + _PANEL_IN + _RIGHT_IN, full_in)
     for number, (panel, numeral) in enumerate(zip(panels, _NUMERALS, strict=False)):
         bottom_in = full_in - top_in - height_in - number * (height_in + _GAP_IN)
-        axes = canvas.axes_at(figure, _LEFT_IN, bottom_in, _PANEL_IN, height_in)
+        axes = figures.axes_at(figure, _LEFT_IN, bottom_in, _PANEL_IN, height_in)
         panel.draw(axes)
         axes.set_ylabel(f"({numeral}) {panel.label}", fontsize=7, labelpad=3)
         if panel.saturation is not None:
             _draw_colour_bar(axes, panel, panel.saturation)
     heading = f"{frame_name(processed.reference)}\n{made_by}".rstrip()
-    canvas.fit_text(figure.axes[0].set_title(heading, pad=3, fontsize=6), _PANEL_IN + 2 * _LEFT_IN)
+    fit_text(figure.axes[0].set_title(heading, pad=3, fontsize=6), _PANEL_IN + 2 * _LEFT_IN)
     add_legend(figure, results=True, sweep=False)
     return figure
 
@@ -132,7 +136,7 @@ def _draw_flow(axes: Axes, *, image: NDArray[np.uint8], segmentation: Segmentati
     parts, cell = segmentation.parts, segmentation.cell_size_px
     assert parts is not None
     flow_u, flow_v = parts["flow_u"], parts["flow_v"]
-    canvas.show_image(axes, canvas.faded(image, 0.45))
+    show_image(axes, faded(image, 0.45))
     step = max(1, flow_u.shape[1] // ARROWS_ACROSS)
     picked = np.s_[step // 2 :: step, step // 2 :: step]
     v, u = (np.mgrid[: flow_u.shape[0], : flow_u.shape[1]] * cell + (cell - 1) / 2)[:, *picked]
@@ -163,7 +167,7 @@ def _draw_cells(
     if segmentation.undefined is not None:
         hidden |= segmentation.undefined
     shown = np.ma.masked_array(values, mask=hidden | ~np.isfinite(values))
-    axes.set_facecolor(canvas.LIGHT_GREY)
+    axes.set_facecolor(figures.LIGHT_GREY)
     axes.imshow(
         shown, cmap=COLOUR_MAP, norm=Normalize(vmin=0.0, vmax=saturation, clip=True), interpolation="nearest",
         extent=(-0.5, columns * cell - 0.5, rows * cell - 0.5, -0.5),
@@ -175,11 +179,9 @@ _CLUSTER_IN, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, _TITLE_IN, _BETWEEN_IN, _EDGE_IN = 
 _SURROUNDINGS_M = 3.0
 _CLOUD = "#777777"
 _DOT_SHARE, _DOT_SIZES = 0.3, (0.05, 3.0)
-_INSET_SHARE = 0.42
-_INSET_BELOW = 0.35  # an object that fills less than this share of the image is shown larger in a corner
 
 
-@canvas.styled
+@figures.styled
 def draw_cluster(
     geometry: ObjectGeometry,
     *,
@@ -206,17 +208,15 @@ def draw_cluster(
     # The square plan and the image share one height and fill the width.
     side_in = (_CLUSTER_IN - _PLAN_LEFT_IN - _BETWEEN_IN - _EDGE_IN) / (1 + width / height)
     full_in = side_in + _PLAN_BOTTOM_IN + _TITLE_IN
-    figure = canvas.new_figure(_CLUSTER_IN, full_in)
-    plan = canvas.axes_at(figure, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, side_in, side_in)
-    picture = canvas.axes_at(
+    figure = figures.new_figure(_CLUSTER_IN, full_in)
+    plan = figures.axes_at(figure, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, side_in, side_in)
+    picture = figures.axes_at(
         figure, _PLAN_LEFT_IN + side_in + _BETWEEN_IN, _PLAN_BOTTOM_IN, side_in * width / height, side_in
     )
     _draw_plan(plan, geometry, vehicle_outline_m)
-    canvas.show_image(picture, image)
+    show_image(picture, image)
+    zoom_on(picture, polygon, size=(width, height), aspect=width / height)
     _draw_cluster_pixels(picture, geometry, polygon)
-    u_min, v_min, u_max, v_max = polygon.bounds
-    if max((u_max - u_min) / width, (v_max - v_min) / height) < _INSET_BELOW:
-        _draw_cluster_pixels(_inset(picture, polygon, image), geometry, polygon)
     plan.set_title("(a) point cloud from above", pad=3)
     picture.set_title(f"(b) {title}", pad=3)
     figure.text(1 - _EDGE_IN / _CLUSTER_IN, 0.03, image_name, ha="right", va="bottom")
@@ -226,48 +226,29 @@ def draw_cluster(
 def _draw_plan(axes: Axes, geometry: ObjectGeometry, vehicle_outline_m: NDArray[np.float64]) -> None:
     around, cluster, outline_m = geometry.surroundings_vehicle, geometry.cluster_vehicle, geometry.outline_m
     axes.scatter(around[:, 1], around[:, 0], s=0.4, c=_CLOUD, linewidths=0, rasterized=True)
-    axes.scatter(cluster[:, 1], cluster[:, 0], s=2.5, c=canvas.SKY_BLUE, linewidths=0, zorder=4.5, rasterized=True)
+    axes.scatter(cluster[:, 1], cluster[:, 0], s=2.5, c=figures.SKY_BLUE, linewidths=0, zorder=4.5, rasterized=True)
     if len(outline_m):
-        axes.add_patch(PolygonPatch(outline_m[:, ::-1], fill=False, edgecolor=canvas.ORANGE, linewidth=1.3, zorder=4))
-    canvas.draw_vehicle(axes, vehicle_outline_m)
+        axes.add_patch(PolygonPatch(outline_m[:, ::-1], fill=False, edgecolor=figures.ORANGE, linewidth=1.3, zorder=4))
+    figures.draw_vehicle(axes, vehicle_outline_m)
     corners = np.concatenate([part for part in (cluster[:, :2], outline_m, vehicle_outline_m) if len(part)])
     low, high = corners.min(axis=0), corners.max(axis=0)
     half_m = (high - low).max() / 2 + _SURROUNDINGS_M
     (x, y) = (low + high) / 2
-    canvas.plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
+    figures.plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
 
 
 def _draw_cluster_pixels(axes: Axes, geometry: ObjectGeometry, polygon: Outline) -> None:
     seen = geometry.pixels[np.isfinite(geometry.pixels).all(axis=1)]
     size = _dot_size(axes, polygon, len(seen))
-    axes.scatter(seen[:, 0], seen[:, 1], s=size, c=canvas.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
-    canvas.draw_outline(axes, polygon, colour=canvas.VERMILION, width=1.1).set_zorder(3.5)
+    axes.scatter(seen[:, 0], seen[:, 1], s=size, c=figures.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
+    draw_outline(axes, polygon, colour=figures.VERMILION, width=1.1).set_zorder(3.5)
 
 
 def _dot_size(axes: Axes, polygon: Outline, dots: int) -> float:
     """Area of a dot, points squared, so that the dots leave most of the object to be seen."""
     origin, corner = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
-    points_per_px = abs(corner[0] - origin[0]) * 72.0 / canvas.DPI
+    points_per_px = abs(corner[0] - origin[0]) * 72.0 / figures.DPI
     return float(np.clip(_DOT_SHARE * polygon.area * points_per_px**2 / max(dots, 1), *_DOT_SIZES))
-
-
-def _inset(axes: Axes, polygon: Outline, image: NDArray[np.uint8]) -> Axes:
-    """The object enlarged, in the upper or lower corner that is farther from it."""
-    height, width = image.shape[:2]
-    u_min, v_min, u_max, v_max = polygon.bounds
-    u, v = (u_min + u_max) / 2, (v_min + v_max) / 2
-    half_v = 0.65 * max(v_max - v_min, (u_max - u_min) * height / width, 8.0)
-    half_u = half_v * width / height
-    left = 0.01 if u > width / 2 else 0.99 - _INSET_SHARE
-    bottom = 0.01 if v < height / 2 else 0.99 - _INSET_SHARE
-    inset = axes.inset_axes((left, bottom, _INSET_SHARE, _INSET_SHARE))
-    canvas.show_image(inset, image)
-    inset.set(xlim=(u - half_u, u + half_u), ylim=(v + half_v, v - half_v))
-    corner = (u - half_u, v - half_v)
-    axes.add_patch(Rectangle(corner, 2 * half_u, 2 * half_v, edgecolor="white", linewidth=0.8, fill=False, zorder=2.5))
-    for spine in inset.spines.values():
-        spine.set(edgecolor="white", linewidth=0.8)
-    return inset
 
 
 def write_frame_pictures(
@@ -285,9 +266,9 @@ def write_frame_pictures(
         The files.
     """
     areas = draw_frames([scored_layers(processed, label=made_by)], name=frame_name(processed.reference))
-    figures = {"panels": draw_panels(processed, made_by=made_by), "areas": areas}
-    figures |= _clusters(processed.reference, processed.image, processed.pixels, pipeline)
-    return _write(figures, folder)
+    drawn = {"panels": draw_panels(processed, made_by=made_by), "areas": areas}
+    drawn |= _clusters(processed.reference, processed.image, processed.pixels, pipeline)
+    return _write(drawn, folder)
 
 
 def write_reference_pictures(pipeline: FramePipeline, index: int, folder: Path, *, made_by: str) -> tuple[Path, ...]:
@@ -331,11 +312,9 @@ def _clusters(
     }
 
 
-def _write(figures: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
+def _write(drawn: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
     return tuple(
-        file
-        for name, figure in figures.items()
-        for file in canvas.write_picture(folder / name, figure, formats=["png"])
+        file for name, figure in drawn.items() for file in figures.write_picture(folder / name, figure, formats=["png"])
     )
 
 
@@ -407,7 +386,7 @@ def write_example_pictures(
     Returns:
         The files, and a line for every reason why a picture could not be made.
     """
-    made = formats.made_by(run.manifest.method.name, run.protocol.name)
+    made = made_by(run.manifest.method.name, run.protocol.name)
     categories: dict[ImageKey, list[str]] = {}
     for category, key in example_frames(run.objects).items():
         categories.setdefault(key, []).append(category.value)

@@ -5,19 +5,20 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Literal
+from urllib.parse import quote
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from bench.atomic import refuse_foreign, write_text
 from bench.errors import BenchError, DataError
-from bench.evaluation import find_metric, load_protocol
-from bench.evaluation.summary import Metric, ObjectMetrics
+from bench.evaluation import Metric, find_metric, load_protocol
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness.answers import read_seconds
 from bench.harness.digests import short_digest
@@ -28,6 +29,7 @@ from bench.methods import known_methods
 from bench.methods.registry import describe_method
 from bench.reporting import formats
 from bench.reporting.compare import (
+    LEAST_COMMON,
     Shown,
     differing_settings,
     name_method,
@@ -36,11 +38,28 @@ from bench.reporting.compare import (
     what_is_shown_of,
     why_apart,
 )
-from bench.reporting.findings import SWEEP
+from bench.reporting.document import (
+    Block,
+    Cell,
+    Choice,
+    Column,
+    Filters,
+    Group,
+    Heading,
+    Heads,
+    Items,
+    Paragraph,
+    Table,
+    to_markdown,
+    to_page,
+)
+from bench.reporting.run_tables import SWEEP
 
 ORDERED_BY = "iou"
 RANKING_PROTOCOL = "surface-v1"  # orders methods as exact masks do (reports/paper/reference.md)
 FALSE_POSITIVES, OF_PIXELS = "false_positive_coverage", "segmentation_iou"  # of whole images, the same in every row
+ORACLE_SETTINGS = ("sees_the_truth", "sees_the_reference")  # true for what is given more than a method may know
+HIDDEN_SETTINGS = (*ORACLE_SETTINGS, "scenario")  # distinguish no methods: a table says the kind, and a path is a path
 
 
 class Kind(StrEnum):
@@ -51,15 +70,17 @@ class Kind(StrEnum):
     CEILING = "ceiling"  # the exact masks, pixel by pixel
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
+class _Stored(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Entry(_Stored):
     """A run in a table.
 
     Attributes:
         run: folder, relative to the one that was searched.
-        folder: of the run.
+        folder: of the run; not stored.
         method: with the settings in which its runs of the group differ.
-        name: as readers know it.
         about: what it does, in a line; "" where that is not known here.
         code_file: that holds it; "" for one that is not of this package.
         kind: a method, or what bounds methods.
@@ -76,19 +97,18 @@ class Entry:
     """
 
     run: str
-    folder: Path
+    folder: Path = Field(default=Path(), exclude=True)
     method: str
-    name: str
     about: str
     code_file: str
     kind: Kind
-    values: Mapping[str, Mapping[str, Metric]]
+    values: dict[str, dict[str, Metric]]
     images: int
     cost_ms: float | None
     date: str
     code: str
     failures: int
-    verified: bool = False
+    verified: bool
     shipped: bool = False
     rank: int | None = None
     behind: bool | None = None
@@ -99,17 +119,16 @@ class Entry:
         return self.values[ALL_MOVING]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Group:
+class RankedGroup(_Stored):
     """Runs of one data set, split and protocol, on the images that all of them scored, where their references agree.
-
-    Best first by IoU over all moving object-frames.
 
     Attributes:
         card: file of the data set's card, as the runs name it.
-        rows: all moving objects, then the categories that occur, by name; of the first run, for their cases.
         images: that all runs scored; all values are of these.
         reference_digest: of the reference on these images.
+        cases: row -> object-frames and recordings; all moving objects, then the categories that occur.
+        ceilings: row -> metric -> value of the exact masks; what is unknown is left out.
+        entries: best first by IoU over all moving object-frames.
         unreviewed: says that nobody has looked at the annotations, as `RunSummary.unreviewed`.
     """
 
@@ -120,9 +139,10 @@ class Group:
     protocol_digest: str
     reference_digest: str
     images: int
-    rows: Mapping[str, ObjectMetrics]
+    cases: dict[str, tuple[int, int]]
+    ceilings: dict[str, dict[str, float]]
     entries: tuple[Entry, ...]
-    unreviewed: str = ""
+    unreviewed: str
 
     @property
     def judged(self) -> bool:
@@ -139,39 +159,32 @@ class Group:
         """True if the first method is shown to be better than each of the others."""
         return self.judged and len(self.methods) > 1 and all(entry.behind for entry in self.methods[1:])
 
-    def ceiling(self, row: str, metric: str) -> float:
-        """Return the value of the exact masks; NaN where it is unknown.
+    @property
+    def metrics(self) -> dict[str, str]:
+        """Names and headings of the metrics of the tables."""
+        return {name: find_metric(name).label for name in self.entries[0].metrics}
 
-        The run of the exact masks gives it for every metric; without it, the runs of data with truth give it for two.
-        """
-        exact = [e for e in self.entries if e.kind is Kind.CEILING and metric in e.values[row]]
-        if exact:
-            return exact[0].values[row][metric].value
-        known = (entry.values[row].get(f"ceiling_{metric}") for entry in self.entries)
-        return next((ceiling.value for ceiling in known if ceiling is not None), math.nan)
+    @property
+    def data(self) -> str:
+        """Data set and split."""
+        return f"{self.dataset}, {self.split}" if self.split else self.dataset
 
-
-def shown_metrics(group: Group) -> dict[str, str]:
-    """The metrics of the tables: names and headings.
-
-    IoU, by which runs are ordered, false positives, IoU of the pixels of all images, coverage, detection at the highest
-    level with its chance level.
-    """
-    highest = ["detection_rate", *formats.detection_levels(group.entries[0].metrics)][-1]
-    names = (ORDERED_BY, FALSE_POSITIVES, OF_PIXELS, "tpr_all", highest, formats.chance_of(highest), "iou_detected")
-    return {name: find_metric(name).label for name in names}
+    def compares_with(self, other: RankedGroup) -> bool:
+        """True if its values are of the same data, rules, images and reference."""
+        same = ("dataset", "split", "protocol_digest", "reference_digest", "images")
+        return all(getattr(self, name) == getattr(other, name) for name in same)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Leaderboard:
-    """Runs of a folder, in groups.
+class Leaderboard(_Stored):
+    """Runs of a folder, in groups; `leaderboard.json`.
 
     Attributes:
         groups: runs that compare; never two in one table that do not.
         damaged: folder and fault of every run that cannot be read.
     """
 
-    groups: tuple[Group, ...]  # data sets of most recordings first; of one, first those by the judging protocol
+    schema_version: Literal[4] = 4
+    groups: tuple[RankedGroup, ...]  # data sets of most recordings first; of one, first those by the judging protocol
     damaged: tuple[tuple[str, str], ...]
 
 
@@ -182,14 +195,15 @@ def read_leaderboard(folder: Path) -> Leaderboard:
         DataError: there is no folder, or no run in it.
     """
     sound, damaged = read_runs(folder)
-    groups: list[Group] = []
-    for runs in _of_one_protocol(sound):
+    groups: list[RankedGroup] = []
+    for runs in _grouped(sorted(sound, key=_data_and_rules), _of_same_rules):
         if len({reference_of(run) for run in runs}) > 1:
-            runs = readable(runs, damaged)
-        groups += [group_of(alike) for alike in _comparable(runs)]
+            runs = _readable(runs, damaged)
+        runs.sort(key=lambda run: (-run.summary.images.evaluated, run.label))
+        groups += [rank_runs(alike) for alike in _grouped(runs, lambda group, run: not why_apart(group, run))]
     most: dict[str, int] = {}
     for group in groups:
-        most[group.dataset] = max(group.rows[ALL_MOVING].recordings, most.get(group.dataset, 0))
+        most[group.dataset] = max(group.cases[ALL_MOVING][1], most.get(group.dataset, 0))
     groups.sort(key=lambda g: (-most[g.dataset], g.dataset, g.split or "", not g.judged))  # else as they came
     return Leaderboard(groups=tuple(groups), damaged=tuple(sorted(damaged)))
 
@@ -208,7 +222,7 @@ def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]]]:
         raise DataError(folder, expected="a folder of runs", got="no such folder")
     found = {file.parent for file in folder.rglob(MANIFEST) if (file.parent.parent / ANSWERS_MANIFEST).is_file()}
     found |= {file.parent for file in folder.glob(SUMMARY)}  # the results of one protocol, named themselves
-    found = {one for one in found if one.parents[1] == folder or not (one.parents[1] / SWEEP).is_file()}
+    found = {place for place in found if place.parents[1] == folder or not (place.parents[1] / SWEEP).is_file()}
     if not found:
         raise DataError(folder, expected="at least one run", got=f"no {ANSWERS_MANIFEST} at any depth")
     sound: list[StoredRun] = []
@@ -225,64 +239,62 @@ def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]]]:
     return sound, damaged
 
 
-def readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list[StoredRun]:
+def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list[StoredRun]:
     """The runs whose tables can be read and are those of their summary; the others are listed as damaged."""
     readable = []
     for run in runs:
         try:
             if reference_digest(run.objects, run.frames) != reference_of(run):
-                raise DataError(
-                    run.folder, expected="the tables that summary.json is of", got="those of another reference"
-                )
+                expected, got = "the tables that summary.json is of", "those of another reference"
+                raise DataError(run.folder, expected=expected, got=got)
             readable.append(run)
         except BenchError as error:
             damaged.append((f"{run.label}/{run.folder.name}", str(error)))
     return readable
 
 
-def _of_one_protocol(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
-    """Runs in groups of one data set, split and protocol, sorted by these."""
+def _data_and_rules(run: StoredRun) -> tuple[str, str, str]:
+    return run.manifest.dataset.name, run.manifest.dataset.split or "", run.manifest.protocol.digest
+
+
+def _of_same_rules(group: Sequence[StoredRun], run: StoredRun) -> bool:
+    return all(difference.comparable for difference in differences(group[0].manifest, run.manifest))
+
+
+def _grouped(
+    runs: Iterable[StoredRun], belongs: Callable[[Sequence[StoredRun], StoredRun], bool]
+) -> list[list[StoredRun]]:
+    """Each run in the first group to which it belongs, else in one of its own."""
     groups: list[list[StoredRun]] = []
-    for run in sorted(runs, key=_order):
-        if groups and all(d.comparable for d in differences(groups[-1][0].manifest, run.manifest)):
-            groups[-1].append(run)
-        else:
+    for run in runs:
+        group = next((group for group in groups if belongs(group, run)), None)
+        if group is None:
             groups.append([run])
+        else:
+            group.append(run)
     return groups
 
 
-def _order(run: StoredRun) -> tuple[str, str, str]:
-    manifest = run.manifest
-    return manifest.dataset.name, manifest.dataset.split or "", manifest.protocol.digest
-
-
-def _comparable(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
-    """Runs of one data set, split and protocol in groups whose references agree on their common images."""
-    groups: list[list[StoredRun]] = []
-    for run in sorted(runs, key=lambda run: (-run.summary.images.evaluated, run.label)):
-        joined = next((group for group in groups if not why_apart(group, run)), None)
-        if joined is None:
-            groups.append([run])
-        else:
-            joined.append(run)
-    return groups
-
-
-def group_of(runs: Sequence[StoredRun]) -> Group:
+def rank_runs(runs: Sequence[StoredRun]) -> RankedGroup:
     """Take runs that compare over the images that all of them scored, and rank them."""
     compared, reference = on_common_images(runs)
     first, metrics = runs[0].manifest, compared[0].metrics
+    judged = first.protocol.name == RANKING_PROTOCOL
+    rows = {name: row for name, row in metrics.categories.items() if row.object_frames}
+    rows = {ALL_MOVING: metrics.all_moving} | rows
+    highest = ["detection_rate", *formats.detection_levels(metrics.all_moving.metric_names())][-1]
+    shown = (ORDERED_BY, "tpr_all", highest, formats.chance_of(highest), "iou_detected")
     differing = differing_settings([run.manifest for run in runs], hidden=HIDDEN_SETTINGS)
-    pairs = [(_entry(run, own), run) for run, own in zip(compared, differing, strict=True)]
-    pairs.sort(key=lambda pair: _best_first(pair[0]))
-    methods = [pair for pair in pairs if pair[0].kind is Kind.METHOD]
-    entries = [entry for entry, _ in pairs if entry.kind is not Kind.METHOD] + [entry for entry, _ in methods[:1]]
-    for entry, run in methods[1:]:
-        judged = first.protocol.name == RANKING_PROTOCOL
-        better = judged and what_is_shown_of(run, methods[0][1], ORDERED_BY) is Shown.BETTER
-        entries.append(replace(entry, behind=better if judged else None))
-    categories = {name: row for name, row in metrics.categories.items() if row.object_frames}
-    return Group(
+    entries = [_entry(run, own, rows=tuple(rows), shown=shown) for run, own in zip(compared, differing, strict=True)]
+    pairs = sorted(zip(entries, compared, strict=True), key=lambda pair: _best_first(pair[0]))
+    leading = next((run for entry, run in pairs if entry.kind is Kind.METHOD), None)
+    ranked = []
+    for entry, run in pairs:
+        if judged and leading is not None and entry.kind is Kind.METHOD and run is not leading:
+            behind = what_is_shown_of(run, leading, ORDERED_BY) is Shown.BETTER
+            entry = entry.model_copy(update={"behind": behind})
+        ranked.append(entry)
+    return RankedGroup(
         dataset=first.dataset.name,
         card=first.dataset.card,
         split=first.dataset.split,
@@ -290,8 +302,9 @@ def group_of(runs: Sequence[StoredRun]) -> Group:
         protocol_digest=first.protocol.digest,
         reference_digest=reference,
         images=metrics.images.evaluated,
-        rows={ALL_MOVING: metrics.all_moving} | categories,
-        entries=_ranked(entries),
+        cases={name: (row.object_frames, row.recordings) for name, row in rows.items()},
+        ceilings={name: _ceilings(name, entries, compared) for name in rows},
+        entries=_ranked(ranked),
         unreviewed=next((run.summary.unreviewed for run in runs if run.summary.unreviewed), ""),
     )
 
@@ -300,7 +313,7 @@ def _ranked(entries: Sequence[Entry]) -> tuple[Entry, ...]:
     """In their order by IoU, each method with its rank."""
     ordered = sorted(entries, key=_best_first)
     ranks = iter(range(1, len(ordered) + 1))
-    return tuple(replace(e, rank=next(ranks) if e.kind is Kind.METHOD else None) for e in ordered)
+    return tuple(e.model_copy(update={"rank": next(ranks) if e.kind is Kind.METHOD else None}) for e in ordered)
 
 
 def _best_first(entry: Entry) -> tuple[float, str]:
@@ -308,51 +321,39 @@ def _best_first(entry: Entry) -> tuple[float, str]:
     return (math.inf if math.isnan(value) else -value), entry.run
 
 
-ORACLE_SETTINGS = ("sees_the_truth", "sees_the_reference")  # true for what is given more than a method may know
-HIDDEN_SETTINGS = (*ORACLE_SETTINGS, "scenario")  # distinguish no methods: a table says the kind, and a path is a path
+def _ceilings(row: str, entries: Sequence[Entry], runs: Sequence[StoredRun]) -> dict[str, float]:
+    """Values of the exact masks: all of their own run; without it, two that runs of data with truth know."""
+    exact = next((entry for entry in entries if entry.kind is Kind.CEILING), None)
+    if exact is not None:
+        known = {name: metric.value for name, metric in exact.values[row].items() if not name.startswith("chance")}
+    else:
+        of_row = [run.metrics.all_moving if row == ALL_MOVING else run.metrics.categories[row] for run in runs]
+        known = {
+            name.removeprefix("ceiling_"): metrics.metric(name).value
+            for metrics in of_row
+            for name in metrics.metric_names()
+            if name.startswith("ceiling_")
+        }
+    return {name: value for name, value in known.items() if not math.isnan(value)}
 
 
-# What readers call a method, and its settings; others are called as in the registry.
-NAMES = {
-    "spherical": "the paper's method",
-    "spherical-guided": "the paper's constraints on guided flow",
-    "spherical-sparse": "the paper's constraints on tracks",
-    "spherical-visual-odometry": "the paper's method by visual odometry",
-    "epipolar-only": "epipolar constraint alone",
-    "positive-depth-only": "positive-depth constraint alone",
-    "positive-height-only": "positive-height constraint alone",
-    "anti-parallel-only": "anti-parallel constraint alone",
-    "three-view-only": "three-view constraint alone",
-    "learned": "small network",
-    "exact-flow": "the paper's method on exact flow",
-    "truth": "exact masks",
-}
-SETTINGS = {
-    "flow=dis": "with DIS flow",
-    "first_guess=True": "with a first guess of the flow",
-    "cell_size_px=5": "on the paper's cells",
-}
-
-
-def _entry(run: StoredRun, differing: Mapping[str, object]) -> Entry:
+def _entry(run: StoredRun, differing: Mapping[str, object], *, rows: Sequence[str], shown: Sequence[str]) -> Entry:
     summary, compared, code, method = run.summary, run.metrics, run.manifest.code, run.manifest.method
     commit = "" if code.commit is None else f" {short_digest(code.commit)}"
     of_images = {FALSE_POSITIVES: compared.false_positives.coverage, OF_PIXELS: compared.segmentation.iou}
     of_rows = {ALL_MOVING: compared.all_moving} | compared.categories
-    changed = {name: value for name, value in method.changed_settings().items() if name in differing}
-    words = [SETTINGS.get(f"{name}={value}", f"{name}={value}") for name, value in sorted(changed.items())]
     known = method.place == known_methods().get(method.name) and method.is_own
+    first, *others = shown
     return Entry(
         run=run.label,
         folder=run.folder,
         method=name_method(method.name, differing),
-        name=", ".join([NAMES.get(method.name, method.name), *words]),
         about=describe_method(method.place) if known else "",
         code_file=method.place.partition(":")[0].replace(".", "/") + ".py" if method.is_own else "",
         kind=_kind(run.manifest),
         values={
-            row: {name: of_row.metric(name) for name in of_row.metric_names()} | of_images
-            for row, of_row in of_rows.items()
+            row: {first: of_rows[row].metric(first)} | of_images | {name: of_rows[row].metric(name) for name in others}
+            for row in rows
         },
         images=summary.images.evaluated,
         cost_ms=_cost_ms(run),
@@ -381,53 +382,13 @@ def _cost_ms(run: StoredRun) -> float | None:
 
 # The stored form, which comes with the package.
 
-SCHEMA_VERSION = 3
-OF_GROUP = ("dataset", "split", "protocol", "protocol_digest", "reference_digest")
-OF_ENTRY = ("run", "method", "name", "about", "code_file", "kind", "images", "cost_ms", "date", "code", "failures",
-            "verified", "rank", "behind")  # fmt: skip
 
-
-def fields(record: object, names: Sequence[str]) -> dict[str, object]:
-    """Attributes of a record by name."""
-    return {name: getattr(record, name) for name in names}
-
-
-def as_content(board: Leaderboard) -> dict[str, object]:
-    """The content of `leaderboard.json`: values as [value, low, high] of the interval, or [value]; no shipped rows."""
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "best": list(best_methods(board)),
-        "groups": [_group_content(group) for group in board.groups],
-        "damaged": [{"run": run, "fault": fault} for run, fault in board.damaged],
-    }
-
-
-def _group_content(group: Group) -> dict[str, object]:
-    names = shown_metrics(group)
-    ceilings = {row: {name: known_ceiling(group, row, name) for name in names} for row in group.rows}
-    return fields(group, (*OF_GROUP, "judged", "images")) | {
-        "metrics": names,
-        "rows": [
-            {"name": row, "label": formats.LABELS[row], "object_frames": of.object_frames, "recordings": of.recordings}
-            | {"ceiling": {name: value for name, value in ceilings[row].items() if value is not None}}
-            for row, of in group.rows.items()
-        ],
-        "entries": [
-            fields(entry, OF_ENTRY)
-            | {"values": {row: {name: [m.value, *(m.ci95 or ())] for name, m in values.items() if name in names}
-                          for row, values in entry.values.items() if row in group.rows}}
-            for entry in group.entries if not entry.shipped
-        ],
-        **formats.annotations_field(group.unreviewed),
-    }  # fmt: skip
-
-
-def known_ceiling(group: Group, row: str, name: str) -> float | None:
-    """Value of the exact masks; None for what has no ceiling, and where it is unknown."""
-    if name.startswith(("chance", "ceiling", "unknown")):
+def read_stored(file: Path) -> Leaderboard | None:
+    """A stored `leaderboard.json`; None where there is none, or one of another schema."""
+    try:
+        return Leaderboard.model_validate_json(file.read_bytes())
+    except (OSError, ValidationError):
         return None
-    value = group.ceiling(row, name)
-    return None if math.isnan(value) else value
 
 
 def with_shipped(board: Leaderboard, file: Path) -> Leaderboard:
@@ -437,74 +398,46 @@ def with_shipped(board: Leaderboard, file: Path) -> Leaderboard:
 
     Args:
         board: of a folder.
-        file: `leaderboard.json`; one of another schema adds nothing.
+        file: `leaderboard.json`.
     """
-    try:
-        stored = json.loads(file.read_bytes())
-        if stored["schema_version"] != SCHEMA_VERSION:
-            return board
-        groups = [_beside_shipped(group, stored["groups"]) for group in board.groups]
-    except (OSError, ValueError, LookupError, TypeError):
-        return board
-    return replace(board, groups=tuple(groups))
+    stored = read_stored(file)
+    shipped = () if stored is None else stored.groups
+    return board.model_copy(update={"groups": tuple(_beside_shipped(group, shipped) for group in board.groups)})
 
 
-def _beside_shipped(group: Group, stored: Sequence[Mapping[str, Any]]) -> Group:
-    same = (*OF_GROUP, "images")
-    content = next((one for one in stored if all(one[name] == getattr(group, name) for name in same)), None)
-    if content is None:
+def _beside_shipped(group: RankedGroup, shipped: Sequence[RankedGroup]) -> RankedGroup:
+    same = next((other for other in shipped if other.compares_with(group)), None)
+    if same is None:
         return group
     own = {entry.method for entry in group.entries}
-    shipped = [_shipped_entry(entry, group) for entry in content["entries"] if entry["method"] not in own]
-    return replace(group, entries=_ranked([*group.entries, *shipped]))
+    others = [
+        entry.model_copy(update={"shipped": True, "behind": None}) for entry in same.entries if entry.method not in own
+    ]
+    ceilings = {row: same.ceilings[row] | known for row, known in group.ceilings.items()}
+    return group.model_copy(update={"entries": _ranked([*group.entries, *others]), "ceilings": ceilings})
 
 
-def _shipped_entry(content: Mapping[str, Any], group: Group) -> Entry:
-    values = {
-        row: {
-            name: Metric(
-                value=math.nan if numbers[0] is None else numbers[0],
-                ci95=(numbers[1], numbers[2]) if len(numbers) > 1 else None,
-                cases=group.rows[row].object_frames,
-                recordings=group.rows[row].recordings,
-            )
-            for name, numbers in metrics.items()
-        }
-        for row, metrics in content["values"].items()
-    }
-    told = {name: content[name] for name in OF_ENTRY} | {"kind": Kind(content["kind"]), "behind": None}
-    return Entry(folder=Path(), values=values, shipped=True, **told)
-
-
-def best_methods(board: Leaderboard) -> Iterator[dict[str, object]]:
-    """For each data set the method that leads under the protocol that ranks, and its score in words.
-
-    Oracles are none. It is "best" where it is shown to be better than every other method, else "first".
-    """
+def best_groups(board: Leaderboard) -> Iterator[RankedGroup]:
+    """For each data set the group under the protocol that ranks whose first method leads; oracles are none."""
     today = load_protocol(RANKING_PROTOCOL).digest
     for dataset in dict.fromkeys(group.dataset for group in board.groups):
         judged = [g for g in board.groups if (g.dataset, g.split, g.judged) == (dataset, None, True) and g.methods]
         if judged:
-            group = max(judged, key=lambda group: (group.protocol_digest == today, len(group.methods)))
-            first, ceiling = group.methods[0], group.ceiling(ALL_MOVING, ORDERED_BY)
-            iou = first.metrics[ORDERED_BY]
-            few = "" if iou.ci95 else " (too few recordings for an interval)"
-            of = "" if math.isnan(ceiling) else f", ceiling {formats.percent(ceiling)}"
-            false = formats.percent(first.metrics[FALSE_POSITIVES].value)
-            unreviewed = f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
-            yield {
-                "dataset": dataset,
-                "protocol": group.protocol,
-                "protocol_digest": group.protocol_digest,
-                "rank": "best" if group.best else "first",
-                "method": first.name,
-                "of": len(group.methods),
-                "not_behind": [entry.name for entry in group.methods if entry.behind is False],
-                "score": f"IoU {formats.with_interval(iou)}{few} over all moving object-frames{of}, false positives "
-                f"{false} of the image{unreviewed}",
-                "date": first.date,
-                "code": first.code,
-            }
+            yield max(judged, key=lambda group: (group.protocol_digest == today, len(group.methods)))
+
+
+def _leader(group: RankedGroup) -> str:
+    """The first method of a group, and its score in words."""
+    first, ceiling = group.methods[0], group.ceilings[ALL_MOVING].get(ORDERED_BY)
+    iou = first.metrics[ORDERED_BY]
+    few = "" if iou.ci95 else " (too few recordings for an interval)"
+    of = "" if ceiling is None else f", ceiling {formats.percent(ceiling)}"
+    false = formats.percent(first.metrics[FALSE_POSITIVES].value)
+    unreviewed = f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
+    return (
+        f"{first.method}, IoU {formats.with_interval(iou)}{few} over all moving object-frames{of}, false positives "
+        f"{false} of the image{unreviewed}"
+    )
 
 
 def best_line(file: Path, *, dataset: str, beside: str = RANKING_PROTOCOL) -> str | None:
@@ -517,12 +450,200 @@ def best_line(file: Path, *, dataset: str, beside: str = RANKING_PROTOCOL) -> st
         dataset: name of the data set.
         beside: protocol of the scores that the line stands beside; with another one they do not compare.
     """
-    try:
-        best = next(best for best in json.loads(file.read_bytes())["best"] if best["dataset"] == dataset)
-        if best["protocol_digest"] != load_protocol(RANKING_PROTOCOL).digest:
-            return None
-        line = "{rank} of {of} methods on all of {dataset} by {protocol}: {method}, {score} ({file}, {date}, {code})"
-        other = "" if beside == RANKING_PROTOCOL else f"; scores by {beside} do not compare with it"
-        return line.format(file=file, **best) + other
-    except (OSError, ValueError, LookupError, TypeError, StopIteration, RecursionError):
+    board = read_stored(file)
+    group = next((g for g in (best_groups(board) if board else ()) if g.dataset == dataset), None)
+    if group is None or group.protocol_digest != load_protocol(RANKING_PROTOCOL).digest:
         return None
+    first, rank = group.methods[0], "best" if group.best else "first"
+    line = (
+        f"{rank} of {len(group.methods)} methods on all of {dataset} by {group.protocol}: {_leader(group)} "
+        f"({file}, {first.date}, {first.code})"
+    )
+    return line if beside == RANKING_PROTOCOL else f"{line}; scores by {beside} do not compare with it"
+
+
+# For people.
+
+TITLE = "Leaderboard: which method finds what moves"
+ABOUT = (
+    "Methods that mark what moves in the images of a driving car's fisheye camera, on the same images. Ranked by "
+    f"{RANKING_PROTOCOL}, which ranks methods as exact masks would if they make similar errors; other protocols are "
+    "carried along."
+)
+NOTES = (
+    "In percent, of the images that all runs of a table scored: at least "
+    f"{100 * LEAST_COMMON:.0f} % of those of each, with the same reference. {formats.INTERVALS}",
+    "Ranked by IoU over all moving object-frames, an undetected one having 0. Best is a method only where `compare` "
+    "shows it better than each of the others; else it is the first, and ranks below may be chance. Specks apart from "
+    "objects cost no IoU of objects; the IoU of pixels counts them.",
+    f"Ceiling: {formats.CEILING}. Oracles are given what no method may know. Cost: median time of the method alone for "
+    "an image, in one thread. Verified: `verify` counted the run again on this machine. Shipped: a row that comes with "
+    "the package, not compared in pairs.",
+)
+
+
+def leaderboard_tables(board: Leaderboard) -> Iterator[Block]:
+    """A table per group over all moving objects, readable at 110 columns; then how to read them."""
+    for group in board.groups:
+        names = [name for name in group.metrics if name not in ("iou_detected", OF_PIXELS)]
+        yield replace(_table(group, names, {}), title=group_title(group))
+    yield from (Paragraph(note, "dim") for note in NOTES)
+
+
+def group_title(group: RankedGroup) -> str:
+    """Return the title of a group: what its runs have in common."""
+    object_frames, recordings = group.cases[ALL_MOVING]
+    unreviewed = f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
+    return (
+        f"{group.dataset}, {group.split or 'all recordings'}, {group.protocol} ({short_digest(group.protocol_digest)}),"
+        f" reference {short_digest(group.reference_digest)}: {group.images} images that all scored, {object_frames} "
+        f"object-frames, {recordings} recordings{unreviewed}"
+    )
+
+
+def _table(group: RankedGroup, names: Sequence[str], pages: Mapping[str, str]) -> Table:
+    """Metrics over all moving objects, with a bar, the interval across it, and a tick at its ceiling."""
+    ceilings = group.ceilings[ALL_MOVING]
+
+    def cell(name: str, metric: Metric) -> Cell:
+        return (
+            formats.metric_cell(metric)
+            if name.startswith("chance")
+            else formats.bar_cell(metric, tick=ceilings.get(name))
+        )
+
+    rows: list[list[object]] = [
+        [_rank(group, e), _named(e, pages), *(cell(name, e.metrics[name]) for name in names), e.cost_ms]
+        for e in group.entries
+    ]
+    headings = [find_metric(name).label for name in names]
+    columns: list[Heads] = ["Rank", "Method, run", *headings, Column("ms per image", "{:.1f}".format)]
+    lines = _ceiling_line(group, [(ALL_MOVING, name) for name in names], more=1)
+    return Table(title=formats.LABELS[ALL_MOVING], columns=columns, rows=[*lines, *rows], words=2)
+
+
+def _kinds_table(group: RankedGroup) -> Table:
+    """IoU of each kind of motion."""
+    kinds = [row for row in group.cases if row != ALL_MOVING]
+    headings = [f"{formats.LABELS[name]} ({group.cases[name][0]}, {group.cases[name][1]})" for name in kinds]
+    columns: list[Heads] = ["Rank", "Method", *(Column(heading, formats.metric_cell) for heading in headings)]
+    rows: list[list[object]] = [
+        [_rank(group, e), _named(e, {}), *(e.values[name][ORDERED_BY] for name in kinds)] for e in group.entries
+    ]
+    lines = _ceiling_line(group, [(name, ORDERED_BY) for name in kinds])
+    title = "IoU by kind of motion (object-frames, recordings)"
+    return Table(title=title, columns=columns, rows=[*lines, *rows], words=2)
+
+
+def _rank(group: RankedGroup, entry: Entry) -> Cell:
+    """The rank, and below it whether the first is the best or another is not shown to be behind it."""
+    if entry.rank is None or entry.shipped or not group.judged:
+        return Cell(str(entry.rank or ""))
+    if entry.rank == 1:
+        return Cell("1", ("best" if group.best else "first",))
+    return Cell(str(entry.rank), () if entry.behind else ("or 1",))
+
+
+def _named(entry: Entry, pages: Mapping[str, str]) -> Cell:
+    """The method, the kind of what is none, what is to be known of the run, and its folder below."""
+    told = {
+        entry.kind.value: entry.kind is not Kind.METHOD,
+        f"{entry.failures} failures": entry.failures > 0,
+        "verified": entry.verified,
+        "shipped": entry.shipped,
+    }
+    text = ", ".join([entry.method, *(words for words, true in told.items() if true)])
+    style: Literal["", "dim"] = "" if entry.kind is Kind.METHOD else "dim"
+    return Cell(text, (entry.run,), style, link=pages.get(entry.run, ""))
+
+
+def _ceiling_line(group: RankedGroup, keys: Sequence[tuple[str, str]], *, more: int = 0) -> list[list[object]]:
+    """Return the line of the exact masks, where no run of them stands in the table anyway."""
+    values = [group.ceilings[row].get(name) for row, name in keys]
+    if any(entry.kind is Kind.CEILING for entry in group.entries) or not any(values):
+        return []
+    cells = [None if value is None else Cell(formats.percent(value)) for value in values]
+    return [["", Cell("ceiling: the exact masks", style="dim"), *cells, *[None] * more]]
+
+
+def _group(group: RankedGroup, pages: Mapping[str, str]) -> Group:
+    tables = [_table(group, list(group.metrics), pages), *([_kinds_table(group)] if len(group.cases) > 1 else [])]
+    return Group(title=group_title(group), blocks=tables, tags={"dataset": group.data, "protocol": group.protocol})
+
+
+def _methods(board: Leaderboard) -> Group:
+    """What each method does, where its code is, and the runs that the tables show."""
+    entries = [entry for group in board.groups if group.judged or len(board.groups) == 1 for entry in group.entries]
+    rows = [[e.method, e.about, e.code_file, e.run, e.images, e.date, e.code] for e in entries]
+    columns = ["Method", "What it does", "Code", "Run", "Images", "Scored", "by"]
+    table = Table(columns=columns, rows=rows, words=len(columns))
+    return Group(look="section", name="methods", title="The methods", blocks=[table])
+
+
+def _leaders(board: Leaderboard) -> Iterator[Paragraph]:
+    """For each data set the method that leads, "best" where it is shown to be better than every other one."""
+    for group in best_groups(board):
+        first = group.methods[0]
+        others = [entry.method for entry in group.methods if entry.behind is False]
+        doubt = f" Not shown to be behind it: {', '.join(others)}." if others else ""
+        yield Paragraph(
+            f"{'Best' if group.best else 'First'} of {len(group.methods)} on {group.dataset}: {_leader(group)}. Scored "
+            f"{first.date} with {first.code}.{doubt}",
+            "good" if group.best else "dim",
+        )
+
+
+def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
+    """Write `index.html`, `leaderboard.md` and `.json`, each file whole or not at all.
+
+    Args:
+        board: the runs.
+        out: folder, is made.
+
+    Returns:
+        The files, the page first.
+    """
+    faults = Items([f"{run}: {fault}" for run, fault in board.damaged])
+    damaged = Group(look="section", name="damaged", title="Runs that cannot be read", blocks=[faults])
+    unread = [damaged] if board.damaged else []
+    notes = [Paragraph(note, "dim") for note in NOTES]
+    first = board.groups[0] if board.groups else None
+    choices = [
+        Choice("dataset", "Data set", "" if first is None else first.data),
+        Choice("protocol", "Protocol", "" if first is None else first.protocol),
+    ]
+    tables = [_group(group, _pages(group, out)) for group in board.groups]
+    page: list[Block] = [
+        Paragraph(ABOUT),
+        *_leaders(board),
+        Group(look="section", name="table", title="All runs", blocks=[Filters(choices), *tables]),
+        _methods(board),
+        Group(look="section", name="how", title="How to read it", blocks=notes),
+        *unread,
+    ]
+    sections = [Group(look="section", title=group_title(g), blocks=_group(g, {}).blocks) for g in board.groups]
+    text = to_markdown([Heading("Leaderboard", 1), *notes, *sections, _methods(board), *unread])
+    own = board.model_copy(update={"groups": _own(board)}).model_dump_json() + "\n"
+    files = {"index.html": to_page(TITLE, page, folder=out), "leaderboard.json": own, "leaderboard.md": text}
+    if not (out / "leaderboard.json").is_file():  # beside which Markdown, which shows nothing of its kind, is ours
+        refuse_foreign(out / "leaderboard.md")
+    for name in ("index.html", "leaderboard.json"):
+        refuse_foreign(out / name, files[name])
+    for name, content in files.items():
+        write_text(out / name, content)
+    return tuple(out / name for name in files)
+
+
+def _own(board: Leaderboard) -> tuple[RankedGroup, ...]:
+    """The groups without the shipped rows."""
+    return tuple(
+        group.model_copy(update={"entries": tuple(entry for entry in group.entries if not entry.shipped)})
+        for group in board.groups
+    )
+
+
+def _pages(group: RankedGroup, out: Path) -> dict[str, str]:
+    """Addresses of the pages of runs inside `out`; others do not travel with the leaderboard and are no links."""
+    pages = {entry.run: (entry.folder / "index.html").resolve() for entry in group.entries if not entry.shipped}
+    inside = {run: page for run, page in pages.items() if page.is_relative_to(out.resolve()) and page.is_file()}
+    return {run: quote(page.relative_to(out.resolve()).as_posix()) for run, page in inside.items()}

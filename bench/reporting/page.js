@@ -64,7 +64,7 @@
     }
     tables.forEach(limit);
     const rows = tagged.filter((element) => element.tagName === "TR");
-    if (form) form.querySelector("output").textContent = `${rows.filter((row) => !row.hidden).length} of ${rows.length} rows`;
+    if (form && rows.length) form.querySelector("output").textContent = `${rows.filter((row) => !row.hidden).length} of ${rows.length} rows`;
   }
 
   for (const select of selects) {

@@ -1,7 +1,7 @@
-"""A run in tables and lines: the rows of the paper's table, ours beside the paper's where that says something.
+"""Runs in tables and lines: the rows of the paper's table, ours beside the paper's where that says something.
 
 The same rows make the table of the terminal, `table.md`, `.csv` and `.tex`, and the tables of a run's page. Totals say
-what became of objects and images, and what the run cost.
+what became of objects and images, and what the run cost. A sweep has one table of the runs for its values.
 """
 
 from __future__ import annotations
@@ -23,54 +23,27 @@ from bench.harness import Provenance, RunSummary, StoredRun
 from bench.plain_text import counted
 from bench.recordings import load_card
 from bench.records.reference import Category, IgnoreReason
-from bench.reporting.canvas import write_picture
-from bench.reporting.charts import draw_run_maps
-from bench.reporting.document import Block, Cell, Column, Paragraph, Report, Table, to_latex
-from bench.reporting.formats import (
-    CEILING,
-    INTERVALS,
-    annotations_field,
-    chance_of,
-    detection_levels,
-    hundredths,
-    level_percent,
-    mean_cell,
-    metric_cell,
-    metric_record,
-    percent,
-    row_label,
-    short_interval,
-    shortened,
-    with_interval,
-)
+from bench.reporting import formats
+from bench.reporting.document import Block, Cell, Column, Heads, Paragraph, Report, Table, to_latex
 
 FALSE_POSITIVES = "false_positives"
 FALSE_POSITIVE_METRICS = tuple(metric.field for metric in definitions.FALSE_POSITIVES)
 COMPARED = {"detection_rate": "Detection rate", "tpr": "TPR", "iou_detected": "IoU"}
 _OF_PAPER = {"detection_rate": "detection_rate", "tpr": "tpr", "iou_detected": "iou"}  # its name of each
 COVERAGES = {name: find_metric(name).label for name in ("iou", "tpr_all", "iou_detected", "tpr")}
-CASES_NOTE = "Cases: object-frames; in the last row images, and the area of the image."
-BESIDE_NOTE = (
-    "TPR and IoU beside the paper's are averages over the detected object-frames. Differences in percentage points. "
-    "The paper's recordings are private: same form, not the same data."
-)
-CHANCE_NOTE = "Chance: the same objects on the mask of another frame."
-NO_CHANCE_NOTE = "No chance level where the recordings are shorter than the protocol's chance_lag_s."
-COVERAGE_NOTE = (
-    "TPR is the mean coverage, IoU the mean intersection over union: over the detected object-frames, or over all, an "
-    "undetected one having 0."
-)
-FALSE_POSITIVE_NOTE = (
-    "False-positive coverage: what is marked outside of all moving objects, as a share of the image and of its valid "
-    "pixels. A large false positive has more pixels than the protocol states."
-)
 FURTHER = {name: find_metric(name).label for name in ("ceiling_iou", "unknown_share")}  # of some data and protocols
-FURTHER_NOTES = {
-    "ceiling_iou": f"Ceiling: {CEILING}; IoU over all object-frames.",
-    "unknown_share": "Unknown: share of the pixels of an object and its unknown band that lie in the band, where "
-    "nothing counts; averages over all object-frames. All else is of cores, against which the paper's outlines are "
-    "another measure.",
-}
+CASES_NOTE = "Cases: object-frames; in the last row images, and the share of the image that is wrongly marked."
+BESIDE_NOTE = (
+    "TPR and IoU beside the paper's are over the detected object-frames. Differences in percentage points. The paper's "
+    "recordings are private: same form, not the same data."
+)
+CHANCE_NOTE = (
+    "Chance: the same objects on the mask of another frame; none where recordings are shorter than chance_lag_s."
+)
+COVERAGE_NOTE = (
+    "TPR: mean coverage, IoU: mean intersection over union, of the detected object-frames or of all. Ceiling: "
+    f"{formats.CEILING}. Unknown: share of an object's pixels in its unknown band, where nothing counts."
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +82,7 @@ class TableRow:
 
     def paper_percent(self, name: str) -> str:
         """The paper's value as it prints it, "72 %"; "" where it has none."""
-        return percent(self.paper[name], digits=0) if name in self.paper else ""
+        return formats.percent(self.paper[name], digits=0) if name in self.paper else ""
 
 
 def is_rendered(card: str) -> bool:
@@ -136,7 +109,7 @@ def table_rows(summary: Summary, *, beside_paper: bool = True) -> list[TableRow]
         rows.append(
             TableRow(
                 name=name,
-                label=row_label(name, summary.false_positive_causes),
+                label=formats.row_label(name, summary.false_positive_causes),
                 frames=found.object_frames,
                 paper_frames=theirs.object_frames if theirs else None,
                 tracks=found.tracks,
@@ -172,59 +145,41 @@ def left_out_note(rows: Sequence[TableRow]) -> str:
 
 
 def threshold_free_line(found: ThresholdFreeMetrics) -> str:
-    """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... ", with what the bins leave open."""
-    auprc, rate = (
-        " to ".join(percent(bound, digits=2) for bound in bounds) for bounds in (found.auprc_bounds, found.fpr95_bounds)
-    )
+    """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... "."""
     return (
-        f"Over all thresholds: AUPRC {with_interval(found.auprc)}, false-positive rate at 95 % recall "
-        f"{with_interval(found.fpr95)}; over the pixels of {found.images} images, from histograms"
-        + (f": without bins AUPRC lies in {auprc}, the rate in {rate}." if found.auprc.cases else ".")
+        f"Over all thresholds: AUPRC {formats.with_interval(found.auprc)}, false-positive rate at 95 % recall "
+        f"{formats.with_interval(found.fpr95)}; over the pixels of {found.images} images, from histograms."
     )
 
 
 def detection_columns(rows: Sequence[TableRow]) -> dict[str, str]:
     """Names and headings of the detection rates, with the protocol's own levels."""
     names = next((list(row.metrics) for row in rows if row.name != FALSE_POSITIVES), [])
-    levels = {name: f"at {level_percent(name):g} %" for name in detection_levels(names)}
+    levels = {name: f"at {formats.level_percent(name):g} %" for name in formats.detection_levels(names)}
     return {"detection_rate": find_metric("detection_rate").label} | levels
 
 
-def further_columns(rows: Sequence[TableRow]) -> dict[str, str]:
+def _further_columns(rows: Sequence[TableRow]) -> dict[str, str]:
     """Names and headings of what only some runs have: the ceiling of exact masks, the share of unknown bands."""
     return {name: heading for name, heading in FURTHER.items() if any(name in row.metrics for row in rows)}
 
 
-def table_note(rows: Sequence[TableRow]) -> str:
-    """Return the note on how to read the tables of these rows."""
-    return " ".join([CASES_NOTE, *_beside_notes(rows), *_chance_notes(rows), INTERVALS, *_further_notes(rows)])
-
-
-def _beside_notes(rows: Sequence[TableRow]) -> list[str]:
-    return [BESIDE_NOTE] if any(row.paper for row in rows) else []
-
-
-def _chance_notes(rows: Sequence[TableRow]) -> list[str]:
-    """Return notes on what chance is, and on why a row that has cases has none."""
-    chances = [row.metrics["chance"].value for row in rows if row.frames and "chance" in row.metrics]
-    return [CHANCE_NOTE, NO_CHANCE_NOTE] if any(map(math.isnan, chances)) else [CHANCE_NOTE]
-
-
-def _further_notes(rows: Sequence[TableRow]) -> list[str]:
-    return [FURTHER_NOTES[name] for name in further_columns(rows)]
+def legend(rows: Sequence[TableRow]) -> str:
+    """Return the note on how to read all tables of these rows."""
+    beside = [BESIDE_NOTE] if any(row.paper for row in rows) else []
+    return " ".join([CASES_NOTE, *beside, CHANCE_NOTE, COVERAGE_NOTE, formats.INTERVALS])
 
 
 def text_tables(rows: Sequence[TableRow]) -> tuple[Table, ...]:
-    """Ours beside the paper's; detection and coverage with their intervals; the false positives."""
+    """Ours beside the paper's; detection and coverage with their intervals."""
     rates: dict[str, str] = {}
     for name, heading in detection_columns(rows).items():
-        rates |= {name: heading, chance_of(name): "chance"}
-    coverages = COVERAGES | further_columns(rows)
+        rates |= {name: heading, formats.chance_of(name): "chance"}
+    coverages = COVERAGES | _further_columns(rows)
     return (
         _beside_the_paper(rows),
-        _with_intervals(rows, title="Detection", shown=rates, notes=_chance_notes(rows)),
-        _with_intervals(rows, title="Coverage", shown=coverages, notes=[COVERAGE_NOTE, *_further_notes(rows)]),
-        _false_positives(rows),
+        _with_intervals(rows, title="Detection", shown=rates, note=CHANCE_NOTE),
+        _with_intervals(rows, title="Coverage", shown=coverages, note=COVERAGE_NOTE),
     )
 
 
@@ -239,41 +194,31 @@ def _beside_the_paper(rows: Sequence[TableRow]) -> Table:
         line: list[object] = [_label(row.label), row.recordings, row.frames, *([row.paper_frames] if beside else [])]
         # The paper prints the false-positive coverage in the column of the detection rate.
         for name in ["coverage"] if row.name == FALSE_POSITIVES else COMPARED:
-            line.append(percent(row.metrics[name].value, cases=row.metrics[name].cases))
+            line.append(formats.percent(row.metrics[name].value, cases=row.metrics[name].cases))
             line += [row.paper_percent(name), row.difference(name)] if beside else []
         lines.append(line + [None] * (len(columns) - len(line)))
     title = f"Results by category of objects{', beside the paper' if beside else ''}"
-    return Table(title=title, columns=columns, rows=lines, note=" ".join([CASES_NOTE, *_beside_notes(rows)]))
+    return Table(title=title, columns=columns, rows=lines, note=f"{CASES_NOTE} {BESIDE_NOTE}" if beside else CASES_NOTE)
 
 
-def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str], notes: Sequence[str]) -> Table:
+def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str], note: str) -> Table:
     """One line per kind of motion; intervals are named where one has them."""
     of_objects = [row for row in rows if row.name != FALSE_POSITIVES]
     bounded = any(row.metrics[name].ci95 for row in of_objects for name in shown)
     return Table(
         title=f"{title} with 95 % intervals" if bounded else title,
-        columns=["Type", "Recordings", "Cases", "Objects", *(Column(text, metric_cell) for text in shown.values())],
+        columns=[
+            "Type",
+            "Recordings",
+            "Cases",
+            "Objects",
+            *(Column(text, formats.metric_cell) for text in shown.values()),
+        ],
         rows=[
             [_label(row.label), row.recordings, row.frames, row.tracks, *map(row.metrics.get, shown)]
             for row in of_objects
         ],
-        note=" ".join([*notes, INTERVALS]),
-    )
-
-
-def _false_positives(rows: Sequence[TableRow]) -> Table:
-    shares = "False-positive coverage", "of the valid pixels", "Frames with a large false positive"
-    columns = [*(Column(heading, metric_cell) for heading in shares), Column("Components per frame", mean_cell)]
-    return Table(
-        title="False positives",
-        columns=["Recordings", "Images", *columns],
-        rows=[
-            [row.recordings, row.frames, *map(row.metrics.get, FALSE_POSITIVE_METRICS)]
-            for row in rows
-            if row.name == FALSE_POSITIVES
-        ],
-        words=0,
-        note=f"{FALSE_POSITIVE_NOTE} {INTERVALS}",
+        note=f"{note} {formats.INTERVALS}",
     )
 
 
@@ -292,52 +237,41 @@ def terminal_report(rows: Sequence[TableRow], *, title: str) -> list[Block]:
     """For 100 columns: the value of each metric over its 95 % interval, its chance level, the paper's, the difference.
 
     Args:
-        rows: of the table; kinds of motion without cases are left out.
+        rows: of the table; kinds of motion without cases are left out, and lines that say nothing.
         title: says what run it is of.
     """
-    shown = {**COVERAGES, **detection_columns(rows), **further_columns(rows)}
+    shown = {**COVERAGES, **detection_columns(rows), **_further_columns(rows)}
     lines = []
     for row in rows_with_cases(rows):
         of_images = row.name == FALSE_POSITIVES
-        below = ["95 %", *([] if of_images else ["chance"]), *(["paper", "diff."] if row.paper else [])]
-        frames = tuple(str(row.paper_frames) if name == "paper" else "" for name in below)
         # The paper prints the false-positive coverage in the column of the detection rate.
         names = [None] * len(COVERAGES) + ["coverage"] + [None] * (len(shown) - len(COVERAGES) - 1)
-        cells = [name and _cell(row, name, below) for name in (names if of_images else shown)]
-        head = [
-            _label(row.label),
-            Cell("ours" if row.paper else "", tuple(below)),
-            row.recordings,
-            Cell(str(row.frames), frames),
-        ]
-        lines.append([*head, row.tracks, *cells])
+        texts = [name and _texts(row, name) for name in (names if of_images else shown)]
+        below = [line for line in ("95 %", "chance", "paper", "diff.") if any(of and of[line] for of in texts)]
+        frames = tuple(str(row.paper_frames) if line == "paper" else "" for line in below)
+        cells = [of and Cell(of[""], tuple(of[line] for line in below), "strong") for of in texts]
+        head = [_label(row.label), Cell("ours" if below else "", tuple(below)), row.recordings]
+        lines.append([*head, Cell(str(row.frames), frames), row.tracks, *cells])
     headings = [_SHORT.get(name) or _label(heading, before=" ") for name, heading in shown.items()]
-    table = Table(
-        title=title,
-        columns=["Type", "", "Recs", "Cases", "Objects", *headings],
-        rows=lines,
-        words=2,
-    )
-    return [table, *(Paragraph(note, "dim") for note in _terminal_notes(rows))]
+    columns: list[Heads] = ["Type", "", "Recs", "Cases", "Objects", *headings]
+    left_out = left_out_note(rows)
+    return [
+        Table(title=title, columns=columns, rows=lines, words=2),
+        *([Paragraph(left_out, "dim")] if left_out else []),
+    ]
 
 
-def _cell(row: TableRow, name: str, below: Sequence[str]) -> Cell:
+def _texts(row: TableRow, name: str) -> dict[str, str]:
+    """A metric, and what stands below it, by the name of the line."""
     metric = row.metrics[name]
-    no_cases = math.isnan(metric.value)
-    chance = row.metrics.get(chance_of(name)) if name.startswith("detection_rate") else None
-    texts = {
-        "95 %": f"({metric.cases})" if no_cases else short_interval(metric),
-        "chance": "" if chance is None or math.isnan(chance.value) else hundredths(chance.value),
+    chance = row.metrics.get(formats.chance_of(name)) if name.startswith("detection_rate") else None
+    return {
+        "": formats.hundredths(metric.value),
+        "95 %": f"({metric.cases})" if math.isnan(metric.value) else formats.short_interval(metric),
+        "chance": "" if chance is None or math.isnan(chance.value) else formats.hundredths(chance.value),
         "paper": f"{100 * row.paper[name]:.0f}" if name in row.paper else "",
         "diff.": row.difference(name),
     }
-    return Cell(hundredths(metric.value), tuple(texts[line] for line in below), "" if no_cases else "strong")
-
-
-def _terminal_notes(rows: Sequence[TableRow]) -> list[str]:
-    large = [f"{percent(row.metrics['frame_rate'].value)} of the images have a large false positive."
-             for row in rows if row.name == FALSE_POSITIVES and row.frames]  # fmt: skip
-    return [*filter(None, [left_out_note(rows)]), *large, f"{table_note(rows)} {COVERAGE_NOTE}"]
 
 
 _LONGEST_SETTINGS = 80  # characters in a caption
@@ -353,14 +287,14 @@ def report(rows: Sequence[TableRow], *, notes: Sequence[str] = (), unreviewed: s
     """
     numbers: list[dict[str, object]] = [
         {"row": row.name, "label": row.label, "frames": row.frames, "paper_frames": row.paper_frames,
-         "tracks": row.tracks, "metric": name} | metric_record(metric)
+         "tracks": row.tracks, "metric": name} | formats.metric_record(metric)
         | {"recordings": row.recordings, "paper": row.paper.get(name), "difference_points": row.difference_points(name)}
-        | annotations_field(unreviewed)
+        | formats.annotations_field(unreviewed)
         for row in rows
         for name, metric in row.metrics.items()
     ]  # fmt: skip
     tables = [replace(table, note="") for table in text_tables(rows)]
-    said = map(Paragraph, filter(None, [*notes[:1], table_note(rows), *notes[1:]]))
+    said = map(Paragraph, filter(None, [*notes[:1], legend(rows), *notes[1:]]))
     return Report(title="", blocks=[*tables, *said], numbers=numbers)
 
 
@@ -381,18 +315,18 @@ def _about(run: StoredRun) -> str:
     """Method, data set and protocol; settings that are not the method's defaults; annotations that nobody reviewed."""
     method, data = run.manifest.method, run.manifest.dataset
     settings = [f"{name} = {value}" for name, value in method.changed_settings().items()]
-    shown = shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
+    shown = formats.shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
     split = f", split {data.split}" if data.split else ""
     told = f"method {method.name} ({shown}), data set {data.name}{split}, {run.protocol.name}"
     return ", ".join(part for part in (told, run.summary.unreviewed.rstrip(".")) if part)
 
 
 def write_report_files(run: StoredRun) -> tuple[list[TableRow], tuple[Path, ...]]:
-    """Write `table.md`, `.csv`, `.tex` and `range_map.png`, `.svg` into the folder of a run.
+    """Write `table.md`, `.csv` and `.tex` into the folder of a run.
 
     Returns:
         rows: of the table, for the terminal.
-        files: paths, tables first.
+        files: paths.
 
     Raises:
         DataError: a table of the run is damaged.
@@ -404,7 +338,7 @@ def write_report_files(run: StoredRun) -> tuple[list[TableRow], tuple[Path, ...]
     files = report(rows, notes=[over_all, caveats], unreviewed=summary.unreviewed).write(run.folder, "table")
     paper = run.folder / "table.tex"
     write_text(paper, latex(rows, label=run.label, about=_about(run)))
-    return rows, (*files, paper, *write_picture(run.folder / "range_map", draw_run_maps(run)))
+    return rows, (*files, paper)
 
 
 FILLED = 0.5  # of the valid pixels: more in every image is no moving object
@@ -467,3 +401,73 @@ def cost_lines(made: Provenance) -> Iterator[str]:
     stored = made.images - made.images_asked
     found = f"; the answers of {counted(stored, 'image')} were there" if stored > 0 else ""
     yield f"{counted(made.workers, 'process')}; the method was asked for {counted(made.images_asked, 'image')}{found}"
+
+
+# A sweep: the headline metrics of a run for each value of one setting.
+
+SWEEP = "sweep.csv"  # the runs in a folder with this file are values of a sweep, and no entries of a leaderboard
+METHOD_ONLY = "Injected errors reach the method only: the reference keeps the true calibration and ego-motion."
+
+
+def sweep_table(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Table:
+    """A row a value, over all moving objects."""
+    headings = [find_metric(name).label for name in formats.headline_metrics(next(iter(runs.values())))]
+    return Table(
+        title=title,
+        columns=[
+            setting,
+            "Images",
+            "Object-frames",
+            "Recordings",
+            *(Column(text, formats.metric_cell) for text in headings),
+        ],
+        rows=[
+            [value, *_sweep_counts(summary).values(), *formats.headline_metrics(summary).values()]
+            for value, summary in runs.items()
+        ],
+        note=note,
+    )
+
+
+def sweep_report(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Report:
+    """One table over all moving objects, and how to read it; of numbers a line a value, ratios in [0, 1]."""
+    about = f"IoU and TPR are averages over all object-frames that move. {formats.INTERVALS} {note}".rstrip()
+    numbers = []
+    for value, summary in runs.items():
+        row: dict[str, object] = {setting: value, **_sweep_counts(summary)}
+        for name, metric in formats.headline_metrics(summary).items():
+            low, high = metric.ci95 or (None, None)
+            row |= {name: metric.value, f"{name}.ci95_low": low, f"{name}.ci95_high": high}
+        numbers.append(row)
+    return Report(title=title, blocks=[Paragraph(about), sweep_table(setting, runs, title="")], numbers=numbers)
+
+
+def _sweep_counts(summary: RunSummary) -> dict[str, int]:
+    moving = summary.all_moving
+    return {
+        "images": summary.images.evaluated,
+        "object_frames": moving.object_frames,
+        "recordings": moving.recordings,
+    }
+
+
+def write_sweep(
+    folder: Path, setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = ""
+) -> tuple[Path, ...]:
+    """Write the page `sweep.html`, `.md`, `.csv` and the chart as `.svg`; their paths.
+
+    Args:
+        folder: of the sweep.
+        setting: that was changed.
+        runs: by value, in the order in which they are shown.
+        title: stands above table and chart.
+        note: how to read them.
+    """
+    from bench.reporting.figures import Chart, draw_sweep, write_picture  # matplotlib, which no table needs
+
+    metrics = {value: formats.headline_metrics(summary) for value, summary in runs.items()}
+    figure = draw_sweep(setting, metrics, title=title, note=note)
+    told = sweep_report(setting, runs, title=title, note=note)
+    chart = Chart(name="sweep", figure=figure, label=f"Headline metrics for each value of {setting}").drawing()
+    files = replace(told, blocks=[*told.blocks, chart], page=True).write(folder, "sweep")
+    return (*files, *write_picture(folder / "sweep", figure, formats=("svg",)))

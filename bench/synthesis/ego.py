@@ -13,7 +13,7 @@ from bench.cameras import camera_from_parameters, ray_grid
 from bench.geometry import RigidTransform, RoadPlane
 from bench.records.recording import MountedCamera
 from bench.synthesis.mesh import Mesh, Surface, box, convex, joined, slab, tube
-from bench.synthesis.motion import Path
+from bench.synthesis.motion import WHEELBASE_M, Path
 from bench.synthesis.rays import RayScene
 from bench.synthesis.scenario import BusSpec, CalibrationSpec, CameraSpec, RecordingSpec, Scenario, named_rng
 from bench.times import SECOND_NS
@@ -28,7 +28,7 @@ PAINT = Surface(albedo=0.34, contrast=0.05)
 WINDOWS = Surface(albedo=0.08, contrast=0.10, mirror=0.04)
 RUBBER = Surface(albedo=0.08, contrast=0.30)
 BUMPER_M = (0.30, 0.44)  # lowest and highest edge of the front bumper, above the road
-WHEELBASE_M, WHEEL_RADIUS_M = 2.7, 0.31
+WHEEL_RADIUS_M = 0.31
 
 # Camera axes (x right, y down, z ahead) in a frame with x ahead, y left, z up.
 AHEAD_FROM_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -141,7 +141,10 @@ def mounted_rig(scenario: Scenario, spec: RecordingSpec) -> SensorRig:
     )
 
 
-IDEAL_INTERVAL_NS = 10_000_000
+IDEAL_INTERVAL_NS, INTERVAL_NS = 10_000_000, 20_000_000  # between messages
+TICK_M = 2 * np.pi * WHEEL_RADIUS_M / 96  # an ABS wheel sensor counts both edges of 48 teeth
+# Without a tick for so long the reported speed is 0: one tick in that time, 0.1 m/s, is the slowest that registers.
+STANDSTILL_NS = 200_000_000
 LEAD_IN_NS = SECOND_NS  # wheels rotate before the path begins, at its first speed
 
 
@@ -168,7 +171,7 @@ def bus_report(path: Path, spec: BusSpec | None, rng: np.random.Generator) -> Bu
         spec: None for exact signals.
         rng: phase of the ticks, and the sensors' errors.
     """
-    interval_ns = IDEAL_INTERVAL_NS if spec is None else round(SECOND_NS / spec.rate_hz)
+    interval_ns = IDEAL_INTERVAL_NS if spec is None else INTERVAL_NS
     first, last = -(-int(path.nodes_ns[0]) // interval_ns), int(path.nodes_ns[-1]) // interval_ns
     times_ns = np.arange(first, last + 1, dtype=np.int64) * interval_ns
     speeds_mps, yaw_rates_radps = path.signals(times_ns)
@@ -176,8 +179,7 @@ def bus_report(path: Path, spec: BusSpec | None, rng: np.random.Generator) -> Bu
     if spec is None:
         return BusReport(times_ns=times_ns, speeds_mps=speeds_mps, yaw_rates_radps=yaw_rates_radps)
     scale, phase, bias = 1.0 + rng.normal(0.0, spec.speed_scale_sigma), rng.uniform(), rng.normal()
-    ticks_ns = _tick_times_ns(path, 2 * np.pi * spec.tyre_radius_m / spec.ticks_per_turn / scale, phase)
-    speeds_mps = _counted(times_ns, ticks_ns, interval_ns=interval_ns, spec=spec)
+    speeds_mps = _counted(times_ns, _tick_times_ns(path, TICK_M / scale, phase))
     errors = np.radians(bias * spec.yaw_rate_bias_degps + rng.normal(size=len(times_ns)) * spec.yaw_rate_noise_degps)
     return BusReport(
         times_ns=times_ns,
@@ -199,27 +201,24 @@ def _tick_times_ns(path: Path, tick_m: float, phase: float) -> NDArray[np.float6
     return np.asarray(nodes_ns[after - 1] + part * (nodes_ns[after] - nodes_ns[after - 1]))
 
 
-def _counted(
-    times_ns: NDArray[np.int64], ticks_ns: NDArray[np.float64], *, interval_ns: int, spec: BusSpec
-) -> NDArray[np.float64]:
+def _counted(times_ns: NDArray[np.int64], ticks_ns: NDArray[np.float64]) -> NDArray[np.float64]:
     """Speed from ticks, as control units count: distance between the last ticks of two messages over their time.
 
     A message without a new tick repeats the speed before it, or what one tick up to now would make if that is less;
-    after `standstill_after_s` without any it is 0, and the first tick from standstill only starts the clock.
+    after `STANDSTILL_NS` without any it is 0, and the first tick from standstill only starts the clock.
     """
-    tick_m, standstill_ns = 2 * np.pi * spec.tyre_radius_m / spec.ticks_per_turn, spec.standstill_after_s * SECOND_NS
     counts = np.searchsorted(ticks_ns, times_ns, side="right").tolist()
-    before = np.searchsorted(ticks_ns, times_ns - interval_ns, side="right").tolist()
+    before = np.searchsorted(ticks_ns, times_ns - INTERVAL_NS, side="right").tolist()
     speeds_mps, speed = np.zeros(len(times_ns)), 0.0
     for row, (count, start) in enumerate(zip(counts, before, strict=True)):
         if count > start:
-            fresh = start == 0 or ticks_ns[start] - ticks_ns[start - 1] > standstill_ns
+            fresh = start == 0 or ticks_ns[start] - ticks_ns[start - 1] > STANDSTILL_NS
             first = start if fresh else start - 1
             seconds = (ticks_ns[count - 1] - ticks_ns[first]) / SECOND_NS
-            speed = (count - 1 - first) * tick_m / seconds if count - 1 > first else 0.0
+            speed = (count - 1 - first) * TICK_M / seconds if count - 1 > first else 0.0
         elif count:
             since_tick_ns = times_ns[row] - ticks_ns[count - 1]
-            speed = 0.0 if since_tick_ns > standstill_ns else min(speed, tick_m * SECOND_NS / max(since_tick_ns, 1.0))
+            speed = 0.0 if since_tick_ns > STANDSTILL_NS else min(speed, TICK_M * SECOND_NS / max(since_tick_ns, 1.0))
         speeds_mps[row] = speed
     return speeds_mps
 

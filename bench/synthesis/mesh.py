@@ -178,16 +178,14 @@ def slab(profile_xz_m: ArrayLike, half_width_m: float | ArrayLike, surface: Surf
     return convex(np.concatenate([right, left]), surface)
 
 
-def tube(
-    start_m: ArrayLike, end_m: ArrayLike, radius_m: float, surface: Surface, *, sides: int = 8, taper: float = 1.0
-) -> Mesh:
-    """A round bar; `taper` is the radius at the end over that at the start."""
+def tube(start_m: ArrayLike, end_m: ArrayLike, radius_m: float, surface: Surface, *, sides: int = 8) -> Mesh:
+    """A round bar."""
     start, end = np.asarray(start_m, dtype=np.float64), np.asarray(end_m, dtype=np.float64)
     along = normalise(end - start)
     aside = normalise(cross(along, np.eye(3)[np.argmin(np.abs(along))]))
     angles = np.arange(sides) * (2 * np.pi / sides)
     ring = radius_m * (np.outer(np.cos(angles), aside) + np.outer(np.sin(angles), cross(along, aside)))
-    return prism(start + ring, end + taper * ring, surface)
+    return prism(start + ring, end + ring, surface)
 
 
 def prism(start_m: NDArray[np.float64], end_m: NDArray[np.float64], surface: Surface) -> Mesh:

@@ -12,21 +12,18 @@ import json
 import shutil
 from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-import yaml
-from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 
 from bench.atomic import folder_lock, make_folder, write_text
 from bench.errors import DataError, UsageError
 from bench.execution import FailedTask, local_executor, usable_cores
 from bench.geometry import RigidTransform
-from bench.plain_yaml import parse_yaml_tree
+from bench.plain_yaml import parse_yaml
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.files import read_text
 from bench.recordings.validation import validated
@@ -45,71 +42,6 @@ from bench.synthesis.scenario import (
 from bench.synthesis.scene import FIRST_IMAGE_NS, Actor, Scene, build_scene, camera_fault, first_clash
 
 LARGEST_BYTES = 4_000_000
-Model = TypeVar("Model", bound=BaseModel)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ScenarioText:
-    """A scenario file as it was read.
-
-    Attributes:
-        path: the file.
-        values: what it says.
-        tree: the same with the line of everything.
-    """
-
-    path: Path
-    values: dict[str, Any]
-    tree: yaml.Node
-
-    def validated(self, model: type[Model], values: dict[str, Any], *, field: str = "") -> Model:
-        """Values from this file, as a model.
-
-        Args:
-            model: what they must be.
-            values: the values.
-            field: where they come from.
-
-        Raises:
-            DataError: they are not; the message names file, line and field.
-        """
-        try:
-            return validated(model, values, file=self.path, field=field)
-        except DataError as error:
-            raise self.fault(error.field or "", expected=error.expected, got=error.got, hint=error.hint) from None
-
-    def fault(self, field: str, *, expected: str, got: str, hint: str = "") -> DataError:
-        """An error about a field, with its line."""
-        location = f"{self.path}:{_line_of(self.tree, field.split('.'))}"
-        return DataError(location, field=field or None, expected=expected, got=got, hint=hint)
-
-
-def read_scenario_text(path: Path) -> ScenarioText:
-    """Read the text of a scenario file.
-
-    Raises:
-        DataError: missing, too large, or not YAML with keys and values.
-    """
-    text = read_text(path, largest_bytes=LARGEST_BYTES, expected="a readable scenario")
-    values, tree = parse_yaml_tree(text, file=path)
-    if not isinstance(values, dict) or tree is None:
-        raise DataError(path, expected="keys and values", got=type(values).__name__)
-    return ScenarioText(path=path, values=values, tree=tree)
-
-
-def _line_of(node: yaml.Node | None, keys: list[str]) -> int:
-    """Line of the deepest node on the path to a field, counted from 1."""
-    line = 1
-    for key in keys:
-        if isinstance(node, yaml.MappingNode):
-            found = next(((k, v) for k, v in node.value if k.value == key), None)
-            if found is None:
-                return line
-            line, node = found[0].start_mark.line + 1, found[1]
-        elif isinstance(node, yaml.SequenceNode) and key.isdigit() and int(key) < len(node.value):
-            node = node.value[int(key)]
-            line = node.start_mark.line + 1
-    return line
 
 
 ATTEMPTS = 60  # draws of a recording before a series counts as one that leaves no space
@@ -123,52 +55,58 @@ def read_scenario(path: Path) -> Scenario:
     encounter of what it draws.
 
     Raises:
-        DataError: missing, not YAML, not a scenario, or bodies inside one another; the message names file, line and
-            field.
+        DataError: missing, too large, not YAML, not a scenario, or bodies inside one another; the message names file
+            and field.
     """
-    text = read_scenario_text(path)
-    file = text.validated(ScenarioFile, text.values)
+    values = parse_yaml(read_text(path, largest_bytes=LARGEST_BYTES, expected="a readable scenario"), file=path)
+    if not isinstance(values, dict):
+        raise DataError(path, expected="keys and values", got=type(values).__name__)
+    file = validated(ScenarioFile, values, file=path)
     for number, camera in enumerate(file.cameras):
         if (got := camera_fault(camera)) is not None:
-            raise text.fault(f"cameras.{number}.position_m", expected="a camera in the open", got=got)
+            raise DataError(path, field=f"cameras.{number}.position_m", expected="a camera in the open", got=got)
     for number, spec in enumerate(file.recordings):
         if (clash := first_clash(file, spec)) is not None:
             field = f"recordings.{number}.actors.{clash[0]}"
-            raise text.fault(field, expected=EXPECTED_SPACE, got=clash[1], hint=f"see {spec.name}")
-    drawn = [_drawn(text, file, number, index) for number, one in enumerate(file.series) for index in range(one.count)]
+            raise DataError(path, field=field, expected=EXPECTED_SPACE, got=clash[1], hint=f"see {spec.name}")
+    drawn = [
+        _drawn(path, file, number, index) for number, series in enumerate(file.series) for index in range(series.count)
+    ]
     head = {key: getattr(file, key) for key in ScenarioHead.model_fields}
-    return text.validated(Scenario, {**head, "recordings": (*file.recordings, *drawn)})
+    return validated(Scenario, {**head, "recordings": (*file.recordings, *drawn)}, file=path)
 
 
-def _drawn(text: ScenarioText, file: ScenarioFile, number: int, index: int) -> RecordingSpec:
+def _drawn(path: Path, file: ScenarioFile, number: int, index: int) -> RecordingSpec:
     """One recording of a series, drawn until no bodies overlap."""
-    series, field, line, reason = file.series[number], f"series.{number}", "", ""
+    series, field, actor, reason = file.series[number], f"series.{number}", "", ""
     for attempt in range(ATTEMPTS):
         try:
             values, origins = series.recording(index, seed=file.seed, attempt=attempt)
         except DrawError as error:
-            raise text.fault(f"{field}.{error.path}", expected=error.expected, got=error.got) from None
-        spec = _validated(text, values, field, origins)
+            fault = f"{field}.{error.path}"
+            raise DataError(path, field=fault, expected=error.expected, got=error.got) from None
+        spec = _validated(values, path, field, origins)
         if (clash := first_clash(file, spec)) is None:
             return spec
-        line, reason = f"{field}.actors.{origins[clash[0]]}", clash[1]
-    raise text.fault(
-        line,
+        actor, reason = f"{field}.actors.{origins[clash[0]]}", clash[1]
+    raise DataError(
+        path,
+        field=actor,
         expected=f"space for all bodies in recording {index + 1} of {series.count}",
         got=f"bodies inside one another in each of {ATTEMPTS} draws, at last {reason}",
         hint="give them more space, or ask for fewer",
     )
 
 
-def _validated(text: ScenarioText, values: dict[str, Any], field: str, origins: list[int]) -> RecordingSpec:
-    """A drawn recording; a fault is reported with the line of the series that it was drawn from."""
+def _validated(values: dict[str, Any], path: Path, field: str, origins: list[int]) -> RecordingSpec:
+    """A drawn recording; a fault is that of the series' actor that it was drawn from."""
     try:
-        return text.validated(RecordingSpec, values, field=field)
+        return validated(RecordingSpec, values, file=path, field=field)
     except DataError as error:
         keys = (error.field or "").split(".")
         if len(keys) > 3 and keys[2] == "actors" and keys[3].isdigit():
             keys[3] = str(origins[int(keys[3])])
-        raise text.fault(".".join(keys), expected=error.expected, got=error.got, hint=error.hint) from None
+        raise DataError(path, field=".".join(keys), expected=error.expected, got=error.got, hint=error.hint) from None
 
 
 # Between true poses a reader moves with constant twist. Measured over hard braking, bends and a bump of 5 cm at up to
@@ -293,9 +231,9 @@ def _digests(folder: Path) -> dict[str, str]:
 
 def _is_rendered(folder: Path, scenario: Scenario, spec: RecordingSpec) -> bool:
     """Return True where a recording made from the same lines is there, with all of its files."""
-    found = _read_manifest(folder)
-    complete = bool(found["files"]) and all((folder / name).is_file() for name in found["files"])
-    return complete and _origin(scenario, spec).items() <= found.items()
+    manifest = _read_manifest(folder)
+    complete = bool(manifest["files"]) and all((folder / name).is_file() for name in manifest["files"])
+    return complete and _origin(scenario, spec).items() <= manifest.items()
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:

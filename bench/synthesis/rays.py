@@ -115,8 +115,8 @@ def _open3d_scene(corners: NDArray[np.float32]) -> Find:
 
     def find(origins: NDArray[np.float32], directions: NDArray[np.float32]) -> NDArray[np.int64]:
         rays = np.concatenate([origins, directions], axis=1)
-        found = scene.cast_rays(library.core.Tensor(rays), nthreads=1)
-        triangles = found["primitive_ids"].numpy().astype(np.int64)
-        return np.where(np.isfinite(found["t_hit"].numpy()), triangles, -1)
+        hits = scene.cast_rays(library.core.Tensor(rays), nthreads=1)
+        triangles = hits["primitive_ids"].numpy().astype(np.int64)
+        return np.where(np.isfinite(hits["t_hit"].numpy()), triangles, -1)
 
     return find

@@ -164,17 +164,17 @@ def detected(
         rng: fading, and where panes are dusty.
 
     Returns:
-        found: (N,) bool.
+        returned: (N,) bool.
         intensities: (N,) float32 in [0, 1], the faded reflectance, in 32 steps.
     """
     speckle = rng.standard_normal(len(echoes.ranges_m), dtype=np.float32).astype(np.float64)
     faded = echoes.reflectances() * np.exp(FADING * speckle)
     dusty = rng.random(len(faded), dtype=np.float32) < spec.pane_returns * echoes.cosines
-    found = np.isfinite(echoes.ranges_m)
-    weakest = spec.weakest_return_per_m2 * echoes.ranges_m[found] ** 2
-    found[found] = faded[found] >= np.maximum(weakest, spec.weakest_reflectance)
-    found &= dusty | ~echoes.panes
-    return found, (np.rint(np.minimum(faded, 1.0) * (STEPS - 1)) / (STEPS - 1)).astype(np.float32)
+    returned = np.isfinite(echoes.ranges_m)
+    weakest = spec.weakest_return_per_m2 * echoes.ranges_m[returned] ** 2
+    returned[returned] = faded[returned] >= np.maximum(weakest, spec.weakest_reflectance)
+    returned &= dusty | ~echoes.panes
+    return returned, (np.rint(np.minimum(faded, 1.0) * (STEPS - 1)) / (STEPS - 1)).astype(np.float32)
 
 
 RESOLUTION_M = 1 / 256  # of stored coordinates: 1 mm rms beside 20 mm of range noise; a power of two packs well
@@ -237,9 +237,9 @@ class LidarScanner:
         echoes.add(self._static, self._world.surfaces, rows=everything, rays=rays, origins_m=ray_origins_m)
         for actor, actor_depths_m in zip(self._actors, self._depths_m, strict=True):
             _add_actor(echoes, actor, actor_depths_m, times_ns, rays_world, origins_m, starts_world)
-        found, intensities = detected(echoes, self._spec, rng)
-        noise_m = rng.standard_normal(len(found), dtype=np.float32) * self._spec.range_noise_m
-        rows = np.flatnonzero(found & self._free)
+        returned, intensities = detected(echoes, self._spec, rng)
+        noise_m = rng.standard_normal(len(returned), dtype=np.float32) * self._spec.range_noise_m
+        rows = np.flatnonzero(returned & self._free)
         points = rays_lidar.reshape(-1, 3)[rows] * (echoes.ranges_m + noise_m)[rows, None]
         if self._spec.beams != "one_origin":  # where it is, -0.0 + 0.0 would be another byte
             points += self._beams.starts_lidar.reshape(-1, 3)[rows]

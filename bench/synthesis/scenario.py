@@ -25,7 +25,7 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from bench.cameras import camera_from_parameters
 from bench.errors import BenchError, UnknownNameError
@@ -193,12 +193,12 @@ def refuse_twice(names: list[str], field: str) -> None:
         raise ValueError(f"{field}: names that occur once; {', '.join(twice)} does not")
 
 
-def refuse_misfit(times_s: tuple[float, ...], **profiles: tuple[float, ...] | float) -> None:
+def refuse_misfit(times_s: tuple[float, ...], **profiles: tuple[float, ...]) -> None:
     """Raise ValueError unless times increase and every profile has one value, or one for each time."""
     if any(b <= a for a, b in pairwise(times_s)):
         raise ValueError("times_s that increase")
     for name, values in profiles.items():
-        if isinstance(values, tuple) and (len(values) not in {1, len(times_s)} or not values):
+        if len(values) not in {1, len(times_s)}:
             raise ValueError(f"{name}: one value, or one for each of the {len(times_s)} times")
 
 
@@ -266,6 +266,7 @@ class CameraSpec(FileModel):
 
 
 Speed = Annotated[float, Field(ge=0, le=150)]
+OneOrMore = BeforeValidator(lambda values: values if isinstance(values, list | tuple) else (values,))
 
 
 def _known_body(kind: str) -> str:
@@ -296,8 +297,8 @@ class ActorSpec(FileModel):
     position_m: tuple[Number, Number]
     heading_deg: Number = 0.0
     times_s: tuple[Number, ...] = (0.0,)
-    speed_mps: tuple[Speed, ...] | Speed = 0.0
-    yaw_rate_degps: tuple[Number, ...] | Number = 0.0
+    speed_mps: Annotated[tuple[Speed, ...], OneOrMore] = (0.0,)
+    yaw_rate_degps: Annotated[tuple[Number, ...], OneOrMore] = (0.0,)
     gear: Literal["forward", "reverse"] = "forward"
     floor_m: float = Field(default=0.0, ge=0, le=0.3)
 
@@ -378,46 +379,23 @@ class LightSpec(FileModel):
 
 
 class SuspensionSpec(FileModel):
-    """The body on its springs. Pitch, roll and heave each answer as a mass on a spring with a damper.
-
-    The defaults are those of an everyday family car: Gillespie, Fundamentals of Vehicle Dynamics, gives ride
-    frequencies of 1 to 1.5 Hz, damping ratios of 0.2 to 0.4 and roll gradients of 3 to 7 degrees per g; braking at
-    3 m/s^2 lets a car's nose dive by nearly a degree. Road classes are those of ISO 8608; town streets are A or B.
+    """The body on its springs, those of an everyday family car.
 
     Attributes:
-        natural_hz: undamped natural frequency.
-        damping_ratio: of critical damping.
-        pitch_deg_per_mps2: nose down for each m/s^2 of braking, up for accelerating.
-        roll_deg_per_mps2: to the outside of the bend for each m/s^2 of lateral acceleration.
-        centre_m: centre of pitch and roll, in the level vehicle frame.
-        wheelbase_m: between the axles, whose bumps come one after the other.
-        track_m: between left and right wheels.
-        road_class: roughness of the road; null for a smooth one.
+        road_class: roughness of the road after ISO 8608, of which town streets are A or B; null for a smooth one.
     """
 
-    natural_hz: float = Field(default=1.3, gt=0, le=20)
-    damping_ratio: float = Field(default=0.35, gt=0, le=2)
-    pitch_deg_per_mps2: float = Field(default=0.3, ge=0, le=2)
-    roll_deg_per_mps2: float = Field(default=0.45, ge=0, le=2)
-    centre_m: Place = (1.35, 0.0, 0.4)
-    wheelbase_m: Positive = 2.7
-    track_m: Positive = 1.55
     road_class: Literal["A", "B", "C"] | None = "A"
 
 
 class BusSpec(FileModel):
-    """Wheel ticks and a yaw-rate sensor, as the bus of a series car reports them.
+    """Wheel ticks and a yaw-rate sensor, as the bus of a series car reports them, 50 times a second.
 
-    The defaults: an ABS wheel sensor counts 96 edges of 48 teeth; tyre wear and pressure change its radius by up to one
-    per cent; an automotive yaw-rate sensor has noise of 0.1 deg/s, a rest of bias of 0.1 deg/s after the zero point
-    was taken at standstill, and steps of 0.02 deg/s.
+    The defaults: tyre wear and pressure change a wheel's radius by up to one per cent; an automotive yaw-rate sensor
+    has noise of 0.1 deg/s, a rest of bias of 0.1 deg/s after the zero point was taken at standstill, and steps of
+    0.02 deg/s.
 
     Attributes:
-        rate_hz: messages per second.
-        ticks_per_turn: edges of one turn of a wheel.
-        tyre_radius_m: that the control unit assumes.
-        standstill_after_s: without a tick for so long, the reported speed is 0. One tick in that time, 0.1 m/s by the
-            defaults, is the slowest motion that the bus registers.
         speed_step_kmh: resolution of the reported speed; 0 for none.
         speed_scale_sigma: standard deviation of the factor between reported and true speed, drawn per recording.
         yaw_rate_noise_degps: standard deviation, drawn per message.
@@ -425,10 +403,6 @@ class BusSpec(FileModel):
         yaw_rate_step_degps: resolution of the reported yaw rate; 0 for none.
     """
 
-    rate_hz: float = Field(default=50.0, ge=5, le=1000)
-    ticks_per_turn: int = Field(default=96, ge=1, le=10_000)
-    tyre_radius_m: Positive = 0.31
-    standstill_after_s: Positive = 0.2
     speed_step_kmh: NotNegative = 0.01
     speed_scale_sigma: float = Field(default=0.005, ge=0, le=0.2)
     yaw_rate_noise_degps: NotNegative = 0.1
@@ -633,9 +607,9 @@ class SeriesSpec(FileModel):
         actors: list[Any] = []
         origins: list[int] = []
         for k, node in enumerate(self.actors if isinstance(self.actors, list | tuple) else []):
-            found = _actors(node, sampler, f"actors.{k}")
-            actors += found
-            origins += [k] * len(found)
+            repeats = _actors(node, sampler, f"actors.{k}")
+            actors += repeats
+            origins += [k] * len(repeats)
         drawn = {key: sampler.drawn(getattr(self, key), key) for key in ("frames", "host", "street", "light")}
         name = f"{self.name}-{index + 1:0{max(2, len(str(self.count)))}d}"
         return {"name": name, "about": self.about, **drawn, "actors": actors}, origins
@@ -649,11 +623,11 @@ def _actors(node: Any, sampler: Sampler, path: str) -> list[Any]:
     if isinstance(repeat, bool) or not isinstance(repeat, int) or not 0 <= repeat <= LARGEST_REPEAT:
         raise DrawError(f"{path}.repeat", f"a whole number from 0 to {LARGEST_REPEAT}", repeat)
     template = {key: part for key, part in node.items() if key != "repeat"}
-    found = []
+    repeats = []
     for k in range(repeat):
         actor = sampler.drawn(template, path, repeat=k)
-        found.append({**actor, "name": f"{actor.get('name')}-{k + 1}"})
-    return found
+        repeats.append({**actor, "name": f"{actor.get('name')}-{k + 1}"})
+    return repeats
 
 
 class RecordingSpec(FileModel):

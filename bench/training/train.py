@@ -8,7 +8,6 @@ interrupted, and so does the training, from the last whole epoch. Everything ran
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import io
 import json
@@ -21,6 +20,7 @@ from typing import Annotated, Any
 
 import cv2
 import numpy as np
+import pandas as pd
 import torch
 import typer
 from numpy.typing import NDArray
@@ -158,13 +158,10 @@ class Validation:
         true, union = self.true[:, k], (self.true + self.false + self.missed)[:, k]
         of_image = self._image_iou()[:, k]
         drives = np.array([drive for drive, _ in self.names])
-        cameras = np.array([camera for _, camera in self.names])
-        shares = {camera: of_image[cameras[moving] == camera] for camera in dict.fromkeys(cameras)}
         return {
             "drives": len(set(drives)),
             "iou_of_images": round(float(of_image.mean()), 4),
             "iou_of_images_ci95": _by_drive(of_image, np.ones_like(of_image), drives[moving]),
-            "iou_of_images_by_camera": {name: round(float(values.mean()), 4) for name, values in shares.items()},
             "iou": round(float(true.sum() / max(union.sum(), 1)), 4),
             "iou_ci95": _by_drive(true, union, drives),
             "precision": round(float(true.sum() / max((self.true + self.false)[:, k].sum(), 1)), 4),
@@ -448,11 +445,7 @@ def _running_mean(mean: Tensor, now: Tensor, steps: Tensor) -> Tensor:
 
 def write_log(out: Path, log: Sequence[dict[str, float]]) -> None:
     """Write `log.csv`: a line for each epoch."""
-    text = io.StringIO()
-    table = csv.DictWriter(text, fieldnames=list(log[0]), lineterminator="\n")
-    table.writeheader()
-    table.writerows({name: f"{value:.6g}" for name, value in line.items()} for line in log)
-    write_text(out / "log.csv", text.getvalue())
+    write_text(out / "log.csv", pd.DataFrame(list(log)).to_csv(index=False, float_format="%.6g", lineterminator="\n"))
 
 
 def export(

@@ -14,7 +14,6 @@ from bench.commands.console import print_blocks, print_failures, say, take_verbo
 from bench.commands.data import rendered_card
 from bench.commands.progress import progress_bar
 from bench.execution import local_executor, usable_cores
-from bench.reporting.audit_tables import for_terminal
 from benchmarks.ranking.agreement import run_ranking
 from benchmarks.ranking.beams import run_beams
 from benchmarks.ranking.beams_report import beams_tables, write_beams_files
@@ -50,7 +49,7 @@ def main() -> None:
         else:
             found = run_beams(card, beams=asked.beams, predictions=predictions, out=out, **named)
             tables, files = beams_tables(found), write_beams_files(out, found)
-    print_blocks(for_terminal(tables))
+    print_blocks(tables)
     print_failures(found.failures, all_in=str(out))
     for file in files:
         say(str(file))

@@ -12,17 +12,17 @@ from matplotlib.ticker import NullLocator
 
 from bench.audit import ALL
 from bench.evaluation.sums import ALL_MOVING
-from bench.reporting import canvas, formats
-from bench.reporting.audit_tables import sections
+from bench.reporting import figures, formats
+from bench.reporting.audit import sections
 from bench.reporting.document import Code, Column, Heads, Paragraph, Picture, Report, Table
 from benchmarks.ranking.agreement import command, tau_text
 from benchmarks.ranking.beams import BEAMS, BeamsRow, BeamsSummary
 
 CLASSES = {  # colour and marker
-    ALL: (canvas.BLACK, "o"),
-    "pedestrian": (canvas.ORANGE, "^"),
-    "cyclist": (canvas.GREEN, "s"),
-    "vehicle": (canvas.BLUE, "D"),
+    ALL: (figures.BLACK, "o"),
+    "pedestrian": (figures.ORANGE, "^"),
+    "cyclist": (figures.GREEN, "s"),
+    "vehicle": (figures.BLUE, "D"),
 }
 SHARES: dict[str, Callable[[BeamsRow], float]] = {
     "Object-frames lost (%)": lambda row: row.lost_share,
@@ -108,12 +108,12 @@ _COLUMNS, _PANEL_IN = 3, 2.2
 _LOW = 30.0  # percent: panels whose values are all below end there
 
 
-@canvas.styled
+@figures.styled
 def draw_beams(found: BeamsSummary) -> Figure:
     """Draw what is lost, told and unknown, the ceiling, and tau where methods were ranked, over the beams."""
     titles = [*SHARES, TAU] if len(found.predictions) > 1 else [*SHARES]
     lines = -(-len(titles) // _COLUMNS)
-    figure = canvas.new_figure(_COLUMNS * _PANEL_IN, lines * _PANEL_IN + 0.6, layout="constrained")
+    figure = figures.new_figure(_COLUMNS * _PANEL_IN, lines * _PANEL_IN + 0.6, layout="constrained")
     figure.suptitle(f"{found.dataset}: the reference surface-v1 by fewer beams", x=0.01, ha="left", fontsize=8)
     panels = figure.subplots(lines, _COLUMNS).flat
     for axes, title in zip(panels, titles, strict=False):
@@ -141,7 +141,7 @@ def _draw_panel(axes: Axes, title: str, found: BeamsSummary) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set(xlabel="beams", ylim=(low - 0.02 * top, 1.03 * top))
     axes.set_title(title, pad=3)
-    axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
+    axes.grid(color=figures.LIGHT_GREY, linewidth=0.4)
 
 
 def _value(row: BeamsRow, title: str) -> float:
@@ -153,4 +153,4 @@ def _value(row: BeamsRow, title: str) -> float:
 def write_beams_files(folder: Path, found: BeamsSummary) -> tuple[Path, ...]:
     """Write `beams.md`, `beams.csv`, `beams.png` and `beams.svg` beside `beams.json`; all of their paths."""
     files = report(found).write(folder, "beams")
-    return (folder / BEAMS, *files, *canvas.write_picture(folder / "beams", draw_beams(found)))
+    return (folder / BEAMS, *files, *figures.write_picture(folder / "beams", draw_beams(found)))

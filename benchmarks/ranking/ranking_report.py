@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.sums import ALL_MOVING
 from bench.reference import Category
-from bench.reporting import canvas, formats
-from bench.reporting.audit_tables import decimal, sections
+from bench.reporting import figures, formats
+from bench.reporting.audit import decimal, sections
 from bench.reporting.document import Code, Column, Paragraph, Picture, Report, Table
 from benchmarks.ranking.agreement import (
     KINDS,
@@ -41,7 +41,7 @@ NAMES = dict(
 )
 LIDAR = REFERENCES[:-1]
 MARKERS = dict(zip(LIDAR, ("o", "s", "^", "D"), strict=True))
-COLOURS = dict(zip(LIDAR, (canvas.ORANGE, canvas.SKY_BLUE, canvas.GREEN, canvas.VERMILION), strict=True))
+COLOURS = dict(zip(LIDAR, (figures.ORANGE, figures.SKY_BLUE, figures.GREEN, figures.VERMILION), strict=True))
 ERRORS = {OUTLINES: "outline errors", OBJECTS: "errors of whole objects or parts"}
 FILLS = {OUTLINES: "none", OBJECTS: "left"}  # of the markers; real methods are filled
 OTHERS = {"tpr": "TPR", "detection_rate_50": "Detection at 50 %"}
@@ -263,12 +263,12 @@ def report(ranking: RankingSummary) -> Report:
 _PANEL_IN, _COLUMNS = 2.6, 4
 
 
-@canvas.styled
+@figures.styled
 def draw_ranking(ranking: RankingSummary) -> Figure:
     """Draw every prediction's score against lidar references over its score against the exact masks, a panel a row."""
     rows = [row for row in ranking.rows if row.cases]
     lines = -(-(len(rows) + 1) // _COLUMNS)  # one place for the legend
-    figure = canvas.new_figure(_COLUMNS * _PANEL_IN, lines * (_PANEL_IN + 0.2) + 0.3, layout="constrained")
+    figure = figures.new_figure(_COLUMNS * _PANEL_IN, lines * (_PANEL_IN + 0.2) + 0.3, layout="constrained")
     title = f"{ranking.dataset}: scores against the lidar reference over scores against exact masks"
     figure.suptitle(title, x=0.01, ha="left", fontsize=10)
     panels = figure.subplots(lines, _COLUMNS).flat
@@ -287,7 +287,7 @@ def draw_ranking(ranking: RankingSummary) -> Figure:
 
 def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
     scores, limits = _scores(row), (-3.0, 103.0)
-    axes.plot(limits, limits, color=canvas.GREY, linewidth=0.8, zorder=1)
+    axes.plot(limits, limits, color=figures.GREY, linewidth=0.8, zorder=1)
     for reference in LIDAR:
         names: dict[str, list[str]] = {"full": [], "none": [], "left": []}
         for name in ranking.predictions:
@@ -302,10 +302,10 @@ def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
     axes.set(aspect="equal", xlim=limits, ylim=limits, xlabel=f"{unit}, exact masks", ylabel=f"{unit}, lidar reference")
     axes.xaxis.labelpad = axes.yaxis.labelpad = 1.5
     axes.set_title(f"{row_label(row.name)}\n{row.recordings} recordings, {row.cases} frames", pad=3)
-    axes.grid(color=canvas.LIGHT_GREY, linewidth=0.4)
+    axes.grid(color=figures.LIGHT_GREY, linewidth=0.4)
 
 
 def write_ranking_files(folder: Path, ranking: RankingSummary) -> tuple[Path, ...]:
     """Write `ranking.md`, `ranking.csv`, `ranking.png` and `ranking.svg` beside `ranking.json`; all of their paths."""
     files = report(ranking).write(folder, "ranking")
-    return (folder / RANKING, *files, *canvas.write_picture(folder / "ranking", draw_ranking(ranking)))
+    return (folder / RANKING, *files, *figures.write_picture(folder / "ranking", draw_ranking(ranking)))

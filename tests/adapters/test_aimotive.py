@@ -89,6 +89,9 @@ def test_an_object_twice_in_a_frame_and_an_image_without_boxes(folder, tmp_path)
     tiny.box_file(folder, 2).unlink()
     with pytest.raises(DataError, match=r"M_FISHEYE_R_0000102\.jpg: expected dynamic/box/3d_body/frame_0000102\.json"):
         opened(tmp_path)
+    (folder / "sensor/calibration/calibration.json").unlink()
+    with pytest.raises(DataError, match=r"calibration\.json: expected a readable text file, got No such file"):
+        opened(tmp_path)
 
 
 def test_two_sequences_of_one_name_are_refused(folder, tmp_path):

@@ -165,7 +165,9 @@ def test_excluded_frames_are_named_by_their_number(root):
     ]
     recording = opened(root, excluded_frames=excluded)
     assert recording.images["image_02"][0].timestamp_ns == tiny.time_ns(5)
-    with pytest.raises(DataError, match=r"excluded_frames\.0\.frames|excluded_frames\.0: expected the first frame not"):
+    with pytest.raises(
+        DataError, match=r"excluded_frames\.0\.frames: expected first and last in order, not 4 before 0"
+    ):
         opened(root, excluded_frames=[{"sequence": "0003", "frames": [4, 0], "reason": "x"}])
 
 
@@ -237,17 +239,11 @@ def scan_file(root, frame=6):
     return root / "data_3d_raw" / tiny.SEQUENCE / "velodyne_points" / "data" / f"{frame:010d}.bin"
 
 
-def test_damaged_scans(root):
-    whole = scan_file(root).read_bytes()
+def test_a_scan_that_is_cut_short_or_too_large_for_one(root):
     reference = opened(root).sweeps[5]
-    scan_file(root).write_bytes(whole[:-5])
+    scan_file(root).write_bytes(scan_file(root).read_bytes()[:-5])
     with pytest.raises(DataError, match=r"0000000006\.bin: expected rows of 4 float32 .* may be cut short"):
         reference.read()
-    scan_file(root).write_bytes(b"")
-    with pytest.raises(DataError, match=r"got 0 bytes"):
-        reference.read()
-    scan_file(root).write_bytes(np.array([[np.nan, 1, 1, 0]], dtype="<f4").tobytes() + whole)
-    assert (reference.read().stored_rows[0], len(reference.read().points_lidar)) == (1, len(whole) // 16)
     with scan_file(root).open("wb") as sparse:
         sparse.truncate(10_000_000_000)
     with pytest.raises(DataError, match=r"expected at most 64000000 bytes, got 10000000000"):

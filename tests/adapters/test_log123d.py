@@ -93,16 +93,25 @@ def test_points_by_draco_are_refused_with_what_to_do(native, tmp_path, library):
     assert read_image(recording.images["ftcam_f0"][0], camera).shape == (tiny.HEIGHT, tiny.WIDTH)
 
 
+def rewritten(file, change):
+    """The table with another content."""
+    table = pa.ipc.open_file(file).read_all()
+    changed = change(table).replace_schema_metadata(table.schema.metadata)
+    with pa.ipc.new_file(str(file), changed.schema) as writer:
+        writer.write_table(changed)
+
+
+def changed_column(table, name, change):
+    """The table with other rows in a column."""
+    index = next(i for i, key in enumerate(table.schema.names) if key.endswith(f".{name}"))
+    field = table.schema.field(index)
+    return table.set_column(index, field, pa.array(map(change, table.column(index).to_pylist()), field.type))
+
+
 def test_a_velocity_of_zero_is_unknown_where_the_writer_had_no_neighbour(native, tmp_path):
     file = log123d.write_log(native, tmp_path) / "box_detections_se3.arrow"
-
-    def stand(table):
-        name = "box_detections_se3.velocity_3d"
-        still = [[[0.0, 0.0, 0.0]] * len(row) for row in table.column(name).to_pylist()]
-        index = table.schema.get_field_index(name)
-        return table.set_column(index, table.schema.field(index), pa.array(still, table.schema.field(index).type))
-
-    rewritten(file, stand)
+    still = [0.0, 0.0, 0.0]
+    rewritten(file, lambda table: changed_column(table, "velocity_3d", lambda row: [still] * len(row)))
     for track in opened(tmp_path).tracks:
         np.testing.assert_array_equal([state.velocity_mps for state in track.states], 0.0)
     rewritten(file, lambda table: table.slice(0, 1))
@@ -115,12 +124,9 @@ def test_of_several_boxes_of_an_object_at_a_time_the_first_counts(native, tmp_pa
     before = opened(tmp_path).tracks
 
     def twice(table):
-        for index, name in enumerate(table.schema.names[1:], start=1):
-            rows = [[*row, *row] for row in table.column(name).to_pylist()]
-            if name.endswith("bounding_box_se3"):
-                rows = [[*row[: len(row) // 2], *([x + 1, *rest] for x, *rest in row[len(row) // 2 :])] for row in rows]
-            table = table.set_column(index, table.schema.field(index), pa.array(rows, table.schema.field(index).type))
-        return table
+        for name in ("track_token", "label", "velocity_3d"):
+            table = changed_column(table, name, lambda row: row * 2)
+        return changed_column(table, "bounding_box_se3", lambda row: [*row, *([x + 1, *rest] for x, *rest in row)])
 
     rewritten(file, twice)
     for track, own in zip(opened(tmp_path).tracks, before, strict=True):
@@ -194,9 +200,6 @@ def test_a_card_without_data_says_what_to_do(card, tmp_path, monkeypatch):
     monkeypatch.delenv("PY123D_DATA_ROOT", raising=False)
     with pytest.raises(DataError, match=r"got the variable PY123D_DATA_ROOT, which is not set; .*py123d .*ipc_zstd"):
         open_dataset(card)
-    monkeypatch.setenv("PY123D_DATA_ROOT", str(tmp_path / "none"))
-    with pytest.raises(DataError, match=r"expected a folder with the data, got .*none, which is missing; .*py123d"):
-        open_dataset(card)
     monkeypatch.setenv("PY123D_DATA_ROOT", str(tmp_path))
     with pytest.raises(DataError, match=r"logs: expected logs of 123D, .*/<log>/sync\.arrow, got none; convert"):
         open_dataset(card)
@@ -228,13 +231,8 @@ def test_labels_are_numbered_as_the_library_does(library):
     """And joined as its own default labels are, but for riders and people with or on small wheels."""
     known = log123d.names_in_123d(library)["labels"]
     assert {*CLASSES} <= {*known}
-    own = {
-        "VEHICLE": "vehicle",
-        "TRAIN": "vehicle",
-        "TWO_WHEELER": "cyclist",
-        "PERSON": "pedestrian",
-        "ANIMAL": "animal",
-    }
+    own = {"VEHICLE": "vehicle", "TRAIN": "vehicle", "TWO_WHEELER": "cyclist", "PERSON": "pedestrian"}
+    own |= {"ANIMAL": "animal"}
     riders = {"RIDER", "BICYCLIST", "MOTORCYCLIST"}
     wheels = {"STROLLER", "WHEELCHAIR", "WHEELED_DEVICE", "PERSONAL_MOBILITY_DEVICE"}
     for kind in CLASSES:
@@ -243,37 +241,21 @@ def test_labels_are_numbered_as_the_library_does(library):
             assert CLASSES[kind].get(int(number)) == expected, f"{kind}.{name}"
 
 
-def rewritten(file, change):
-    """The table with another content."""
-    table = pa.ipc.open_file(file).read_all()
-    changed = change(table).replace_schema_metadata(table.schema.metadata)
-    with pa.ipc.new_file(str(file), changed.schema) as writer:
-        writer.write_table(changed)
-
-
+FRONT, CLOUDS, NOT_ARROW = "camera.ftcam_f0", "lidar.lidar_top", "an Arrow file of a 123D log"
+TABLE_FAULTS = {
+    "times in disorder": (FRONT, lambda t: t.take([2, 1, 0]), "times that increase"),
+    "no column": (CLOUDS, lambda t: t.drop_columns([f"{CLOUDS}.data"]), "data"),
+    "no points": (CLOUDS, lambda t: changed_column(t, "data", lambda _: b"x"), "points as an Arrow stream"),
+}
 FAULTS = {
-    "cut short": ("camera.ftcam_f0", lambda f: f.write_bytes(f.read_bytes()[:300]), "an Arrow file of a 123D log"),
-    "no table": ("ego_state_se3", lambda f: f.unlink(), "an Arrow file of a 123D log"),
-    "times in disorder": (
-        "camera.ftcam_f0",
-        lambda f: rewritten(f, lambda t: t.take([2, 1, 0])),
-        "times that increase",
-    ),
-    "no column": (
-        "lidar.lidar_top",
-        lambda f: rewritten(f, lambda t: t.drop_columns(["lidar.lidar_top.data"])),
-        "data",
-    ),
-    "no points": (
-        "lidar.lidar_top",
-        lambda f: rewritten(f, lambda t: t.set_column(2, "lidar.lidar_top.data", pa.array([b"x", b"y"]))),
-        "points as an Arrow stream",
-    ),
+    "cut short": (FRONT, lambda f: f.write_bytes(f.read_bytes()[:300]), NOT_ARROW),
+    "no table": ("ego_state_se3", lambda f: f.unlink(), NOT_ARROW),
     "no head": (
-        "camera.ftcam_f0",
+        FRONT,
         lambda f: pa.ipc.new_file(str(f), pa.schema([("a", pa.int64())])).close(),
         "the head of a table",
     ),
+    **{what: (name, partial(rewritten, change=change), told) for what, (name, change, told) in TABLE_FAULTS.items()},
 }
 
 
@@ -282,14 +264,10 @@ def test_a_damaged_table_is_one_clear_error(native, tmp_path, fault):
     name, damage, message = FAULTS[fault]
     file = log123d.write_log(native, tmp_path, compression=None) / f"{name}.arrow"
     damage(file)
-
-    def read_all():
+    with pytest.raises(DataError, match=message) as caught:  # noqa: PT012 - where it is found depends on the fault
         for sweep in opened(tmp_path).sweeps:
             sweep.read()
-
-    with pytest.raises(DataError, match=message) as found:
-        read_all()
-    assert file.stem in str(found.value)
+    assert file.stem in str(caught.value)
 
 
 @pytest.mark.parametrize("stored", [["images/1.png"] * 3, [0, 1, 2], [None] * 3], ids=["paths", "a video", "none"])
@@ -316,9 +294,8 @@ def test_a_rendered_drive_has_the_same_reference_as_a_log(tiny_card, tmp_path, l
         before, after = builders[0].build(image), builders[1].build(now)
         for one, other in zip(before.objects, after.objects, strict=True):
             assert (one.track_id, one.status, one.category) == (other.track_id, other.status, other.category)
-            assert (
-                abs(one.points - other.points) <= 0.01 * one.points
-            )  # times are rounded to microseconds, points to float32
+            # Times are rounded to microseconds, points to float32.
+            assert abs(one.points - other.points) <= 0.01 * one.points
         evaluated += sum(o.status is Status.EVALUATED for o in after.objects)
         inside = before.valid & after.valid
         changed = (before.labels != after.labels) & inside

@@ -18,13 +18,6 @@ from tests.support.commands import call
 FLOAT = "std_msgs/msg/Float64"
 
 
-def mounting(vehicle_from_sensor):
-    return {
-        "quaternion_wxyz": vehicle_from_sensor.quaternion_wxyz.tolist(),
-        "translation_m": vehicle_from_sensor.translation_m.tolist(),
-    }
-
-
 def rig_of(recording):
     cameras = {}
     for name, camera in recording.cameras.items():
@@ -37,22 +30,20 @@ def rig_of(recording):
             "topic": f"/{name}",
             "model": model,
             "image_size": list(camera.stored_size_px),
-            "vehicle_from_sensor": mounting(camera.vehicle_from_camera),
+            "vehicle_from_sensor": bags.mounting(camera.vehicle_from_camera),
             "ego_body_mask": f"{name}.png",
         }
+    ego_motion = {
+        "speed": {"topic": "/speed", "field": "data"},
+        "yaw_rate": {"topic": "/imu", "field": "angular_velocity.z"},
+    }
+    lidar = {"topic": "/lidar", "full_intensity": 1.0}
     return {
         "frame_interval_ns": recording.frame_interval_ns,
         "vehicle": {"outline_m": recording.vehicle_outline_m.tolist()},
         "cameras": cameras,
-        "lidar": {
-            "topic": "/lidar",
-            "full_intensity": 1.0,
-            "vehicle_from_sensor": mounting(recording.vehicle_from_lidar),
-        },
-        "ego_motion": {
-            "speed": {"topic": "/speed", "field": "data"},
-            "yaw_rate": {"topic": "/imu", "field": "angular_velocity.z"},
-        },
+        "lidar": lidar | {"vehicle_from_sensor": bags.mounting(recording.vehicle_from_lidar)},
+        "ego_motion": ego_motion,
     }
 
 

@@ -222,20 +222,13 @@ def test_rows_of_an_ordered_cloud_with_padding():
     assert cloud.points_lidar[:, 1].tolist() == list(range(1, 13))
 
 
-def test_points_that_are_none_are_dropped():
-    points = points_of(
-        [*xyz(), ("t", "<u4"), ("ring", "<u2")], t=[0, 10_000_000, 20_000_000, 30_000_000, 40_000_000], ring=range(5)
-    )
-    points["y"][1], points["x"][3] = np.nan, np.inf
+def test_points_that_are_none_are_left_out():
+    points = points_of([*xyz(), ("ring", "<u2")], ring=range(5))
+    points["y"][1] = np.nan
     for axis in "xyz":
         points[axis][4] = 0.0
-    cloud = swept(points)
-    assert cloud.points_lidar[:, 2].tolist() == [1, 3, 0]
-    assert cloud.time_offset_ns.tolist() == [0, 20_000_000, 40_000_000]
-    assert (cloud.stored_rows.tolist(), cloud.rows_stored) == ([0, 2, 4], 5)
-    assert cloud.ring.tolist() == [0, 2, 4]
-    cloud = swept(points, drop_origin=True)
-    assert cloud.ring.tolist() == [0, 2]
+    assert swept(points).ring.tolist() == [0, 2, 3, 4]
+    assert swept(points, drop_origin=True).ring.tolist() == [0, 2, 3]
 
 
 def test_an_empty_cloud_is_an_empty_sweep():
@@ -244,14 +237,8 @@ def test_an_empty_cloud_is_an_empty_sweep():
 
 
 SEC = TIME_NS / 1e9
-TIMES = [
+TIMES = [  # of any unit: tests/lidar
     ("t", "<u4", [0, 1000, 99_999_999], {}, [0, 1000, 99_999_999]),
-    ("offset_time", "<u4", [0, 1000, 99_999_999], {}, [0, 1000, 99_999_999]),
-    ("time", "<f4", [-0.05, 0.0, 0.05], {}, [-50_000_000, 0, 50_000_000]),
-    ("time_offset", "<i4", [-5000, 0, 5000], {}, [-5_000_000, 0, 5_000_000]),
-    ("timestamp", "<f8", [0.0, 0.05, 0.1], {}, [0, 50_000_000, 100_000_000]),
-    ("timestamp", "<f8", [SEC, SEC + 0.05, SEC + 0.1], {}, [0, 50_000_000, 100_000_000]),
-    ("timestamp", "<f8", [TIME_NS, TIME_NS + 5e7, TIME_NS + 1e8], {}, [0, 50_000_000, 100_000_000]),
     ("timestamp", ">f8", [SEC, SEC - 0.05, SEC - 0.1], {}, [0, -50_000_000, -100_000_000]),
     ("t", "<u4", [0, 50_000, 100_000], {"time_unit": "us"}, [0, 50_000_000, 100_000_000]),
     ("stamp_of_point", "<f4", [0, 50, 100], {"time_field": "stamp_of_point", "time_unit": "ms"}, [0, 5e7, 1e8]),
@@ -266,13 +253,14 @@ def test_times_of_points(name, kind, values, rig, offsets_ns):
     assert cloud.time_offset_ns.dtype == np.int64
 
 
-APART = "expected times of points that are 10 ms to a second apart"
 BAD_TIMES = [
-    ("t", "<u4", [0, 1, 2**32 - 1], {}, f"t: {APART}, .* got 0 to 4294967295; set time_unit and"),
-    ("timestamp", "<f8", [SEC + 7210, SEC + 7210.05, SEC + 7210], {}, "in s 7210.* s from it by .*; set time_unit"),
-    ("time", "<f4", [0, 1e30, 0], {}, APART),
-    ("time", "<f8", [0, 1e308, 0], {"time_unit": "s"}, "expected times within a second .* or of 0, got 0.0 to 1e.308"),
-    ("time", "<f4", [0, np.nan, 0], {}, "expected finite times, got NaN or infinity"),
+    (
+        "t",
+        "<u4",
+        [0, 1, 2**32 - 1],
+        {},
+        "t: expected times .* apart, .* got 0 to 4294967295; set time_unit and",
+    ),
     ("time", "<f4", [0, 0, 0], {"time_field": "when"}, "expected the time field when, got time"),
 ]
 

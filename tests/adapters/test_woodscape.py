@@ -183,7 +183,7 @@ def test_each_car_has_its_own_outlines_of_its_body(root):
     [
         ([{"indices": [0, 10]}, {"indices": [10, 20]}], "options: expected cars whose indices do not overlap"),
         ([{"indices": [0, 10]}, {}], "options: expected cars whose indices do not overlap"),
-        ([{"indices": [5, 4]}], r"options.cars.0: expected the first index not after the last"),
+        ([{"indices": [5, 4]}], r"options.cars.0.indices: expected first and last in order"),
         ([{"indices": [-1, 4]}], r"options.cars.0.indices.0: expected greater than or equal to 0, got -1"),
         ([{"body_polygons": {"LV": []}}], r"options.cars.0.body_polygons.LV"),
     ],

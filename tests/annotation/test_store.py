@@ -36,7 +36,7 @@ def merge(*names):
 
 
 def draw(track):
-    return store.Draw(**MADE, drawn=track.model_copy(update={"source": "drawn"}))
+    return store.Draw(**MADE, drawn=track)
 
 
 UNDO, REDO = store.Undo(**MADE), store.Redo(**MADE)

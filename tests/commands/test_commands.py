@@ -10,9 +10,6 @@ import pytest
 import bench
 from bench.commands.app import COMMANDS
 from bench.commands.examples import EXAMPLES
-from bench.errors import UnknownNameError
-from bench.reporting.charts import draw_run_maps
-from tests.support.changed_data import without_scenario
 from tests.support.commands import call, error_line
 
 
@@ -24,13 +21,12 @@ def test_help_lists_every_command(monkeypatch, capsys):
 
 
 def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
-    monkeypatch.setattr("bench.reporting.run_tables.draw_run_maps", draw_run_maps)
     out = tmp_path / "run"
     assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
     shown = capsys.readouterr().out
-    for name in ("summary.json", "table.md", "table.csv", "table.tex", "range_map.png", "range_map.svg"):
+    for name in ("summary.json", "table.md", "table.csv", "table.tex"):
         assert (out / "paper-v1" / name).stat().st_size > 100
-    for name in ("summary.json", "table.md", "range_map.png"):
+    for name in ("summary.json", "table.md"):
         assert str(out / "paper-v1" / name) in shown
     assert shown.count(str(out)) < 13, "few paths"
     assert shown.index("by paper-v1, the paper's rules") < shown.index("by surface-v1, the rules of the leaderboard")
@@ -89,7 +85,6 @@ def test_a_quick_look_renders_no_more_than_it_scores(monkeypatch, tiny_card, tmp
         ("view", "CARD", "--recording", "nope"),
         ("view", "CARD", "--frame", "nope"),
         ("run", "CARD", "--out", "tests"),
-        ("leaderboard", "--score", "CARD", "--methods", "nope"),
         ("reference", "export", "CARD", "--out", "tests"),
     ],
 )
@@ -97,18 +92,6 @@ def test_arguments_are_checked_before_anything_is_rendered(monkeypatch, capsys, 
     folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets", ignore=shutil.ignore_patterns("data"))
     error_line(monkeypatch, capsys, *(str(folder / tiny_card.name) if word == "CARD" else word for word in words))
     assert not (folder / "data").exists()
-
-
-def test_run_with_failures_says_so_and_exits_with_2(monkeypatch, capsys, tiny_card, tmp_path):
-    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets")
-    without_scenario(folder / tiny_card.name)
-    (folder / "data" / "tiny" / "standing" / "egomotion.csv").unlink()
-    words = ("run", folder / tiny_card.name, "--method", "nothing", "--protocol", "paper-v1", "--no-pictures")
-    status = call(monkeypatch, *words, "--out", tmp_path / "run")
-    shown = capsys.readouterr().out
-    assert status == 2
-    assert "failed: recording 'standing'" in shown
-    assert (tmp_path / "run" / "paper-v1" / "summary.json").exists()
 
 
 FAILING = """
@@ -161,7 +144,6 @@ def test_a_method_that_fails_everywhere_is_told_in_one_line_with_the_way_to_its_
         (("view", "CARD", "--camera", "rear"), "known are front"),
         (("synthesize", "nowhere.yaml", "--out", "OUT"), "nowhere.yaml"),
         (("report", "OUT"), "expected the folder of a finished run"),
-        (("report", "OUT", "--category", "preceeding"), "did you mean 'preceding'"),
     ],
 )
 def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tiny_card, tmp_path, words, message):
@@ -253,19 +235,3 @@ def test_version_finds_two_opencvs(monkeypatch, capsys):
     monkeypatch.setattr(installation, "version", lambda _: "4.10")
     assert call(monkeypatch, "--version", "-v") == 1
     assert "wrong: opencv-python and opencv-contrib-python beside opencv-python-headless" in capsys.readouterr().out
-
-
-@pytest.mark.usefixtures("without_charts")
-def test_report_writes_the_page_and_names_the_files(monkeypatch, capsys, tiny_card, tmp_path):
-    run = tmp_path / "run"
-    words = ("--split", "moving", "--protocol", "paper-v1", "--no-pictures")
-    assert call(monkeypatch, "run", tiny_card, "--out", run, *words) == 0
-    assert call(monkeypatch, "report", run, "--category", "crossing") == 0
-    page, whole = run / "paper-v1" / "index-crossing.html", run / "paper-v1" / "index.html"
-    assert str(page) in capsys.readouterr().out
-    assert b"data:image/jpeg" in page.read_bytes()
-    written = bench.report(run, pictures=False)
-    assert (written.files[0], written.problems) == (whole, ())
-    assert b"<img" not in whole.read_bytes()
-    with pytest.raises(UnknownNameError, match="category"):
-        bench.report(run, category="flying")

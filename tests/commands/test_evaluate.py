@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import tempfile
 from pathlib import Path
 
 import cv2
@@ -33,13 +32,11 @@ def masks(images, tmp_path):
 @pytest.fixture
 def evaluate(monkeypatch, tiny_card, tmp_path):
     """Evaluates a folder and expects an exit status; returns the run's folder. Tables are drawn where asked for."""
-    (tmp_path / "refusals").mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "refusals"))  # where a refusal lists all that is wrong
 
     def run(folder, *words, out="run", status=0, card=tiny_card, tables=False):
         if not tables:
             monkeypatch.setattr("bench.reporting.run_tables.write_report_files", lambda _: ([], ()))
-            monkeypatch.setattr("bench.commands.evaluate.print_runs", lambda run: not run.summary.failures)
+            monkeypatch.setattr("bench.commands.evaluate.print_runs", lambda run: 2 if run.summary.failures else 0)
         named = ("--predictions", folder, "--out", tmp_path / out, "--no-pictures", "--overwrite")
         assert call(monkeypatch, "evaluate", card, *named, "--protocol", "paper-v1", *words) == status
         return tmp_path / out
@@ -125,19 +122,26 @@ def spoil(folder, images) -> None:
     write_map(folder, missing.place, 77, missing.moving)
     write_map(folder, "crosing/front", missing.timestamp_ns, missing.moving)
     (folder / "notes.txt").write_text("by hand")
+    (folder / ".cache").mkdir()  # what is hidden is passed over
+    (folder / ".cache" / "1.png").write_bytes(b"")
 
 
-def test_everything_wrong_is_listed_at_once_and_nothing_scored(evaluate, images, masks, tmp_path, capsys):
+def test_everything_wrong_is_listed_at_once_and_nothing_scored_but_on_request(evaluate, images, masks, capsys):
     good = evaluate(masks)
     before = {file.name: file.read_bytes() for file in good.iterdir() if file.is_file()}
     spoil(masks, images)
     evaluate(masks, status=2)
     shown = capsys.readouterr()
-    assert "1 missing, 4 unusable, 1 twice, 3 extra; all of them in" in shown.err
-    assert shown.err.count("\n") == 1
+    assert shown.err.endswith("got 1 missing, 4 unusable, 1 twice, 3 extra; fix them, all are listed with -v\n")
     assert "6 of 12 images have a usable mask" in shown.out
-    (listed,) = (tmp_path / "refusals").rglob("predictions.json")
-    report = json.loads(listed.read_text())
+    assert "expected 320 x 240 px, or a whole fraction or multiple of it, got 100 x 100" in " ".join(shown.out.split())
+    assert {file.name: file.read_bytes() for file in good.iterdir() if file.is_file()} == before
+    run = evaluate(masks, "--missing", "skip", status=2)
+    summary = read_run(run).summary
+    assert (summary.images.evaluated, summary.images.skipped, summary.images.failed) == (6, 1, 5)
+    assert summary.all_moving.iou.value == 1.0
+    assert sum(f"{images[1].place}/{images[1].timestamp_ns}.png" in failure for failure in summary.failures) == 1
+    report = json.loads((run / "paper-v1" / "predictions.json").read_text())
     faults = {kind: [fault["place"] for fault in faults] for kind, faults in report["faults"].items()}
     keys = [f"{image.place}/{image.timestamp_ns}" for image in images]
     assert faults == {
@@ -146,18 +150,6 @@ def test_everything_wrong_is_listed_at_once_and_nothing_scored(evaluate, images,
         "twice": [keys[5]],
         "extra": ["crosing/front/" + keys[0].split("/")[-1] + ".png", f"{images[0].place}/77.png", "notes.txt"],
     }
-    assert "expected 320 x 240 px, or a whole fraction or multiple of it, got 100 x 100" in json.dumps(report)
-    assert {file.name: file.read_bytes() for file in good.iterdir() if file.is_file()} == before
-
-
-def test_skip_leaves_missing_images_unscored_and_faulty_ones_failed(evaluate, images, masks, tmp_path):
-    spoil(masks, images)
-    run = evaluate(masks, "--missing", "skip", status=2)
-    summary = read_run(run).summary
-    assert (summary.images.evaluated, summary.images.skipped, summary.images.failed) == (6, 1, 5)
-    assert summary.all_moving.iou.value == 1.0
-    assert sum(f"{images[1].place}/{images[1].timestamp_ns}.png" in failure for failure in summary.failures) == 1
-    assert len(json.loads((run / "paper-v1" / "predictions.json").read_text())["faults"]["extra"]) == 3
 
 
 def test_empty_counts_missing_images_as_nothing(evaluate, images, masks):
@@ -198,14 +190,18 @@ def test_another_run_takes_the_list_of_predictions_away(evaluate, masks, monkeyp
     assert not (run / "paper-v1" / "predictions.json").exists()
 
 
-def test_a_split_needs_its_own_predictions_only(evaluate, images, masks, tmp_path):
+def test_a_split_needs_its_own_predictions_only(evaluate, masks, capsys):
     run = evaluate(masks, "--split", "moving")
     assert read_run(run).summary.images.evaluated == 8
     report = json.loads((run / "paper-v1" / "predictions.json").read_text())
     assert (report["expected"], report["elsewhere"], report["faults"]["extra"]) == (8, 4, [])
     shutil.rmtree(masks / "standing")
     evaluate(masks, "--split", "moving")
+    capsys.readouterr()
     evaluate(masks, status=2)
+    assert "got 4 missing; fix them, all are listed with -v; or leave images without one out by --missing skip" in (
+        capsys.readouterr().err
+    )
 
 
 def probability(image) -> np.ndarray:
@@ -223,8 +219,6 @@ def test_scores_give_figures_over_all_thresholds(evaluate, images, tmp_path, cap
     assert "Over all thresholds: AUPRC" in capsys.readouterr().out
     assert "Over all thresholds: AUPRC" in (run / "paper-v1" / "table.md").read_text()
     auprc, fpr95 = by_pixel(images, lambda image: np.round(65535 * probability(image)))
-    assert free.auprc_bounds[0] <= auprc <= free.auprc_bounds[1]
-    assert free.fpr95_bounds[0] <= fpr95 <= free.fpr95_bounds[1]
     assert free.auprc.value == pytest.approx(auprc, abs=0.02)
     assert free.fpr95.value == pytest.approx(fpr95, abs=0.05)
     assert free.images == 12
@@ -291,10 +285,10 @@ def test_instances_are_no_masks_and_masks_no_scores(evaluate, images, tmp_path, 
     folder = write_maps(tmp_path / "p", images, lambda image: (image.moving > 0).astype(np.uint16) * 2001)
     write_map(folder, images[0].place, images[0].timestamp_ns, images[0].moving)
     evaluate(folder, status=2)
-    assert "1 unusable; all of them in" in capsys.readouterr().err
+    assert "1 unusable; fix them" in capsys.readouterr().err
     (folder / "predictions.yaml").unlink()
     evaluate(folder, status=2)
-    assert "11 unusable; all of them in" in capsys.readouterr().err
+    assert "11 unusable; fix them" in capsys.readouterr().err
 
 
 def test_links_that_lead_outside_are_not_followed(evaluate, images, masks, tmp_path):
@@ -350,22 +344,6 @@ def test_the_fingerprint_is_of_the_content_not_of_the_names(evaluate, images, ma
     assert read_run(evaluate(masks, out="b")).manifest.method.settings["digest"] == by_time
     write_maps(masks, images, lambda image: image.moving * (image is not images[0]))
     assert read_run(evaluate(masks, out="b")).manifest.method.settings["digest"] != by_time
-
-
-def test_excluded_images_and_gaps_ask_for_no_prediction(evaluate, images, masks, tiny_card, tmp_path):
-    exclusions = """
-exclusions:
-  - {recording: standing, reason: stands}
-  - {recording: crossing, reason: starts late, frames: [0, 0]}
-  - {recording: overtaking, reason: a hole, frames: [2, 2]}
-"""
-    card = card_of(tiny_card, tmp_path / "excluding.yaml", more=exclusions)
-    run = evaluate(masks, card=card, out="times")
-    report = json.loads((run / "paper-v1" / "predictions.json").read_text())
-    # crossing 2, 3, 4 and overtaking 1, 4; 3 comes after the hole.
-    assert (report["expected"], report["usable"], report["unscored"], report["elsewhere"]) == (5, 5, 3, 4)
-    assert (report["faults"]["extra"], read_run(run).summary.all_moving.iou.value) == ([], 1.0)
-    assert read_run(run).summary.images.evaluated == 5
 
 
 def test_what_predictions_were_made_of_is_not_rendered_anew(evaluate, masks, tiny_card, tmp_path):

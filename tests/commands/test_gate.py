@@ -3,14 +3,11 @@
 import json
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from junitparser import JUnitXml
 
-import bench
 from bench.evaluation import load_protocol
 from bench.gate import find_baseline, read_run_sums, write_baseline
 from bench.methods import build_method
@@ -139,46 +136,6 @@ def test_update_refuses_changed_code_and_what_is_no_run(monkeypatch, capsys, run
     for run, told in ((folder, "--allow-dirty"), (tmp_path, "expected the folder of a finished run")):
         assert told in error_line(monkeypatch, capsys, "gate", run, "--baseline", tmp_path / "b", "--update")
     assert not (tmp_path / "b").exists()
-
-
-PLUG_IN = """
-import numpy as np
-
-from bench.methods import Method, Segmentation
-
-
-class Own(Method):
-    name = "own"
-
-    def segment(self, frame):
-        return Segmentation(cell_size_px=1, mask=np.zeros(frame.valid.shape, bool))
-"""
-
-
-@pytest.mark.slow
-def test_the_commit_of_a_plug_in_is_that_of_its_own_checkout(monkeypatch, tiny_card, tmp_path):
-    checkout = tmp_path / "checkout"
-    checkout.mkdir()
-    file = checkout / "own_for_the_gate.py"
-    file.write_text(PLUG_IN)
-    monkeypatch.syspath_prepend(str(checkout))
-    git = ("git", "-C", str(checkout), "-c", "user.name=x", "-c", "user.email=x@x")
-
-    def commit() -> str | None:
-        sys.modules.pop("own_for_the_gate", None)
-        options = ("--method", "own_for_the_gate:Own", "--protocol", "paper-v1", "--no-pictures", "--overwrite")
-        assert call(monkeypatch, "run", tiny_card, "--out", tmp_path / "run", *options) == 0
-        return bench.load_run(tmp_path / "run").manifest.method.commit
-
-    assert commit() is None
-    subprocess.run([*git, "init", "-q"], check=True)
-    assert commit() is None
-    subprocess.run([*git, "add", "."], check=True)
-    subprocess.run([*git, "commit", "-qm", "x"], check=True)
-    clean = commit()
-    assert re.fullmatch("[0-9a-f]{40}", clean)
-    file.write_text(PLUG_IN + "# changed\n")
-    assert commit() == f"{clean}+"
 
 
 def test_unknown_tolerances_are_one_clear_line(monkeypatch, capsys, runs):

@@ -76,7 +76,7 @@ def test_nothing_judges_or_ranks_it(unlabelled, monkeypatch, capsys, tmp_path):
     refused = "expected a run with scores, got one of data that are not annotated"
     assert refused in error_line(monkeypatch, capsys, "gate", run, "--update", "--baseline", tmp_path / "baseline")
     assert refused in error_line(monkeypatch, capsys, "compare", run, run, "--out", tmp_path / "compare")
-    call(monkeypatch, "leaderboard", run.parent, "--no-pictures")
+    call(monkeypatch, "leaderboard", run.parent)
     assert refused in " ".join(capsys.readouterr().out.split())
 
 

@@ -94,9 +94,9 @@ TAKEN = {
     "report": (("report", "RUN", "--no-pictures", "--out", "OUT/mine.html"), "mine.html"),
     "report, of the run": (("report", "RUN", "--no-pictures", "--out", "RUN/paper-v1/summary.json"), ""),
     "compare": (("compare", "RUN", "OTHER", "--no-pictures", "--out", "OUT"), "compare.md"),
-    "compare, changes": (("compare", "RUN", "OTHER", "--no-pictures", "--out", "OUT"), "object_changes.csv"),
     "leaderboard": (("leaderboard", "RUNS", "--out", "OUT"), "index.html"),
-    "leaderboard, table": (("leaderboard", "RUNS", "--out", "OUT"), "leaderboard.json"),
+    "leaderboard, stored": (("leaderboard", "RUNS", "--out", "OUT"), "leaderboard.json"),
+    "leaderboard, tables": (("leaderboard", "RUNS", "--out", "OUT"), "leaderboard.md"),
     "video": (("view", "CARD", "--recording", "crossing", "--video", "OUT/mine.avi"), "mine.avi"),
     "gate": (("gate", "RUN", "--baseline", "BASELINE", "--json", "OUT/mine.json"), "mine.json"),
     "gate, junit": (("gate", "RUN", "--baseline", "BASELINE", "--junit", "OUT/mine.xml"), "mine.xml"),
@@ -236,7 +236,7 @@ def test_a_bug_keeps_its_traceback(monkeypatch, capsys):
 
 # Who writes beside `bench.atomic`, and tells in one line what cannot be written.
 WRITERS = {
-    "egomotion/tum.py": "to the temporary file of its caller",
+    "egomotion/files.py": "to the temporary file of its caller",
     "recordings/contract.py": "copies in a temporary folder",
 }
 

@@ -47,7 +47,7 @@ def test_a_run_as_it_was_stored_is_equal_and_called_verified_by_whoever_did_it(
     assert f"data: card {tiny_card}, root {tiny_card.parent / 'data' / 'tiny'}" in told.replace("\n", "")
     assert "equal: " in told
     assert sorted(file.name for file in copied.rglob("*")) == before, "the run tells nothing of it"
-    assert call(monkeypatch, "leaderboard", tmp_path / "runs", "--out", tmp_path / "board", "--no-pictures") == 0
+    assert call(monkeypatch, "leaderboard", tmp_path / "runs", "--out", tmp_path / "board") == 0
     assert ", verified" in capsys.readouterr().out
     (group,) = json.loads((tmp_path / "board" / "leaderboard.json").read_text())["groups"]
     assert [entry["verified"] for entry in group["entries"]] == [True]

@@ -1,21 +1,153 @@
-"""How often intervals hold the truth, by simulation; the table in `bench.evaluation.intervals` is printed by `main`.
+"""How often intervals hold the truth, on recordings as drives give them, drawn at random around a known truth.
 
-python -m tests.evaluation.test_coverage
+The table in `bench.evaluation.intervals` is printed by `main`: python -m tests.evaluation.test_coverage
 """
 
 from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
 
 from bench.evaluation import intervals
 from bench.evaluation.comparison import paired_change
-from bench.evaluation.intervals import ratio_interval
-from tests.evaluation.simulated import SCENARIOS, Scenario, rates, sizes
+from bench.evaluation.intervals import MEAN, RATIO, ValueBounds, ratio_interval
+
+Column = NDArray[np.float64]
+Draw = Callable[[np.random.Generator, int], tuple[Column, Column]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenario:
+    """What a metric may be taken over.
+
+    Attributes:
+        draw: numerators and denominators of n recordings with cases.
+        truth: the metric of infinitely many recordings.
+        within: possible values.
+    """
+
+    draw: Draw
+    truth: float
+    within: ValueBounds = RATIO
+
+
+def sizes(draw: np.random.Generator, n: int, sigma: float = 0.8) -> Column:
+    """Object-frames of each recording: 30 in the middle, at 0.8 two in three between 13 and 67."""
+    return np.ceil(30 * np.exp(draw.normal(0, sigma, n)))
+
+
+def rates(draw: np.random.Generator, n: int, mean: float, spread: float) -> Column:
+    """The rate of each recording, beta-distributed; `spread` is the correlation of frames of one recording."""
+    strength = (1 - spread) / spread
+    return np.clip(draw.beta(mean * strength, (1 - mean) * strength, n), 1e-9, 1 - 1e-9)
+
+
+def share(mean: float, spread: float, *, sigma: float = 0.8) -> Scenario:
+    """Detection rate: so many of a recording's object-frames."""
+
+    def drawn(draw: np.random.Generator, n: int) -> tuple[Column, Column]:
+        x = sizes(draw, n, sigma)
+        return draw.binomial(x.astype(int), rates(draw, n, mean, spread)).astype(float), x
+
+    return Scenario(draw=drawn, truth=mean)
+
+
+def coverage(mean: float, spread: float, *, sigma: float = 0.8) -> Scenario:
+    """TPR or IoU: means between 0 and 1 over a recording's detected object-frames, eight of which are worth one."""
+
+    def drawn(draw: np.random.Generator, n: int) -> tuple[Column, Column]:
+        x, own = np.maximum(1, draw.binomial(sizes(draw, n, sigma).astype(int), 0.8)), rates(draw, n, mean, spread)
+        strength = 2 * np.maximum(1, x / 8)
+        return x * draw.beta(own * strength, (1 - own) * strength), x.astype(float)
+
+    return Scenario(draw=drawn, truth=mean)
+
+
+def skewed(mean: float, sigma: float, within: ValueBounds, *, spread: float = 0.8) -> Scenario:
+    """False-positive coverage, or components per image: log-normal over recordings."""
+
+    def drawn(draw: np.random.Generator, n: int) -> tuple[Column, Column]:
+        x = sizes(draw, n, spread)
+        own = mean * np.exp(draw.normal(-(sigma**2) / 2, sigma, n))
+        return x * own * draw.gamma(x / 4, 4 / x), x
+
+    return Scenario(draw=drawn, truth=mean, within=within)
+
+
+def mostly_perfect(faulty: float) -> Scenario:
+    """All object-frames found but in some recordings, of which any share may be missed."""
+
+    def drawn(draw: np.random.Generator, n: int) -> tuple[Column, Column]:
+        x = sizes(draw, n)
+        missed = np.where(draw.random(n) < faulty, draw.random(n), 0.0)
+        return x - draw.binomial(x.astype(int), missed), x
+
+    return Scenario(draw=drawn, truth=1 - faulty / 2)
+
+
+def all_or_nothing(mean: float) -> Scenario:
+    """One object in each recording, found in all of its images or in none."""
+
+    def drawn(draw: np.random.Generator, n: int) -> tuple[Column, Column]:
+        x = sizes(draw, n)
+        return np.where(draw.random(n) < mean, x, 0.0), x
+
+    return Scenario(draw=drawn, truth=mean)
+
+
+def easier_where_larger() -> Scenario:
+    """Recordings with more object-frames have the higher rate."""
+
+    def drawn(draw: np.random.Generator, n: int) -> tuple[Column, Column]:
+        size = draw.normal(0, 1, n)
+        x = np.ceil(30 * np.exp(0.7 * size))
+        return draw.binomial(x.astype(int), 1 / (1 + np.exp(-0.3 - 0.8 * size - 0.8 * draw.normal(0, 1, n)))) * 1.0, x
+
+    # The truth by quadrature over sizes, and at each over what recordings of a size differ in.
+    size, (nodes, weights) = np.linspace(-8, 8, 8001), np.polynomial.hermite_e.hermegauss(40)
+    x = np.exp(-(size**2) / 2) * np.ceil(30 * np.exp(0.7 * size))
+    rate = 1 / (1 + np.exp(-0.3 - 0.8 * size[:, None] - 0.8 * nodes)) @ (weights / weights.sum())
+    return Scenario(draw=drawn, truth=float(rate @ x / x.sum()))
+
+
+def in_half_of_them(inner: Scenario) -> Scenario:
+    """As many recordings again that hold no case."""
+
+    def drawn(draw: np.random.Generator, n: int) -> tuple[Column, Column]:
+        above, below = inner.draw(draw, n)
+        order = draw.permutation(2 * n)
+        return np.concatenate([above, np.zeros(n)])[order], np.concatenate([below, np.zeros(n)])[order]
+
+    return Scenario(draw=drawn, truth=inner.truth, within=inner.within)
+
+
+SCENARIOS = {
+    "detection 70 %, recordings of equal size": share(0.7, 0.1, sigma=0.0),
+    "detection 70 %": share(0.7, 0.1),
+    "detection 70 %, recordings very different": share(0.7, 0.3),
+    "detection 95 %": share(0.95, 0.1),
+    "detection 98 %": share(0.98, 0.1),
+    "detection 5 %": share(0.05, 0.2),
+    "detection 70 %, in half of the recordings": in_half_of_them(share(0.7, 0.2)),
+    "detection, larger recordings easier": easier_where_larger(),
+    "one object each, all or nothing, 80 %": all_or_nothing(0.8),
+    "perfect but in 15 % of the recordings": mostly_perfect(0.15),
+    "TPR 60 %": coverage(0.6, 0.1),
+    "TPR 95 %": coverage(0.95, 0.1),
+    "IoU 30 %, sizes very unequal (1.2)": coverage(0.3, 0.1, sigma=1.2),
+    "false-positive coverage 2 %, sigma 0.5": skewed(0.02, 0.5, RATIO),
+    "false-positive coverage 2 %, sigma 0.8": skewed(0.02, 0.8, RATIO),
+    "false-positive coverage, equal images, 0.5": skewed(0.02, 0.5, RATIO, spread=0.0),
+    "false-positive coverage, equal images, 0.8": skewed(0.02, 0.8, RATIO, spread=0.0),
+    "components per image, sigma 0.8": skewed(20.0, 0.8, MEAN),
+}
 
 RECORDINGS = (6, 10, 20, 100)
 DRAWS = 4000

@@ -50,11 +50,6 @@ def test_the_papers_rules() -> None:
     assert load_protocol("paper-v1").chance_lag_ns == 1_000_000_000
 
 
-def test_extended_reaches_further_with_concave_polygons() -> None:
-    settings = load_protocol("extended-v1").reference_settings()
-    assert (settings.range_limit_m, settings.polygon_kind, settings.concave_ratio) == (20.0, "concave", 0.15)
-
-
 def test_surface_says_why_outlines_are_uncertain() -> None:
     settings = load_protocol("surface-v1").reference_settings()
     assert (settings.range_limit_m, settings.polygon_kind, settings.clearance_above_shape) == (

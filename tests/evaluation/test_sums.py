@@ -1,8 +1,7 @@
-"""The table of sums: to check by hand, in parts, and as a file."""
+"""The table of sums: to check by hand, in parts, and as a file; maps of the same rows."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +12,17 @@ import pytest
 from bench.errors import DataError
 from bench.evaluation import (
     Rows,
-    load_protocol,
     read_sums,
     sum_run,
     summarise,
     write_sums,
 )
-from bench.evaluation.maps import THRESHOLDS, coverage_curves
-from bench.evaluation.rows import ChosenRows, TableRows, group_recordings, to_frame
+from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
+from bench.evaluation.rows import group_recordings, to_frame
 from bench.evaluation.sums import KEY, add_sums, sum_frames, sum_objects
 from bench.harness import open_tables
 from bench.harness.counts import StoredRows
+from bench.records.reference import Direction
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import PAPER, joined, random_run, random_sums, scored, shuffled
 from tests.support.counts import write_counts
@@ -101,11 +100,6 @@ def test_a_cause_that_a_recordings_images_do_not_name_has_none_of_its_pixels_but
     assert of_static["drive-0"][0] == of_static["drive-0"][1] > 0
 
 
-def test_neither_the_order_of_the_rows_nor_the_size_of_the_parts_matters() -> None:
-    objects, frames = random_run(3)
-    assert_same(reduced((shuffled(objects, 1), shuffled(frames, 2)), 30), random_sums(3))
-
-
 def test_sums_of_parts_are_the_sums_of_the_whole() -> None:
     objects, frames = map(to_frame, random_run(3))
     number = {f"drive-{k}": part for k, part in enumerate([0, 1, 2, 1, 0, 2])}
@@ -114,8 +108,9 @@ def test_sums_of_parts_are_the_sums_of_the_whole() -> None:
     assert_same(add_sums([add_sums(parts[:2]), parts[2]]), add_sums(parts))
 
 
-def test_stored_rows_give_the_same(tmp_path: Path) -> None:
+def test_stored_rows_in_any_order_and_in_parts_give_the_same(tmp_path: Path) -> None:
     tables = random_run(3)
+    assert_same(reduced((shuffled(tables[0], 1), shuffled(tables[1], 2)), 30), random_sums(3))
     kept = stored((shuffled(tables[0], 1), shuffled(tables[1], 2)), tmp_path)
     assert_same(reduced(kept, 7), random_sums(3))
     assert [len(rows) for rows in kept] == [len(table) for table in tables]
@@ -128,13 +123,6 @@ def test_a_recording_is_never_cut() -> None:
     assert group_recordings({}) == []
 
 
-def test_the_same_row_twice_is_refused(tmp_path: Path) -> None:
-    objects, frames = random_run(3)
-    twice = pa.concat_tables([objects, objects.slice(5, 1)])
-    with pytest.raises(DataError, match="track_id: expected each row once"):
-        reduced(stored((twice, frames), tmp_path), 20)
-
-
 def test_an_object_that_is_neither_scored_nor_ignored_for_a_known_reason_is_refused() -> None:
     objects, frames = random_run(3)
     place = objects["status"].to_pylist().index("ignored")
@@ -143,28 +131,6 @@ def test_an_object_that_is_neither_scored_nor_ignored_for_a_known_reason_is_refu
     lost = objects.set_column(objects.schema.names.index("reason"), "reason", pa.array(reasons, pa.string()))
     with pytest.raises(DataError, match=r"reason: expected unclear, .*, got 'no such reason'"):
         summarise(lost, frames, protocol=PAPER)
-
-
-def test_chosen_rows_are_those_of_a_filtered_table() -> None:
-    objects, frames = random_run(3)
-    filtered = objects.filter(pa.compute.equal(objects["category"], "crossing"))
-    chosen = ChosenRows(source=TableRows(objects), column="category", word="crossing")
-    assert_same(reduced((chosen, frames), 20), reduced((filtered, frames)))
-
-
-def test_coverage_curves_count_at_least() -> None:
-    objects, _ = random_run(3)
-    rows = [r for r in objects.to_pylist() if r["status"] == "evaluated" and r["category"] == "crossing"]
-    found, chance = coverage_curves(shuffled(objects, 3), protocol=PAPER)["crossing"]
-    covered = np.array([r["tp"] / (r["tp"] + r["fn"]) for r in rows])
-    assert found.object_frames == len(rows) > 0
-    assert found.at_least[0] == np.count_nonzero(covered > 0)
-    assert found.at_least[1:].tolist() == [np.count_nonzero(covered >= level) for level in THRESHOLDS[1:]]
-    assert chance.object_frames == sum(r["chance_tp"] is not None for r in rows)
-
-
-def test_a_run_of_nothing_has_no_sums() -> None:
-    assert len(reduced(scored([]))) == 0
 
 
 def test_a_table_of_sums_survives_its_file(tmp_path: Path) -> None:
@@ -197,6 +163,8 @@ def test_what_is_no_table_of_sums_is_refused(tmp_path: Path, text: str, message:
     file = tmp_path / "sums.csv"
     file.write_text(GOOD)
     assert read_sums(file).loc[0, "recording"] == "NA"
+    file.write_text(GOOD.replace("recall", "false_positive_components").replace("1.0", "9"))
+    assert read_sums(file).loc[0, "numerator"] == 9, "a mean may exceed one"
     file.write_text(text)
     with pytest.raises(DataError) as refused:
         read_sums(file)
@@ -212,12 +180,53 @@ def test_a_file_of_bytes_and_a_missing_one_are_refused(tmp_path: Path) -> None:
             read_sums(tmp_path / name)
 
 
-def test_a_mean_may_exceed_one(tmp_path: Path) -> None:
-    (tmp_path / "sums.csv").write_text(GOOD.replace("recall", "false_positive_components").replace("1.0", "9"))
-    assert math.isclose(read_sums(tmp_path / "sums.csv").loc[0, "numerator"], 9)
+# Maps of the detection rate by place.
 
 
-def test_only_protocols_with_unknown_bands_have_their_share() -> None:
-    tables = random_run(3)
-    names = [set(sum_run(*tables, protocol=load_protocol(name))["metric"]) for name in ("paper-v1", "surface-v1")]
-    assert names[1] - names[0] == {"unknown_share"}
+def map_of(found: RangeMaps, object_class: str, direction: Direction) -> RangeMap:
+    return next(m for m in found.maps if (m.object_class, m.direction) == (object_class, direction))
+
+
+def placed(*places_m: tuple[float, float]) -> pa.Table:
+    """Pedestrians at these places; the first alone is detected."""
+    objects = [reference_object(chr(97 + k), centroid_m=np.array(place)) for k, place in enumerate(places_m)]
+    labels = np.arange(1, len(places_m) + 1, dtype=np.int32)[None]
+    return scored([(reference_frame(labels, objects=objects), labels == 1)])[0]
+
+
+def test_cells_are_half_open_and_counted_from_the_vehicle() -> None:
+    found = range_maps(placed((3.0, -0.5), (3.99, -1.0), (4.0, -0.5)), protocol=PAPER)
+    lateral = map_of(found, "pedestrian", Direction.LATERAL)
+    assert lateral.edges_m.tolist() == list(range(-8, 9))
+    ahead, right = 3 + 8, -1 + 8
+    assert lateral.object_frames[ahead, right] == 2
+    assert lateral.rate[ahead, right] == 0.5
+    assert lateral.object_frames[ahead + 1, right] == 1
+    assert lateral.object_frames.sum() == 3
+    assert np.isnan(lateral.rate[0, 0])
+
+
+def test_a_cell_with_few_object_frames_is_marked() -> None:
+    lateral = map_of(
+        range_maps(placed(*[(2.5, 1.5)] * 5, *[(5.5, 1.5)] * 4), protocol=PAPER), "pedestrian", Direction.LATERAL
+    )
+    assert np.argwhere(lateral.enough).tolist() == [[2 + 8, 1 + 8]]
+
+
+def test_the_grid_grows_to_the_furthest_object() -> None:
+    found = range_maps(placed((11.0, 0.0)), protocol=PAPER)
+    assert found.maps[0].edges_m[-1] == 12.0
+
+
+def test_a_map_for_every_class_and_direction() -> None:
+    found = range_maps(random_run(1)[0], protocol=PAPER)
+    kinds = [(m.object_class, m.direction) for m in found.maps]
+    assert kinds == [(name, direction) for name in PAPER.reference.classes for direction in Direction]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_object_frame_is_lost(seed: int) -> None:
+    objects = random_run(seed)[0]
+    found = range_maps(objects, protocol=PAPER)
+    evaluated = sum(status == "evaluated" for status in objects["status"].to_pylist())
+    assert sum(int(m.object_frames.sum()) for m in found.maps) + found.unplaced == evaluated

@@ -1,5 +1,8 @@
 """Baselines: written with care, read for ever."""
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pandas as pd
@@ -9,6 +12,7 @@ from bench.errors import DataError, UsageError
 from bench.evaluation import compare_sums
 from bench.gate import read_baseline, write_baseline
 from bench.harness import manifest as manifests
+from bench.methods import build_method
 from tests.gate.factories import one, scored, sums, verdict_of
 from tests.support.manifests import method_of_run
 
@@ -67,6 +71,37 @@ def test_the_commit_of_an_installed_package_is_the_one_that_pip_noted(tmp_path, 
     assert manifests.package_commit() != "c0ffee"  # another copy runs
     monkeypatch.setattr(manifests.bench, "__file__", str(tmp_path / "bench" / "__init__.py"))
     assert manifests.package_commit() == "c0ffee"
+
+
+PLUG_IN = """
+from bench.methods import Method
+
+
+class Own(Method):
+    name = "own"
+
+    def segment(self, frame): ...
+"""
+
+
+def test_the_commit_of_a_plug_in_is_that_of_its_own_checkout(monkeypatch, tmp_path):
+    file = tmp_path / "own_for_the_gate.py"
+    file.write_text(PLUG_IN)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    git = ("git", "-C", str(tmp_path), "-c", "user.name=x", "-c", "user.email=x@x")
+
+    def commit() -> str | None:
+        return manifests.MethodOfRun.of(build_method("own_for_the_gate:Own")).commit
+
+    assert commit() is None
+    for command in (("init", "-q"), ("add", "."), ("commit", "-qm", "x")):
+        assert commit() is None
+        subprocess.run([*git, *command], check=True)
+    clean = commit()
+    assert re.fullmatch("[0-9a-f]{40}", clean)
+    file.write_text(PLUG_IN + "# changed\n")
+    assert commit() == f"{clean}+"
+    sys.modules.pop("own_for_the_gate")
 
 
 def test_a_baseline_does_not_replace_files_of_a_run(tmp_path):

@@ -1,5 +1,6 @@
 """Answers, references and counts are files: what is there of the same run is not computed again."""
 
+import os
 import shutil
 from dataclasses import replace
 from types import ModuleType
@@ -26,9 +27,9 @@ from bench.harness.answers import (
     segmentation_of,
     write_answers,
 )
-from bench.harness.digests import RecordingDigests
+from bench.harness.digests import RecordingDigests, digest_recording
 from bench.harness.frames import InputOnly
-from bench.harness.references import find_references, reference_of, reference_row
+from bench.harness.references import evict_cache, find_references, reference_of, reference_row
 from bench.harness.tasks import cut_tasks
 from bench.methods import Segmentation, build_method
 from bench.methods.spherical.method import SphericalMethod
@@ -160,6 +161,20 @@ def test_a_damaged_file_of_the_cache_is_built_again(tiny_card, tmp_path, monkeyp
     assert bytes_of(tmp_path / "two") == bytes_of(tmp_path / "one")
 
 
+def test_references_that_were_used_longest_ago_leave_the_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path))
+    monkeypatch.setattr("bench.harness.references.LIMIT_BYTES", 20)
+    for number, name in enumerate(("used", "old", "oldest")):
+        folder = tmp_path / "references" / name
+        folder.mkdir(parents=True)
+        (folder / "front.parquet").write_bytes(bytes(10))
+        os.utime(folder, (1000 - number, 1000 - number))
+    evict_cache()
+    assert sorted(folder.name for folder in (tmp_path / "references").iterdir()) == ["old", "used"]
+    evict_cache()
+    assert len([*(tmp_path / "references").iterdir()]) == 2, "what the limit takes stays"
+
+
 # ---- what is there is done
 
 
@@ -202,6 +217,16 @@ def stored(tiny_card, tmp_path_factory):
 
 
 @pytest.mark.parametrize("change", CHANGES)
+def test_a_change_of_any_file_of_a_recording_changes_its_digest(own_card, change):
+    handle = next(handle for handle in open_dataset(load_card(own_card)) if handle.name == "overtaking")
+    before = digest_recording(handle.open())
+    change(own_card.parent / "data" / "tiny" / "overtaking")
+    after = digest_recording(handle.open())
+    assert after.whole != before.whole
+    assert (after.reference != before.reference) == (change is not change_image)
+
+
+@pytest.mark.parametrize("change", [change_image, change_annotation])
 def test_changed_data_are_named_and_only_what_depends_on_them_is_computed_again(stored, own_card, tmp_path, change):
     out = shutil.copytree(stored, tmp_path / "run")
     before = bytes_of(out)

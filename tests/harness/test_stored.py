@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from bench.errors import DataError
@@ -214,7 +215,7 @@ def store(results, *maps):
     empty = OBJECTS_SCHEMA.empty_table(), FRAMES_SCHEMA.empty_table()
     for number, one in enumerate(maps):
         write_counts(counts_folder(results, "drive"), f"front-{number:08d}", *empty, one)
-    return results / "counts" / "drive" / "front-00000000.map.npz"
+    return results / "counts" / "drive" / "front-00000000.map.parquet"
 
 
 def test_maps_survive_their_files_and_are_added_by_camera_and_size(tmp_path):
@@ -233,14 +234,24 @@ def test_a_camera_of_several_sizes_has_a_map_of_each(tmp_path):
 def test_damaged_maps_are_named(tmp_path):
     assert read_image_maps(tmp_path) == {}
     file = store(tmp_path, image_map())
-    whole = file.read_bytes()
+    whole, table = file.read_bytes(), pq.read_table(file)
     for damaged in (b"", b"words", whole[:200], whole[:-40]):
         file.write_bytes(damaged)
-        with pytest.raises(DataError, match=r"map\.npz: expected where in the image a run was right and wrong"):
+        with pytest.raises(DataError, match=r"front-00000000\.map\.parquet: expected counts of a run"):
             read_image_maps(tmp_path)
-    np.savez(file, camera=np.array("front"))
-    with pytest.raises(DataError, match=r"map\.npz"):
-        read_image_maps(tmp_path)
+    for other in (
+        table.select(["camera"]),
+        table.slice(0, 0),
+        change(table, "cell_px", 0),
+        change(table, "height", 99),
+    ):
+        pq.write_table(other, file)
+        with pytest.raises(DataError, match=r"front-00000000\.map\.parquet: expected counts of a run"):
+            read_image_maps(tmp_path)
+
+
+def change(table, name, value):
+    return table.set_column(table.schema.names.index(name), name, pa.array([value]))
 
 
 # ---- runs larger than the memory: what reads a whole run holds a part of it at a time

@@ -125,7 +125,6 @@ NPZ_FILES = {
     "encrypted": told(NPZ, 8, "<H", 1),
     "packed by bzip2": zipped(zipfile.ZIP_BZIP2, points_lidar=npy_header((1, 3)) + bytes(12)),
     "stream longer than told": told(zipped(points_lidar=npy_header((1, 3)) + bytes(1 << 26)), 24, "<I", 140),
-    "stream shorter than told": told(zipped(points_lidar=npy_header((1, 3)) + bytes(12)), 24, "<I", 1 << 27),
     "checksum of another": told(NPZ, 16, "<I", 12345),
     "entry elsewhere": told(NPZ, 42, "<I", 77),
     "entry beyond the end": told(NPZ, 42, "<I", 1 << 30),

@@ -103,7 +103,6 @@ DAMAGE = {  # file, what is done to it, and the commands that read it
     "cut short": ("summary.json", cut, OF_ALL),
     "a pipe": ("summary.json", a_pipe, OF_ALL),
     "a device": ("summary.json", a_device, ("report", "gate")),
-    "a row missing": ("summary.json", edited(lambda c: c["categories"].pop("crossing")), OF_ALL),
     "a figure missing": ("summary.json", edited(lambda c: c["all_moving"].pop("iou")), OF_ALL),
     "a version to come": ("summary.json", edited(lambda c: c.update(schema_version=99)), OF_ALL),
     "a protocol in a pipe": ("protocol.json", a_pipe, ("report", "gate")),
@@ -112,7 +111,7 @@ DAMAGE = {  # file, what is done to it, and the commands that read it
     "objects cut short": ("*.objects.parquet", cut, OF_TABLES),
     "objects in a pipe": ("*.objects.parquet", a_pipe, ("report",)),
     "frames cut short": ("*.frames.parquet", cut, OF_TABLES),
-    "maps cut short": ("*.map.npz", cut, ("report",)),
+    "maps cut short": ("*.map.parquet", cut, ("report",)),
 }
 
 
@@ -129,10 +128,21 @@ def test_a_damaged_file_is_told_and_never_a_verdict(folder, monkeypatch, capsys,
         assert "Traceback" not in told
 
 
-def test_answers_cut_short_are_not_what_was_scored(folder, monkeypatch, capsys):
-    cut(sorted((folder / "runs/everything/answers").rglob("*.parquet"))[0])
+@pytest.mark.parametrize(
+    ("name", "damage", "told"),
+    [
+        ("answers/**/*.parquet", cut, "status evaluated, counted again failed"),
+        (
+            "paper-v1/summary.json",
+            edited(lambda c: c["categories"].pop("crossing")),
+            "differs: summary.json: categories",
+        ),
+    ],
+)
+def test_what_reads_well_and_says_something_else_is_found_by_verify(folder, monkeypatch, capsys, name, damage, told):
+    damage(sorted((folder / "runs/everything").glob(name))[0])
     assert call(monkeypatch, *COMMANDS["verify"](folder)) == 1
-    assert "status evaluated, counted again failed" in " ".join(capsys.readouterr().out.split())
+    assert told in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize("damage", [not_text, a_pipe])

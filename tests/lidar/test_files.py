@@ -93,7 +93,7 @@ def test_arrays_that_do_not_fit_are_named(tmp_path, arrays, message):
 def test_pickles_are_refused(tmp_path):
     path = tmp_path / "1.npz"
     np.savez(path, points_lidar=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(DataError, match="numbers, got Python objects"):
+    with pytest.raises(DataError, match="plain arrays, got Object arrays cannot be loaded"):
         read_points(path)
 
 
@@ -265,6 +265,13 @@ def test_fields_that_pad_a_point_are_passed_over(tmp_path):
     arrays = read_points(pcd(tmp_path / "2.pcd", [*XYZ, *padding], 2, text, "ascii"))
     assert arrays["points_lidar"].tolist() == [[1, 2, 3]] * 2
     assert arrays["ring"].tolist() == [7, 7]
+
+
+def test_points_of_text_may_be_lost_and_lines_end_as_on_windows(tmp_path):
+    body = b"1 2 3 \r\n-nan nan -inf\r\n 4 5e-1 6\r\n"
+    sweep = read_sweep(pcd(tmp_path / "1.pcd", XYZ, 3, body, "ascii"), 0)
+    assert sweep.points_lidar.tolist() == [[1, 2, 3], [4, 0.5, 6]]
+    assert sweep.stored_rows.tolist() == [0, 2]
 
 
 def test_compressed_points_are_refused_with_the_remedy(tmp_path):

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from bench.errors import DataError
+from bench.methods.predictions import PredictedMotion, PredictionIndex
 from bench.methods.predictions.maps import ImageSizes, Prediction
-from bench.methods.predictions.pairing import named_images
+from bench.methods.predictions.pairing import ImageKey, named_images
 from bench.recordings import Exclusion, ImageRef, RecordingHandle, load_card, open_dataset
 from tests.hostile.files import png
+from tests.support.board_scene import STEP, crossing, frame
 
 SIZES = ImageSizes(evaluated_px=(6, 4), stored_px=(6, 4))
 MASK = np.array([[0, 0, 0, 0, 0, 1], [0, 1, 1, 0, 0, 1], [0, 0, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0]], dtype=bool)
@@ -138,6 +140,32 @@ def test_a_map_that_fits_the_stored_size_only_goes_by_way_of_it(scale):
     cells, cell_px = sizes.on_cells(left_half.repeat(scale, axis=0).repeat(scale, axis=1))
     assert (cell_px, cells.shape) == (1, (3, 6))
     np.testing.assert_array_equal(cells >= 0.5, np.arange(6)[None, :].repeat(3, axis=0) < 3)
+
+
+@pytest.mark.parametrize(
+    ("values", "threshold", "moving"),
+    [
+        (np.uint8([[1, 1], [0, 0]]), None, True),  # half of the block of a pixel
+        (np.uint8([[1, 0], [0, 0]]), None, False),
+        (np.uint16([[32768]]), float(np.float32(32768) / np.float32(65535)), False),  # at the threshold
+        (np.uint16([[32769]]), float(np.float32(32768) / np.float32(65535)), True),
+    ],
+)
+def test_half_of_a_block_moves_and_a_score_at_the_threshold_does_not(tmp_path, values, threshold, moving):
+    assert cv2.imwrite(str(tmp_path / "a.png"), np.tile(values, (4, 6)))
+    are_scores = threshold is not None
+    file = Prediction(root=tmp_path, files=(tmp_path / "a.png",), sizes=SIZES, are_scores=are_scores)
+    given = replace(frame(*crossing()[:2], STEP), recording="drive", camera_name="front")
+    key = ImageKey("drive", "front", given.timestamps_ns[-1])
+    index = PredictionIndex(
+        form="score" if are_scores else "mask", predictions={key: file}, usable=frozenset({key}), faults=(),
+        unscored=0, elsewhere=0, largest=1.0, digest="",
+    )  # fmt: skip
+    method = PredictedMotion(name="masks", folder=str(tmp_path), dataset="tiny", threshold=threshold)
+    method.use(index)
+    found = method.segment(given)
+    assert (found.cell_size_px, found.mask.shape) == (1, (4, 6))
+    assert found.mask.all() if moving else not found.mask.any()
 
 
 @pytest.fixture

@@ -250,6 +250,19 @@ def test_two_files_of_one_time_are_refused(root):
         open_native(root)
 
 
+def test_columns_of_bin_are_those_of_the_card(root):
+    names = ["x", "y", "z", "intensity", "ring"]
+    rows = np.column_stack([tiny.sweep(0).points_lidar, np.full(30, 0.5), np.arange(30)]).astype("<f4")
+    for path in (root / "lidar").iterdir():
+        path.unlink()
+    (root / f"lidar/{tiny.TIMES_NS[0]}.bin").write_bytes(np.tile(rows, (2, 1)).tobytes())
+    with pytest.raises(DataError, match=r"\.bin: .*number of columns; name the columns in the card's option bin"):
+        open_native(root).sweeps[0].read()
+    sweep = open_native(root, bin_columns=names).sweeps[0].read()
+    assert np.array_equal(sweep.points_lidar[:30], tiny.sweep(0).points_lidar)
+    assert (sweep.intensity == 0.5).all()
+
+
 def test_hidden_files_are_not_finished_and_passed_over(root):
     (root / "images/front/.12.abc.png").write_bytes(b"")
     assert len(open_native(root).images["front"]) == 3
@@ -283,6 +296,18 @@ def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path):
     with pytest.raises(ShapeError, match="expected an image of uint8, got float64"):
         writer.image("front", 0, np.zeros((4, 4)))
     assert not (tmp_path / "drive").exists()
+
+
+@pytest.mark.parametrize("jpeg_quality", [None, 100])
+def test_colour_images_are_bgr_on_both_ways(root, jpeg_quality):
+    time_ns = tiny.TIMES_NS[0] - 1
+    RecordingWriter(root).image(
+        "front", time_ns, np.full((48, 64, 3), (10, 20, 30), np.uint8), jpeg_quality=jpeg_quality
+    )
+    recording = open_native(root)
+    image = recording.images["front"][0]
+    assert (image.timestamp_ns, image.path.suffix) == (time_ns, ".png" if jpeg_quality is None else ".jpg")
+    assert read_image(image, recording.cameras["front"], colour=True)[5, 5] == pytest.approx([10, 20, 30], abs=2)
 
 
 def test_a_recording_may_be_called_as_a_folder_may(tmp_path):
@@ -362,3 +387,66 @@ def test_points_named_by_an_annotation_count_in_the_stored_sweep(root):
     np.savez(file, points_lidar=points, time_offset_ns=sweep.time_offset_ns)
     read = open_native(root).sweeps[1].read()
     assert np.array_equal(read.points_lidar[read.rows_of(np.array([3, 1, 4]))], points[[3, 4]])
+
+
+# The exact truth of a synthetic recording instead of what its car reports
+
+OFF = RigidTransform.from_yaw(0.01, (0.003, -0.002, 0.001))
+
+
+@pytest.fixture
+def truthful(root):
+    """The tiny recording, whose camera and lidar sit a little off."""
+    camera = tiny.front_camera()
+    writer = RecordingWriter(root)
+    moved = replace(camera, vehicle_from_camera=OFF @ tiny.FRONT)
+    writer.true_calibration(cameras={"front": moved}, vehicle_from_lidar=OFF @ tiny.VEHICLE_FROM_LIDAR)
+    (root / "egomotion.csv").write_text(
+        (root / "egomotion.csv").read_text().replace(",3.0,", ",2.7,"), encoding="utf-8"
+    )
+    return root
+
+
+def test_recorded_is_what_is_read_without_options(truthful):
+    recording = open_native(truthful)
+    assert recording.cameras["front"].vehicle_from_camera.matrix == pytest.approx(tiny.FRONT.matrix, abs=1e-12)
+    assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR.matrix, abs=1e-12)
+    assert recording.trajectory.positions_m[-1, 0] == pytest.approx(0.36)
+
+
+def test_each_option_changes_its_own_part(truthful):
+    motion = open_native(truthful, ego_motion="exact")
+    assert motion.trajectory.positions_m[-1].tolist() == [0.4, 0.0, 0.0]
+    assert motion.cameras["front"].vehicle_from_camera.matrix == pytest.approx(tiny.FRONT.matrix, abs=1e-12)
+    mounting = open_native(truthful, calibration="exact")
+    assert mounting.trajectory.positions_m[-1, 0] == pytest.approx(0.36)
+    camera = mounting.cameras["front"]
+    assert camera.vehicle_from_camera.matrix == pytest.approx((OFF @ tiny.FRONT).matrix, abs=1e-12)
+    assert camera.road.height_m == pytest.approx(0.65 + 0.001)
+    assert camera.model == tiny.lens()
+    assert np.array_equal(camera.ego_body, tiny.front_camera().ego_body)
+    assert mounting.vehicle_from_lidar.matrix == pytest.approx((OFF @ tiny.VEHICLE_FROM_LIDAR).matrix, abs=1e-12)
+
+
+def test_other_words_are_refused(truthful):
+    with pytest.raises(DataError, match=r"options.ego_motion: expected 'recorded' or 'exact', got 'true'"):
+        open_native(truthful, ego_motion="true")
+
+
+@pytest.mark.parametrize(
+    ("option", "file"), [("ego_motion", "truth/poses.csv"), ("calibration", "truth/calibration.json")]
+)
+def test_missing_truth_is_told_with_what_to_do(truthful, option, file):
+    (truthful / file).unlink()
+    open_native(truthful)
+    with pytest.raises(DataError, match=rf"{file}: expected the truth for {option}: exact, got no such file.*recorded"):
+        open_native(truthful, **{option: "exact"})
+
+
+def test_truth_of_other_cameras_is_refused(truthful):
+    file = truthful / "truth/calibration.json"
+    file.write_text(file.read_text().replace('"front"', '"rear"'))
+    with pytest.raises(
+        DataError, match=r"vehicle_from_camera: expected the cameras of recording.json: front, got rear"
+    ):
+        open_native(truthful, calibration="exact")

@@ -21,6 +21,7 @@ from bench.recordings import (
     SweepRef,
     Track,
 )
+from bench.records.reference import pixels_object
 from bench.reference import (
     Category,
     IgnoreReason,
@@ -212,21 +213,8 @@ def with_settings(**changes) -> ReferenceSettings:
 
 
 def an_object(status: Status) -> ReferenceObject:
-    return ReferenceObject(
-        track_id="a",
-        object_class="vehicle",
-        status=status,
-        reason=IgnoreReason.RANGE if status is Status.IGNORED else None,
-        category=None,
-        direction=None,
-        speed_mps=1.0,
-        range_m=1.0,
-        centroid_m=np.zeros(2),
-        points=0,
-        polygon=None,
-        polygon_px=0,
-        region_px=0,
-    )
+    item = pixels_object("a", 0, reason=IgnoreReason.RANGE if status is Status.IGNORED else None)
+    return replace(item, status=status)
 
 
 def wall_recording(width_m=1.0, height_m=1.7, away_m=8.0, steps_deg=(0.1728, 0.42)):

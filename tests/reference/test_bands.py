@@ -44,7 +44,7 @@ def a_box(top: int, bottom: int, left: int, right: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("half_width_px", "less", "more"), [(0.0, 0, 0), (0.49, 0, 0), (1.0, 1, 1), (2.0, 2, 2), (4.4, 4, 4)]
+    ("half_width_px", "less", "more"), [(0.0, 0, 0), (0.49, 0, 0), (0.5, 1, 1), (1.0, 1, 1), (2.0, 2, 2), (4.4, 4, 4)]
 )
 def test_the_band_is_as_wide_on_either_side(half_width_px, less, more):
     """The centre of the first pixel lies half a pixel from the outline, that of the second one and a half."""

@@ -69,7 +69,6 @@ def test_nearer_objects_take_the_pixels_whatever_their_status():
         (WALKER, {"classes": ["balloon"]}, IgnoreReason.CLASS),
         (WALKER, {"settings": with_settings(categories=(Category.OVERTAKING,))}, IgnoreReason.CATEGORY),
         (Box((-9, 1, 0.8), SIZE, (0, 1, 0)), {}, IgnoreReason.OUT_OF_VIEW),
-        (WALKER, {"sweep_ns": (-140 * MS,)}, IgnoreReason.NO_SWEEP),
         (WALKER, {"sweep_ns": ()}, IgnoreReason.NO_SWEEP),
         (Box((14, 1, 0.8), SIZE, (0, 1, 0)), {}, IgnoreReason.RANGE),
         (WALKER, {"settings": with_settings(min_points=401)}, IgnoreReason.FEW_POINTS),
@@ -119,8 +118,13 @@ def test_stationary_ego_vehicle():
     assert frame.objects[0].direction is Direction.LATERAL
 
 
-def test_annotations_too_far_in_time_are_not_of_this_image():
-    assert build([WALKER], state_ns=(-200 * MS,)).objects == ()
+def test_annotations_and_sweeps_too_far_in_time_are_not_of_this_image():
+    """The exposure is at 30 ms, and 100 ms are near enough."""
+    for apart_ns, near in ((100 * MS, True), (100 * MS + 1, False)):
+        for time_ns in (30 * MS - apart_ns, 30 * MS + apart_ns):
+            assert len(build([WALKER], state_ns=(time_ns,)).objects) == near
+            (walker,) = build([WALKER], sweep_ns=(time_ns,)).objects
+            assert (walker.reason is IgnoreReason.NO_SWEEP) == (not near)
     assert len(build([WALKER], state_ns=(-60 * MS, 100 * MS)).objects) == 1
 
 

@@ -12,15 +12,16 @@ MOTION = SETTINGS.motion
     ("velocity", "ego", "category"),
     [
         ((0, 1.2), (5, 0), Category.CROSSING),
-        ((3, 3.001), (5, 0), Category.CROSSING),  # just over 45 degrees
+        ((3, 3), (5, 0), Category.CROSSING),  # 45 degrees
+        ((3.001, 3), (5, 0), Category.PRECEDING),
         ((8, 0), (5, 0), Category.OVERTAKING),
         ((5, 0), (5, 0), Category.OVERTAKING),  # u cos(angle) >= s
         ((3, 0.5), (5, 0), Category.PRECEDING),
         ((-4, 0), (5, 0), Category.APPROACHING),
-        ((-3, 3.001), (5, 0), Category.CROSSING),  # just under 135 degrees
         ((-3, 3), (5, 0), Category.CROSSING),  # 135 degrees themselves
         ((-3.001, 3), (5, 0), Category.APPROACHING),
         ((8, 0), (0.04, 0), Category.STATIC_EGO),
+        ((8, 0), (0.05, 0), Category.OVERTAKING),
         ((-2, 0), (-1, 0), Category.OVERTAKING),  # both reverse, the object faster
         ((2, 0), (-1, 0), Category.APPROACHING),  # reversing towards what follows
     ],
@@ -51,7 +52,7 @@ def states(speeds, step_ms=100):
 
 def test_hysteresis_by_hand():
     # Starts by 0.3; once moving it stays so above 0.2, once static it needs 0.4.
-    assert states([0.35, 0.25, 0.25, 0.25]) == [True] * 4
+    assert states([0.3, 0.25, 0.2, 0.25]) == [True] * 4
     assert states([0.25, 0.35, 0.35, 0.39]) == [False] * 4
     assert states([1, 1, 1, 0.19, 0.3, 0.3, 0.3]) == [True] * 3 + [False] * 4
     assert states([0, 0, 0, 0.4, 0.3, 0.3, 0.3]) == [False] * 3 + [True] * 4

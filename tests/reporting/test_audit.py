@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 
 import pyarrow as pa
@@ -13,16 +11,8 @@ from bench.audit import AuditSummary, MissCause, audit_sources, explain_image, r
 from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.methods import build_method
-from bench.recordings import load_card, open_dataset
-from bench.reporting.audit_pictures import (
-    example_rows,
-    worst_images,
-    write_audit_files,
-    write_cause_pictures,
-    write_examples,
-)
-from bench.reporting.audit_tables import audit_tables, for_terminal, report, speed_table
-from bench.reporting.document import to_csv, to_markdown
+from bench.recordings import load_card
+from bench.reporting.audit import audit_tables, worst_images, write_cause_pictures, write_tables
 from tests.reporting.printed import printed, texts
 
 METHOD = build_method("spherical", {"threshold": 0.01})  # so that something is missed
@@ -45,8 +35,8 @@ def tables(audited) -> dict[str, pa.Table]:
     return audited[1]
 
 
-def test_markdown_holds_every_table_in_full(audit: AuditSummary):
-    text = to_markdown(report(audit).blocks)
+def test_markdown_holds_every_table_in_full(audit: AuditSummary, tmp_path: Path):
+    text = write_tables(tmp_path, audit).read_text()
     tables = audit_tables(audit)
     assert [line[3:] for line in text.splitlines() if line.startswith("## ")] == [t.title for t in tables]
     for table in tables:
@@ -64,70 +54,11 @@ def test_shares_of_a_line_are_100_percent(audit: AuditSummary):
     assert sum(map(float, texts(false)[0][3:-1])) == pytest.approx(100, abs=0.4)
 
 
-def test_csv_holds_the_figures_at_full_precision(audit: AuditSummary):
-    rows = list(csv.DictReader(io.StringIO(to_csv(report(audit).numbers))))
-    assert {row["table"] for row in rows} == {"polygons", "scores", "misses", "false_alarms"}
-    expected = audit.polygons[0]
-    found = next(
-        row
-        for row in rows
-        if (row["kind"], row["compensation"], row["slice"], row["range_m"], row["speed_mps"], row["figure"])
-        == (expected.kind, expected.compensation, expected.object_class, "all", "all", "iou.median")
-    )
-    assert float(found["value"]) == expected.fit["iou"].median
-    assert "nan" not in {row["value"] for row in rows}
-
-
-def test_errors_of_the_reference_and_of_scores_are_told_by_speed(audit: AuditSummary, tables: dict[str, pa.Table]):
-    """Every evaluated object-frame is in one bin, and its polygons are compared there."""
-    scored = audit.scores["lidar"].breakdowns["speed_mps"]
-    assert sum(row.object_frames for row in scored.values()) == audit.scores["lidar"].all_moving.object_frames > 0
-    polygons = tables["polygons"].to_pandas()
-    convex = polygons[(polygons["kind"] == "convex") & (polygons["compensation"] == "full")]
-    walking = convex[convex["speed_mps"] < 1.5]
-    (told,) = [
-        p for p in audit.polygons
-        if (p.kind, p.compensation, p.object_class, p.speed_mps) == ("convex", "full", "all", "[0, 1.5)")
-    ]  # fmt: skip
-    assert (told.object_frames, told.fit["iou"].median) == (len(walking), walking["iou"].median())
-    table = speed_table(audit)
-    by_masks = audit.scores["masks"].breakdowns["speed_mps"]
-    for speed, *_, lidar, masks, error in texts(table):
-        assert (lidar, masks) == tuple(f"{100 * rows[speed].iou.value:.1f}" for rows in (scored, by_masks))
-        assert float(error) == pytest.approx(float(lidar) - float(masks), abs=0.11)
-
-
 def test_the_terminal_cuts_nothing(audit: AuditSummary):
-    shown = printed(for_terminal(audit_tables(audit)))
+    shown = printed(audit_tables(audit))
     assert "…" not in shown
     assert "How well the reference polygons" in shown
-    assert "blind: above horizon" in shown
-
-
-def test_files_are_the_same_every_time(audit: AuditSummary, tables: dict[str, pa.Table], tmp_path: Path):
-    _, *files = write_audit_files(tmp_path, audit, tables["polygons"])
-    first = {file: file.read_bytes() for file in files}
-    assert {file.name for file in first} == {"audit.md", "audit.csv", "fit.png", "fit.svg"}
-    assert all(len(content) > 500 for content in first.values())
-    write_audit_files(tmp_path, audit, tables["polygons"])
-    assert {file: file.read_bytes() for file in files} == first
-
-
-def test_examples_are_the_median_and_the_worst_of_a_class(
-    audit: AuditSummary, tables: dict[str, pa.Table], tiny_card: Path, tmp_path: Path
-):
-    polygons = tables["polygons"]
-    found = example_rows(polygons, kind="convex")
-    rows = polygons.to_pandas()
-    rows = rows[(rows["kind"] == "convex") & (rows["compensation"] == "full")]
-    for name, examples in found.items():
-        iou = rows[rows["object_class"] == name]["iou"]
-        assert examples["worst"]["iou"] == iou.min()
-        assert (iou < examples["median"]["iou"]).sum() == len(iou) // 2
-    handles = {handle.name: handle for handle in open_dataset(load_card(tiny_card))}
-    files = write_examples(tmp_path, audit, polygons, handles=handles, protocol=load_protocol("paper-v1"))
-    assert {file.name for file in files} == {f"examples-{name}.{kind}" for name in found for kind in ("png", "svg")}
-    assert all(file.stat().st_size > 1000 for file in files)
+    assert all(word in shown.split() for word in ("blind:", "horizon", "elsewhere"))
 
 
 def test_causes_are_drawn_where_most_is_missed(tables: dict[str, pa.Table], tiny_card: Path, tmp_path: Path):

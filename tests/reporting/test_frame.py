@@ -7,18 +7,20 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from shapely import box
 
 from bench.errors import ShapeError
 from bench.records.reference import Status
 from bench.records.segmentation import Segmentation
-from bench.reporting.canvas import figure_bytes, figure_pixels, overlay_areas, rgb
+from bench.reporting.figures import figure_bytes, figure_pixels
 from bench.reporting.frame import (
     AREA_COLOURS,
     Layers,
     PixelClass,
     draw_close_up,
     draw_frames,
+    overlay_areas,
     pixel_classes,
     reference_layers,
     scored_layers,
@@ -77,9 +79,6 @@ def test_pixel_classes_are_the_areas_of_the_metrics():
     assert np.count_nonzero(classes == PixelClass.TRUE_POSITIVE) == 50
     assert np.count_nonzero(classes == PixelClass.FALSE_NEGATIVE) == 50
     assert np.count_nonzero(classes == PixelClass.FALSE_POSITIVE) == 5 * 120 - 2 * 50
-
-
-def test_a_mask_of_another_size_is_refused():
     with pytest.raises(ShapeError, match="detected"):
         pixel_classes(busy_frame(), detected=np.zeros((10, 10), dtype=bool))
 
@@ -129,17 +128,14 @@ def test_a_picture_names_image_objects_and_their_values():
     assert [text.get_text() for text in figure.axes[0].texts] == ["a: TPR 50 %, IoU 33 %", "b: beyond range"]
     assert figure.texts[0].get_text() == "demo, camera front, 1.20 s"
     assert figure.axes[0].get_title() == "false positives 0.0 % of the image"
+    unscored = ["unknown band", "ignored object", "not annotated", "not evaluated"]
+    assert legend_of(figure) == ["found", "missed", "wrongly marked", *unscored]
     alone = draw_frames([reference_layers(fisheye_image(), reference_frame(objects), label="paper-v1")], name="demo")
     assert [text.get_text() for text in alone.axes[0].texts] == ["a: crossing", "b: beyond range"]
     assert alone.axes[0].get_title() == "paper-v1\n1 of 3 annotated objects evaluated"
-
-
-def test_one_legend_for_all_of_the_reference_and_of_results():
-    figure = drawn(busy_frame(), busy_frame().labels > 0)
-    unscored = ["unknown band", "ignored object", "not annotated", "not evaluated"]
-    assert legend_of(figure) == ["found", "missed", "wrongly marked", *unscored]
-    alone = draw_frames([reference_layers(fisheye_image(), busy_frame(), label="paper-v1")], name="demo")
     assert legend_of(alone) == ["reference", *unscored]
+    long = drawn(busy_frame(), busy_frame().labels > 0, name="a long name of a recording " * 4)
+    assert long.texts[0].get_window_extent().width < long.bbox.width
 
 
 def test_an_outline_is_drawn_where_it_hides_no_band():
@@ -163,11 +159,6 @@ def test_several_methods_beside_each_other():
     assert len(figure.legends) == 1
 
 
-def test_long_names_are_made_as_small_as_the_picture():
-    figure = drawn(busy_frame(), busy_frame().labels > 0, name="a long name of a recording " * 4)
-    assert figure.texts[0].get_window_extent().width < figure.bbox.width
-
-
 def test_a_film_keeps_its_size_whatever_is_seen():
     plain = Layers(pixels=fisheye_image(), reference=None, label="own", note="no score: no image before it")
     scored = replace(scored_layers(processed(busy_frame(), busy_frame().labels > 0)), label="own")
@@ -187,7 +178,7 @@ def test_a_close_up_shows_the_object_and_as_much_around_it():
 
 def seen_by_deuteranopes(colour):
     """Lab of "#rrggbb" without the green receptors (Vienot, Brettel and Mollon 1999, on linear light)."""
-    linear = (np.array(rgb(colour)) / 255.0) ** 2.2
+    linear = np.array(to_rgb(colour)) ** 2.2
     seen = np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]]) @ linear
     red_green_blue = np.clip(seen, 0, 1)[None, None] ** (1 / 2.2)
     return cv2.cvtColor(red_green_blue.astype(np.float32), cv2.COLOR_RGB2LAB)[0, 0]

@@ -9,8 +9,16 @@ from bench.evaluation.definitions import HALF
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.evaluation.rows import TableRows, objects_table
 from bench.records.reference import Direction
-from bench.reporting.canvas import figure_bytes, new_figure
-from bench.reporting.charts import HALF_TITLE, HATCH, draw_cells, draw_range_maps, draw_run_maps
+from bench.reporting.figures import (
+    HALF_TITLE,
+    HATCH,
+    draw_cells,
+    draw_range_maps,
+    draw_run_maps,
+    draw_threshold_sweep,
+    figure_bytes,
+    new_figure,
+)
 from tests.support.result_rows import object_row
 
 OUTLINE_M = np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
@@ -60,7 +68,11 @@ def test_ahead_is_up_and_left_is_left():
     )  # top of viridis
 
 
-def test_a_class_beyond_the_papers_gets_a_column_once_it_is_seen():
+def test_three_classes_by_two_directions_and_others_once_they_are_seen():
+    figure = draw_range_maps(RangeMaps(maps=(), unplaced=3), vehicle_outline_m=OUTLINE_M)
+    kinds = [f"{name}, {way}" for way in ("lateral", "longitudinal") for name in ("pedestrian", "cyclist", "vehicle")]
+    assert [axes.get_title() for axes in figure.axes if axes.get_title()] == [f"{k}\n0 object-frames" for k in kinds]
+    assert "3 object-frames of unknown direction left out" in [text.get_text() for text in figure.texts]
     seen, unseen = range_map({(3, 2): (5, 4)}, object_class="animal"), range_map({}, object_class="train")
     figure = draw_range_maps(RangeMaps(maps=(seen, unseen), unplaced=0), vehicle_outline_m=OUTLINE_M)
     titles = [axes.get_title().split("\n")[0] for axes in figure.axes]
@@ -68,30 +80,18 @@ def test_a_class_beyond_the_papers_gets_a_column_once_it_is_seen():
     assert "train, lateral" not in titles
 
 
-def test_three_classes_by_two_directions_whatever_there_is():
-    figure = draw_range_maps(RangeMaps(maps=(), unplaced=0), vehicle_outline_m=OUTLINE_M)
-    titles = [axes.get_title() for axes in figure.axes if axes.get_title()]
-    assert [title.split("\n")[0] for title in titles] == [
-        "pedestrian, lateral",
-        "cyclist, lateral",
-        "vehicle, lateral",
-        "pedestrian, longitudinal",
-        "cyclist, longitudinal",
-        "vehicle, longitudinal",
-    ]
-    assert all(title.endswith("0 object-frames") for title in titles)
-
-
-def test_object_frames_in_no_map_are_told():
-    figure = draw_range_maps(RangeMaps(maps=(), unplaced=3), vehicle_outline_m=OUTLINE_M)
-    assert "3 object-frames of unknown direction left out" in [text.get_text() for text in figure.texts]
-
-
 def test_the_same_bytes_twice():
     maps = RangeMaps(maps=(range_map({(3, 2): (5, 4), (6, -2): (4, 4)}),), unplaced=0)
     first, second = (figure_bytes(draw_range_maps(maps, vehicle_outline_m=OUTLINE_M), "svg") for _ in range(2))
     assert first == second
     assert b"<dc:date>" not in first
+
+
+def test_the_curve_of_thresholds_has_coverage_across_and_recall_up():
+    figure = draw_threshold_sweep(np.array([0.2, 0.9]), np.array([0.0, 0.3]), of_run=(0.1, 0.5))
+    curve, dot = figure.axes[0].lines
+    assert (curve.get_xdata().tolist(), curve.get_ydata().tolist()) == ([0, 30], [20, 90])
+    assert (dot.get_xdata().tolist(), dot.get_ydata().tolist()) == ([10], [50])
 
 
 ROWS = objects_table([object_row(n) | {"tp": tp, "fn": 20 - tp} for n, tp in enumerate((0, 9, 10, 20))])

@@ -9,10 +9,10 @@ import pytest
 from matplotlib.colors import to_hex
 
 from bench.evaluation import FalsePositiveMetrics, Metric, ObjectMetrics
-from bench.reporting.canvas import BLUE, GREEN, PURPLE, VERMILION
 from bench.reporting.document import to_csv, to_markdown
-from bench.reporting.sweep import draw, report, table, write_sweep
-from tests.reporting.printed import printed
+from bench.reporting.figures import BLUE, GREEN, PURPLE, VERMILION, draw_sweep
+from bench.reporting.formats import headline_metrics
+from bench.reporting.run_tables import sweep_report, write_sweep
 
 
 def metric(value, *, spread=0.1):
@@ -41,13 +41,14 @@ RUNS = {"3e-4": run(0.9), "6e-4": run(0.8, frames=38), "1e-2": run(0.6)}
 
 
 def axes_of(runs):
-    (axes,) = draw("threshold", runs, title="threshold on demo").axes
+    metrics = {value: headline_metrics(summary) for value, summary in runs.items()}
+    (axes,) = draw_sweep("threshold", metrics, title="threshold on demo").axes
     return axes
 
 
 def test_csv_has_one_line_per_value_at_full_precision():
     lines = list(
-        csv.DictReader(io.StringIO(to_csv(report("threshold", RUNS | {"1": run(math.nan)}, title="").numbers)))
+        csv.DictReader(io.StringIO(to_csv(sweep_report("threshold", RUNS | {"1": run(math.nan)}, title="").numbers)))
     )
     assert [line["threshold"] for line in lines] == ["3e-4", "6e-4", "1e-2", "1"]
     assert [line["object_frames"] for line in lines] == ["40", "38", "40", "40"]
@@ -59,7 +60,7 @@ def test_csv_has_one_line_per_value_at_full_precision():
 
 
 def test_markdown_has_the_headline_metrics_with_intervals():
-    text = to_markdown(report("threshold", RUNS | {"1": run(math.nan)}, title="", note="A note.").blocks)
+    text = to_markdown(sweep_report("threshold", RUNS | {"1": run(math.nan)}, title="", note="A note.").blocks)
     headings = "| threshold | Images | Object-frames | Recordings | IoU, all | TPR, all | Detection at 50 % |"
     assert headings in text
     assert "| 1e-2 | 12 | 40 | 7 | 30.0 % [20.0, 40.0] | 59.0 % [49.0, 69.0] | 55.0 % [45.0, 65.0] | 28.0 %" in text
@@ -68,17 +69,9 @@ def test_markdown_has_the_headline_metrics_with_intervals():
     assert len({line.count("|") for line in text.splitlines() if line.startswith("|")}) == 1
 
 
-def test_terminal_table_fits():
-    runs = {'{"epipolar": 0, "anti_parallel": 0.5}': run(0.5), "{}": run(math.nan)}
-    shown = printed([table("threshold", runs, title="threshold on demo", note="A note.")])
-    assert all(text in shown for text in ("45.0 %", "[35.0, 55.0]", "[26.0, 30.0]", "n/a", "A note."))
-    assert "…" not in shown
-    assert all(len(line) <= 110 for line in shown.splitlines())
-
-
 def test_a_protocol_without_the_level_has_no_such_column():
     runs = {value: run(0.5, levels=("10",)) for value in ("1e-3", "2e-3")}
-    told = report("threshold", runs, title="t")
+    told = sweep_report("threshold", runs, title="t")
     assert "Detection at 50 %" not in to_markdown(told.blocks)
     assert "detection_rate_50" not in to_csv(told.numbers)
     assert len(axes_of(runs).lines) == 3
@@ -96,25 +89,16 @@ def test_chart_draws_the_metrics_in_percent_with_their_intervals():
 
 
 @pytest.mark.parametrize(
-    ("values", "scale", "at"),
-    [
-        (("-1", "0", "20"), "linear", [-1, 0, 20]),
-        (("5", "8"), "linear", [5, 8]),
-        (("dis", "farneback"), "linear", [0, 1]),
-    ],
+    ("values", "at"), [(("-1", "0", "20"), [-1, 0, 20]), (("5", "8"), [5, 8]), (("dis", "farneback"), [0, 1])]
 )
-def test_values_that_are_no_numbers_stand_side_by_side(values, scale, at):
+def test_values_that_are_no_numbers_stand_side_by_side(values, at):
     axes = axes_of({value: run(0.5) for value in values})
-    assert axes.get_xscale() == scale
-    assert axes.lines[0].get_xdata().tolist() == at
+    assert (axes.get_xscale(), axes.lines[0].get_xdata().tolist()) == ("linear", at)
     if values[0] == "dis":
         assert [label.get_text() for label in axes.get_xticklabels()] == ["dis", "farneback"]
 
 
-def test_files_do_not_change(tmp_path):
+def test_the_files_of_a_sweep(tmp_path):
     files = write_sweep(tmp_path, "threshold", RUNS, title="threshold on demo")
     assert sorted(file.name for file in files) == ["sweep.csv", "sweep.html", "sweep.md", "sweep.svg"]
-    before = {file: file.read_bytes() for file in files}
-    assert b"<svg" in before[tmp_path / "sweep.html"]
-    write_sweep(tmp_path, "threshold", RUNS, title="threshold on demo")
-    assert {file: file.read_bytes() for file in files} == before
+    assert "<svg" in (tmp_path / "sweep.html").read_text()

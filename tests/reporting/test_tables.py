@@ -12,14 +12,13 @@ from bench.reporting.formats import percent, with_interval
 from bench.reporting.run_tables import (
     COMPARED,
     COVERAGES,
-    FALSE_POSITIVES,
     detection_columns,
     report,
     table_rows,
     terminal_report,
 )
 from tests.reporting.printed import printed
-from tests.reporting.summaries import banded_summary, figure, object_figures, summary
+from tests.reporting.summaries import banded_summary, figure, summary
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel", "static_camera")
 OF_PAPER = summary().model_copy(update={"false_positive_causes": dict.fromkeys(CONSTRAINTS, figure(0.2))})
@@ -44,11 +43,6 @@ def on_terminal(rows):
 
 def table_lines(rows):
     return printed(terminal_report(rows, title="any")[:1], width=100).splitlines()
-
-
-def one_line(text):
-    """LaTeX without the signs that only LaTeX needs."""
-    return text.replace(r"\%", "%").replace(r"\\", "")
 
 
 def number(text):
@@ -103,7 +97,7 @@ def test_csv_carries_the_rows_without_loss():
                 assert same(number(line[f"ci95_{end}"]), bound)
 
 
-@pytest.mark.parametrize("write", [markdown, lambda rows: one_line(latex(rows))])
+@pytest.mark.parametrize("write", [markdown, lambda rows: latex(rows).replace(r"\%", "%").replace(r"\\", "")])
 def test_markdown_and_latex_show_the_same_values(write):
     text = write(ROWS)
     for row in (row for row in ROWS[:-1] if row.frames):
@@ -113,9 +107,6 @@ def test_markdown_and_latex_show_the_same_values(write):
             ours = percent(row.metrics[name].value, cases=row.metrics[name].cases)
             shown = [ours, row.paper_percent(name), row.difference(name)]
             assert re.search(r" +[|&] +".join(map(re.escape, shown)).replace(r"[|&] +$", ""), text)
-    last = ROWS[-1].metrics
-    assert all(with_interval(last[name]) in text for name in ("coverage", "coverage_valid", "frame_rate"))
-    assert "12.5 [11.0, 14.2]" in text
 
 
 def test_the_terminal_shows_the_same_values_at_100_columns():
@@ -130,31 +121,10 @@ def test_the_terminal_shows_the_same_values_at_100_columns():
     crossing, false = (next(x for x in text.splitlines() if x.startswith(n)) for n in ("Crossing", "False positives"))
     assert false.index("10.5") == crossing.index("72.1"), "below the detection rate"
     crossing = text[text.index("Crossing") : text.index("Overtaking")].splitlines()
-    assert crossing[0].split() == [
-        "Crossing",
-        "ours",
-        "8",
-        "100",
-        "7",
-        "32.5",
-        "50.5",
-        "43.3",
-        "57.7",
-        "72.1",
-        "64.9",
-        "36.1",
-    ]
+    assert " ".join(crossing[0].split()) == "Crossing ours 8 100 7 32.5 50.5 43.3 57.7 72.1 64.9 36.1"
     assert crossing[2].split() == ["chance", "28.9", "14.4", "7.2"]
     assert crossing[3].split() == ["paper", "3848", "55", "64", "72"]
     assert crossing[4].split() == ["diff.", "-11.7", "-6.3", "+0.1"]
-
-
-def test_a_row_that_the_paper_does_not_have_leaves_its_line_empty():
-    masks = summary().model_copy(update={"categories": {"moving": object_figures(0.6)}})
-    text = on_terminal(table_rows(masks))
-    assert "Moving" in text
-    assert "60.0" in text
-    assert "nan" not in text
 
 
 def test_nothing_to_average_is_said_and_not_made_up():
@@ -179,55 +149,24 @@ def test_rows_of_own_data_stand_beside_nothing():
     assert "72.1 %" in markdown(own)
 
 
-def test_a_value_without_an_interval_stands_alone():
-    only = summary()
-    crossing = only.categories["crossing"].model_copy(
-        update={"detection_rate": only.categories["crossing"].detection_rate.model_copy(update={"ci95": None})}
-    )
-    rows = table_rows(only.model_copy(update={"categories": {"crossing": crossing}}))
-    assert with_interval(rows[0].metrics["detection_rate"]) == "72.1 %"
-    assert [row.name for row in rows] == ["crossing", "all_moving", FALSE_POSITIVES]
-
-
-def test_latex_prints_its_notes_and_names_intervals_where_there_are_some():
+def test_latex_is_three_balanced_floats_with_labels_captions_and_notes():
     text = latex(ROWS)
-    assert not any(line.startswith("%") for line in text.splitlines())
-    assert text.count(r"Intervals: 95 \%") == 3
-    assert "-6.3" in text
+    names = "results-by-category-of-objects", "detection", "coverage"
+    assert re.findall(r"\\label\{(.*?)\}", text) == [f"tab:demo-spherical-{name}" for name in names]
+    captions = re.findall(r"\\caption\{(.*)\}", text)
+    assert all(r": method spherical\_2, data set demo, paper-v1. " in caption for caption in captions)
+    assert text.count(r"Intervals: 95 \%") == 2
     assert text.count(r" with 95 \% intervals: method") == 2
-    bare = [
-        replace(row, metrics={n: m.model_copy(update={"ci95": None}) for n, m in row.metrics.items()}) for row in ROWS
-    ]
-    assert "with 95" not in latex(bare)
-
-
-def test_why_there_is_no_chance_level_is_said():
-    none = object_figures(0.6).model_copy(update={"chance": figure(math.nan)})
-    rows = table_rows(summary().model_copy(update={"categories": {"crossing": none}}))
-    for write in (markdown, latex, on_terminal):
-        assert "chance_lag_s" in write(rows).replace("\\_", "_")
-        assert "chance_lag_s" not in write(ROWS).replace("\\_", "_")
-
-
-def test_latex_is_balanced_and_every_line_has_its_columns():
-    text = latex(ROWS)
+    assert not re.search(r"(?<!\\)%", text)
     assert text.count(r"\begin{") == text.count(r"\end{")
-    body = [line for line in text.splitlines() if not line.startswith("%")]
-    assert not any(re.search(r"(?<!\\)%", line) for line in body)
     for table in text.split(r"\begin{tabular}")[1:]:
         columns = len(re.findall("[lr]", table[1 : table.index("}")]))
         rows = [line for line in table.splitlines() if line.endswith(r"\\")]
         assert {len(re.findall(r"(?<!\\)&", line)) + 1 for line in rows} == {columns}
-
-
-def test_every_float_of_latex_has_a_label_and_says_method_and_data_set():
-    text = latex(ROWS)
-    labels = re.findall(r"\\label\{(.*?)\}", text)
-    names = "results-by-category-of-objects", "detection", "coverage", "false-positives"
-    assert labels == [f"tab:demo-spherical-{name}" for name in names]
-    captions = re.findall(r"\\caption\{(.*)\}", text)
-    assert len(captions) == 4
-    assert all(r": method spherical\_2, data set demo, paper-v1. " in caption for caption in captions)
+    bare = [
+        replace(row, metrics={n: m.model_copy(update={"ci95": None}) for n, m in row.metrics.items()}) for row in ROWS
+    ]
+    assert "with 95" not in latex(bare)
 
 
 def test_markdown_tables_have_as_many_cells_in_every_line():
@@ -240,9 +179,9 @@ def test_the_unknown_share_stands_beside_each_row_of_a_protocol_with_bands_and_o
     *rows, false_positives = banded
     assert {row.metrics["unknown_share"].value for row in rows} == {0.25}
     assert "unknown_share" not in false_positives.metrics
-    for write in (markdown, latex, table_csv, on_terminal):
-        assert "nknown" in write(banded)
-        assert "nknown" not in write(ROWS)
+    for write, heading in ((markdown, "| Unknown |"), (latex, "& Unknown"), (on_terminal, "known\n")):
+        assert heading in write(banded)
+        assert heading not in write(ROWS)
     (line,) = [line for line in markdown(banded).splitlines() if line.startswith("| Crossing") and "25.0 %" in line]
     assert line.split("|")[-2].split() == ["25.0", "%", "[20.0,", "30.0]"]
     assert max(map(len, table_lines(banded))) <= 100

@@ -9,44 +9,24 @@ def native(root):
     return {}
 
 
-def aimotive(root):
-    tiny_aimotive.write_data_set(root)
-    return tiny_aimotive.OPTIONS
+def by(module, **more):
+    """Write the small data set of a module, and give the options with which it is read."""
 
+    def write(root):
+        module.write_data_set(root)
+        return module.OPTIONS | more
 
-def kitti360(root):
-    tiny_kitti360.write_data_set(root)
-    return tiny_kitti360.OPTIONS
-
-
-def kitti_raw(root):
-    tiny_kitti_raw.write_data_set(root)
-    return tiny_kitti_raw.OPTIONS
-
-
-def woodscape(root):
-    tiny_woodscape.write_data_set(root)
-    return tiny_woodscape.OPTIONS | {"cameras": ["FV"]}
-
-
-def rosbag(root):
-    tiny_rosbag.write_data_set(root)
-    return tiny_rosbag.OPTIONS
-
-
-def log_of_123d(root):
-    log123d.write_data_set(root)
-    return log123d.OPTIONS
+    return write
 
 
 DATA_SETS = {
     "native": native,
-    "aimotive": aimotive,
-    "kitti-raw": kitti_raw,
-    "kitti360": kitti360,
-    "woodscape": woodscape,
-    "rosbag": rosbag,
-    "123d": log_of_123d,
+    "aimotive": by(tiny_aimotive),
+    "kitti-raw": by(tiny_kitti_raw),
+    "kitti360": by(tiny_kitti360),
+    "woodscape": by(tiny_woodscape, cameras=["FV"]),
+    "rosbag": by(tiny_rosbag),
+    "123d": by(log123d),
 }
 LABELLED_APART = {"rosbag"}  # annotations only beside the data
 

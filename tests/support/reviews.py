@@ -27,7 +27,7 @@ def straight(name, *, first=0, states=11, start=(0.0, 0.0), speed_mps=10.0, size
     numbers = np.arange(first, first + states)
     centres_m = np.column_stack([start[0] + speed_mps * numbers / 10, np.tile([start[1], 1.0], (states, 1))])
     boxes = box_states(numbers * STEP_NS, centres_m, np.zeros(states), np.tile([speed_mps, 0.0], (states, 1)))
-    told = {"id": name, "source": "proposed", "object_class": "vehicle", "size_m": size_m, "states": boxes}
+    told = {"id": name, "object_class": "vehicle", "size_m": size_m, "states": boxes}
     return StoredTrack(**told | more)
 
 
@@ -49,7 +49,6 @@ def proposed_from(recording):
         tracks.append(
             StoredTrack(
                 id=f"p{number:03d}",
-                source="proposed",
                 object_class=track.object_class,
                 size_m=tuple(boxes[0].shape.size_m.tolist()),
                 doubts=(Doubt(reason="few returns", value=6.0),) if number % 2 else (),

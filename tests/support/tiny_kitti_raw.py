@@ -9,13 +9,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from tests.support.tiny_kitti360 import CAR_SIZE as CAR_SIZE_M
+from tests.support.tiny_kitti360 import rotation_z, surface
+
 DATE, DRIVE = "2011_09_26", "2011_09_26_drive_0001_sync"
 FRAMES, PERIOD_NS, SCAN_LATER_NS = 8, 103_600_000, 2_000_000
 START_NS = 1_317_042_165_500_000_000  # 2011-09-26 13:02:45.5
 LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M = 49.01, 8.43, 116.0
 HEADING_RAD = np.radians(30)
 EGO_MPS, CAR_MPS = 5.0, 9.0
-CAR_SIZE_M = np.array([4.4, 1.8, 1.5])  # length, width, height
 WIDTH, HEIGHT = 124, 37
 
 LIDAR_M, IMU_IN_LIDAR_M = np.array([0.76, 0.0, 1.73]), np.array([-0.81, 0.32, -0.8])
@@ -34,11 +36,6 @@ def stamps(later_ns: int = 0) -> str:
     return "".join(f"{str(time).replace('T', ' ')}\n" for time in times)
 
 
-def rotation_z(angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-
-
 def ego_m(time: int) -> np.ndarray:
     """The vehicle's origin in a world with x to the east."""
     return rotation_z(HEADING_RAD)[:, 0] * EGO_MPS * (time - START_NS) / 1e9
@@ -50,13 +47,6 @@ def car_in_vehicle_m(time: int) -> np.ndarray:
 
 
 PARKED_M = np.array([9.0, 4.0, 0.8])  # in the vehicle frame at the start
-
-
-def surface() -> np.ndarray:
-    """Points all over the car, from its centre."""
-    axis = np.linspace(-0.49, 0.49, 12)
-    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    return grid[np.abs(grid).max(axis=1) > 0.48] * CAR_SIZE_M
 
 
 def scan(frame: int) -> np.ndarray:

@@ -34,33 +34,25 @@ POINT = np.dtype(
 )
 KINDS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 
+
+def mounting(vehicle_from_sensor) -> dict:
+    translation_m = vehicle_from_sensor.translation_m.tolist()
+    return {"quaternion_wxyz": vehicle_from_sensor.quaternion_wxyz.tolist(), "translation_m": translation_m}
+
+
+LENS = {"model": "radial_polynomial", "coefficients": [20.0, 0.5, -0.25, 0.0], "principal_point": [31.5, 23.5]}
+CAMERA = {
+    "topic": FRONT,
+    "model": LENS,
+    "image_size": [tiny.WIDTH, tiny.HEIGHT],
+    "vehicle_from_sensor": mounting(tiny.FRONT),
+    "body_polygons": [[[10, 40], [49, 40], [49, 47], [10, 47]]],
+}
+CLOUDS = {"topic": LIDAR, "full_intensity": 1.0, "time_unit": "ns"}
 RIG = {
     "vehicle": {"outline_m": tiny.OUTLINE_M.tolist()},
-    "cameras": {
-        "front": {
-            "topic": FRONT,
-            "model": {
-                "model": "radial_polynomial",
-                "coefficients": [20.0, 0.5, -0.25, 0.0],
-                "principal_point": [31.5, 23.5],
-            },
-            "image_size": [tiny.WIDTH, tiny.HEIGHT],
-            "vehicle_from_sensor": {
-                "quaternion_wxyz": tiny.FRONT.quaternion_wxyz.tolist(),
-                "translation_m": tiny.FRONT.translation_m.tolist(),
-            },
-            "body_polygons": [[[10, 40], [49, 40], [49, 47], [10, 47]]],
-        }
-    },
-    "lidar": {
-        "topic": LIDAR,
-        "full_intensity": 1.0,
-        "time_unit": "ns",
-        "vehicle_from_sensor": {
-            "quaternion_wxyz": tiny.VEHICLE_FROM_LIDAR.quaternion_wxyz.tolist(),
-            "translation_m": tiny.VEHICLE_FROM_LIDAR.translation_m.tolist(),
-        },
-    },
+    "cameras": {"front": CAMERA},
+    "lidar": CLOUDS | {"vehicle_from_sensor": mounting(tiny.VEHICLE_FROM_LIDAR)},
     "ego_motion": {"odometry": {"topic": ODOM}},
 }
 OPTIONS = {"rig": "rig.yaml", "licence": "CC0-1.0"}
@@ -78,16 +70,8 @@ def header(time_ns: int, frame: str = ""):
 def image(time_ns: int, pixels: np.ndarray, encoding: str = "mono8", *, padding: int = 0, big: bool = False):
     rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(pixels), -1)
     rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
-    return message(
-        IMAGE,
-        header=header(time_ns),
-        height=pixels.shape[0],
-        width=pixels.shape[1],
-        encoding=encoding,
-        is_bigendian=int(big),
-        step=rows.shape[1],
-        data=rows.ravel(),
-    )
+    size = {"height": pixels.shape[0], "width": pixels.shape[1], "encoding": encoding, "is_bigendian": int(big)}
+    return message(IMAGE, header=header(time_ns), **size, step=rows.shape[1], data=rows.ravel())
 
 
 def compressed(time_ns: int, pixels: np.ndarray, suffix: str = ".png", kind: str | None = None):
@@ -98,31 +82,14 @@ def compressed(time_ns: int, pixels: np.ndarray, suffix: str = ".png", kind: str
 def cloud(
     time_ns: int, points: np.ndarray, *, frame: str = "", big: bool = False, height: int = 1, row_padding: int = 0
 ):
-    names = points.dtype.names
-    fields = [
-        message(
-            "sensor_msgs/msg/PointField",
-            name=name,
-            offset=points.dtype.fields[name][1],
-            datatype=KINDS[points.dtype[name].str[1:]],
-            count=1,
-        )
-        for name in names
-    ]
-    rows = points.view(np.uint8).reshape(height, -1)
-    rows = np.pad(rows, ((0, 0), (0, row_padding)))
-    return message(
-        CLOUD,
-        header=header(time_ns, frame),
-        height=height,
-        width=len(points) // height,
-        fields=fields,
-        is_bigendian=big,
-        point_step=points.dtype.itemsize,
-        row_step=rows.shape[1],
-        data=rows.ravel(),
-        is_dense=False,
-    )
+    fields = []
+    for name, (kind, offset) in points.dtype.fields.items():
+        values = {"name": name, "offset": offset, "datatype": KINDS[kind.str[1:]], "count": 1}
+        fields.append(message("sensor_msgs/msg/PointField", **values))
+    rows = np.pad(points.view(np.uint8).reshape(height, -1), ((0, 0), (0, row_padding)))
+    size = {"height": height, "width": len(points) // height, "is_bigendian": big, "is_dense": False}
+    size |= {"point_step": points.dtype.itemsize, "row_step": rows.shape[1]}
+    return message(CLOUD, header=header(time_ns, frame), fields=fields, data=rows.ravel(), **size)
 
 
 def sweep_points(index: int) -> np.ndarray:
@@ -146,13 +113,11 @@ def quaternion(wxyz):
 def odometry(time_ns: int, position_m, wxyz=(1.0, 0.0, 0.0, 0.0), child: str = "base_link"):
     point = message("geometry_msgs/msg/Point", x=position_m[0], y=position_m[1], z=position_m[2])
     pose = message("geometry_msgs/msg/Pose", position=point, orientation=quaternion(wxyz))
-    return message(
-        ODOMETRY,
-        header=header(time_ns, "odom"),
-        child_frame_id=child,
-        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-        twist=message("geometry_msgs/msg/TwistWithCovariance", twist=twist(), covariance=np.zeros(36)),
-    )
+    content = {
+        "pose": message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+        "twist": message("geometry_msgs/msg/TwistWithCovariance", twist=twist(), covariance=np.zeros(36)),
+    }
+    return message(ODOMETRY, header=header(time_ns, "odom"), child_frame_id=child, **content)
 
 
 def twist(speed_mps: float = SPEED_MPS, turn_radps: float = 0.0):
@@ -160,33 +125,21 @@ def twist(speed_mps: float = SPEED_MPS, turn_radps: float = 0.0):
 
 
 def imu(time_ns: int, turn_radps: float = TURN_RADPS):
-    return message(
-        IMU,
-        header=header(time_ns),
-        orientation=quaternion((1, 0, 0, 0)),
-        orientation_covariance=np.zeros(9),
-        angular_velocity=vector(0.0, 0.0, turn_radps),
-        angular_velocity_covariance=np.zeros(9),
-        linear_acceleration=vector(0.0, 0.0, 9.81),
-        linear_acceleration_covariance=np.zeros(9),
-    )
+    values = {"orientation": quaternion((1, 0, 0, 0)), "angular_velocity": vector(0.0, 0.0, turn_radps)}
+    values["linear_acceleration"] = vector(0.0, 0.0, 9.81)
+    covariances = {f"{name}_covariance": np.zeros(9) for name in values}
+    return message(IMU, header=header(time_ns), **values, **covariances)
 
 
 def frames(*entries):
     """Entries of parent, child and parent_from_child."""
-    transforms = [
-        message(
-            "geometry_msgs/msg/TransformStamped",
-            header=header(1, parent),
-            child_frame_id=child,
-            transform=message(
-                "geometry_msgs/msg/Transform",
-                translation=vector(*parent_from_child.translation_m.tolist()),
-                rotation=quaternion(parent_from_child.quaternion_wxyz),
-            ),
-        )
-        for parent, child, parent_from_child in entries
-    ]
+    transforms = []
+    for parent, child, parent_from_child in entries:
+        translation = vector(*parent_from_child.translation_m.tolist())
+        rotation = quaternion(parent_from_child.quaternion_wxyz)
+        transform = message("geometry_msgs/msg/Transform", translation=translation, rotation=rotation)
+        kind = "geometry_msgs/msg/TransformStamped"
+        transforms.append(message(kind, header=header(1, parent), child_frame_id=child, transform=transform))
     return message(FRAMES, transforms=transforms)
 
 

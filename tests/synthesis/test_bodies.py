@@ -118,7 +118,7 @@ def test_sizes_are_known_of_every_kind() -> None:
 def test_body_stays_in_its_box_in_every_posture(kind: str, speed_mps: float) -> None:
     body = make_body(kind, np.random.default_rng(1))
     half_m = body.size_m / 2
-    for way_m in np.linspace(0, body.cycle_m, 37):
+    for way_m in np.linspace(0, body.cycle_m, 19):
         corners_m = body.corners_at(float(way_m), speed_mps=speed_mps).reshape(-1, 3) - [0, 0, half_m[2]]
         assert (np.abs(corners_m[:, :2]) <= half_m[:2] + 0.01).all()
         # Between standing and going the feet are on the ground, the head up to 3 cm above.

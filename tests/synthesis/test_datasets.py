@@ -66,7 +66,7 @@ def test_paper_has_every_light_place_and_special_case() -> None:
     assert reverses_and_turns(specs)
     actors = [actor for spec in specs for actor in spec.actors]
     assert sum(actor.kind == "dog" for actor in actors) >= 4
-    assert sum(BODIES[actor.kind][0] == "pedestrian" and actor.speed_mps == 0.0 for actor in actors) >= 8
+    assert sum(BODIES[actor.kind][0] == "pedestrian" and actor.speed_mps == (0.0,) for actor in actors) >= 8
     overtaken = [spec for spec in specs if spec.name.startswith(("avenue", "fast-lane", "queue", "passed-in"))]
     assert {BODIES[actor.kind][0] for spec in overtaken for actor in spec.actors} == {"vehicle"}
 

@@ -87,35 +87,25 @@ def test_beams_of_two_blocks_start_where_the_calibration_says() -> None:
     )  # across the beam
 
 
-def test_points_of_two_blocks_lie_on_what_they_met_and_tell_where_beams_start() -> None:
+@pytest.mark.parametrize("beams", ["one_origin", "two_blocks"])
+def test_static_points_freed_of_the_ego_vehicles_motion_lie_on_their_surfaces(beams: str) -> None:
     motion = ego(12.0, 0.35, SuspensionSpec(road_class="B"))
     near = quads([[6.0, 20, 0], [6.0, 3, 0], [6.0, 3, 8], [6.0, 20, 8]], GREY)
-    sweep = scan(scanner(joined([floor(), near, wall(22.0)]), motion, beams="two_blocks"))
-    points_world = placed(sweep, motion)
-    off_m = np.abs(np.column_stack([points_world[:, 2], points_world[:, 0] - 6.0, points_world[:, 0] - 22.0])).min(
-        axis=1
-    )
-    assert off_m.max() < 4e-3
-    assert sweep.ring is not None
-    flat_m = np.sqrt(np.square(sweep.points_lidar[:, :2]).sum(axis=1) - 0.026**2)
-    for ring, start_m in ((0, 0.209), (63, 0.106)):
-        rows = sweep.ring == ring
-        lifts_m = start_m + flat_m[rows] * np.tan(np.radians(BEAMS_DEG[ring]))
-        assert sweep.points_lidar[rows, 2] == pytest.approx(lifts_m, abs=4e-3)
+    sweep = scan(scanner(joined([floor(), near, wall(22.0)]), motion, beams=beams))
 
+    def farthest_off_m(motion: EgoMotion) -> float:
+        x, _, z = placed(sweep, motion).T
+        return float(np.abs([z, x - 6.0, x - 22.0]).min(axis=0).max())
 
-def test_static_points_freed_of_the_ego_vehicles_motion_lie_on_their_surfaces() -> None:
-    motion = ego(12.0, 0.35, SuspensionSpec(road_class="B"))
-    world = joined([floor(), wall(22.0)])
-    sweep = scan(scanner(world, motion))
-    points_world = placed(sweep, motion)
-    off_m = np.minimum(np.abs(points_world[:, 2]), np.abs(points_world[:, 0] - 22.0))
-    assert len(off_m) > 50_000
-    # Coordinates are stored to the nearest 1/256 m.
-    assert off_m.max() < 4e-3
-    # The same with the level host: its pitch and roll would be seen.
-    level = placed(sweep, ego(12.0, 0.35))
-    assert np.minimum(np.abs(level[:, 2]), np.abs(level[:, 0] - 22.0)).max() > 0.05
+    assert len(sweep.points_lidar) > 50_000
+    assert farthest_off_m(motion) < 4e-3  # coordinates are stored to the nearest 1/256 m
+    assert farthest_off_m(ego(12.0, 0.35)) > 0.05  # of the level host: its pitch and roll are seen
+    if beams == "two_blocks":  # the points tell where beams start
+        flat_m = np.sqrt(np.square(sweep.points_lidar[:, :2]).sum(axis=1) - 0.026**2)
+        for ring, start_m in ((0, 0.209), (63, 0.106)):
+            rows = sweep.ring == ring
+            lifts_m = start_m + flat_m[rows] * np.tan(np.radians(BEAMS_DEG[ring]))
+            assert sweep.points_lidar[rows, 2] == pytest.approx(lifts_m, abs=4e-3)
 
 
 def test_range_noise_is_as_stated() -> None:

@@ -33,7 +33,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import AfterValidator, ConfigDict, Field
 
 from bench.adapters.kitti360.boxes import read_boxes, tracks_from_world
 from bench.adapters.kitti360.files import TURN_OVER, drive_through, read_clock, read_poses, read_turn
@@ -46,7 +46,7 @@ from bench.recordings.annotations import annotation_file_in, read_annotations
 from bench.recordings.catalogue import RecordingHandle
 from bench.recordings.files import framed_files, numbers, read_text
 from bench.recordings.mounting import FisheyeOptions, Polygon
-from bench.recordings.validation import FileModel, SidePx, located, validated
+from bench.recordings.validation import FileModel, SidePx, in_order, located, validated
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, MountedCamera, Recording, SweepRef, Track
 
 CALIBRATION, IMAGES, SWEEPS = "calibration", "data_2d_raw", "data_3d_raw"
@@ -54,6 +54,7 @@ POSES, BOXES = "data_poses", "data_3d_bboxes"
 SEQUENCE = re.compile(r"\d{4}_\d\d_\d\d_drive_(\d{4})_sync")
 LARGEST_CALIBRATION_BYTES = 100_000
 CameraName = Literal["image_02", "image_03"]
+Frame = Annotated[int, Field(ge=0)]
 
 
 class FrameExclusion(FileModel):
@@ -66,14 +67,8 @@ class FrameExclusion(FileModel):
     """
 
     sequence: str = Field(pattern=r"^\d{4}$")
-    frames: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]]
+    frames: Annotated[tuple[Frame, Frame], AfterValidator(in_order)]
     reason: str = Field(min_length=1)
-
-    @model_validator(mode="after")
-    def _ordered(self) -> FrameExclusion:
-        if self.frames[0] > self.frames[1]:
-            raise ValueError("the first frame not after the last")
-        return self
 
 
 class Kitti360Options(FisheyeOptions[CameraName]):

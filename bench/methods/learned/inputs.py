@@ -152,12 +152,14 @@ def _constraint_channels(given: MethodInput, last: Evidence) -> dict[str, Bytes]
         current_from_previous=(scene.current_from_previous,),
         road=scene.road,
     )
-    found = method.likelihood_map(corrected, cell_mean(last.flow, CELL_PX))
-    none = np.zeros(found.likelihood.shape)
-    measured = {CONSTRAINTS[0]: found.likelihood} if found.stationary else found.deviations
+    likelihoods = method.likelihood_map(corrected, cell_mean(last.flow, CELL_PX))
+    none = np.zeros(likelihoods.likelihood.shape)
+    measured = {CONSTRAINTS[0]: likelihoods.likelihood} if likelihoods.stationary else likelihoods.deviations
     channels, (height, width) = {}, given.valid.shape
     for name in CONSTRAINTS:
-        on_cells = np.log1p(np.where(found.seen, measured.get(name, none), 0.0) / PAPER_ANGLE_RAD).astype(np.float32)
+        on_cells = np.log1p(np.where(likelihoods.seen, measured.get(name, none), 0.0) / PAPER_ANGLE_RAD).astype(
+            np.float32
+        )
         spread = on_cells.repeat(CELL_PX, axis=0).repeat(CELL_PX, axis=1)[:height, :width]
         channels[name] = _as_bytes(np.where(last.edge, 0, spread), DEVIATION_STEPS)
     return channels

@@ -129,19 +129,13 @@ class LearnedMethod(Method):
         height, width = channels.fine.shape[1:]
         whole = padded(channels)
         session = _session(self.files[0], self.trained.sha256)
-        (found,) = session.run(None, {"coarse": whole.coarse[None], "fine": whole.fine[None]})
-        return np.asarray(found[0, :height, :width], dtype=np.float32)
+        (scores,) = session.run(None, {"coarse": whole.coarse[None], "fine": whole.fine[None]})
+        return np.asarray(scores[0, :height, :width], dtype=np.float32)
 
     @cached_property
     def trained(self) -> NetworkCard:
         """The network's card: what it is shown, and its threshold."""
         return read_card(self.files[0])
-
-    def __getstate__(self) -> dict[str, object]:
-        return self.settings()  # a session cannot travel to other processes; they open their own
-
-    def __setstate__(self, settings: dict[str, object]) -> None:
-        self.__dict__.update(settings)
 
 
 def padded(channels: Channels) -> Channels:

@@ -92,7 +92,7 @@ class Prediction:
 
     Attributes:
         root: the folder of predictions; links that lead out of it are not followed.
-        files: at least one.
+        files: by one of the image's names each.
         sizes: of the image.
         are_scores: files hold scores of 16 bits, not masks.
     """
@@ -106,10 +106,10 @@ class Prediction:
         """The bytes of the file.
 
         Raises:
-            DataError: there are several, or it is not there, too large or no file.
+            DataError: there is none, or several; it is too large or no file.
         """
-        if len(self.files) > 1:
-            got = " and ".join(file.relative_to(self.root).as_posix() for file in self.files)
+        if len(self.files) != 1:
+            got = " and ".join(file.relative_to(self.root).as_posix() for file in self.files) or "none"
             raise DataError(self.root, expected="one prediction of an image", got=got)
         refuse_escape(self.root, self.files[0], file=self.files[0])
         try:

@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable
 from copy import copy
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Literal, get_args
 
 import numpy as np
@@ -21,7 +20,6 @@ from bench.records.segmentation import Segmentation
 MissingPolicy = Literal["error", "skip", "empty"]
 DEFAULT_THRESHOLD = 0.5
 HALF = 0.5  # of a block's pixels, from which on the block moves
-REPORT = "predictions.json"
 SCHEMA_VERSION = 1
 
 
@@ -87,8 +85,8 @@ class PredictedMotion(Method):
         index = self._index
         assert index is not None, "the folder was gone through"
         key = ImageKey(frame.recording, frame.camera_name, frame.timestamps_ns[-1])
-        prediction = index.usable.get(key) or index.faulty.get(key)
-        if prediction is not None:
+        prediction = index.predictions.get(key)
+        if prediction is not None and prediction.files:
             cells, cell_px = prediction.sizes.on_cells(prediction.values(prediction.content()))
         elif self.missing == "empty":
             cells, cell_px = np.zeros(frame.valid.shape, dtype=np.float32), 1
@@ -126,28 +124,26 @@ def check_predictions(
     return index
 
 
-def refuse_faults(card: DatasetCard, method: PredictedMotion, index: PredictionIndex) -> None:
+def refuse_faults(method: PredictedMotion, index: PredictionIndex) -> None:
     """Refuse a folder with any fault where every prediction is required; else score what is there.
 
     Args:
-        card: the data set.
         method: with the folder.
         index: of the folder.
 
     Raises:
-        DataError: names a file in a new folder that lists all that is wrong.
+        DataError: says how many faults of each kind there are.
     """
     if method.missing != "error" or not index.faults:
         return
-    listed_in = Path(mkdtemp(prefix="fisheye-bench-")) / REPORT  # a new folder: no file of the user's is replaced
-    write_report(listed_in, card, method, index)
-    counts = {kind.value: len(index.of_kind(kind)) for kind in FaultKind}
+    counts = {kind: len(index.of_kind(kind)) for kind in FaultKind}
+    lack_alone = counts[FaultKind.MISSING] and not (counts[FaultKind.UNUSABLE] or counts[FaultKind.TWICE])
+    skip = "; or leave images without one out by --missing skip, or count them as empty by --missing empty"
     raise DataError(
         method.folder,
         expected=f"a prediction of each of {index.expected} images, and nothing else",
-        got=f"{', '.join(f'{n} {kind}' for kind, n in counts.items() if n)}; all of them in {listed_in}",
-        hint="fix them; --missing skip leaves images without one out, --missing empty counts them, and neither looks "
-        "at what is extra",
+        got=", ".join(f"{count} {kind.value}" for kind, count in counts.items() if count),
+        hint=f"fix them, all are listed with -v{skip if lack_alone else ''}",
     )
 
 

@@ -86,9 +86,8 @@ class PredictionIndex:
 
     Attributes:
         form: of all predictions, as the folder says.
-        expected: images that will be scored and so need a prediction.
-        usable: predictions of these that can be read.
-        faulty: predictions of these that cannot be used; reading them tells why.
+        predictions: of all images that will be scored; one without files is missing.
+        usable: images whose prediction can be read.
         faults: all that is wrong, by kind and place.
         unscored: predictions of images that are not scored: first ones, those after a gap, excluded ones.
         elsewhere: files of recordings that are not of the split, excluded, or cannot be opened.
@@ -97,14 +96,18 @@ class PredictionIndex:
     """
 
     form: Literal["mask", "score"]
-    expected: int
-    usable: Mapping[ImageKey, Prediction]
-    faulty: Mapping[ImageKey, Prediction]
+    predictions: Mapping[ImageKey, Prediction]
+    usable: frozenset[ImageKey]
     faults: tuple[Fault, ...]
     unscored: int
     elsewhere: int
     largest: float
     digest: str
+
+    @property
+    def expected(self) -> int:
+        """Images that need a prediction."""
+        return len(self.predictions)
 
     def of_kind(self, kind: FaultKind) -> tuple[Fault, ...]:
         """The faults of a kind."""
@@ -180,9 +183,8 @@ class Pairing:
         self._root, self._statement = root, read_statement(root)
         self._files = defaultdict[str, list[Path]](list)  # by place, without the suffix; those that are not yet taken
         self._faults: list[Fault] = []
-        self._expected: list[ImageKey] = []
-        self._usable: dict[ImageKey, Prediction] = {}
-        self._faulty: dict[ImageKey, Prediction] = {}
+        self._predictions: dict[ImageKey, Prediction] = {}
+        self._usable: set[ImageKey] = set()
         self._unscored, self._largest, self._digest = 0, 0.0, hashlib.sha256()
         self.is_annotated = False
         for path in sorted(root.rglob("*")):
@@ -202,22 +204,20 @@ class Pairing:
         if not image.is_scored:
             self._unscored += bool(files)
             return
-        self._expected.append(image.key)
-        if not files:
-            self._fault(FaultKind.MISSING, str(image.key), "no prediction")
-            return
         are_scores = self._statement.sixteen_bits == "score"
         prediction = Prediction(root=self._root, files=files, sizes=image.sizes, are_scores=are_scores)
+        self._predictions[image.key] = prediction
         try:
             content = prediction.content()
             self._largest = max(self._largest, float(prediction.values(content).max()))
         except DataError as error:
-            self._faulty[image.key] = prediction
             reason = f"expected {error.expected}, got {error.got}" + (f"; {error.hint}" if error.hint else "")
-            kind = FaultKind.TWICE if len(files) > 1 else FaultKind.UNUSABLE
-            self._fault(kind, str(image.key) if len(files) > 1 else self._relative(files[0]), reason)
+            if len(files) == 1:
+                self._fault(FaultKind.UNUSABLE, self._relative(files[0]), reason)
+            else:
+                self._fault(FaultKind.TWICE if files else FaultKind.MISSING, str(image.key), reason)
         else:
-            self._usable[image.key] = prediction
+            self._usable.add(image.key)
             self._digest.update(f"{image.key}:{hashlib.sha256(content).hexdigest()}\n".encode())
 
     def index(self, *, others: Collection[str]) -> PredictionIndex:
@@ -237,19 +237,18 @@ class Pairing:
             for file in files:
                 reason = "its recording, camera and name are of no image of the data set"
                 self._fault(FaultKind.EXTRA, self._relative(file), reason)
-        if not (self._usable or self._faulty):
+        if not any(prediction.files for prediction in self._predictions.values()):
             extra = [fault.place for fault in self._faults if fault.kind is FaultKind.EXTRA]
             got = f"{len(extra)} files and none of them does, the first {min(extra)}" if extra else "no file that does"
             expected = "predictions that name images that are scored"
-            if self._expected:
-                expected += f", such as {self._expected[0]}.png"
+            if self._predictions:
+                expected += f", such as {next(iter(self._predictions))}.png"
             raise DataError(self._root, expected=expected, got=got)
         order = list(FaultKind)
         return PredictionIndex(
             form=self._statement.sixteen_bits or "mask",
-            expected=len(self._expected),
-            usable=self._usable,
-            faulty=self._faulty,
+            predictions=self._predictions,
+            usable=frozenset(self._usable),
             faults=tuple(sorted(self._faults, key=lambda fault: (order.index(fault.kind), fault.place))),
             unscored=self._unscored,
             elsewhere=elsewhere,

@@ -28,7 +28,7 @@ COMMON = 0.6  # a pixel moves with an object if its deviation differs from the o
 ROUNDS = 2
 LEAST_SEEDS = 4
 SEED_SHARE = 0.03
-LEAST_KNOWN = 0.05  # share of such a square
+LEAST_KNOWN = 0.05  # share of a square from which on its known pixels tell the motion of all
 HIDDEN_PX = 4  # so near to the border of what is seen, a foot is cut off
 NEAR_FEET = 1.35  # feet of one object lie at distances up to this factor apart
 OBSTACLE_RATIO = 0.85  # a surface nearer than this share of the road behind it is an obstacle
@@ -148,9 +148,9 @@ def floating(evidence: Evidence, *, at_most: float, calm_sigmas: float) -> Mask:
     Returns:
         (H/2, W/2) bool.
     """
-    found = np.zeros(evidence.inverse_depth.shape, dtype=bool)
+    hanging = np.zeros(evidence.inverse_depth.shape, dtype=bool)
     if not evidence.moves:
-        return found
+        return hanging
     fall = evidence.fall[CELL]
     road = evidence.scene.road_inverse_depth(fall)
     obstacle = road < OBSTACLE_RATIO * evidence.inverse_depth
@@ -166,8 +166,8 @@ def floating(evidence: Evidence, *, at_most: float, calm_sigmas: float) -> Mask:
                 here = columns[column]
                 rows = slice(here.top, here.foot + 1)
                 same = np.abs(evidence.inverse_depth[rows, column] / here.inverse_depth - 1) < 0.5
-                found[rows, column] = obstacle[rows, column] & same
-    return found
+                hanging[rows, column] = obstacle[rows, column] & same
+    return hanging
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,7 +189,7 @@ class _Column:
 
 def _columns(evidence: Evidence, obstacle: Mask, below: Mask, road: NDArray[np.floating]) -> dict[int, _Column]:
     """By column of cells, where what lies below the obstacle is seen to be the road."""
-    found = {}
+    columns = {}
     last = len(obstacle) - 1
     per_px = evidence.from_road_sigmas / np.maximum(evidence.from_road_px, 1e-3)
     for column in np.flatnonzero(below.any(axis=0)).tolist():
@@ -204,8 +204,8 @@ def _columns(evidence: Evidence, obstacle: Mask, below: Mask, road: NDArray[np.f
             continue
         inverse_depth = _ranked(evidence.inverse_depth[lower, column], 0.8)
         ratio = float(road[min(foot + 1, last), column]) / max(inverse_depth, 1e-6)
-        found[column] = _Column(top=top, foot=foot, ratio=ratio, inverse_depth=inverse_depth)
-    return found
+        columns[column] = _Column(top=top, foot=foot, ratio=ratio, inverse_depth=inverse_depth)
+    return columns
 
 
 def _ranked(values: NDArray[np.floating], share: float) -> float:
@@ -257,12 +257,12 @@ def own_effects(
 
     pixels = np.bincount(labels[used], minlength=count)
     noise = pixels * evidence.noise**2 / 2
-    found = summed(now * before) > LEAST_CORRELATION * np.hypot(
+    seen_through = summed(now * before) > LEAST_CORRELATION * np.hypot(
         np.sqrt(summed(now * now) * summed(before * before)), noise
     )
-    found &= pixels > ON_ROAD * boxes[:, cv2.CC_STAT_AREA]
-    found[0] = False
-    return np.asarray(found[labels])
+    seen_through &= pixels > ON_ROAD * boxes[:, cv2.CC_STAT_AREA]
+    seen_through[0] = False
+    return np.asarray(seen_through[labels])
 
 
 def _with_seeds(likely: Mask, seeds: Mask) -> Mask:

@@ -22,6 +22,15 @@ Image = NDArray[np.float32]
 GRADIENT_NOISE = 2 * (3**2 + 10**2 + 3**2) / 32**2  # variance of Scharr's gradient, for pixels of variance 1
 MAD_TO_SIGMA = 1.4826
 LEAST_NOISE = 0.7  # grey values, of the difference of two images of whole numbers
+CELL = (slice(1, None, 2), slice(1, None, 2))  # curves are compared with the flow on every second pixel
+WINDOW_PX = 3  # over which grey values are compared
+TENSOR_PX = 5  # of the structure tensor; about the patch of the flow
+TEXTURE_PX = 9  # over which the road's texture is recognised
+SEARCHED = 10  # depths, denser towards the far end
+CURVE_POINTS = 6
+STILL_M = 0.01  # with less translation, all depths look the same
+UNTESTED = 1e3  # misfit that stands for "the flow is believed"
+BELOW_HORIZON = 0.02  # cosine to straight down from which a ray counts as meeting the road
 
 
 def gradients(image: Image) -> tuple[Image, Image]:
@@ -147,18 +156,6 @@ def nearest_on_curve(
     return best, np.stack([point_u, point_v], axis=-1), place
 
 
-CELL = (slice(1, None, 2), slice(1, None, 2))  # curves are compared with the flow on every second pixel
-
-WINDOW_PX = 3  # over which grey values are compared
-TENSOR_PX = 5  # of the structure tensor; about the patch of the flow
-TEXTURE_PX = 9  # over which the road's texture is recognised
-SEARCHED = 10  # depths, denser towards the far end
-CURVE_POINTS = 6
-STILL_M = 0.01  # with less translation, all depths look the same
-UNTESTED = 1e3  # misfit that stands for "the flow is believed"
-BELOW_HORIZON = 0.02  # cosine to straight down from which a ray counts as meeting the road
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
     """Everything that objects are made from, at the working size; (H, W) or on every second pixel, (H/2, W/2).
@@ -208,7 +205,7 @@ class Evidence:
 def gather_evidence(
     current: NDArray[np.uint8],
     previous: NDArray[np.uint8],
-    found: GuidedFlow,
+    guided: GuidedFlow,
     scene: RigidScene,
     *,
     tilt_rad: float,
@@ -223,7 +220,7 @@ def gather_evidence(
     Args:
         current: (H, W) uint8, grey.
         previous: (H, W) uint8, grey.
-        found: flow between them.
+        guided: flow between them.
         scene: motion and road, at the images' size.
         tilt_rad: uncertainty of the road's plane.
         nearest_m: nothing static is nearer.
@@ -233,8 +230,8 @@ def gather_evidence(
         photometric: False to believe the flow without a test of grey values.
     """
     now, before = current.astype(np.float32), previous.astype(np.float32)
-    warped = found.warped.astype(np.float32)
-    noise = noise_of(now - warped, ~found.neutral, least=LEAST_NOISE)
+    warped = guided.warped.astype(np.float32)
+    noise = noise_of(now - warped, ~guided.neutral, least=LEAST_NOISE)
     slope_u, slope_v = gradients(now)
     tensor = structure_tensor(slope_u, slope_v, side_px=TENSOR_PX, noise=noise)
     information = flow_information((tensor[0][CELL], tensor[1][CELL], tensor[2][CELL]), noise=noise, floor_px=floor_px)
@@ -246,17 +243,17 @@ def gather_evidence(
     flows = [np.nan_to_num(scene.flow_at(depth), nan=0.0) for depth in depths]
     chosen = sorted({round(k * (len(flows) - 1) / (CURVE_POINTS - 1)) for k in range(CURVE_POINTS)})
     curve = [at_every_pixel(flows[k], scene.camera)[CELL] for k in chosen]
-    flow, road = found.flow[CELL], found.guess[CELL]
+    flow, road = guided.flow[CELL], guided.guess[CELL]
     squared, _, _ = nearest_on_curve(flow, curve, information)
     _, point, place = nearest_on_curve(flow, curve, None)
     height, width = now.shape
     nearest = _enlarged(point, width, height)
-    edge = cv2.dilate(found.neutral.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    edge = cv2.dilate(guided.neutral.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     off = _enlarged(np.sqrt(np.clip(squared, 0, 1e6)), width, height)
     off[edge] = 0
 
-    static, cost = _best_static(now, before, flows, scene, (found.guess, nearest))
-    free = box_mean((now - sampled(before, found.flow)) ** 2, WINDOW_PX)
+    static, cost = _best_static(now, before, flows, scene, (guided.guess, nearest))
+    free = box_mean((now - sampled(before, guided.flow)) ** 2, WINDOW_PX)
     variance = box_mean(noise**2 + floor_px**2 * (slope_u**2 + slope_v**2), WINDOW_PX)
     misfit = (cost - free) / variance if photometric else np.where(off > 0, np.float32(UNTESTED), np.float32(0))
     misfit[edge] = 0
@@ -269,7 +266,7 @@ def gather_evidence(
         moves=moves,
         noise=noise,
         tensor=tensor,
-        flow=found.flow,
+        flow=guided.flow,
         nearest=nearest,
         static=static,
         sigmas=off,
@@ -282,7 +279,7 @@ def gather_evidence(
         inverse_depth=_at_places(place, [at_every_pixel(depths[k].astype(np.float32), scene.camera) for k in chosen]),
         from_road_px=np.hypot(offset[..., 0], offset[..., 1]),
         from_road_sigmas=np.sqrt(np.maximum(information.squared(offset[..., 0], offset[..., 1]), 0)),
-        road=found.guess,
+        road=guided.guess,
     )
 
 

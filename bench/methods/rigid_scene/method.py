@@ -111,13 +111,13 @@ class RigidSceneMethod(FlowMethod):
             flow = _flow_at(flow, shape, size=shape, was=frame.valid.shape)
         short = self.evidence(given, flow=flow)
         three = given.images[-3:] if self.own_effects and short.moves and len(given.images) > 2 else None
-        found = find_candidates(short, self.objects, images=three)
+        candidates = find_candidates(short, self.objects, images=three)
         pairs = [Pair(previous=views.fine[-2], evidence=short)]
         back = min(self.longest_history, len(frame.images) - 1)
         if self.long_baseline and back > 1 and short.moves:
             long = self.evidence(given, back=back, known=short.scene)
             pairs.append(Pair(previous=views.fine[-1 - back], evidence=long))
-        mask = self._drawn(found, views, pairs)
+        mask = self._drawn(candidates, views, pairs)
         for pair in pairs[1:]:
             slow = find_candidates(pair.evidence, self.objects, slow_px=self.slow_px)
             mask |= self._drawn(_not_yet_known(slow, mask), views, pairs[::-1])
@@ -127,7 +127,7 @@ class RigidSceneMethod(FlowMethod):
             mask=mask & valid,
             undefined=_spread(short.edge, mask.shape) | ~valid,
             causes=CAUSES if short.moves else (STATIC_CAUSE,),
-            cause=_spread(_cause(short, found), mask.shape),
+            cause=_spread(_cause(short, candidates), mask.shape),
             parts=_parts(short, mask.shape),
         )
 
@@ -138,9 +138,9 @@ class RigidSceneMethod(FlowMethod):
     def mean_flow(self, frame: MethodInput) -> NDArray[np.float32]:
         """Its own flow from the current to the previous image, (rows, columns, 2) float32, px of the given images."""
         given = Views.of(frame).given
-        found = self._guided_flow(given, 1, RigidScene.of(given))
+        guided = self._guided_flow(given, 1, RigidScene.of(given))
         grid = ray_grid(frame.camera, self.flow_cell_px(frame.camera.width)).valid.shape
-        return _flow_at(found.flow, grid, size=frame.valid.shape, was=given.valid.shape)
+        return _flow_at(guided.flow, grid, size=frame.valid.shape, was=given.valid.shape)
 
     def evidence(
         self,
@@ -160,19 +160,19 @@ class RigidSceneMethod(FlowMethod):
         """
         current, previous = given.images[-1], given.images[-1 - back]
         scene = RigidScene.of(given, back=back, known=known)
-        found = self._guided_flow(given, back, scene)
+        guided = self._guided_flow(given, back, scene)
         if flow is not None:
-            found = replace(found, flow=np.where(np.isfinite(flow), flow, found.flow))
+            guided = replace(guided, flow=np.where(np.isfinite(flow), flow, guided.flow))
         if self.refine_motion:
             seconds = (given.timestamps_ns[-1] - given.timestamps_ns[-1 - back]) / 1e9
-            seen = correspondences(found, current, given.camera)
+            seen = correspondences(guided, current, given.camera)
             scene = refine_motion(scene, seen, seconds=seconds, accuracy=self.accuracy)
         guess, warped, neutral = warp(current, previous, valid=given.valid, scene=scene)
-        found = replace(found, guess=guess, warped=warped, neutral=neutral | found.neutral)
+        guided = replace(guided, guess=guess, warped=warped, neutral=neutral | guided.neutral)
         return gather_evidence(
             current,
             previous,
-            found,
+            guided,
             scene,
             tilt_rad=self.tilt_rad,
             nearest_m=self.nearest_m,
@@ -191,8 +191,8 @@ class RigidSceneMethod(FlowMethod):
             flow=self._dense_flow(),
         )
 
-    def _drawn(self, found: Candidates, views: Views, pairs: Sequence[Pair]) -> NDArray[np.bool_]:
-        return draw_objects(found, views.fine[-1], pairs, self.objects, floor_px=self.floor_px)
+    def _drawn(self, candidates: Candidates, views: Views, pairs: Sequence[Pair]) -> NDArray[np.bool_]:
+        return draw_objects(candidates, views.fine[-1], pairs, self.objects, floor_px=self.floor_px)
 
 
 def _flow_at(
@@ -219,13 +219,13 @@ def _not_yet_known(further: Candidates, mask: NDArray[np.bool_]) -> Candidates:
     return further.within(keep[labels])
 
 
-def _cause(evidence: Evidence, found: Candidates) -> NDArray[np.uint8]:
+def _cause(evidence: Evidence, candidates: Candidates) -> NDArray[np.uint8]:
     """Index into `CAUSES` of every pixel, or 0 for a stationary camera; (H, W) uint8 at the small size."""
     cause = np.zeros(evidence.sigmas.shape, np.uint8)
     if evidence.moves:
         cause[evidence.beyond] = CAUSES.index("positive_depth")
         cause[evidence.too_low] = CAUSES.index("positive_height")
-        cause[found.floating] = CAUSES.index("floating")
+        cause[candidates.floating] = CAUSES.index("floating")
     return cause
 
 

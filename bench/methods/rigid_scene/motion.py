@@ -17,12 +17,18 @@ from scipy.spatial.transform import Rotation
 
 from bench.cameras import CameraModel
 from bench.errors import UsageError
-from bench.geometry import RigidTransform, RoadPlane, cross, dot, normalise
-from bench.methods.rigid_scene.evidence import LEAST_NOISE, flow_information, gradients, noise_of, structure_tensor
+from bench.geometry import Floats, RigidTransform, RoadPlane, cross, dot, normalise
+from bench.methods.rigid_scene.evidence import (
+    LEAST_NOISE,
+    TENSOR_PX,
+    flow_information,
+    gradients,
+    noise_of,
+    structure_tensor,
+)
 from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, pixel_positions
 from bench.methods.two_views import seen_before
 
-Floats = NDArray[np.float64]
 CORRECTIONS = 8  # about and along down, ahead and right; tilt of the road about ahead and right
 CUTS_SIGMA = (12.0, 5.0, 3.0)  # of Tukey's weights, round by round
 INDEPENDENT = 0.1  # neighbouring vectors share the flow's windows: they count as a tenth as many
@@ -30,7 +36,6 @@ LEAST_AGREEING = 0.3
 LEAST_VECTORS = 100
 CREDIBLE_SIGMA = 4.0  # a larger correction is no correction
 EVERY_PX = 8
-TENSOR_PX = 5
 FLOOR_PX = 0.15  # of the flow's accuracy
 ROAD_COSINE = 0.03  # rays that point down by this cosine may meet the road
 STILL_M = 0.005
@@ -88,25 +93,25 @@ class Correspondences:
     information: Floats
 
 
-def correspondences(found: GuidedFlow, current: NDArray[np.uint8], camera: CameraModel) -> Correspondences:
+def correspondences(guided: GuidedFlow, current: NDArray[np.uint8], camera: CameraModel) -> Correspondences:
     """Flow vectors with their accuracy, of every eighth pixel that both images show.
 
     Args:
-        found: dense flow.
+        guided: dense flow.
         current: (H, W) uint8, grey, the image that it starts from.
         camera: the lens at the image's size.
     """
     every = (slice(EVERY_PX // 2, None, EVERY_PX),) * 2
     now = current.astype(np.float32)
-    noise = noise_of(now - found.warped.astype(np.float32), ~found.neutral, least=LEAST_NOISE)
+    noise = noise_of(now - guided.warped.astype(np.float32), ~guided.neutral, least=LEAST_NOISE)
     tensor = structure_tensor(*gradients(now), side_px=TENSOR_PX, noise=noise)
     information = flow_information(
         (tensor[0][every], tensor[1][every], tensor[2][every]), noise=noise, floor_px=FLOOR_PX
     )
     positions = pixel_positions(camera.width, camera.height)[every].astype(np.float64)
-    ends = positions + found.flow[every]
+    ends = positions + guided.flow[every]
     rays, seen = camera.unproject(positions.reshape(-1, 2))
-    used = seen & camera.contains(ends.reshape(-1, 2)) & ~found.neutral[every].reshape(-1)
+    used = seen & camera.contains(ends.reshape(-1, 2)) & ~guided.neutral[every].reshape(-1)
     entries = [information.uu, information.uv, information.uv, information.vv]
     matrices = np.stack(entries, axis=-1).reshape(-1, 2, 2).astype(np.float64)
     return Correspondences(rays=rays[used], pixels=ends.reshape(-1, 2)[used], information=matrices[used])
@@ -201,10 +206,10 @@ def _points_by_rows(
     """The points of `_seen_before`, (2, K, N, 3), at the rows that see them by the first of the K motions: the others
     differ too little from it to change rows."""
     points = np.empty((*depths.shape, 3))
-    for sought, found in zip(depths, points, strict=True):
+    for sought, of_depth in zip(depths, points, strict=True):
         extra = scene.extra_motion(rays, sought[0])
         for k, motion in enumerate(RigidTransform.each(rotations, translations_m)):
-            found[k] = seen_before(rays, sought[k], current_from_previous=motion, extra_motion=extra)
+            of_depth[k] = seen_before(rays, sought[k], current_from_previous=motion, extra_motion=extra)
     return points
 
 

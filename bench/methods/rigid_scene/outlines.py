@@ -111,13 +111,13 @@ class _Motions:
 def _carried(flow: Image, known: Mask) -> Image:
     """A flow where it is known, and its mean over the nearest known pixels elsewhere; as it is far from any."""
     height, width = known.shape
-    found, share = flow[CELL].copy(), known[CELL].astype(np.float32)
-    weighted = found * share[..., None]
+    carried, share = flow[CELL].copy(), known[CELL].astype(np.float32)
+    weighted = carried * share[..., None]
     for side_px in reversed(CARRIED_CELLS):
         near = box_mean(share, side_px)
         mean = cv2.divide(box_mean(weighted, side_px), cv2.merge([near, near]))
-        cv2.copyTo(mean, (near > LEAST_KNOWN).view(np.uint8), found)
-    return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR))
+        cv2.copyTo(mean, (near > LEAST_KNOWN).view(np.uint8), carried)
+    return np.asarray(cv2.resize(carried, (width, height), interpolation=cv2.INTER_LINEAR))
 
 
 def _guided(image: Image, values: Image, *, noise: float) -> Image:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, RayGrid, ray_grid
 from bench.flow import DenseFlow
-from bench.geometry import RigidTransform, RoadPlane, dot
+from bench.geometry import Bools, Floats, RigidTransform, RoadPlane, dot
 from bench.methods.contract import MethodInput
 from bench.methods.two_views import RowTimes, seen_before
 
@@ -70,7 +70,7 @@ class RigidScene:
         """The rays on which motion is computed."""
         return ray_grid(self.camera, GRID_PX)
 
-    def fall(self) -> NDArray[np.float64]:
+    def fall(self) -> Floats:
         """Cosine of the angle of each ray of the grid to straight down, > 0 below the horizon; 0 without a ray."""
         return np.nan_to_num(dot(self.grid.rays_camera, self.road.down))
 
@@ -86,9 +86,7 @@ class RigidScene:
         """
         return np.asarray(np.maximum(fall - tilt_rad, 0) / self.road.height_m)
 
-    def previous_pixels(
-        self, rays_camera: NDArray[np.float64], inverse_depth: NDArray[np.floating] | float
-    ) -> NDArray[np.float64]:
+    def previous_pixels(self, rays_camera: Floats, inverse_depth: NDArray[np.floating] | float) -> Floats:
         """Find where the previous image shows static points, (N, 2) float64, px; NaN where it cannot.
 
         Args:
@@ -103,9 +101,7 @@ class RigidScene:
         points = seen_before(rays_camera, depths, current_from_previous=motion, extra_motion=extra)
         return self.camera.project(points)[0]
 
-    def extra_motion(
-        self, rays_camera: NDArray[np.float64], inverse_depth: NDArray[np.floating]
-    ) -> NDArray[np.float64]:
+    def extra_motion(self, rays_camera: Floats, inverse_depth: NDArray[np.floating]) -> Floats:
         """x of `bench.methods.two_views`, (N,) float64, of static points; arguments as of `previous_pixels`."""
         assert self.row_times is not None, "only of a rolling shutter"
         now, extra = self.camera.project(rays_camera)[0], np.zeros(len(rays_camera))
@@ -138,7 +134,7 @@ class RigidScene:
         return self.dense_flow_at(self.road_inverse_depth(self.fall()))
 
 
-def shortened(displacements: NDArray[np.float64]) -> NDArray[np.float64]:
+def shortened(displacements: Floats) -> Floats:
     """Displacements, (..., 2), px, of the same direction, but none longer than one that surely ends outside the image.
 
     A lens's polynomial is fitted within the image. Rays far outside of it may go to 1e17 px, whose squares overflow.
@@ -176,8 +172,8 @@ def remapped(
     """
     border, value = (cv2.BORDER_REPLICATE, 0.0) if outside is None else (cv2.BORDER_CONSTANT, outside)
     no_second_map: Any = None
-    found = cv2.remap(image, positions, no_second_map, cv2.INTER_LINEAR, borderMode=border, borderValue=value)
-    return np.asarray(found, dtype=np.float32)
+    moved = cv2.remap(image, positions, no_second_map, cv2.INTER_LINEAR, borderMode=border, borderValue=value)
+    return np.asarray(moved, dtype=np.float32)
 
 
 def sampled(image: NDArray[np.float32], flow: NDArray[np.float32], *, outside: float = 0.0) -> NDArray[np.float32]:
@@ -246,14 +242,14 @@ class GuidedFlow:
     flow: NDArray[np.float32]
     guess: NDArray[np.float32]
     warped: NDArray[np.uint8]
-    neutral: NDArray[np.bool_]
+    neutral: Bools
 
 
 def guided_flow(
     current: NDArray[np.uint8],
     previous: NDArray[np.uint8],
     *,
-    valid: NDArray[np.bool_],
+    valid: Bools,
     scene: RigidScene | None,
     flow: DenseFlow,
 ) -> GuidedFlow:
@@ -275,8 +271,8 @@ def guided_flow(
 
 
 def warp(
-    current: NDArray[np.uint8], previous: NDArray[np.uint8], *, valid: NDArray[np.bool_], scene: RigidScene | None
-) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
+    current: NDArray[np.uint8], previous: NDArray[np.uint8], *, valid: Bools, scene: RigidScene | None
+) -> tuple[NDArray[np.float32], NDArray[np.uint8], Bools]:
     """`guess`, `warped` and `neutral` of `GuidedFlow`; arguments as of `guided_flow`."""
     height, width = current.shape
     guess = np.zeros((height, width, 2), np.float32) if scene is None else scene.road_flow()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import UsageError
-from bench.geometry import RigidTransform, RoadPlane
+from bench.geometry import Bools, Floats, RigidTransform, RoadPlane
 from bench.methods.spherical.constraints import (
     PAPER,
     Deviations,
@@ -77,9 +77,9 @@ def motion_likelihood(
     deviations: Deviations,
     weights: ConstraintWeights,
     *,
-    three_view: NDArray[np.float64] | None = None,
+    three_view: Floats | None = None,
     root_sum: bool = False,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Weighted mean of the deviations.
 
     Args:
@@ -106,7 +106,7 @@ def motion_likelihood(
 
 
 def largest_contribution(
-    deviations: Deviations, weights: ConstraintWeights, *, three_view: NDArray[np.float64] | None = None
+    deviations: Deviations, weights: ConstraintWeights, *, three_view: Floats | None = None
 ) -> NDArray[np.uint8]:
     """Index into `CONSTRAINTS`, then `three_view`, of the largest weighted deviation; the first of equals."""
     parts = [getattr(weights, name) * getattr(deviations, name) for name in CONSTRAINTS]
@@ -132,12 +132,12 @@ class LikelihoodMap:
         deviations: the deviations of a moving camera by name, (...) float64; empty where they are not known.
     """
 
-    likelihood: NDArray[np.float64]
+    likelihood: Floats
     cause: NDArray[np.uint8]
-    seen: NDArray[np.bool_]
-    defined: NDArray[np.bool_]
-    stationary: NDArray[np.bool_]
-    deviations: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    seen: Bools
+    defined: Bools
+    stationary: Bools
+    deviations: Mapping[str, Floats] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,14 +188,14 @@ class SphericalSettings:
 
     def likelihood_of_rays(
         self,
-        rays_previous: NDArray[np.float64],
-        rays_current: NDArray[np.float64],
+        rays_previous: Floats,
+        rays_current: Floats,
         *,
-        seen: NDArray[np.bool_],
+        seen: Bools,
         current_from_previous: RigidTransform,
         road: RoadPlane,
-        three_view: NDArray[np.float64] | None = None,
-        extra_motion: NDArray[np.float64] | None = None,
+        three_view: Floats | None = None,
+        extra_motion: Floats | None = None,
     ) -> LikelihoodMap:
         """Likelihood of motion by the constraints of a moving or of a stationary camera, as its motion asks for.
 
@@ -209,7 +209,7 @@ class SphericalSettings:
             extra_motion: (...) float64, share of the motion by which more of it lies between two rows of a rolling
                 shutter, see `bench.methods.two_views`; None where all rows are exposed at once.
         """
-        path_share: NDArray[np.float64] | float = 1.0
+        path_share: Floats | float = 1.0
         if extra_motion is not None:
             rays_previous, rays_current = rotated_halfway(
                 rays_previous, rays_current, current_from_previous=current_from_previous, extra_motion=extra_motion
@@ -227,7 +227,7 @@ class SphericalSettings:
             return LikelihoodMap(
                 likelihood=deviation, cause=cause, seen=seen, defined=defined, stationary=np.asarray(True)
             )
-        found = deviations(
+        measured = deviations(
             rays_previous,
             rays_current,
             current_from_previous=current_from_previous,
@@ -238,16 +238,16 @@ class SphericalSettings:
             min_epipole_sine=self.min_epipole_sine,
             variants=self.variants,
         )
-        by_name = {name: getattr(found, name) for name in CONSTRAINTS}
+        by_name = {name: getattr(measured, name) for name in CONSTRAINTS}
         return LikelihoodMap(
-            likelihood=motion_likelihood(found, self.weights, three_view=three_view, root_sum=self.root_sum),
-            cause=largest_contribution(found, self.weights, three_view=three_view),
+            likelihood=motion_likelihood(measured, self.weights, three_view=three_view, root_sum=self.root_sum),
+            cause=largest_contribution(measured, self.weights, three_view=three_view),
             seen=seen,
-            defined=found.defined,
+            defined=measured.defined,
             stationary=np.asarray(False),
             deviations=by_name if three_view is None else by_name | {THREE_VIEW: three_view},
         )
 
-    def threshold_of(self, found: LikelihoodMap) -> float:
+    def threshold_of(self, likelihoods: LikelihoodMap) -> float:
         """The likelihood above which a cell moves."""
-        return self.static_threshold if found.stationary else self.threshold
+        return self.static_threshold if likelihoods.stationary else self.threshold

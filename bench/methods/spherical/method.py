@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
 from bench.flow import cell_mean, dense_flow
-from bench.geometry import RigidTransform
+from bench.geometry import Bools, RigidTransform
 from bench.methods.contract import FlowMethod, MethodInput
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene, guided_flow
@@ -60,9 +60,9 @@ class SphericalMethod(SphericalSettings, FlowMethod):
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the last image of the pair; see `bench.methods.contract`."""
         flow = self.mean_flow(frame)
-        found = self.likelihood_map(frame, flow)
-        deviations = {name: deviation.astype(np.float32) for name, deviation in found.deviations.items()}
-        return self.segmentation(found, flow_parts(flow) | deviations)
+        likelihoods = self.likelihood_map(frame, flow)
+        deviations = {name: deviation.astype(np.float32) for name, deviation in likelihoods.deviations.items()}
+        return self.segmentation(likelihoods, flow_parts(flow) | deviations)
 
     def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32]) -> Segmentation:
         """Segment the current image with the flow of others in place of its own."""
@@ -77,11 +77,11 @@ class SphericalMethod(SphericalSettings, FlowMethod):
         if not self.first_guess:
             return cell_flow(frame, self.flow, self.flow_parameters, self.cell_size_px)
         scene, flow = RigidScene.of(frame), dense_flow(self.flow, **self.flow_parameters)
-        found = guided_flow(frame.images[-1], frame.images[-2], valid=frame.valid, scene=scene, flow=flow)
-        return cell_mean(found.flow, self.cell_size_px)
+        guided = guided_flow(frame.images[-1], frame.images[-2], valid=frame.valid, scene=scene, flow=flow)
+        return cell_mean(guided.flow, self.cell_size_px)
 
     def _refined(
-        self, frame: MethodInput, flow: NDArray[np.float32], *, seen: NDArray[np.bool_], motion: RigidTransform
+        self, frame: MethodInput, flow: NDArray[np.float32], *, seen: Bools, motion: RigidTransform
     ) -> RigidScene:
         """Motion and road, corrected by the flow of every second cell."""
         cells, every = ray_grid(frame.camera, self.cell_size_px), (slice(None, None, 2),) * 2
@@ -129,23 +129,23 @@ class SphericalMethod(SphericalSettings, FlowMethod):
         )
 
     def segmentation(
-        self, found: LikelihoodMap, parts: Mapping[str, NDArray[np.float32]] | None = None
+        self, likelihoods: LikelihoodMap, parts: Mapping[str, NDArray[np.float32]] | None = None
     ) -> Segmentation:
         """Apply the threshold.
 
         Args:
-            found: from `likelihood_map`.
+            likelihoods: from `likelihood_map`.
             parts: of the segmentation, to look at.
         """
         return Segmentation(
             cell_size_px=self.cell_size_px,
-            mask=(found.likelihood > self.threshold_of(found)) & found.seen,
-            likelihood=np.where(found.seen, found.likelihood, 0.0).astype(np.float32),
-            undefined=~(found.defined & found.seen),
-            causes=(STATIC_CAUSE,) if found.stationary else CONSTRAINTS,
-            cause=found.cause,
+            mask=(likelihoods.likelihood > self.threshold_of(likelihoods)) & likelihoods.seen,
+            likelihood=np.where(likelihoods.seen, likelihoods.likelihood, 0.0).astype(np.float32),
+            undefined=~(likelihoods.defined & likelihoods.seen),
+            causes=(STATIC_CAUSE,) if likelihoods.stationary else CONSTRAINTS,
+            cause=likelihoods.cause,
             parts=dict(parts or {}),
-            threshold=self.threshold_of(found),
+            threshold=self.threshold_of(likelihoods),
         )
 
 

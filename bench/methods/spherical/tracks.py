@@ -14,7 +14,7 @@ from bench.cameras import RayGrid, ray_grid
 from bench.egomotion import VisualOdometry
 from bench.errors import UsageError
 from bench.flow import LucasKanadeTracker, Tracks
-from bench.geometry import RigidTransform
+from bench.geometry import Bools, Floats, RigidTransform
 from bench.methods.contract import Method, MethodInput
 from bench.methods.spherical.constraints import three_view_deviation
 from bench.methods.spherical.likelihood import (
@@ -80,7 +80,7 @@ class SparseSphericalMethod(SphericalSettings, Method):
         usable = np.flatnonzero(known[0] & known[1])
         nearest, near = _nearest(tracks.pixels[0, usable], cells, reach_px=self.tracker.reach_px)
         near &= cells.at_centres(frame.valid)
-        found = self.likelihood_of_rays(
+        likelihoods = self.likelihood_of_rays(
             rays[1][usable],
             rays[0][usable],
             seen=np.ones(len(usable), dtype=bool),
@@ -96,19 +96,21 @@ class SparseSphericalMethod(SphericalSettings, Method):
             spread[near] = values[nearest[near]]
             return spread
 
-        deviations = {name: on_cells(deviation.astype(np.float32)) for name, deviation in found.deviations.items()}
+        deviations = {
+            name: on_cells(deviation.astype(np.float32)) for name, deviation in likelihoods.deviations.items()
+        }
         return Segmentation(
             cell_size_px=self.cell_size_px,
-            mask=on_cells(found.likelihood > self.threshold_of(found)),
-            likelihood=on_cells(found.likelihood.astype(np.float32)),
-            undefined=~on_cells(found.defined),
-            causes=(STATIC_CAUSE,) if found.stationary else (*CONSTRAINTS, THREE_VIEW),
-            cause=on_cells(found.cause),
+            mask=on_cells(likelihoods.likelihood > self.threshold_of(likelihoods)),
+            likelihood=on_cells(likelihoods.likelihood.astype(np.float32)),
+            undefined=~on_cells(likelihoods.defined),
+            causes=(STATIC_CAUSE,) if likelihoods.stationary else (*CONSTRAINTS, THREE_VIEW),
+            cause=on_cells(likelihoods.cause),
             parts=flow_parts(on_cells(flow)) | deviations,
-            threshold=self.threshold_of(found),
+            threshold=self.threshold_of(likelihoods),
         )
 
-    def _three_view(self, frame: MethodInput, rays: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _three_view(self, frame: MethodInput, rays: Floats) -> Floats:
         """xi_3v of each track; 0 where it is not defined."""
         motions = frame.current_from_previous[-2:]
         lengths_m = [float(np.linalg.norm(motion.translation_m)) for motion in motions]
@@ -129,16 +131,14 @@ class ThreeViewOnly(SparseSphericalMethod):
     threshold: float = _ALONE[1]
 
 
-def _rays(frame: MethodInput, tracks: Tracks) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _rays(frame: MethodInput, tracks: Tracks) -> tuple[Floats, Bools]:
     """Rays of all tracks in all images, (K, N, 3), and where there are any, (K, N)."""
     count, number = tracks.followed.shape
     rays, valid = frame.camera.unproject(tracks.pixels.reshape(-1, 2))
     return rays.reshape(count, number, 3), valid.reshape(count, number) & tracks.followed
 
 
-def _nearest(
-    pixels: NDArray[np.float64], cells: RayGrid, *, reach_px: int
-) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+def _nearest(pixels: Floats, cells: RayGrid, *, reach_px: int) -> tuple[NDArray[np.intp], Bools]:
     """For every cell the nearest track, and whether its window covers the cell's centre; both (rows, columns)."""
     shape = cells.valid.shape
     if not len(pixels):
@@ -208,9 +208,11 @@ class VisualOdometryMethod(SphericalMethod):
 
     def likelihood_map(self, frame: MethodInput, flow: NDArray[np.float32]) -> LikelihoodMap:
         """Likelihood map by ego-motion from images; without scale the deviations that need one are not known."""
-        found = super().likelihood_map(frame, flow)
+        likelihoods = super().likelihood_map(frame, flow)
         hidden = NEED_SCALE if self.scale == "none" else ()
-        return replace(found, deviations={name: d for name, d in found.deviations.items() if name not in hidden})
+        return replace(
+            likelihoods, deviations={name: d for name, d in likelihoods.deviations.items() if name not in hidden}
+        )
 
     def motion(self, frame: MethodInput) -> RigidTransform | None:
         """Motion of the camera as its images show it; without scale its length is 1, or 0 where it is stationary."""
@@ -218,10 +220,10 @@ class VisualOdometryMethod(SphericalMethod):
         followed = tracks.followed[1]
         current, _ = frame.camera.unproject(tracks.pixels[0, followed])
         previous, _ = frame.camera.unproject(tracks.pixels[1, followed])
-        found = self.odometry(previous, current)
-        if found is None:
+        estimated = self.odometry(previous, current)
+        if estimated is None:
             return None
         length_m = 1.0
         if self.scale == "given":
             length_m = float(np.linalg.norm(frame.current_from_previous[-1].translation_m))
-        return RigidTransform(found.rotation, length_m * found.direction if found.moves else np.zeros(3))
+        return RigidTransform(estimated.rotation, length_m * estimated.direction if estimated.moves else np.zeros(3))

@@ -136,10 +136,10 @@ class Joint:
     stationary_shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def wheel(name: str, x_m: float, radius_m: float, *, parent: str | None = None) -> Joint:
+def wheel(name: str, x_m: float, radius_m: float) -> Joint:
     """A wheel on the road: it turns once while the body goes its circumference."""
     turn = np.linspace(0, 2 * np.pi, STEPS + 1)
-    return Joint(name=name, pivot_m=(x_m, 0.0, radius_m), cycle_m=2 * np.pi * radius_m, angles_rad=turn, parent=parent)
+    return Joint(name=name, pivot_m=(x_m, 0.0, radius_m), cycle_m=2 * np.pi * radius_m, angles_rad=turn)
 
 
 def still(value: float = 0.0) -> NDArray[np.float64]:

@@ -77,7 +77,7 @@ CLEARANCE = 0.010  # of the toes in mid swing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Leg:
+class WalkingLeg:
     """One leg over one cycle, (STEPS + 1,) each, that begins when the heel lands.
 
     Attributes:
@@ -110,13 +110,13 @@ def hip_heights() -> NDArray[np.float64]:
 
 
 @cache
-def walking_leg() -> Leg:
+def walking_leg() -> WalkingLeg:
     """The leg of a walker over one stride."""
     phase = phases()
     ankle, foot = _ankle(phase)
     hip = np.stack([np.zeros_like(phase), hip_heights()], axis=1)
     thigh, shank = two_links(ankle - hip, THIGH, SHANK, bends_forward=True)
-    return Leg(thigh_rad=thigh, shank_rad=shank, foot_rad=foot, toes_rad=_toes(phase, foot))
+    return WalkingLeg(thigh_rad=thigh, shank_rad=shank, foot_rad=foot, toes_rad=_toes(phase, foot))
 
 
 def _ankle(phase: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

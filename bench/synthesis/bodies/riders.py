@@ -65,6 +65,7 @@ class Bicycle:
         bar_half_m: half width of the handlebar.
         step_through: a frame without a top tube.
         development_m: distance of one turn of the cranks.
+        lean_rad: of its rider's trunk, forward.
         basket: a basket in front.
         bags: bags at the rear wheel.
     """
@@ -79,6 +80,7 @@ class Bicycle:
     bar_half_m: float
     step_through: bool
     development_m: float
+    lean_rad: float
     basket: bool = False
     bags: bool = False
 
@@ -197,37 +199,19 @@ PEDAL_TOP_M = 0.012
 SADDLE_BELOW_HIP = 0.052  # of the body height
 HELMET = Surface(albedo=0.6, contrast=0.25, texel_m=0.02)
 
-CITY_BICYCLE = Bicycle(
+UPRIGHT = Bicycle(
     wheel_m=0.345, tyre_m=0.019, rear_x_m=-0.46, front_x_m=0.66, bracket_z_m=0.285, crank_m=0.17,
-    grip_xz_m=(0.26, 1.08), bar_half_m=0.27, step_through=True, development_m=4.4,
+    grip_xz_m=(0.26, 1.08), bar_half_m=0.27, step_through=True, development_m=4.4, lean_rad=np.radians(14.0),
 )  # fmt: skip
-RACING_BICYCLE = Bicycle(
+RACING = Bicycle(
     wheel_m=0.335, tyre_m=0.013, rear_x_m=-0.41, front_x_m=0.58, bracket_z_m=0.27, crank_m=0.172,
-    grip_xz_m=(0.50, 0.94), bar_half_m=0.215, step_through=False, development_m=6.0,
+    grip_xz_m=(0.50, 0.94), bar_half_m=0.215, step_through=False, development_m=6.0, lean_rad=np.radians(44.0),
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Riding:
-    """Posture of a rider.
-
-    Attributes:
-        lean_rad: of the trunk, forward.
-        bicycle: what is ridden, for somebody of 1.75 m.
-    """
-
-    lean_rad: float
-    bicycle: Bicycle
-
-
-UPRIGHT = Riding(lean_rad=np.radians(14.0), bicycle=CITY_BICYCLE)
-RACING = Riding(lean_rad=np.radians(44.0), bicycle=RACING_BICYCLE)
-
-
-def cyclist(stature: Stature, riding: Riding, rng: np.random.Generator) -> Built:
-    """A rider on a bicycle of the right size."""
-    upright = riding.bicycle.step_through
-    fitted = riding.bicycle.scaled(stature.height_m / 1.75)
+def cyclist(stature: Stature, model: Bicycle, rng: np.random.Generator) -> Built:
+    """A rider on a bicycle of the right size; the model is for somebody of 1.75 m."""
+    upright, fitted = model.step_through, model.scaled(stature.height_m / 1.75)
     bicycle = replace(
         fitted,
         step_through=upright and bool(rng.random() < 0.6),
@@ -240,7 +224,7 @@ def cyclist(stature: Stature, riding: Riding, rng: np.random.Generator) -> Built
     parts += moved_to(hip_x, person_parts(stature, clothes))
     if rng.random() < (0.5 if upright else 1.0):
         parts.append((helmet(stature, hip_x, HELMET), "head"))
-    joints = [*bicycle_joints(bicycle), *_rider_joints(stature.height_m, riding.lean_rad, bicycle, (hip_x, hip_z))]
+    joints = [*bicycle_joints(bicycle), *_rider_joints(stature.height_m, bicycle, (hip_x, hip_z))]
     return parts, joints, bicycle.development_m
 
 
@@ -265,7 +249,7 @@ def _foot(crank_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(FOOT_RAD - ANKLING_RAD * np.cos(crank_rad))
 
 
-def _rider_joints(height_m: float, lean_rad: float, bicycle: Bicycle, hip: tuple[float, float]) -> list[Joint]:
+def _rider_joints(height_m: float, bicycle: Bicycle, hip: tuple[float, float]) -> list[Joint]:
     """Of who pedals, and at speed 0 stands over the frame in front of the saddle."""
     hip_x, hip_z = hip
     legs = {}
@@ -276,8 +260,8 @@ def _rider_joints(height_m: float, lean_rad: float, bicycle: Bicycle, hip: tuple
         legs[side] = Leg(thigh_rad=thigh, shank_rad=shank, foot_rad=_foot(crank))
     ahead = (min(0.16 * height_m, -hip_x + 0.08), 0.0, HIP * height_m - hip_z)
     return rider_joints(
-        height_m, hip, lean_rad=lean_rad, grip_xz_m=bicycle.grip_xz_m, legs=legs, cycle_m=bicycle.development_m,
-        stands_m=ahead, stands_lean_rad=0.5 * lean_rad,
+        height_m, hip, lean_rad=bicycle.lean_rad, grip_xz_m=bicycle.grip_xz_m, legs=legs, cycle_m=bicycle.development_m,
+        stands_m=ahead, stands_lean_rad=0.5 * bicycle.lean_rad,
     )  # fmt: skip
 
 

@@ -37,7 +37,7 @@ ARCH_GAP_M = 0.045  # between a tyre and its arch
 ARCH_EDGE_M = 0.01  # along the vehicle, where an arch ends straight down
 WHEELHOUSE_M = 0.27  # depth
 SIDE_STRIPS, SILL_STRIPS, HOUSE_STRIPS, LAMP_STRIPS = (3, 4, 10, 11), (2, 12), (0, 1, 13, 14, 15), (4, 10)
-PANES = 1  # the step of the cabin's levels that holds them
+PANES = slice(1, 2)  # the step of the cabin's levels that holds them
 Outline = tuple[tuple[float, float], ...]
 
 
@@ -78,16 +78,12 @@ class Cabin:
         belt_m: rear x, front x, half width, height of its lower edge.
         roof_m: the same of its upper edge.
         panes: from, to as shares of its length, of the panes at either side.
-        seams: shares of its length with the edges of high doors.
-        windscreen: whether there is one.
         rear_window: whether there is one.
     """
 
     belt_m: tuple[float, float, float, float]
     roof_m: tuple[float, float, float, float]
     panes: tuple[tuple[float, float], ...]
-    seams: tuple[float, ...] = ()
-    windscreen: bool = True
     rear_window: bool = True
 
 
@@ -121,7 +117,8 @@ def hull_mesh(hull: Hull, paint: Surface) -> Mesh:
 
 def cabin_mesh(cabin: Cabin, paint: Surface) -> Mesh:
     """The cabin as one closed surface; its panes are cells of their own."""
-    shares, glazed, dark = _side_shares(cabin)
+    shares = sorted({0.0, 1.0, *(share for pane in cabin.panes for share in pane)})
+    glazed = [k for k, share in enumerate(shares[:-1]) if any(low <= share < high for low, high in cabin.panes)]
     count, across = len(shares), (-1.0, -0.86, -0.3, 0.3, 0.86, 1.0)
     levels = [_cabin_ring(cabin, level, shares, across) for level in (0.0, 0.10, 0.84, 0.97)]
     middle = np.array([(cabin.roof_m[0] + cabin.roof_m[1]) / 2, 0.0, 0.0])
@@ -131,13 +128,10 @@ def cabin_mesh(cabin: Cabin, paint: Surface) -> Mesh:
     front, left = count - 1, count - 1 + len(across) - 1
     rear = left + count - 1
     painted: list[Paint] = []
-    for cells, looks, step in ((glazed, GLASS, slice(PANES, PANES + 1)), (dark, UNDERSIDE, slice(0, 3))):
-        for cell in cells:
-            painted += [_strip(step, cell, looks), _strip(step, rear - 1 - cell, looks)]
-    inner = (1, len(across) - 2)
-    for there, start in ((cabin.windscreen, front), (cabin.rear_window, rear)):
-        if there:
-            painted.append((slice(PANES, PANES + 1), slice(start + inner[0], start + inner[1]), GLASS))
+    for cell in glazed:
+        painted += [_strip(PANES, cell, GLASS), _strip(PANES, rear - 1 - cell, GLASS)]
+    for start in (front, rear) if cabin.rear_window else (front,):
+        painted.append((PANES, slice(start + 1, start + len(across) - 2), GLASS))
     return loft([*levels, *crown], paint, paint=painted)
 
 
@@ -158,8 +152,8 @@ def _hull_positions(hull: Hull) -> NDArray[np.float64]:
     positions += [x + sign * SEAM_M for x in hull.seams_x_m for sign in (-1, 1)]
     positions += [*hull.headlamps_x_m, *hull.tail_lamps_x_m]
     first, last = hull.top_xz_m[0][0], hull.top_xz_m[-1][0]
-    found = np.unique(np.round([x for x in positions if first <= x <= last], 4))
-    return np.asarray(found[np.append(True, np.diff(found) > 1e-3)])
+    distinct = np.unique(np.round([x for x in positions if first <= x <= last], 4))
+    return np.asarray(distinct[np.append(True, np.diff(distinct) > 1e-3)])
 
 
 def _between(positions: NDArray[np.float64], start: float, end: float) -> slice:
@@ -171,23 +165,11 @@ def _strip(steps: slice, around: int, looks: Surface) -> Paint:
     return steps, slice(around, around + 1), looks
 
 
-def _side_shares(cabin: Cabin) -> tuple[list[float], list[int], list[int]]:
-    """Shares along a side, and which of the cells between them are panes and seams."""
-    length = cabin.belt_m[1] - cabin.belt_m[0]
-    gaps = [(s - SEAM_M / length, s + SEAM_M / length) for s in cabin.seams]
-    shares = sorted({0.0, 1.0, *(s for pair in (*cabin.panes, *gaps) for s in pair)})
-
-    def cells(spans: Sequence[tuple[float, float]]) -> list[int]:
-        return [k for k, s in enumerate(shares[:-1]) if any(low <= s < high for low, high in spans)]
-
-    return shares, cells(cabin.panes), cells(gaps)
-
-
 def _cabin_ring(cabin: Cabin, level: float, shares: Sequence[float], across: Sequence[float]) -> NDArray[np.float64]:
     """The outline at a level between belt (0) and roof (1)."""
     rear, front, half, height = np.array(cabin.belt_m) + level * (np.array(cabin.roof_m) - np.array(cabin.belt_m))
     side = [(rear + s * (front - rear), half) for s in shares]
-    bow = 0.06 if cabin.windscreen else 0.01  # windscreens are bent
+    bow = 0.06  # windscreens are bent
     ahead = [(front + bow * (1 - f * f), f * half) for f in across[1:-1]]
     behind = [(rear - 0.4 * bow * (1 - f * f), f * half) for f in across[1:-1]]
     right = [(x, -y) for x, y in side]
@@ -488,6 +470,6 @@ BUS = Vehicle(
         tail_lamps_x_m=(-5.90, -5.75),
     ),
     cabin=Cabin(belt_m=(-5.92, 5.92, 1.26, 1.14), roof_m=(-5.86, 5.76, 1.20, 2.98),
-                panes=tuple((0.02 + 0.12 * k, 0.13 + 0.12 * k) for k in range(8)), seams=()),
+                panes=tuple((0.02 + 0.12 * k, 0.13 + 0.12 * k) for k in range(8))),
     tyre_m=(0.48, 0.28), plate_m=0.62, handles_x_m=(),
 )  # fmt: skip

@@ -25,7 +25,7 @@ from bench.synthesis.imaging.faces import GLOW, SIZE, Faces, TextureAtlas, atlas
 from bench.synthesis.imaging.visibility import find_visible, lens_of, untiled
 from bench.synthesis.scene import Lighting
 
-ZERO, HALF, ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 NOTHING_M = np.float32(-1e3)  # height where there is no surface
 
 
@@ -242,7 +242,7 @@ class Shadows:
             yield maps[0], maps[1], maps[2]
 
 
-ZERO, ONE, TWO, LEAST = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(1e-6)
+LEAST = np.float32(1e-6)  # beside what a direction is divided by
 CLOUD_PERIOD = np.float32(6.0)  # heights of the cloud layer until the texture repeats
 CLOUD_LEVEL = np.float32(4.5)  # of the texture: clouds are soft
 TEXELS = np.float32(SIZE)

@@ -45,38 +45,25 @@ FULL_TO_M = 50.0  # along a car park; the bays beyond are empty, and too flat to
 TYRE = Surface(albedo=0.08, contrast=0.2)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ParkingSpace:
-    """Somewhere to park.
-
-    Attributes:
-        at: world from the car, roughly.
-        area: its footprint.
-    """
-
-    at: RigidTransform
-    area: shapely.Polygon
-
-
 def parked_cars(plan: Plan, site: Site, rng: np.random.Generator) -> list[Mesh]:
     """Fill a share of the spaces, the nearest ones with cars in full detail."""
-    spaces = _bays(plan, rng) if plan.spec.kind == "car_park" else _kerbside(plan, rng)
-    expected = [space for space in spaces if rng.random() < plan.spec.parked_cars and site.free(space.area)]
-    expected.sort(key=lambda space: site.away_m(space.area))
+    places = _bays(plan, rng) if plan.spec.kind == "car_park" else _kerbside(plan, rng)
+    expected = [at for at in places if rng.random() < plan.spec.parked_cars and site.free(_space(at))]
+    expected.sort(key=lambda at: site.away_m(_space(at)))
     forms = [make_body(str(own.choice(KINDS)), own).mesh for own in rng.spawn(CAR_FORMS)] if expected else []
     meshes, left = [], DETAILED_TRIANGLES
-    for space, own in zip(expected, rng.spawn(len(expected)), strict=True):
+    for at, own in zip(expected, rng.spawn(len(expected)), strict=True):
         car = forms[int(own.integers(CAR_FORMS))].with_texture_shift(own.uniform(0, 8, 2))
         if left < len(car.corners_m):
-            car = _plain_car(own, wheels=site.away_m(space.area) < WHEELS_M)
-        if site.claim(around(car, space.at)):
-            meshes.append(_unlit(car.moved(space.at)))
+            car = _plain_car(own, wheels=site.away_m(_space(at)) < WHEELS_M)
+        if site.claim(around(car, at)):
+            meshes.append(_unlit(car.moved(at)))
             left -= len(car.corners_m)
     return meshes
 
 
-def _kerbside(plan: Plan, rng: np.random.Generator) -> list[ParkingSpace]:
-    """Spaces in the parking lanes, away from crossings and mouths, cars in the direction of their side."""
+def _kerbside(plan: Plan, rng: np.random.Generator) -> list[RigidTransform]:
+    """Places in the parking lanes, away from crossings and mouths, cars in the direction of their side."""
     spec, section = plan.spec, plan.section
     spaces = []
     for side, kerb_m, sign in (("right", section.right_kerb_m, 1.0), ("left", section.left_kerb_m, -1.0)):
@@ -92,11 +79,11 @@ def _kerbside(plan: Plan, rng: np.random.Generator) -> list[ParkingSpace]:
             at = plan.lane.pose(
                 float(along_m + rng.normal(0, 0.25)), float(left_m), yaw_rad=backwards + float(rng.normal(0, 0.015))
             )
-            spaces.append(_parking_space(at))
+            spaces.append(at)
     return spaces
 
 
-def _bays(plan: Plan, rng: np.random.Generator) -> list[ParkingSpace]:
+def _bays(plan: Plan, rng: np.random.Generator) -> list[RigidTransform]:
     """The bays of a car park, noses in or out."""
     section, lane, spaces = plan.section, plan.lane, []
     for edge_m, sign, rows in ((section.right_m, -1.0, section.right_rows), (section.left_m, 1.0, section.left_rows)):
@@ -106,13 +93,14 @@ def _bays(plan: Plan, rng: np.random.Generator) -> list[ParkingSpace]:
                 nose = float(rng.choice([-1.0, 1.0], p=[0.25, 0.75])) * sign * (1.0 if row != 1 else -1.0)
                 turn = nose * np.pi / 2 + float(rng.normal(0, 0.02))
                 along_m = float(divider_m + BAY_WIDTH_M / 2 + rng.normal(0, 0.08))
-                spaces.append(_parking_space(lane.pose(along_m, float(left_m), yaw_rad=turn)))
+                spaces.append(lane.pose(along_m, float(left_m), yaw_rad=turn))
     return spaces
 
 
-def _parking_space(at: RigidTransform) -> ParkingSpace:
+def _space(at: RigidTransform) -> shapely.Polygon:
+    """What a car at a place needs, roughly."""
     half = np.array(CAR_M) / 2
-    return ParkingSpace(at=at, area=footprint(at, -half, half))
+    return footprint(at, -half, half)
 
 
 def _unlit(car: Mesh) -> Mesh:

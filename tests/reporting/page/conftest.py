@@ -6,7 +6,6 @@ import pytest
 
 from bench.reporting.run_page import write_page
 from tests.conftest import made_once
-from tests.reporting.page.hostile import hostile_run
 from tests.support.browser import headless_chromium
 from tests.support.runs import score
 
@@ -26,12 +25,6 @@ def tiny_page(shared, tiny_card) -> Path:
 def tiny_run(tiny_page) -> Path:
     """That run; tests that change it copy it first."""
     return tiny_page.parents[1]
-
-
-@pytest.fixture(scope="session")
-def hostile_page(tiny_run, tmp_path_factory) -> Path:
-    """A page of names that would break a careless one; without pictures."""
-    return write_page(hostile_run(tiny_run, tmp_path_factory.mktemp("hostile")), pictures=False).file
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""A run at a glance: its tiles, the kinds of motion in one table, and statements read off the tables."""
+"""The top of a run's page: its tiles, the kinds of motion in one table, statements read off the tables."""
 
 import math
 import re
@@ -6,10 +6,17 @@ import re
 import pytest
 
 from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
-from bench.reference import Category
 from bench.reporting.document import to_html
 from bench.reporting.formats import percent
-from bench.reporting.glance import against_chance, breakdown_table, breakdowns, kind_tables, lowest_of, remarks, tiles
+from bench.reporting.run_page import (
+    against_chance,
+    breakdown_table,
+    breakdowns,
+    kinds_of_motion,
+    lowest_of,
+    remarks,
+    tiles,
+)
 from tests.reporting.printed import texts
 from tests.reporting.summaries import figure, object_figures, summary
 
@@ -39,67 +46,58 @@ def without_chance(row):
 
 
 @pytest.mark.parametrize(
-    ("row", "style", "statement"),
+    ("row", "style", "text", "below"),
     [
-        (object_figures(0.6), "",
-         "Above chance when half of an object must be found: crossing (30.0 %, by chance 6.0 %)"),
-        (at_chance(object_figures(0.6)), "bad",
-         "Not shown to be above chance when half of an object must be found: crossing (20.0 %, by chance 15.0 %)"),
-        (without_intervals(object_figures(0.6)), "",
-         "Too few recordings to tell from chance, 6 are needed: crossing (5)"),
-        (object_figures(0.6, object_frames=9), "", "Fewer than 10 object-frames: crossing (9)"),
-        (without_chance(object_figures(0.6)), "", "Without a chance level: crossing"),
+        (object_figures(0.6), "", "above", ()),
+        (at_chance(object_figures(0.6)), "bad", "not shown to be above", ()),
+        (without_intervals(object_figures(0.6)), "", "cannot tell", ("6 recordings are needed",)),
+        (object_figures(0.6, object_frames=9), "", "cannot tell", ("fewer than 10 object-frames",)),
+        (without_chance(object_figures(0.6)), "", "cannot tell", ("no chance level",)),
     ],
-)  # fmt: skip
-def test_a_kind_of_motion_stands_in_one_statement_on_chance(row, style, statement):
-    found = of_kinds(crossing=row, overtaking=object_figures(0.62))
-    assert statement.startswith(against_chance(row)[1])
-    ((told_style, text),) = [(style, text) for style, text in told(found) if "crossing" in text]
-    assert told_style == style
-    assert text.startswith(statement)
-    assert sum("crossing" in text for _, text in told(found)) == 1
+)
+def test_what_is_above_chance_is_shown_by_its_interval(row, style, text, below):
+    cell = against_chance(row)
+    assert (cell.style, cell.text, cell.below) == (style, text, below)
 
 
 def test_the_kinds_are_in_the_order_of_iou_and_those_without_cases_left_out():
-    (table,) = kind_tables(summary())
+    table = breakdown_table("", "kind", kinds_of_motion(summary()))
     assert [row[:2] for row in texts(table)] == [
         ["Preceding", "15.0 %"], ["Approaching", "22.5 %"], ["Crossing", "32.5 %"], ["Overtaking", "45.0 %"]
     ]  # fmt: skip
     assert [cells[1].style for cells in table.cells()] == ["bad", "strong", "strong", "strong"], "clearly the lowest"
 
 
-def test_the_lowest_is_named_only_where_its_interval_lies_wholly_below_another():
-    few = {"crossing": object_figures(0.60), "overtaking": object_figures(0.62), "preceding": object_figures(0.64)}
-    assert not any("lower" in text for _, text in told(of_kinds(**few)))
-    apart = few | {"preceding": object_figures(0.1)}
-    assert ("bad", "IoU is clearly lower than elsewhere: kind preceding with 4.5 %.") in told(of_kinds(**apart))
-    unknown = apart | {"preceding": without_intervals(object_figures(0.1))}
-    assert not any("lower" in text for _, text in told(of_kinds(**unknown))), "too few recordings"
-    nine = apart | {"preceding": object_figures(0.1, object_frames=9)}
-    assert not any("lower" in text for _, text in told(of_kinds(**nine))), "too few object-frames"
+@pytest.mark.parametrize(
+    ("third", "said"),
+    [
+        (object_figures(0.64), False),
+        (object_figures(0.1), True),
+        (without_intervals(object_figures(0.1)), False),
+        (object_figures(0.1, object_frames=9), False),
+    ],
+)
+def test_the_lowest_is_named_only_where_its_interval_lies_wholly_below_another(third, said):
+    rows = {"crossing": object_figures(0.60), "overtaking": object_figures(0.62), "preceding": third}
+    statement = ("bad", "IoU is clearly lower than elsewhere, by kind of motion: Preceding with 4.5 %.")
+    assert told(of_kinds(**rows)) == ([statement] if said else [])
 
 
 def test_the_statement_names_what_the_tables_mark():
     rows = {"[0, 2)": object_figures(0.9), "[2, 4)": object_figures(0.2), "[4, 6)": object_figures(math.nan)}
     found = of_kinds(crossing=object_figures(0.6)).model_copy(update={"breakdowns": {"range_m": rows}})
-    assert ("bad", "IoU is clearly lower than elsewhere: range [2, 4) m with 9.0 %.") in told(found)
+    assert told(found) == [("bad", "IoU is clearly lower than elsewhere, by range: [2, 4) with 9.0 %.")]
     (table,) = breakdowns(found)
+    assert [row[0] for row in texts(table)] == ["[0, 2)", "[2, 4)"], "only what occurs is listed"
     assert [cells[0].text for cells in table.cells() if cells[1].style == "bad"] == ["[2, 4)"]
     assert lowest_of(rows | {"[2, 4)": object_figures(0.2, object_frames=9)}) is None
-
-
-def test_of_class_and_speed_only_what_occurs_is_listed():
-    rows = {"pedestrian, [0, 1.5)": object_figures(0.9), "pedestrian, [20, inf)": object_figures(math.nan)}
-    split = {"class_and_speed": rows, "speed_mps": {"[0, 1.5)": rows["pedestrian, [20, inf)"]}}
-    both, speeds = breakdowns(of_kinds(crossing=object_figures(0.6)).model_copy(update={"breakdowns": split}))
-    assert [[row[0] for row in texts(table)] for table in (both, speeds)] == [["pedestrian, [0, 1.5)"], ["[0, 1.5)"]]
 
 
 def test_the_page_begins_with_the_headlines_and_the_ceiling_of_iou():
     figures = summary()
     ceiling = Metric(value=0.92, ci95=None, cases=100, recordings=8)
     with_truth = figures.all_moving.model_copy(update={"ceiling_iou": ceiling})
-    table = tiles(figures.model_copy(update={"all_moving": with_truth}), category=None)
+    table = tiles(figures.model_copy(update={"all_moving": with_truth}))
     assert list(zip((cell.text for cell in table.headings()), texts(table)[0], strict=True)) == [
         ("IoU, all", "27.0 %"),
         ("TPR, all", "42.0 %"),
@@ -107,20 +105,15 @@ def test_the_page_begins_with_the_headlines_and_the_ceiling_of_iou():
         ("False-positive coverage", "10.5 %"),
     ]
     assert table.cells()[0][0].below == ("[22.0, 32.0]", "ceiling 92.0 %; over 100 object-frames")
-    assert tiles(figures, category=None).cells()[0][0].below[-1] == "over 100 object-frames"
-    of_crossing = [cell.text for cell in tiles(figures, category=Category.CROSSING).headings()]
-    assert of_crossing == ["IoU, all", "TPR, all", "Detection at 50 %"]
+    assert tiles(figures).cells()[0][0].below[-1] == "over 100 object-frames"
     few = figures.model_copy(update={"all_moving": object_figures(0.4, object_frames=9)})
-    assert [text == "n/a" for text in texts(tiles(few, category=None))[0]] == [True, True, True, False]
+    assert [text == "n/a" for text in texts(tiles(few))[0]] == [True, True, True, False]
 
 
-def test_images_that_were_not_scored_are_said():
+def test_what_was_not_scored_is_said():
     images = FrameLedger(images=10, evaluated=7, failed=2, skipped=1, problems={})
     texts = [text for _, text in told(summary().model_copy(update={"images": images}))]
     assert "3 of 10 images could not be scored; the last section says why." in texts
-
-
-def test_a_run_without_object_frames_says_so():
     none = of_kinds(crossing=object_figures(math.nan))
     assert told(none) == [("warn", "No object-frame was evaluated: there is nothing to say of moving objects.")]
 

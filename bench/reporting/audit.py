@@ -1,0 +1,306 @@
+"""An audit for people: its tables for terminal and Markdown, and pictures of causes.
+
+Each table has a note that says how to read it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from bench.atomic import write_text
+from bench.audit import (
+    ALL,
+    AuditSource,
+    AuditSummary,
+    Compensation,
+    ExplainedImage,
+    FalseCause,
+    MissCause,
+    PolygonFigures,
+    Quartiles,
+    Scoring,
+    explain_image,
+)
+from bench.evaluation import Metric, Protocol, find_metric
+from bench.methods import Method
+from bench.reporting import figures
+from bench.reporting.document import Block, Column, Heading, Paragraph, Table, to_markdown
+from bench.reporting.formats import INTERVALS, LABELS, hundredths, short_interval
+from bench.reporting.frame import faded, overlay_areas, show_image
+from bench.reporting.run_tables import COVERAGES
+
+COMPENSATIONS = {
+    Compensation.NONE: "none, a snapshot",
+    Compensation.EGO_MOTION: "ego-motion",
+    Compensation.FULL: "ego and object",
+}
+
+
+def decimal(value: float) -> str:
+    """A number with two decimals, "n/a" for NaN."""
+    return "n/a" if math.isnan(value) else f"{value:.2f}"
+
+
+def share(part: int, whole: int) -> str:
+    """A share in percent, "n/a" of nothing."""
+    return f"{100 * part / whole:.1f}" if whole else "n/a"
+
+
+def _spread(iou: Quartiles) -> str:
+    return f"{100 * iou.median:.0f} ({100 * iou.low:.0f}-{100 * iou.high:.0f})"
+
+
+def polygon_table(audit: AuditSummary) -> Table:
+    """Every kind side by side, by class and range."""
+    slices: dict[tuple[str, str], dict[str, PolygonFigures]] = {}
+    for part in audit.polygons:
+        if part.compensation == Compensation.FULL:
+            slices.setdefault((part.object_class, part.range_m), {})[part.kind] = part
+    forms = {"IoU %": _spread, "area %": lambda error: f"{100 * error.median:+.0f}"}
+    columns = [
+        Column(f"{kind.replace('-', ' ')} {what}", form) for kind in audit.polygon_kinds for what, form in forms.items()
+    ]
+    rows: list[list[object]] = []
+    for key, kinds in slices.items():
+        fits = [kinds[kind].fit if kind in kinds else {} for kind in audit.polygon_kinds]
+        cells = [fit.get(name) for fit in fits for name in ("iou", "area_error")]
+        first = next(iter(kinds.values()))
+        frames = max(part.object_frames for part in kinds.values())
+        rows.append([*key, frames, *cells, 100 * first.fit["solid"].median])
+    return Table(
+        title="How well the reference polygons cover what the camera sees",
+        columns=["Class", "Range m", "Frames", *columns, Column("Filled IoU %", "{:.0f}".format)],
+        rows=rows,
+        note="IoU of each polygon with the exact mask of its object: median (quartiles). Area: how much too large (+) "
+        "or too small (-), median. Filled: IoU of the exact mask with its own filled outline, median: a polygon "
+        "without holes does hardly better.",
+        words=2,
+    )
+
+
+def compensation_table(audit: AuditSummary) -> Table:
+    """Every kind and compensation, by class."""
+    found = {(p.kind, p.compensation, p.object_class): p.fit for p in audit.polygons if p.range_m == ALL}
+    classes = list(dict.fromkeys(name for _, _, name in found))
+    rows: list[list[object]] = []
+    for kind in audit.polygon_kinds:
+        for compensation, label in COMPENSATIONS.items():
+            fits = [found.get((kind, compensation, name)) for name in classes]
+            medians = [fit and fit[name].median for fit in fits for name in ("iou", "boundary_px")]
+            rows.append([kind, label, *medians])
+    headings = [f"{name} {what}" for name in classes for what in ("IoU", "edge px")]
+    return Table(
+        title="What motion compensation is worth",
+        columns=["Kind", "Compensation", *(Column(heading, decimal) for heading in headings)],
+        rows=rows,
+        note="Medians over all ranges; edge: mean distance between the two outlines. Compensation: which motion "
+        "between a lidar point and the exposure is undone; the last is what the benchmark does.",
+        words=2,
+    )
+
+
+SCORINGS = {
+    Scoring.LIDAR: "lidar polygons",
+    Scoring.MASKS: "exact masks",
+    Scoring.EXACT_MOTION: "+ exact motion",
+    Scoring.EXACT_FLOW: "+ exact flow",
+    Scoring.CELLS: "perfect cells",
+}
+RATES = {name: find_metric(name).label for name in ("detection_rate", "detection_rate_50")}
+
+
+def score_table(audit: AuditSummary) -> Table:
+    """One line per kind of motion and scoring, then the false positives."""
+    first = next(iter(audit.scores.values()))
+    shown = {name: heading for name, heading in RATES.items() if name in first.all_moving.metric_names()} | COVERAGES
+    rows: list[list[object]] = []
+    for category, found in first.categories.items():
+        for scoring, scores in audit.scores.items() if found.object_frames else ():
+            row = scores.categories[category]
+            head = [LABELS[category], SCORINGS[Scoring(scoring)], row.recordings, row.object_frames]
+            rows.append([*head, *map(row.metric, shown)])
+    for scoring, scores in audit.scores.items():
+        false = scores.false_positives
+        head = ["False positives", SCORINGS[Scoring(scoring)], false.recordings, false.frames]
+        rows.append([*head, false.coverage, *[None] * (len(shown) - 1)])
+    return Table(
+        title="What the reference, the ego-motion and the flow do to the score, in percent",
+        columns=["Type", "Scored", "Recordings", "Frames", *(Column(text, _interval) for text in shown.values())],
+        rows=rows,
+        note="The same object-frames in all lines of a type. Lidar polygons: the benchmark. Exact masks: the same "
+        "detections. Exact motion: ego-motion, calibration and road are exact. Exact flow: nothing is estimated, the "
+        "method's own limit. Perfect cells: those whose centre shows a moving object, the limit of the grid. False "
+        f"positives: area of the image. {INTERVALS}",
+        words=2,
+    )
+
+
+def _interval(metric: Metric) -> str:
+    return f"{hundredths(metric.value)} {short_interval(metric)}".rstrip()
+
+
+# Each cause with its name and its colour in pictures.
+MISSES = {
+    MissCause.NEAR_EPIPOLE: ("blind: at the epipole", figures.BLACK),
+    MissCause.ENTERED: ("blind: just entered", figures.GREY),
+    MissCause.ABOVE_HORIZON: ("blind: above horizon", figures.BLUE),
+    MissCause.BELOW_THRESHOLD: ("blind: below threshold", figures.SKY_BLUE),
+    MissCause.UNCOVERED: ("flow: hidden before", figures.ORANGE),
+    MissCause.FLOW: ("flow", figures.VERMILION),
+    MissCause.EGO_MOTION: ("ego-motion, calibration", figures.PURPLE),
+}
+FALSE_ALARMS = {
+    FalseCause.ANTI_PARALLEL: ("method: anti-parallel", figures.YELLOW),
+    FalseCause.OTHER_CONSTRAINT: ("method: other constraint", figures.SKY_BLUE),
+    FalseCause.UNCOVERED: ("flow: hidden before", figures.GREY),
+    FalseCause.BESIDE_OBJECT: ("flow: beside a moving object", figures.ORANGE),
+    FalseCause.FLOW: ("flow: elsewhere", figures.VERMILION),
+    FalseCause.EGO_MOTION: ("ego-motion, calibration", figures.PURPLE),
+}
+
+
+def miss_table(audit: AuditSummary) -> Table:
+    """One line per kind of motion, then all."""
+    rows = [
+        ["All moving" if row.category == ALL else LABELS[row.category], row.frames, row.cells,
+         share(row.cells - row.wrong, row.cells), share(row.hit_by_error, row.cells),
+         *(share(row.causes[cause], row.wrong) for cause in MISSES), row.flow_error_px.median]
+        for row in audit.misses
+        if row.cells
+    ]  # fmt: skip
+    head = ["Type", "Frames", "Cells", "Found %", "by error %", *(name for name, _ in MISSES.values())]
+    return Table(
+        title="Why cells of moving objects are missed, in percent of the missed ones",
+        columns=[*head, Column("flow error px", decimal)],
+        rows=rows,
+        note="Cells of the exact masks. By error: share of all cells that are found although the exact flow fires "
+        "nothing there. Blind: the exact flow with exact ego-motion fires nothing either. Flow, ego-motion: it would "
+        "have fired by the exact one. Each cell has one cause, so a line adds up to 100. Flow error: median.",
+        words=1,
+    )
+
+
+def false_alarm_table(audit: AuditSummary) -> Table:
+    """One line."""
+    row = audit.false_alarms
+    assert row is not None, "asked for only where there is exact flow"
+    shares = [share(row.causes[cause], row.wrong) for cause in FALSE_ALARMS]
+    head = ["Images", "Cells", "Flagged %", *(name for name, _ in FALSE_ALARMS.values())]
+    return Table(
+        title="Why cells of the static world are flagged, in percent of the flagged ones",
+        columns=[*head, Column("flow error px", decimal)],
+        rows=[[row.frames, row.cells, share(row.wrong, row.cells), *shares, row.flow_error_px.median]],
+        note="Method: the exact flow with exact ego-motion flags them as well. Flow: only the estimated flow flags "
+        "them. Ego-motion: only the recorded ego-motion and calibration do.",
+        words=0,
+    )
+
+
+def audit_tables(audit: AuditSummary) -> tuple[Table, ...]:
+    """Polygons by class and range, compensation, scores; missed cells and false alarms by exact flow."""
+    tables = [polygon_table(audit), compensation_table(audit), score_table(audit)]
+    if audit.false_alarms is not None:
+        tables += [miss_table(audit), false_alarm_table(audit)]
+    return tuple(tables)
+
+
+def sections(tables: Iterable[Table]) -> Iterator[Block]:
+    """Each table below its title as a heading."""
+    for table in tables:
+        yield Heading(table.title)
+        yield replace(table, title="")
+
+
+def write_tables(folder: Path, audit: AuditSummary) -> Path:
+    """Write all tables with their notes as `audit.md` beside `audit.json`, which has the numbers."""
+    method = audit.method.name
+    about = (
+        f"{audit.recordings} recordings, protocol {audit.protocol.name}, method {method}. {audit.not_seen} evaluated "
+        "object-frames of which the camera sees no pixel are in none of the metrics."
+    )
+    left_out = [Paragraph(f"Without exact flow: {audit.left_out}.")] if audit.left_out else []
+    title = Heading(f"Audit of {audit.dataset}: lidar reference and {method}", 1)
+    write_text(folder / "audit.md", to_markdown([title, Paragraph(about), *left_out, *sections(audit_tables(audit))]))
+    return folder / "audit.md"
+
+
+# The pictures.
+
+_CAUSE_IN, _CAUSE_BELOW_IN, _TINT = 3.6, 0.75, 0.65
+
+
+def write_cause_pictures(
+    folder: Path,
+    misses: pa.Table,
+    *,
+    sources: Mapping[str, AuditSource],
+    method: Method,
+    protocol: Protocol,
+) -> tuple[Path, ...]:
+    """Write `causes-<category>.png` and `.svg` for every kind of motion that has missed cells.
+
+    Args:
+        folder: of the audit.
+        misses: its rows.
+        sources: recordings by name.
+        method: that was audited.
+        protocol: of the audit.
+    """
+    files: list[Path] = []
+    for category, (recording, camera, timestamp_ns) in worst_images(misses).items():
+        explained = explain_image(
+            sources[recording], camera=camera, timestamp_ns=timestamp_ns, method=method, protocol=protocol
+        )
+        title = f"{category.replace('_', ' ')}: {recording}, {timestamp_ns / 1e9:.3f} s"
+        files += figures.write_picture(folder / f"causes-{category}", draw_causes(explained, title=title))
+    return tuple(files)
+
+
+def worst_images(misses: pa.Table) -> dict[str, tuple[str, str, int]]:
+    """By category, recording, camera and time of the object-frame with most missed cells; ties go to the first."""
+    rows = misses.to_pandas()
+    rows["missed"] = rows["cells"] - rows["hit"]
+    order = ["missed", "recording", "camera", "timestamp_ns", "track_id"]
+    rows = rows[rows["missed"] > 0].sort_values(order, ascending=[False, *[True] * 4])
+    first = rows.drop_duplicates("category").sort_values("category")
+    keys = first[["category", "recording", "camera", "timestamp_ns"]].itertuples(index=False, name=None)
+    return {str(name): (str(recording), str(camera), int(time_ns)) for name, recording, camera, time_ns in keys}
+
+
+@figures.styled
+def draw_causes(explained: ExplainedImage, *, title: str) -> Figure:
+    """Draw the moving objects' cells on the left, the false alarms on the right, each in the colour of its cause."""
+    height, width = explained.pixels.shape[:2]
+    figure = figures.new_figure(2 * _CAUSE_IN, _CAUSE_IN * height / width + _CAUSE_BELOW_IN, layout="constrained")
+    left = [("found", figures.GREEN, explained.hit)]
+    left += [(*shown, explained.missed[cause]) for cause, shown in MISSES.items()]
+    right = [(*shown, explained.flagged[cause]) for cause, shown in FALSE_ALARMS.items()]
+    panels = figure.subplots(1, 2)
+    for axes, heading, layers in zip(panels, ("moving objects", "static world"), (left, right), strict=True):
+        areas = {colour: _pixels(cells, explained) for _, colour, cells in layers}
+        show_image(axes, overlay_areas(faded(explained.pixels, 0.8), areas, strength=_TINT))
+        axes.set_title(f"{title}, {heading}", pad=3, fontsize=7)
+        handles = [
+            Patch(facecolor=colour, edgecolor=figures.BLACK, linewidth=0.3, label=f"{name} ({np.count_nonzero(cells)})")
+            for name, colour, cells in layers
+            if cells.any()
+        ]
+        axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=2, frameon=False,
+                    fontsize=6, handlelength=1.2, columnspacing=1.0)  # fmt: skip
+    return figure
+
+
+def _pixels(cells: NDArray[np.bool_], explained: ExplainedImage) -> NDArray[np.bool_]:
+    """(H, W) bool, the pixels of cells."""
+    height, width = explained.pixels.shape[:2]
+    every: NDArray[np.bool_] = np.kron(cells, np.ones((explained.cell_size_px, explained.cell_size_px), dtype=bool))
+    return every[:height, :width]
