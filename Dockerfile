@@ -19,7 +19,7 @@ RUN python -m venv /opt/fisheye-bench \
         widgetsnbextension jupyterlab_widgets ipython jedi prompt_toolkit pip
 
 FROM python:3.11-slim-bookworm
-# Compressed .pcd files, and rendering on arm64, want libegl1, libgl1 and libx11-6 beside this.
+# Rendering on arm64 wants libegl1, libgl1 and libx11-6 beside this.
 RUN useradd --create-home --uid 1000 bench \
     && install --directory --mode 1777 /work /data
 COPY --from=build /opt/fisheye-bench /opt/fisheye-bench

@@ -106,7 +106,7 @@ format: $(INSTALLED_DEV) ## put the code into shape
 	$(BIN)/ruff check --fix
 
 clean: ## remove the environment, rendered data, runs and the built documentation
-	rm -rf $(VENV) $(FRESH) datasets/data reports/runs reports/audit site dist
+	rm -rf $(VENV) $(FRESH) datasets/data reports/runs reports/sweeps reports/audit site dist
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' || \

@@ -27,7 +27,7 @@ from bench.recordings.files import READ_BYTES, MeteredFile, numbers, xml_parts
 LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
 DEEPEST = 12  # levels of nested elements; the format has six, attributes that tools add two more
 DECLARED = re.compile(rb"""\A(\s{0,9}<\?xml[^>]{0,200}standalone\s*=\s*)(["'])true\2""")
-UNSET, INTERPOLATED, LABELLED = 0, 1, 2
+UNSET, LABELLED = 0, 2
 CUT_OFF, OUTSIDE = 1, (2, 99)  # truncation
 ID_ATTRIBUTE = "id"
 POSE = ("tx", "ty", "tz", "rx", "ry", "rz")

@@ -5,11 +5,10 @@ with annotations where there are some. How well it works, and where it fails, is
 """
 
 from bench.annotation.evaluate import evaluate_proposals, proposal_scores, worst_tracks
-from bench.annotation.proposals import Proposal, propose
+from bench.annotation.proposals import propose
 from bench.annotation.settings import ProposalSettings
 
 __all__ = [
-    "Proposal",
     "ProposalSettings",
     "evaluate_proposals",
     "proposal_scores",

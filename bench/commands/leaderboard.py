@@ -32,7 +32,7 @@ class LeaderboardReport:
 def leaderboard(
     folder: Annotated[str | Path, typer.Argument(help="Folder with runs at any depth."), PATH] = RUNS,
     *,
-    out: Annotated[Place, typer.Option(help="Also write page, chart and tables into this folder."), PATH] = None,
+    out: Annotated[Place, typer.Option(help="Also write a page and tables into this folder."), PATH] = None,
 ) -> LeaderboardReport:
     """Rank the runs of a folder, one table for each group of comparable runs.
 

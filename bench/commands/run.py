@@ -35,7 +35,7 @@ def run(
     ] = None,
     progress: Report | None = None,
 ) -> Run:
-    """Score a method on a data set; write tables, range maps and pictures.
+    """Score a method on a data set; write tables and pictures.
 
     An interrupted run continues with the same command. The method is asked once, whatever the
     number of protocols.

@@ -4,14 +4,12 @@ A `Trajectory` is a sequence of poses. Between them the vehicle moves with const
 ends no pose is valid.
 """
 
-from bench.egomotion.files import BusSignals, read_bus_signals, read_tum, write_tum
+from bench.egomotion.files import read_bus_signals, read_tum, write_tum
 from bench.egomotion.trajectory import Trajectory, camera_motion, planar_trajectory
-from bench.egomotion.visual import VisualMotion, VisualOdometry
+from bench.egomotion.visual import VisualOdometry
 
 __all__ = [
-    "BusSignals",
     "Trajectory",
-    "VisualMotion",
     "VisualOdometry",
     "camera_motion",
     "planar_trajectory",

@@ -50,7 +50,6 @@ from bench.evaluation.comparison import (
     changes_in_parts,
     compare_sums,
     holm,
-    paired_change,
 )
 from bench.evaluation.counts import ImageMap, add_image_maps, count_frame
 from bench.evaluation.definitions import Definition, find_metric, headlines
@@ -85,7 +84,6 @@ __all__ = [
     "holm",
     "known_protocols",
     "load_protocol",
-    "paired_change",
     "read_sums",
     "sum_run",
     "summarise",

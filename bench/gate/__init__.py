@@ -19,12 +19,11 @@ checks, and the verdict on each metric), `verdict` (the result, and what of it i
 from bench.gate.baseline import RunSums, find_baseline, read_baseline, read_run_sums, write_baseline
 from bench.gate.judge import judge
 from bench.gate.tolerances import Tolerances, known_tolerances, load_tolerances
-from bench.gate.verdict import Check, Outcome, Row, Verdict
+from bench.gate.verdict import Check, Outcome, Verdict
 
 __all__ = [
     "Check",
     "Outcome",
-    "Row",
     "RunSums",
     "Tolerances",
     "Verdict",

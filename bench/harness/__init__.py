@@ -13,7 +13,7 @@ from bench.harness.exact import build_scorable, scorable_methods
 from bench.harness.frames import FramePipeline, ProcessedFrame
 from bench.harness.run import Part, ScoredPart, run_benchmark, score_part
 from bench.harness.stages import Provenance
-from bench.harness.stored import RunSummary, StoredRun, read_run, read_tables, run_name
+from bench.harness.stored import RunSummary, StoredRun, read_run, read_tables
 from bench.harness.tasks import RunRequest
 
 __all__ = [
@@ -31,7 +31,6 @@ __all__ = [
     "read_run",
     "read_tables",
     "run_benchmark",
-    "run_name",
     "scorable_methods",
     "score_part",
 ]

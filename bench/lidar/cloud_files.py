@@ -25,7 +25,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.atomic import write_bytes
 from bench.errors import DataError, UsageError
 from bench.lidar.fields import INTENSITY_FIELDS, RING_FIELDS, is_time
 from bench.lidar.sweep import LARGEST_BYTES, Arrays
@@ -177,25 +176,3 @@ def _table(path: Path, body: bytes, columns: list[Column], rows: int, *, is_text
     if len(table) < rows:
         raise DataError(path, expected=f"{rows} lines of numbers", got=f"{len(table)}; the file is cut short")
     return table
-
-
-def write_pcd(path: Path, points: NDArray[np.floating], intensity: NDArray[np.float32] | None = None) -> None:
-    """Write a binary .pcd of x, y, z and intensity, float32.
-
-    Args:
-        path: the file, overwritten.
-        points: (N, 3), m.
-        intensity: (N,), or None for 0.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
-    values = np.zeros((len(points), 4), dtype="<f4")
-    values[:, :3] = points
-    if intensity is not None:
-        values[:, 3] = intensity
-    head = (
-        "VERSION 0.7\nFIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\n"
-        f"WIDTH {len(values)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(values)}\nDATA binary\n"
-    )
-    write_bytes(path, head.encode() + values.tobytes())

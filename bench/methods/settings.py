@@ -58,26 +58,6 @@ def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str,
     return flat
 
 
-def split_methods(text: str) -> list[tuple[str, str, list[str]]]:
-    """Split methods with commas in between and settings behind colons: `nothing,spherical:flow=dis:cell_size_px=4`.
-
-    Returns:
-        Each as it is written, the method's name, and its settings, "name=value".
-
-    Raises:
-        UsageError: words behind a setting that are none.
-    """
-    methods = []
-    for written in (part.strip() for part in text.split(",")):
-        words = written.split(":")
-        settings = [word for word in words if "=" in word]
-        method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
-        if any("=" in word for word in method):
-            raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {written!r}")
-        methods.append((written, ":".join(method), settings))
-    return methods
-
-
 def _number(value: object) -> object:
     """YAML 1.1 reads `6e-4` as text; users mean the number."""
     if isinstance(value, str):

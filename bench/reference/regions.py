@@ -52,12 +52,10 @@ class RegionKind:
         region: the region of an object with enough returns, all of it certain; None where these span no area.
         clears_shape: returns within the ground clearance above the bottom of the annotated shape are always left out,
             not only where the protocol says so.
-        follows_outline: it is meant to end where the object ends, so that `audit` asks how well it does.
     """
 
     region: Callable[[ScannedObject], Region | None]
     clears_shape: bool = False
-    follows_outline: bool = True
 
 
 def convex_hull(scanned: ScannedObject) -> Region | None:
@@ -80,7 +78,7 @@ def surface_patch_polygon(scanned: ScannedObject) -> Region | None:
 
 
 REGION_KINDS = {
-    "convex": RegionKind(region=convex_hull, follows_outline=False),
+    "convex": RegionKind(region=convex_hull),
     "concave": RegionKind(region=concave_hull),
     "surface-patches": RegionKind(region=surface_patch_polygon, clears_shape=True),
 }

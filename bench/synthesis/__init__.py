@@ -8,7 +8,7 @@ Time 0 of a scene is its first image, and the world is the vehicle frame of the 
 command line and the harness call this package; it knows nothing of methods, references or scores.
 """
 
-from bench.synthesis.production import GENERATOR_VERSION, read_scenario, synthesize
+from bench.synthesis.production import read_scenario, synthesize
 from bench.synthesis.scenario import Scenario
 
-__all__ = ["GENERATOR_VERSION", "Scenario", "read_scenario", "synthesize"]
+__all__ = ["Scenario", "read_scenario", "synthesize"]

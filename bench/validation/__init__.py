@@ -12,7 +12,6 @@ from bench.validation.report import (
     Depth,
     RecordingReport,
     ValidationReport,
-    read_report,
     validate_dataset,
     validate_recording,
 )
@@ -24,7 +23,6 @@ __all__ = [
     "RecordingReport",
     "Severity",
     "ValidationReport",
-    "read_report",
     "validate_dataset",
     "validate_recording",
 ]

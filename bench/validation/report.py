@@ -9,7 +9,6 @@ from dataclasses import replace
 from enum import StrEnum
 from itertools import count
 from operator import attrgetter
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -18,7 +17,7 @@ from pydantic import computed_field
 from bench.atomic import read_regular
 from bench.errors import BenchError, DataError
 from bench.recordings import Recording, RecordingHandle
-from bench.recordings.validation import FileModel, read_json
+from bench.recordings.validation import FileModel
 from bench.records.recording import Content
 from bench.validation.drive import annotation_file, calibration_file
 from bench.validation.findings import Finding, Severity, Undecided, causes, new_finding, unusable
@@ -207,15 +206,6 @@ class ValidationReport(FileModel, extra="ignore"):
     def as_json(self) -> str:
         """JSON text."""
         return json.dumps(self.model_dump(), indent=1, ensure_ascii=False) + "\n"
-
-
-def read_report(file: Path) -> ValidationReport:
-    """Read a report that was stored as JSON.
-
-    Raises:
-        DataError: missing or not a report.
-    """
-    return read_json(ValidationReport, file)
 
 
 def validate_dataset(

@@ -12,7 +12,7 @@ from bench.errors import UsageError
 from bench.evaluation import Protocol
 from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
 from bench.methods import Method, MethodInput, Scorable, UnansweredImage, ask_method, build_method
-from bench.methods.settings import parse_settings, split_methods
+from bench.methods.settings import parse_settings
 from bench.recordings import Recording
 from bench.reference import ReferenceBuilder, ReferenceFrame
 from benchmarks.ranking.wrong_masks import WrongMasks
@@ -185,8 +185,28 @@ def parse_predictions(text: str) -> tuple[Prediction, ...]:
     """
     return tuple(
         Prediction(name=written, method=_built(method, parse_settings(settings)))
-        for written, method, settings in split_methods(",".join(ALL_PREDICTIONS) if text == "all" else text)
+        for written, method, settings in _split(",".join(ALL_PREDICTIONS) if text == "all" else text)
     )
+
+
+def _split(text: str) -> list[tuple[str, str, list[str]]]:
+    """Split methods with commas in between and settings behind colons: `nothing,spherical:flow=dis:cell_size_px=4`.
+
+    Returns:
+        Each as it is written, the method's name, and its settings, "name=value".
+
+    Raises:
+        UsageError: words behind a setting that are none.
+    """
+    methods = []
+    for written in (part.strip() for part in text.split(",")):
+        words = written.split(":")
+        settings = [word for word in words if "=" in word]
+        method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
+        if any("=" in word for word in method):
+            raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {written!r}")
+        methods.append((written, ":".join(method), settings))
+    return methods
 
 
 def _built(name: str, settings: Mapping[str, object]) -> Scorable:

@@ -12,7 +12,7 @@ may be left out where the data set has only one.
 returns what was found, as any other segmentation method. `maps` reads a file and brings it to the image's size.
 """
 
-from bench.methods.predictions.method import MissingPolicy, PredictedMotion
-from bench.methods.predictions.pairing import Fault, FaultKind, PredictionIndex
+from bench.methods.predictions.method import PredictedMotion
+from bench.methods.predictions.pairing import FaultKind, PredictionIndex
 
-__all__ = ["Fault", "FaultKind", "MissingPolicy", "PredictedMotion", "PredictionIndex"]
+__all__ = ["FaultKind", "PredictedMotion", "PredictionIndex"]
