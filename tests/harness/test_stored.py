@@ -52,7 +52,7 @@ def test_a_stored_run_reduces_to_its_figures(stored):
     again = summarise(*read_tables(stored), protocol=protocol)
     assert (again.objects, again.images) == (summary.objects, summary.images)
     then, now = summary_of(summary), summary_of(again)
-    assert then.keys() == now.keys()
+    assert then.keys() <= now.keys(), "a metric that came later is new, and none is gone"
     assert len(then) > 200
     for name, figure in then.items():
         assert now[name].value == pytest.approx(figure.value, rel=1e-9, nan_ok=True), name
