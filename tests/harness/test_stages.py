@@ -113,7 +113,7 @@ def test_a_damaged_answer_is_named(damage):
     mask = np.zeros((3, 4), dtype=bool)
     said = Segmentation(cell_size_px=1, mask=mask, likelihood=mask.astype(np.float32))
     row = dict(answer_row(IMAGE, said, seconds=0.0))
-    row[damage] = {"mask": b"x", "likelihood": bytes([255] * 12), "rows": 1 << 30}[damage]
+    row[damage] = {"mask": b"x", "likelihood": bytes([BINS] * 12), "rows": 1 << 30}[damage]
     with pytest.raises(DataError, match="answer of drive, front, 7 ns: expected a mask of rows x columns cells"):
         segmentation_of(row)
 
