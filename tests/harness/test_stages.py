@@ -143,6 +143,22 @@ def test_a_stored_reference_is_equal_in_every_value(tiny_card, tmp_path, monkeyp
     assert any(one.objects for one in built)
 
 
+def test_references_that_could_not_be_built_are_not_stored(tiny_card, tmp_path, monkeypatch):
+    monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path))
+    recording = open_dataset(load_card(tiny_card))[0].open()
+    images, settings = recording.images["front"][:1], [PAPER.reference_settings()]
+
+    def unreadable(_):
+        raise DataError("sweep.npz", expected="a sweep", got="nothing")
+
+    with monkeypatch.context() as damaged:
+        damaged.setattr("bench.recordings.SweepRef.read", unreadable)
+        ((row,),) = find_references(recording, images, settings=settings, digest="of it")
+        assert "sweep.npz" in row["problem"]
+    ((row,),) = find_references(recording, images, settings=settings, digest="of it")
+    assert reference_of(row, "x").annotated
+
+
 def test_every_kind_of_pixel_of_a_reference_is_stored():
     flags = np.random.default_rng(1).random((4, 6, 8)) < 0.5
     kinds = dict(zip(("ignored", "unknown", "left_out", "valid"), flags, strict=True))
