@@ -11,7 +11,7 @@ from bench.annotation import evaluate_proposals, proposal_scores, propose
 from bench.annotation.boxes import Box, Motion, _visible_shift, guess_class
 from bench.annotation.proposals import is_own
 from bench.annotation.settings import ProposalSettings
-from bench.annotation.tracking import Fragment
+from bench.annotation.tracking import Fragment, Tracker
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
@@ -161,6 +161,19 @@ def test_again_gives_the_same(recording, proposals):
     for one, other in zip(again, proposals, strict=True):
         np.testing.assert_array_equal(one.centres_m, other.centres_m)
         np.testing.assert_array_equal(one.velocity_mps, other.velocity_mps)
+
+
+@pytest.mark.parametrize(("more", "tracks"), [(0, 1), (1, 2)])
+def test_a_track_ends_after_more_sweeps_without_a_cluster_than_may_be_missed(more, tracks):
+    tracker, points = Tracker(ProposalSettings()), np.random.default_rng(4).uniform([9, 0, 0], [10, 1, 1], (50, 3))
+    hidden = ProposalSettings().missed + more
+    seen = [0, 1, 2, 3 + hidden, 4 + hidden]
+    for number in range(5 + hidden):
+        cloud = SimpleNamespace(number=number, timestamp_ns=number * 100_000_000, points=points, offset_s=np.zeros(50))
+        tracker.add(cloud, [np.arange(50)] if number in seen else [])
+    fragments = tracker.take()
+    assert len(fragments) == tracks
+    assert [number for fragment in fragments for number in fragment.numbers] == seen
 
 
 def test_segments_of_a_long_drive_are_one_track(recording, proposals):

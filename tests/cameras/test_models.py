@@ -129,6 +129,18 @@ def test_radial_polynomial_ends_where_it_folds_back():
     assert camera.unproject(np.array([[250 + 199.9, 250.0], [250 + 200.1, 250.0]]))[1].tolist() == [True, False]
 
 
+def test_the_field_limit_itself_is_seen():
+    camera = KannalaBrandtCamera(
+        width=400,
+        height=300,
+        principal_point=(199.5, 149.5),
+        focal=(100.0, 100.0),
+        coefficients=(),
+        max_angle_rad=np.pi / 2,
+    )
+    assert camera.project(np.array([[1.0, 0.0, 0.0], [1.0, 0.0, -1e-9]]))[1].tolist() == [True, False]
+
+
 def test_stated_field_limit_wins_over_the_fold():
     camera = RadialPolynomialCamera(
         width=500, height=500, coefficients=(200.0,), principal_point=(250, 250), max_angle_rad=1.0

@@ -305,6 +305,14 @@ def sequence(pairs: Sequence[tuple[ReferenceFrame, NDArray[np.bool_]]]) -> Seque
     return scorer
 
 
+def test_exact_masks_are_counted_beside_the_answer() -> None:
+    frame, scorer = reference_frame(picture("111.....")), SequenceScorer(PAPER)
+    scorer.add(frame, Segmentation(cell_size_px=1, mask=mask("x.......")), exact=mask(".xxxx..."))
+    (row,) = scorer.finish()[0].to_pylist()
+    assert (row["tp"], row["fn"], row["fp"]) == (1, 2, 0)
+    assert (row["ceiling_tp"], row["ceiling_fp"]) == (2, 2)
+
+
 def frame_and_mask(*, camera: str = "front", width: int = 20) -> tuple[ReferenceFrame, NDArray[np.bool_]]:
     """16 rows; G in rows 4 to 11 of the first 8 columns, found in rows 8 to 11; two false pixels in the last cell."""
     labels = np.zeros((16, width), dtype=np.int32)

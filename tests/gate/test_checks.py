@@ -132,12 +132,12 @@ def rendered_elsewhere(pixels=0.0, rebinned=0.0, static=0.0):
     """Baseline and run of other data and another reference: in the first of six recordings that much is otherwise."""
 
     def made(pixels, rebinned, static, **changes):
-        drives = sums([0.5] * 6, cases=40)
+        drives = sums([0.5] * 6, cases=50)
         slices = {
             "frames": {"recall": {**sums([0.5] * 6, cases=20_000), "drive-0": (10_000.0, 20_000.0 + pixels)}},
             "all_moving": {"tracks": drives, "tpr_all": drives},
-            "range_m=[2, 4)": {"tracks": {**drives, "drive-0": (20.0, 40.0 - rebinned)}},
-            "range_m=[4, 6)": {"tracks": {**drives, "drive-0": (20.0, 40.0 + rebinned)}},
+            "range_m=[2, 4)": {"tracks": {**drives, "drive-0": (20.0, 50.0 - rebinned)}},
+            "range_m=[4, 6)": {"tracks": {**drives, "drive-0": (20.0, 50.0 + rebinned)}},
             "status=static": {"annotated": {"drive-0": (20.0 + static, 20.0 + static)}},
         }
         return scored(slices, **changes)
@@ -146,14 +146,14 @@ def rendered_elsewhere(pixels=0.0, rebinned=0.0, static=0.0):
 
 
 def test_a_reference_that_differs_by_what_a_processor_tips_is_noted():
-    found, verdict = check(*rendered_elsewhere(20, 1), "reference_digest", RENDERED)
+    found, verdict = check(*rendered_elsewhere(20, 3), "reference_digest", RENDERED)
     assert (found.outcome, verdict.passed) == (Outcome.SUSPECT, True)
-    told = "differ in 1 of 6 recordings, by at most 0.1 %, and 1 of 240 object-frames lie in another bin; the metrics"
+    told = "differ in 1 of 6 recordings, by at most 0.1 %, and 3 of 300 object-frames lie in another bin; the metrics"
     assert told in found.message
     assert any(told in line for line in change_lines(verdict))
 
 
-@pytest.mark.parametrize("changes", [{"pixels": 21}, {"pixels": -21}, {"rebinned": 3}, {"static": 1}])
+@pytest.mark.parametrize("changes", [{"pixels": 21}, {"pixels": -21}, {"rebinned": 4}, {"static": 1}])
 def test_a_reference_that_differs_by_more_fails(changes):
     found, verdict = check(*rendered_elsewhere(**changes), "reference_digest", RENDERED)
     assert (found.outcome, verdict.passed) == (Outcome.FAILED, False)

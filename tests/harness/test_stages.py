@@ -113,7 +113,7 @@ def test_a_damaged_answer_is_named(damage):
     mask = np.zeros((3, 4), dtype=bool)
     said = Segmentation(cell_size_px=1, mask=mask, likelihood=mask.astype(np.float32))
     row = dict(answer_row(IMAGE, said, seconds=0.0))
-    row[damage] = {"mask": b"x", "likelihood": bytes([255] * 12), "rows": 1 << 30}[damage]
+    row[damage] = {"mask": b"x", "likelihood": bytes([BINS] * 12), "rows": 1 << 30}[damage]
     with pytest.raises(DataError, match="answer of drive, front, 7 ns: expected a mask of rows x columns cells"):
         segmentation_of(row)
 
@@ -141,6 +141,22 @@ def test_a_stored_reference_is_equal_in_every_value(tiny_card, tmp_path, monkeyp
             for name in one.__slots__:
                 assert np.array_equal(getattr(one, name), getattr(other, name)), name
     assert any(one.objects for one in built)
+
+
+def test_references_that_could_not_be_built_are_not_stored(tiny_card, tmp_path, monkeypatch):
+    monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path))
+    recording = open_dataset(load_card(tiny_card))[0].open()
+    images, settings = recording.images["front"][:1], [PAPER.reference_settings()]
+
+    def unreadable(_):
+        raise DataError("sweep.npz", expected="a sweep", got="nothing")
+
+    with monkeypatch.context() as damaged:
+        damaged.setattr("bench.recordings.SweepRef.read", unreadable)
+        ((row,),) = find_references(recording, images, settings=settings, digest="of it")
+        assert "sweep.npz" in row["problem"]
+    ((row,),) = find_references(recording, images, settings=settings, digest="of it")
+    assert reference_of(row, "x").annotated
 
 
 def test_every_kind_of_pixel_of_a_reference_is_stored():

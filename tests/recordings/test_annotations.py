@@ -61,6 +61,12 @@ def test_every_shape_comes_back(tmp_path):
     assert_same_tracks(read_annotations(tmp_path / "a.json"), tiny.tracks())
 
 
+@pytest.mark.parametrize("reviewed", [True, False])
+def test_whether_anybody_reviewed_comes_back(tmp_path, reviewed):
+    write_annotations(tmp_path / "a.json", [replace(track, reviewed=reviewed) for track in tiny.tracks()])
+    assert {track.reviewed for track in read_annotations(tmp_path / "a.json")} == {reviewed}
+
+
 number = st.floats(-1e4, 1e4)
 size = st.floats(0.01, 30)
 cuboids = st.builds(

@@ -9,6 +9,8 @@ import shapely
 from bench.errors import DataError, UsageError
 from bench.recordings import ImageRef, ObjectState, PointIndices, Track
 from bench.reference import Category, Direction, IgnoreReason, ReferenceBuilder, Status
+from bench.reference.motion import AnnotationIndex
+from bench.reference.sweeps import SweepCache
 from tests.reference.drives import MS, SETTINGS, Box, camera, circle, drive, reference_of, with_settings
 
 SIZE = (1.0, 1.0, 1.6)
@@ -126,6 +128,14 @@ def test_annotations_and_sweeps_too_far_in_time_are_not_of_this_image():
             (walker,) = build([WALKER], sweep_ns=(time_ns,)).objects
             assert (walker.reason is IgnoreReason.NO_SWEEP) == (not near)
     assert len(build([WALKER], state_ns=(-60 * MS, 100 * MS)).objects) == 1
+
+
+def test_of_annotations_or_sweeps_equally_near_the_earlier_counts():
+    recording = drive([WALKER], circle(**EGO), state_ns=(0, 60 * MS), sweep_ns=(0, 60 * MS))
+    for exposure_ns, nearest_ns in ((30 * MS, 0), (30 * MS + 1, 60 * MS)):
+        (annotated,) = AnnotationIndex(recording, SETTINGS).at(exposure_ns)
+        assert annotated.state.timestamp_ns == nearest_ns
+        assert SweepCache(recording, 100 * MS).nearest(None, exposure_ns).sweep.timestamp_ns == nearest_ns
 
 
 def test_the_ego_vehicles_own_body_is_no_reference():

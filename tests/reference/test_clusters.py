@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import bench.reference.sweeps
+from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices, Track
 from bench.reference.motion import ObjectAtExposure
@@ -145,3 +146,16 @@ def test_a_box_of_absurd_size_takes_all_that_lies_above_the_road():
     sweep = sweep_of([box], trajectory, 0)
     sweep = replace(sweep, points_lidar=sweep.points_lidar.astype(np.float32))
     assert len(cluster(box, trajectory, replace(state, shape=vast), sweep=sweep)) == 400
+
+
+def test_azimuths_are_seen_from_the_sensor_wherever_the_frame_of_the_points_is():
+    trajectory, lidar_from_sensor = circle(5.0, 0.3), RigidTransform.from_yaw(0.3, (1.0, -0.5, 0.2))
+    sweep = sweep_of([Box(velocity_mps=(0, 4, 0), **CAR)], trajectory, 0)
+    placed = pose_sweep(sweep, trajectory, LIDAR, lidar_from_sensor)
+    flat_m = np.hypot(*placed.points_sensor()[:, :2].T)
+    points_sensor = placed.points_sensor()
+    points_sensor[:, 0], points_sensor[:, 1] = (
+        np.cos(placed.azimuths_rad) * flat_m,
+        np.sin(placed.azimuths_rad) * flat_m,
+    )
+    np.testing.assert_allclose(lidar_from_sensor.apply(points_sensor), sweep.points_lidar, atol=1e-4)

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from bench.lidar import LidarSweep
 from bench.reference.grid import UP, Beam, Envelope, find_envelope, find_grid
+from bench.reference.sweeps import pose_sweep
+from tests.reference.drives import LIDAR, circle
 from tests.support.real import REAL, needs_real
 
 ONE_ORIGIN = [(0.0, degrees) for degrees in np.concatenate([np.arange(2, -8.5, -1 / 3), np.arange(-8.8, -25, -0.5)])]
@@ -49,6 +52,14 @@ def test_where_beams_start_in_one_point_returns_stay_as_they_are():
     envelope = find_envelope(points)
     assert envelope.starts_apart_m == 0.0
     np.testing.assert_array_equal(envelope.starts_m(points), 0.0)
+
+
+def test_returns_are_seen_from_where_their_beam_starts():
+    points = sweep_of(TWO_BLOCKS)
+    placed = pose_sweep(LidarSweep(timestamp_ns=0, points_lidar=points), circle(0.0, 0.0), LIDAR)
+    seen, of_beam = placed.points_from_beams(np.arange(len(points))), len(points) // len(TWO_BLOCKS)
+    for beam, (_, degrees) in ((seen[:of_beam], TWO_BLOCKS[0]), (seen[-of_beam:], TWO_BLOCKS[-1])):
+        np.testing.assert_allclose(beam[:, 2], np.tan(np.radians(degrees)) * np.hypot(*beam[:, :2].T), atol=0.06)
 
 
 def test_stray_returns_change_nothing():

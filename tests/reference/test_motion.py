@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -90,3 +92,12 @@ def test_smoothing_removes_jitter_but_the_points_use_the_annotation_itself():
     motion = track_motion(track, trajectory, MOTION)
     assert not motion.moving.any()
     assert np.abs(motion.velocity_world_mps[:, 0]).min() == pytest.approx(0.6)
+
+
+def test_smoothing_takes_as_much_from_before_as_from_after_both_ends_of_the_window_included():
+    trajectory = circle(0.0, 0.0)
+    box = Box((9, 2, 0.75), (4, 1.8, 1.5), (0.0, 0.0, 0.0))
+    track = drive([box], trajectory, state_ns=range(0, 1000 * MS, 100 * MS)).tracks[0]
+    track.states[5].velocity_mps[0] = 1.0
+    motion = track_motion(track, trajectory, replace(MOTION, smoothing_ns=400 * MS))
+    np.testing.assert_allclose(motion.smooth_world_mps[:, 0], [0, 0, 0, 0.2, 0.2, 0.2, 0.2, 0.2, 0, 0])
