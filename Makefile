@@ -4,7 +4,7 @@ DATASET ?= datasets/demo.yaml
 METHOD ?= spherical
 METHODS ?=
 VARIANTS := spherical:flow=dis spherical:first_guess=true truth truth:cell_size_px=5
-DATASETS ?= demo paper $(if $(FISHEYE_BENCH_REAL),aimotive-sample)
+DATASETS ?= demo paper $(if $(FISHEYE_BENCH_REAL),aimotive-sample kitti-sfnd)
 PROTOCOL ?= paper-v1,surface-v1
 RUN ?= reports/runs/$(basename $(notdir $(DATASET)))-$(METHOD)
 BASELINE ?= reports/baselines/$(basename $(notdir $(DATASET)))
