@@ -107,7 +107,10 @@ def video_file(path: Path, *, frame_rate_hz: float) -> Iterator[Callable[[NDArra
             held += 1
         stated = video.get(cv2.CAP_PROP_FRAME_COUNT)
         video.release()
-        if not pictures == stated == held:
+        with temporary.open("rb") as file:
+            head = file.read(8)
+        size = int.from_bytes(head[4:], "little") + 8 if head.startswith(b"RIFF") else 0  # .avi, its last picture too
+        if not pictures == stated == held or size > temporary.stat().st_size:
             raise OutputError(path, got="a file that ends before its last picture", hint=DISK_HINT)
 
 

@@ -321,7 +321,6 @@ def test_images_are_not_read_for_masks(evaluate, masks, tiny_card, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_charts")
 def test_pictures_and_the_page_come_from_the_same_files(monkeypatch, tiny_card, images, masks, tmp_path, capsys):
     run = tmp_path / "run"
     words = ("evaluate", tiny_card, "--predictions", masks, "--out", run, "--name", "a network/v2")

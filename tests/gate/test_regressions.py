@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from bench.evaluation import load_protocol, read_sums, sum_run, write_sums
+from bench.evaluation import OBJECTS_SCHEMA, load_protocol, read_sums, sum_run, write_sums
 from bench.evaluation.definitions import COUNTS
 from bench.gate import Outcome, Verdict, judge, load_tolerances, read_run_sums, write_baseline
 from bench.geometry import RigidTransform
@@ -135,7 +135,7 @@ def test_a_metric_that_drops_objects(good_run, baseline, tmp_path):
     folder = copied(good_run, tmp_path)
     objects, frames = open_tables(folder / "paper-v1")
     whole = read_sums(folder / "paper-v1" / SUMS)
-    partial = sum_run(_well_covered(objects.table()), frames, protocol=load_protocol("paper-v1"))
+    partial = sum_run(_well_covered(objects.table(OBJECTS_SCHEMA.names)), frames, protocol=load_protocol("paper-v1"))
     sums = pd.concat([whole[whole["metric"] != "tpr_all"], partial[partial["metric"] == "tpr_all"]])
     write_sums(sums, folder / "paper-v1" / SUMS)
     found = verdict(good_run, folder)
