@@ -215,9 +215,11 @@ def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: P
         manifest = _manifest(request, method, recordings)
         _begin(request, manifest)
         tasks = [task for recording in recordings for task in recording.tasks]
-        outcomes = _process(request, code, tasks[part.number - 1 :: part.count], executor, progress)
-        if part.count == 1:  # a worker may have been killed, too
-            _remove_half_written(request.folder)
+        try:
+            outcomes = _process(request, code, tasks[part.number - 1 :: part.count], executor, progress)
+        finally:
+            if part.count == 1:  # a worker may have been killed while it wrote
+                _remove_half_written(request.folder)
         evict_cache()
         if request.flow_cache is not None:
             evict_flow(request.flow_cache)
