@@ -60,7 +60,7 @@ leaderboard: $(INSTALLED) ## score all methods (or METHODS="a b:flow=dis") on DA
 			--out $$out --no-pictures --overwrite && $(BIN)/fisheye-bench report $$out/surface-v1 --no-pictures || \
 			echo "not whole, or left out: $$data, $$method"; \
 	done; done
-	rm -rf reports/leaderboard # that of an earlier version is no file that the command replaces
+	rm -rf reports/leaderboard # is made anew as a whole
 	$(BIN)/fisheye-bench leaderboard reports/runs/leaderboard --out reports/leaderboard
 
 report: $(INSTALLED) ## write the page of RUN= (the demo's)

@@ -42,8 +42,8 @@ from bench.egomotion import Trajectory, read_bus_signals
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
-from bench.recordings.annotations import annotation_file_in, read_annotations
-from bench.recordings.catalogue import RecordingHandle
+from bench.recordings.annotations import read_annotations
+from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.files import framed_files, read_object
 from bench.recordings.mounting import FisheyeOptions, Polygon
 from bench.recordings.validation import FileModel, SidePx, TimeNs, located, read_json, validated
@@ -112,12 +112,8 @@ def aimotive_recordings(
         DataError: options that are wrong.
     """
     chosen = validated(AimotiveOptions, options, file=card, field="options")
-    handles = []
-    for sequence in sorted(path for path in root.glob("data/*/*/*") if path.is_dir()):
-        file = annotation_file_in(annotations, sequence.name)
-        opener = partial(open_aimotive, root, sequence, chosen, annotations=file)
-        handles.append(RecordingHandle(name=sequence.name, opener=opener))
-    return tuple(handles)
+    sequences = sorted(path for path in root.glob("data/*/*/*") if path.is_dir())
+    return handles_of(sequences, partial(open_aimotive, root, options=chosen), annotations)
 
 
 def open_aimotive(root: Path, folder: Path, options: AimotiveOptions, *, annotations: Path | None = None) -> Recording:

@@ -45,8 +45,8 @@ from bench.cameras import PinholeCamera
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.annotations import annotation_file_in, read_annotations
-from bench.recordings.catalogue import RecordingHandle
+from bench.recordings.annotations import read_annotations
+from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.files import framed_files, numbers, read_text
 from bench.recordings.mounting import CameraOptions, Polygon
 from bench.recordings.validation import located, validated
@@ -102,12 +102,7 @@ def kitti_raw_recordings(
     """
     chosen = validated(KittiRawOptions, options, file=card, field="options")
     drives = sorted(path for path in root.glob("*/*") if DRIVE.fullmatch(path.name) and path.is_dir())
-    handles = []
-    for drive in drives:
-        file = annotation_file_in(annotations, drive.name)
-        opener = partial(open_kitti_raw, root, drive, chosen, annotations=file)
-        handles.append(RecordingHandle(name=drive.name, opener=opener))
-    return tuple(handles)
+    return handles_of(drives, partial(open_kitti_raw, root, options=chosen), annotations)
 
 
 def open_kitti_raw(root: Path, folder: Path, options: KittiRawOptions, *, annotations: Path | None = None) -> Recording:

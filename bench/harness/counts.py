@@ -34,7 +34,7 @@ from bench.harness.answers import (
     write_table,
 )
 from bench.harness.exact import exact_mask
-from bench.harness.references import StoredReference, reference_of, told
+from bench.harness.references import StoredReference, message_without_root, reference_of
 from bench.recordings import ImageRef, Recording, read_truth
 
 COUNTS = "counts"
@@ -79,7 +79,7 @@ def count_answers(
                 scorer.add(frame, segmentation_of(answer), exact=exact)
                 continue
             except BenchError as error:
-                status, problem = FAILED, told(error, recording)
+                status, problem = FAILED, message_without_root(error, recording)
         scorer.leave_out(
             recording=recording.name,
             camera=image.camera,

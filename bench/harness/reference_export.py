@@ -27,7 +27,7 @@ from bench.atomic import new_folder, path_inside, write_bytes, write_text
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol
 from bench.execution import FailedTask, TaskExecutor
-from bench.harness.references import told
+from bench.harness.references import message_without_root
 from bench.harness.stages import Progress
 from bench.harness.tasks import first_scored
 from bench.recordings import DatasetCard, ImageRef, RecordingHandle, open_dataset
@@ -146,7 +146,12 @@ def _export_image(builder: ReferenceBuilder, image: ImageRef, folder: Path) -> E
     try:
         frame = builder.build(image)
     except BenchError as error:
-        return entry | {"ego_speed_mps": None, "annotated": True, "objects": [], "problem": told(error, recording)}
+        return entry | {
+            "ego_speed_mps": None,
+            "annotated": True,
+            "objects": [],
+            "problem": message_without_root(error, recording),
+        }
     for what, values in (("instances", frame.labels.astype(np.uint16)), ("labels", label_image(frame))):
         file = path_inside(
             folder, f"{recording.name}/{what}/{image.camera}/{image.timestamp_ns}.png", file=folder / HEAD

@@ -66,7 +66,7 @@ def cache_folder() -> Path:
     return Path(named).absolute() if named else user_cache_path("fisheye-bench")
 
 
-def told(error: BaseException, recording: Recording) -> str:
+def message_without_root(error: BaseException, recording: Recording) -> str:
     """The message of an error, the same wherever the data lie."""
     return str(error).replace(str(recording.root), recording.name)
 
@@ -163,7 +163,7 @@ def _built(builder: ReferenceBuilder, image: ImageRef) -> StoredReference:
     try:
         return reference_row(builder.build(image))
     except BenchError as error:
-        return {"problem": told(error, builder.recording)}
+        return {"problem": message_without_root(error, builder.recording)}
 
 
 def reference_row(frame: ReferenceFrame) -> StoredReference:

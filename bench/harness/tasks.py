@@ -37,7 +37,7 @@ from bench.harness.digests import (
 from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.manifest import method_digest
-from bench.harness.references import StoredReference, find_references, reference_of, told
+from bench.harness.references import StoredReference, find_references, message_without_root, reference_of
 from bench.harness.stages import largest_resident_mb
 from bench.methods import Scorable
 from bench.recordings import (
@@ -280,9 +280,9 @@ def ask(
                 said = pipeline.ask(given)
             answers.append(answer_row(key, said, seconds=perf_counter() - began))
         except UnscorableFrame as reason:
-            answers.append(no_answer(key, SKIPPED, told(reason, recording)))
+            answers.append(no_answer(key, SKIPPED, message_without_root(reason, recording)))
         except BenchError as error:
-            answers.append(no_answer(key, FAILED, told(error, recording)))
+            answers.append(no_answer(key, FAILED, message_without_root(error, recording)))
     return answers
 
 

@@ -7,12 +7,13 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
 from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_targets
-from bench.recordings.annotations import REVIEW_SUFFIX, annotated_as
+from bench.recordings.annotations import REVIEW_SUFFIX, annotated_as, annotation_file_in
 from bench.recordings.cards import DatasetCard, Exclusion
 from bench.records.recording import NO_INPUT_ERRORS, NOT_ANNOTATED, Annotated, ImageRef, InputErrors, Recording
 
@@ -89,6 +90,23 @@ def _refuse_void(exclusion: Exclusion, recording: Recording) -> None:
         got=f"{' and '.join(about)}, which leave none out ({exclusion.reason})",
         hint="correct the card: frames count from 0, times are nanoseconds",
     )
+
+
+def handles_of(
+    folders: Iterable[Path], open_folder: Callable[..., Recording], annotations: Path | None
+) -> tuple[RecordingHandle, ...]:
+    """Handles of recordings that lie in a folder each and are called as it.
+
+    Args:
+        folders: of the recordings, in the order that the handles have.
+        open_folder: opens one; called with its folder and `annotations`, the file that stands in for its own or None.
+        annotations: folder of such files; None for none.
+    """
+
+    def opener(folder: Path) -> Callable[[], Recording]:
+        return partial(open_folder, folder, annotations=annotation_file_in(annotations, folder.name))
+
+    return tuple(RecordingHandle(name=folder.name, opener=opener(folder)) for folder in folders)
 
 
 class Adapter(Protocol):

@@ -37,8 +37,8 @@ from bench.cameras import CameraModel, camera_from_parameters
 from bench.egomotion import Trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
-from bench.recordings.annotations import annotation_file_in, read_annotations
-from bench.recordings.catalogue import RecordingHandle
+from bench.recordings.annotations import read_annotations
+from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.mounting import FisheyeOptions
 from bench.recordings.validation import SidePx, located, validated
 from bench.records.recording import (
@@ -108,12 +108,7 @@ def log123d_recordings(
             "py123d writes them into the folder logs"
         )
         raise DataError(root / chosen.logs, expected=expected, got="none", hint=hint)
-    handles = []
-    for folder in folders:
-        file = annotation_file_in(annotations, folder.name)
-        opener = partial(open_log, root, folder, chosen, annotations=file)
-        handles.append(RecordingHandle(name=folder.name, opener=opener))
-    return tuple(handles)
+    return handles_of(folders, partial(open_log, root, options=chosen), annotations)
 
 
 def open_log(root: Path, folder: Path, options: LogOptions, *, annotations: Path | None = None) -> Recording:

@@ -77,7 +77,7 @@ class LogTable:
         try:
             content = msgpack.unpackb(packed, raw=False, strict_map_key=False)
         except (ValueError, TypeError, msgpack.exceptions.UnpackException) as error:
-            raise DataError(self.path, field="metadata", expected="MessagePack", got=_told(error)) from error
+            raise DataError(self.path, field="metadata", expected="MessagePack", got=_in_one_line(error)) from error
         if not isinstance(content, dict):
             raise DataError(self.path, field="metadata", expected="an object", got=type(content).__name__)
         return content
@@ -166,10 +166,10 @@ def _reading(path: Path) -> Iterator[None]:
     try:
         yield
     except (pa.ArrowException, OSError, ValueError, IndexError) as error:
-        raise DataError(path, expected="an Arrow file of a 123D log", got=_told(error)) from error
+        raise DataError(path, expected="an Arrow file of a 123D log", got=_in_one_line(error)) from error
 
 
-def _told(error: Exception) -> str:
+def _in_one_line(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())[:200]
 
 
@@ -313,7 +313,7 @@ def decode_points(content: bytes, name: Path) -> dict[str, NDArray[Any]]:
     try:
         fields = _from_arrow(content)
     except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
-        raise DataError(name, expected="whole points", got=_told(error)) from error
+        raise DataError(name, expected="whole points", got=_in_one_line(error)) from error
     if missing := set("xyz") - fields.keys():
         raise DataError(name, expected="the coordinates x, y and z", got=f"no {', '.join(sorted(missing))}")
     return fields
