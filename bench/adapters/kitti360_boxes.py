@@ -23,6 +23,7 @@ from scipy.linalg import polar
 from bench.adapters.kitti_files import Drive, FrameClock
 from bench.errors import DataError
 from bench.geometry import RigidTransform
+from bench.recordings.annotations import box_state
 from bench.recordings.files import numbers, xml_parts
 from bench.records.recording import Cuboid, ObjectState, Track, world_velocities, world_yaw_rates
 
@@ -282,11 +283,12 @@ def _states(
     )
     seen_velocities = np.einsum("nji,nj->ni", world_from_vehicle, velocities)
     return tuple(
-        ObjectState(
-            timestamp_ns=int(times_ns[i]),
-            shape=Cuboid(vehicle_from_object=vehicle_from_object[i], size_m=sizes_m[i]),
-            velocity_mps=seen_velocities[i],
-            yaw_rate_radps=float(turns[i]),
+        box_state(
+            times_ns[i],
+            vehicle_from_object[i],
+            sizes_m[i],
+            seen_velocities[i],
+            turns[i],
             unclear=unclear or (boxes[chosen[i]].dynamic and not bool(moves[i])),
         )
         for i in range(len(rows))

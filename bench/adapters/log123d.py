@@ -37,17 +37,15 @@ from bench.cameras import CameraModel, camera_from_parameters
 from bench.egomotion import Trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
-from bench.recordings.annotations import read_annotations
+from bench.recordings.annotations import box_state, read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.mounting import FisheyeOptions
 from bench.recordings.validation import ForeignModel, SidePx, located, validated
 from bench.records.recording import (
     COMPLETELY,
     NOT_ANNOTATED,
-    Cuboid,
     ImageRef,
     MountedCamera,
-    ObjectState,
     Recording,
     SweepRef,
     Track,
@@ -484,13 +482,7 @@ def _track(
     states = []
     for i, time_ns in enumerate(times_ns.tolist()):
         vehicle_from_world = trajectory.world_from_vehicle(time_ns).inverse()
-        box: RigidTransform = vehicle_from_world @ pose(own[i, :7])
-        states.append(
-            ObjectState(
-                timestamp_ns=time_ns,
-                shape=Cuboid(vehicle_from_object=box, size_m=own[i, 7:]),
-                velocity_mps=vehicle_from_world.rotate(velocities_world[i]),
-                yaw_rate_radps=float(yaw_rates_radps[i]),
-            )
-        )
+        box = vehicle_from_world @ pose(own[i, :7])
+        velocity_mps = vehicle_from_world.rotate(velocities_world[i])
+        states.append(box_state(time_ns, box, own[i, 7:], velocity_mps, yaw_rates_radps[i]))
     return Track(track_id=token, object_class=object_class, states=tuple(states))

@@ -25,7 +25,6 @@ from bench.annotation.formats.conversion import (
     LabelOptions,
     Observation,
     ToolLabels,
-    box_state,
     pair_with_sweeps,
     recording_times,
     vehicle_from_tool,
@@ -33,7 +32,7 @@ from bench.annotation.formats.conversion import (
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import Recording
-from bench.recordings.annotations import COORDINATE_SYSTEM, annotation_document
+from bench.recordings.annotations import COORDINATE_SYSTEM, annotation_document, box_state
 from bench.recordings.validation import LATEST_NS, FileModel, Measured, read_json
 
 FILE = "openlabel.json"
