@@ -1,12 +1,12 @@
-"""Integer pixel counts of one image: per object, for the frame, by likelihood, by place and by chance; no ratio yet.
+"""Integer pixel counts of one image: per object, for the frame, by likelihood and by chance; no ratio yet.
 
 The regions are those of `bench.evaluation`: V valid, G_i of object i, I ignored, D detected within V.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -355,88 +355,6 @@ def count_likelihood(
 def find_bins(likelihood: NDArray[np.float32], edges: NDArray[np.float64] = EDGES) -> NDArray[np.int64]:
     """The bin of each likelihood or score, in its shape; k where edges[k] < value <= edges[k + 1], 0 for NaN."""
     return np.searchsorted(edges[1:-1], np.nan_to_num(likelihood, nan=0.0).astype(np.float64), side="left")
-
-
-CELL_PX = 8
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ImageMap:
-    """Sums over the scored images of one camera and size, on square cells that tile the image from its first pixel.
-
-    Attributes:
-        camera: name.
-        width: of the images, px.
-        height: of the images, px.
-        cell_px: side of a cell, px.
-        frames: images summed.
-        reference_px: (rows, columns) int64, pixels of all G.
-        missed_px: (rows, columns) int64, pixels of all G minus D.
-        false_px: (rows, columns) int64, pixels of D minus (all G u I).
-    """
-
-    camera: str
-    width: int
-    height: int
-    cell_px: int
-    frames: int
-    reference_px: Counts
-    missed_px: Counts
-    false_px: Counts
-
-    @classmethod
-    def of(cls, regions: Regions, *, camera: str) -> ImageMap:
-        """Count one image."""
-        height, width = regions.moving.shape
-        return cls(
-            camera=camera,
-            width=width,
-            height=height,
-            cell_px=CELL_PX,
-            frames=1,
-            reference_px=count_by_cell(regions.moving, CELL_PX),
-            missed_px=count_by_cell(regions.moving & ~regions.true, CELL_PX),
-            false_px=count_by_cell(regions.false, CELL_PX),
-        )
-
-    def __add__(self, other: ImageMap) -> ImageMap:
-        """The sums over the images of both, which are of the same camera, size and cell."""
-        return replace(
-            self,
-            frames=self.frames + other.frames,
-            reference_px=self.reference_px + other.reference_px,
-            missed_px=self.missed_px + other.missed_px,
-            false_px=self.false_px + other.false_px,
-        )
-
-    @property
-    def missed_rate(self) -> NDArray[np.float64]:
-        """(rows, columns) float64, share of the reference's pixels that were missed; NaN where there never were any."""
-        seen = self.reference_px > 0
-        return np.where(seen, self.missed_px / np.where(seen, self.reference_px, 1), np.nan)
-
-    @property
-    def false_rate(self) -> NDArray[np.float64]:
-        """(rows, columns) float64, mean share of the cell that was false; NaN without images."""
-        sides_px = [
-            np.minimum(self.cell_px, size_px - self.cell_px * np.arange(cells))
-            for size_px, cells in zip((self.height, self.width), self.false_px.shape, strict=True)
-        ]
-        area_px = np.multiply.outer(*sides_px)
-        return self.false_px / (area_px * self.frames) if self.frames else np.full(area_px.shape, np.nan)
-
-
-def add_image_maps(maps: Iterable[ImageMap]) -> tuple[ImageMap, ...]:
-    """Add those of the same camera, size and cell; the order in which they come does not matter.
-
-    Returns:
-        One per camera, size and cell, in that order.
-    """
-    sums: dict[tuple[str, int, int, int], ImageMap] = {}
-    for item in maps:
-        key = (item.camera, item.width, item.height, item.cell_px)
-        sums[key] = sums[key] + item if key in sums else item
-    return tuple(sums[key] for key in sorted(sums))
 
 
 class ChanceScorer:

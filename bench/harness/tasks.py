@@ -250,7 +250,7 @@ def _process(request: RunRequest, task: Task) -> int:
             write_answers(file, ask(recording, task, request.method, reference))
         scorer = count_answers(recording, images, said=read_answers(file), reference=reference, protocol=protocol)
         objects, frames = scorer.finish()
-        write_counts(counts_folder(results, task.handle.name), task.name, objects, frames, scorer.image_map())
+        write_counts(counts_folder(results, task.handle.name), task.name, objects, frames)
     return asked
 
 
@@ -286,34 +286,29 @@ def ask(
     return answers
 
 
-def ask_again(request: RunRequest, code: Code, task: Task) -> Outcome:
-    """Ask once more for the first image of a task that is done; where the answer is another one, the image fails.
+def ask_again(request: RunRequest, task: Task) -> Outcome:
+    """Ask once more for the first image of a task that is done; where the answer is another one, the task fails.
 
     A mask that differs by more than rounding comes of something noted in a module: then all answers depend on what a
-    process did before.
-
-    Raises:
-        OutputError: a result cannot be stored.
+    process did before. The task's files are removed, so that it is asked, and fails, again.
     """
     file = request.answers(request.folder, task)
     try:
-        recording, (first, *others) = _open(task.handle, task.digests), read_answers(file)
+        recording, first = _open(task.handle, task.digests), read_answers(file)[0]
     except BenchError as error:
         return Outcome(failure=f"{task}: {error}")
     with memoise_flow(request.flow_cache):
         (again,) = ask(recording, replace(task, stop=task.start + 1), request.method, [None])
     if answers_agree(first, again):
         return Outcome()
-    key = {name: first[name] for name in ("recording", "camera", "timestamp_ns")}
-    problem = (
-        f"method {request.method.name!r}, recording {recording.name!r}, camera {task.camera!r}, image at "
-        f"{key['timestamp_ns']} ns: expected the same answer when asked again at the end, got another; what is noted "
-        f"in a module or class, and random numbers without a seed of their own, make scores depend on --workers"
-    )
     for results in request.results:
         remove_counts(counts_folder(results, task.handle.name), task.name)
-    write_answers(file, [no_answer(key, FAILED, problem), *others])
-    return process_task(request, code, task)
+    file.unlink()
+    return Outcome(
+        failure=f"method {request.method.name!r}, recording {recording.name!r}, camera {task.camera!r}, image at "
+        f"{first['timestamp_ns']} ns: expected the same answer when asked again at the end, got another; what is noted "
+        f"in a module or class, and random numbers without a seed of their own, make scores depend on --workers"
+    )
 
 
 def _refuse_other_code(method: Scorable, code: Code) -> None:

@@ -15,7 +15,7 @@ from tests.support.counts import change_table
 from tests.support.stored_files import change_manifest
 
 SECTIONS = [
-    "glance", "results", "splits", "recordings", "around", "plane", "threshold", "causes", "worst", "frames",
+    "glance", "results", "splits", "recordings", "around", "threshold", "causes", "worst", "frames",
     "origin", "ledger",
 ]  # fmt: skip
 
@@ -132,16 +132,6 @@ def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     assert "<img" not in text
     assert [name for name, _ in sections(text)] == SECTIONS
     assert re.search(r'<a href="#crossing-0">', text)
-
-
-@pytest.mark.usefixtures("without_charts")
-def test_a_run_without_maps_of_the_image_plane_still_makes_a_page(tiny_run, tmp_path):
-    run = shutil.copytree(tiny_run, tmp_path / "run")
-    for file in run.rglob("*.map.parquet"):
-        file.unlink()
-    text = write_page(run, pictures=False).file.read_text()
-    assert "holds no maps of the image plane" in text
-    assert [name for name, _ in sections(text)] == SECTIONS
 
 
 @pytest.mark.usefixtures("without_charts")
