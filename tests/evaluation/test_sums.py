@@ -143,7 +143,7 @@ def test_a_table_of_sums_survives_its_file(tmp_path: Path) -> None:
 
 GOOD = "breakdown,slice,recording,metric,numerator,denominator\nframes,frames,NA,recall,1.0,2.0\n"
 
-NUMBERS = "each key once, with a numerator and a denominator from 0 to 1e+15, the numerator at most its denominator"
+NUMBERS = "each key once, with terms from 0 to 1e+15"
 
 
 @pytest.mark.parametrize(
@@ -152,19 +152,15 @@ NUMBERS = "each key once, with a numerator and a denominator from 0 to 1e+15, th
         ("", "expected a table of sums with the columns breakdown, slice"),
         ("a,b\n1,2\n", "got a, b"),
         (GOOD.replace("1.0", "one"), "expected a table of sums"),
-        *[(GOOD.replace("1.0", number), f"line 2: expected {NUMBERS}") for number in ("nan", "inf", "-1.0", "3.0")],
-        (GOOD.replace("2.0", "1e308"), f"line 2: expected {NUMBERS}"),
+        *[(GOOD.replace("1.0", number), f"line 2: expected {NUMBERS}") for number in ("nan", "inf", "-1.0", "1e308")],
         (GOOD.replace("recall", "recal"), "metric: expected known metrics, got 'recal'"),
         (GOOD + GOOD.splitlines()[1] + "\n", f"line 3: expected {NUMBERS}"),
-        (GOOD.replace("recall", "false_positive_components").replace("2.0", "0"), f"line 2: expected {NUMBERS}"),
     ],
 )
 def test_what_is_no_table_of_sums_is_refused(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "sums.csv"
     file.write_text(GOOD)
     assert read_sums(file).loc[0, "recording"] == "NA"
-    file.write_text(GOOD.replace("recall", "false_positive_components").replace("1.0", "9"))
-    assert read_sums(file).loc[0, "numerator"] == 9, "a mean may exceed one"
     file.write_text(text)
     with pytest.raises(DataError) as refused:
         read_sums(file)
