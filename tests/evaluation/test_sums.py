@@ -18,8 +18,8 @@ from bench.evaluation import (
     write_sums,
 )
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.evaluation.rows import group_recordings, to_frame
-from bench.evaluation.sums import KEY, add_sums, sum_frames, sum_objects
+from bench.evaluation.rows import group_recordings
+from bench.evaluation.sums import KEY
 from bench.harness import open_tables
 from bench.harness.counts import StoredRows
 from bench.records.reference import Direction
@@ -32,10 +32,6 @@ Tables = tuple[Rows, Rows]
 
 def reduced(tables: Tables, rows_at_once: int | None = None) -> pd.DataFrame:
     return sum_run(*tables, protocol=PAPER, rows_at_once=rows_at_once)
-
-
-def sums_of(objects: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFrame:
-    return add_sums([sum_objects(objects, protocol=PAPER), sum_frames(frames, protocol=PAPER)])
 
 
 def in_order(sums: pd.DataFrame) -> pd.DataFrame:
@@ -98,14 +94,6 @@ def test_a_cause_that_a_recordings_images_do_not_name_has_none_of_its_pixels_but
     assert {name: below for name, (_, below) in of_static.items()} == {n: below for n, (_, below) in of_depth.items()}
     assert of_depth["drive-0"][0] == of_static["drive-1"][0] == 0
     assert of_static["drive-0"][0] == of_static["drive-0"][1] > 0
-
-
-def test_sums_of_parts_are_the_sums_of_the_whole() -> None:
-    objects, frames = map(to_frame, random_run(3))
-    number = {f"drive-{k}": part for k, part in enumerate([0, 1, 2, 1, 0, 2])}
-    parts = [sums_of(*(rows[rows["recording"].map(number) == part] for rows in (objects, frames))) for part in range(3)]
-    assert_same(add_sums(parts), random_sums(3))
-    assert_same(add_sums([add_sums(parts[:2]), parts[2]]), add_sums(parts))
 
 
 def test_stored_rows_in_any_order_and_in_parts_give_the_same(tmp_path: Path) -> None:
@@ -212,12 +200,6 @@ def test_a_cell_with_few_object_frames_is_marked() -> None:
 def test_the_grid_grows_to_the_furthest_object() -> None:
     found = range_maps(placed((11.0, 0.0)), protocol=PAPER)
     assert found.maps[0].edges_m[-1] == 12.0
-
-
-def test_a_map_for_every_class_and_direction() -> None:
-    found = range_maps(random_run(1)[0], protocol=PAPER)
-    kinds = [(m.object_class, m.direction) for m in found.maps]
-    assert kinds == [(name, direction) for name in PAPER.reference.classes for direction in Direction]
 
 
 @pytest.mark.parametrize("seed", range(3))
