@@ -263,7 +263,7 @@ def _process(
             progress(done, total)
     asked = [task for task in tasks if outcomes[str(task)].asked and not outcomes[str(task)].failure]
     if asked and not is_oracle(request.method):
-        for task, outcome in _computed(executor, partial(ask_again, request), asked[:1]):
+        for task, outcome in _computed(executor, partial(ask_again, request, code), asked[:1]):
             if outcome.failure:
                 outcomes[str(task)] = outcome
     return {str(task): outcomes[str(task)] for task in tasks}

@@ -286,29 +286,34 @@ def ask(
     return answers
 
 
-def ask_again(request: RunRequest, task: Task) -> Outcome:
-    """Ask once more for the first image of a task that is done; where the answer is another one, the task fails.
+def ask_again(request: RunRequest, code: Code, task: Task) -> Outcome:
+    """Ask once more for the first image of a task that is done; where the answer is another one, the image fails.
 
     A mask that differs by more than rounding comes of something noted in a module: then all answers depend on what a
-    process did before. The task's files are removed, so that it is asked, and fails, again.
+    process did before.
+
+    Raises:
+        OutputError: a result cannot be stored.
     """
     file = request.answers(request.folder, task)
     try:
-        recording, first = _open(task.handle, task.digests), read_answers(file)[0]
+        recording, (first, *others) = _open(task.handle, task.digests), read_answers(file)
     except BenchError as error:
         return Outcome(failure=f"{task}: {error}")
     with memoise_flow(request.flow_cache):
         (again,) = ask(recording, replace(task, stop=task.start + 1), request.method, [None])
     if answers_agree(first, again):
         return Outcome()
-    for results in request.results:
-        remove_counts(counts_folder(results, task.handle.name), task.name)
-    file.unlink()
-    return Outcome(
-        failure=f"method {request.method.name!r}, recording {recording.name!r}, camera {task.camera!r}, image at "
-        f"{first['timestamp_ns']} ns: expected the same answer when asked again at the end, got another; what is noted "
+    key = {name: first[name] for name in ("recording", "camera", "timestamp_ns")}
+    problem = (
+        f"method {request.method.name!r}, recording {recording.name!r}, camera {task.camera!r}, image at "
+        f"{key['timestamp_ns']} ns: expected the same answer when asked again at the end, got another; what is noted "
         f"in a module or class, and random numbers without a seed of their own, make scores depend on --workers"
     )
+    for results in request.results:
+        remove_counts(counts_folder(results, task.handle.name), task.name)
+    write_answers(file, [no_answer(key, FAILED, problem), *others])
+    return process_task(request, code, task)
 
 
 def _refuse_other_code(method: Scorable, code: Code) -> None:
