@@ -112,7 +112,10 @@ def find_regions(reference: ReferenceFrame, detected: Mask) -> Regions:
     Raises:
         ShapeError: `detected` is not of the image's size.
     """
-    check_shape(reference, "mask", detected.shape)
+    if detected.shape != reference.valid.shape:
+        where = f"{reference.recording}, {reference.camera}, {reference.timestamp_ns} ns"
+        expected = f"a mask of {reference.valid.shape} (height, width)"
+        raise ShapeError(f"{where}: expected {expected}, got {detected.shape}")
     mask = detected & reference.valid
     components, component = cv2.connectedComponents(mask.view(np.uint8), connectivity=8, ltype=cv2.CV_32S)
     moving = reference.labels > 0
@@ -128,18 +131,6 @@ def find_regions(reference: ReferenceFrame, detected: Mask) -> Regions:
         component=component.astype(np.int32, copy=False),
         components=components,
     )
-
-
-def check_shape(reference: ReferenceFrame, name: str, shape: tuple[int, ...]) -> None:
-    """Refuse what is not of the image's size.
-
-    Raises:
-        ShapeError: says which image, which array, and both sizes.
-    """
-    expected = reference.valid.shape
-    if shape != expected:
-        where = f"{reference.recording}, {reference.camera}, {reference.timestamp_ns} ns"
-        raise ShapeError(f"{where}: expected a {name} of {expected} (height, width), got {shape}")
 
 
 def count_by_cell(mask: Mask, cell_size_px: int) -> NDArray[np.int64]:
@@ -241,10 +232,11 @@ def count_frame(
         Mariotti and Eising 2020, section IV (TP, FN and FP areas); component-wise sharing of false positives after
         Chan et al. 2021 (SegmentMeIfYouCan).
     """
-    order = _canonical_order(reference)
+    # By track id, so that ties are broken the same way whatever order objects come in.
+    order = np.argsort([item.track_id for item in reference.objects], kind="stable")
     regions = regions or find_regions(reference, detected)
     region_px = _region_px(reference, regions)
-    fp_of_component = _false_positives_by_component(regions)
+    fp_of_component = np.bincount(regions.component[regions.false], minlength=regions.components)
     overlap = _overlap(reference, regions)
     tp = overlap.sum(axis=0)
     fp = np.zeros_like(tp)
@@ -268,11 +260,6 @@ def count_frame(
     )
     columns = zip(tp.tolist(), (region_px - tp).tolist(), fp.tolist(), strict=True)
     return frame, tuple(ObjectCounts(tp=t, fn=n, fp=f) for t, n, f in columns)
-
-
-def _false_positives_by_component(regions: Regions) -> Counts:
-    """(components,) pixels outside all G and I."""
-    return np.bincount(regions.component[regions.false], minlength=regions.components)
 
 
 def _overlap(reference: ReferenceFrame, regions: Regions) -> Counts:
@@ -300,12 +287,6 @@ def _region_px(reference: ReferenceFrame, regions: Regions) -> Counts:
     evaluated = np.array([item.status is Status.EVALUATED for item in reference.objects], dtype=bool)
     assert np.array_equal(region_px > 0, evaluated), "exactly the evaluated objects have a region"
     return region_px
-
-
-def _canonical_order(reference: ReferenceFrame) -> NDArray[np.int64]:
-    """Objects by track id, so that ties are broken the same way whatever order they come in."""
-    ids = [item.track_id for item in reference.objects]
-    return np.array(sorted(range(len(ids)), key=ids.__getitem__), dtype=np.int64)
 
 
 # The paper's threshold is an edge, so that its operating point lies on the curve. 20 bins a decade, from a thousandth
