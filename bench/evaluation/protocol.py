@@ -10,7 +10,7 @@ from functools import cached_property
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -48,7 +48,6 @@ Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Whole = Annotated[int, Field(ge=1, le=LARGEST)]
 Level = Annotated[float, Field(gt=0, le=1)]
-Settings = TypeVar("Settings")
 Edges = Annotated[tuple[NotNegative, ...], AfterValidator(_edges)]
 
 
@@ -214,7 +213,7 @@ class Protocol(_ProtocolModel):
     def reference_settings(self) -> ReferenceSettings:
         """Return the settings of the reference builder, in its units."""
         rules, motion, band = self.reference, self.reference.motion, self.reference.unknown_band
-        return _in_units(
+        settings: ReferenceSettings = _in_units(
             ReferenceSettings,
             rules,
             max_sweep_gap_ns=round(rules.max_sweep_gap_ms * 1e6),
@@ -239,6 +238,7 @@ class Protocol(_ProtocolModel):
                 limbs={name: tuple(_in_units(Limb, limb) for limb in limbs) for name, limbs in band.limbs.items()},
             ),
         )
+        return settings
 
     @property
     def chance_lag_ns(self) -> int:
@@ -278,7 +278,7 @@ def load_protocol(name_or_path: str | Path) -> Protocol:
     return protocol
 
 
-def _in_units(settings: type[Settings], rules: _ProtocolModel, **converted: object) -> Settings:
+def _in_units(settings: Any, rules: _ProtocolModel, **converted: object) -> Any:
     """Settings of the fields of the same names as rules, and of those that are of another name or unit."""
-    same = {field.name: getattr(rules, field.name, None) for field in fields(settings)}  # type: ignore[arg-type]
-    return settings(**same | converted)
+    names = [field.name for field in fields(settings) if field.name not in converted]
+    return settings(**{name: getattr(rules, name) for name in names}, **converted)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import PackageNotFoundError, distribution, packages_distributions, version
@@ -297,7 +297,7 @@ def differences(before: AnswersManifest, after: AnswersManifest) -> tuple[Differ
     """
     found = [*_digests(before, after)]
     counted = isinstance(before, Manifest) and isinstance(after, Manifest)
-    left_out = set() if counted else {Aspect.PROTOCOL}
+    left_out: set[Aspect] = set() if counted else {Aspect.PROTOCOL}
     if before.method.name != after.method.name:
         left_out |= {Aspect.SETTINGS, Aspect.METHOD_CODE}
     was, now = dict(_values(before)), dict(_values(after))
@@ -339,12 +339,13 @@ def _digests(before: AnswersManifest, after: AnswersManifest) -> Iterator[Differ
     recordings = [one.dataset.recordings for one in (before, after)]
     changed = "".join(f"{text}; " for text in _changed_recordings(*recordings))
     references = [one.reference for one in (before, after) if isinstance(one, Manifest)]
-    for aspect, lead, digests in (
+    told: list[tuple[Aspect, str, Sequence[str | None]]] = [
         (Aspect.CODE, f"other code of {now.text}: ", code),
         (Aspect.METHOD_CODE, "the method's own code, or files: ", [one.method.code_digest for one in (before, after)]),
         (Aspect.DATA, changed, [digest_of(one) for one in recordings] if changed else []),
         (Aspect.REFERENCE, "", references),
-    ):
+    ]
+    for aspect, lead, digests in told:
         if len(digests) == 2 and None not in digests and digests[0] != digests[1]:
             texts = [short_digest(str(digest)) for digest in digests]
             yield Difference(aspect=aspect, before=texts[0], after=texts[1], lead=f"{lead}digest ")
