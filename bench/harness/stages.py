@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -77,8 +78,13 @@ def provenance_since(
 
 def largest_resident_mb() -> float:
     """Largest resident size of this process so far, MB; NaN where the system does not tell."""
-    status = Path("/proc/self/status")  # of Linux, whose `ru_maxrss` is at least the size of the parent process
-    if not status.exists():
+    status = Path("/proc/self/status")
+    if status.exists():  # Linux, whose `ru_maxrss` is at least the size of the process that started this one
+        told = dict(line.split(":", 1) for line in status.read_text().splitlines())
+        return float(told["VmHWM"].split()[0]) / 1e3
+    try:
+        import resource
+    except ImportError:  # Windows
         return float("nan")
-    told = dict(line.split(":", 1) for line in status.read_text().splitlines())
-    return float(told["VmHWM"].split()[0]) / 1e3
+    size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return size / (1e6 if platform.system() == "Darwin" else 1e3)
