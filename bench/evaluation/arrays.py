@@ -140,11 +140,13 @@ def score(
     moving = np.ascontiguousarray(moving != 0)
     if not isinstance(reference, ReferenceFrame):
         frame = _reference_frame(reference, moving.shape, ignored=ignored, valid=valid)
-    elif ignored is None and valid is None and reference.annotated:
+    elif not reference.annotated:
+        where = f"{reference.recording}, {reference.camera}, {reference.timestamp_ns}"
+        raise UsageError(f"reference: expected one of an annotated image, got {where}, which is not annotated")
+    elif ignored is None and valid is None:
         frame = reference
     else:
-        got = "others" if reference.annotated else "an image that is not annotated"
-        raise UsageError(f"reference: expected that of an annotated frame, which holds ignored and valid, got {got}")
+        raise UsageError("ignored, valid: expected none beside the reference of a frame, which holds its own")
     scorer = SequenceScorer(_protocol())
     scorer.add(frame, Segmentation(cell_size_px=1, mask=moving))
     objects, frames = scorer.finish()
