@@ -157,7 +157,7 @@ def interval(values: Sequence[float] | pd.Series, recordings: Sequence[str] | pd
     """95 % interval of the mean of values, by recording as in docs/metrics.md: for a breakdown of one's own.
 
     Args:
-        values: (N,) shares in [0, 1], such as the coverage or IoU of object-frames; NaN is left out.
+        values: (N,) shares in [0, 1], such as the coverage or IoU of object-frames; NaN and what is masked are left out.
         recordings: N names of the recordings that they are of.
 
     Returns:
@@ -168,7 +168,10 @@ def interval(values: Sequence[float] | pd.Series, recordings: Sequence[str] | pd
     """
     if np.shape(values) != np.shape(recordings):
         raise UsageError(f"interval: expected a recording for each value, got {len(recordings)} for {len(values)}")
-    rows = pd.DataFrame({"share": np.asarray(values, np.float64), "recording": np.asarray(recordings)}).dropna()
+    shares = np.ma.filled(np.ma.asarray(values, np.float64), np.nan)  # what a masked array hides is left out
+    rows = pd.DataFrame({"share": shares, "recording": np.asarray(recordings)}).dropna(subset="share")
+    if rows["recording"].isna().any():
+        raise UsageError("interval: expected the name of a recording for each value, got None or NaN")
     if not rows["share"].between(0, 1).all():
         raise UsageError("interval: expected values in [0, 1], got others; divide counts by what they are of")
     sums = rows.groupby("recording", sort=False)["share"].agg(["sum", "size"])

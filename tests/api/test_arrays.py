@@ -74,6 +74,7 @@ def test_scores_of_images_add_up_before_ratios_are_taken():
         (lambda: bench.score(LABELS, HIDING), "mask: expected .* got a masked"),
         (lambda: bench.score(np.ma.masked_array(LABELS), MASK), "reference: .* got a masked"),
         (lambda: bench.interval([0.5, 50.0], ["a", "b"]), r"expected values in \[0, 1\]"),
+        (lambda: bench.interval([0.5, 0.5], [None, "a"]), "the name of a recording for each value, got None or NaN"),
         (lambda: bench.interval([0.5], ["a", "b"]), "a recording for each value, got 2 for 1"),
     ],
 )
