@@ -157,7 +157,7 @@ def interval(values: Sequence[float] | pd.Series, recordings: Sequence[str] | pd
     """95 % interval of the mean of values, by recording as in docs/metrics.md: for a breakdown of one's own.
 
     Args:
-        values: (N,) shares in [0, 1], such as the coverage or IoU of object-frames; NaN and what is masked are left out.
+        values: (N,) shares in [0, 1], such as the coverage or IoU of object-frames; NaN and masked ones are left out.
         recordings: N names of the recordings that they are of.
 
     Returns:
