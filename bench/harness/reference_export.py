@@ -152,7 +152,7 @@ def _export_image(builder: ReferenceBuilder, image: ImageRef, folder: Path) -> E
     try:
         frame = builder.build(image)
     except BenchError as error:
-        without = {"ego_speed_mps": None, "annotated": True, "objects": []}
+        without: Entry = {"ego_speed_mps": None, "annotated": True, "objects": []}
         return entry | without | {"problem": message_without_root(error, recording)}
     for what, values in (("instances", frame.labels.astype(np.uint16)), ("labels", label_image(frame))):
         file = folder / what / safe_name(image.camera) / f"{image.timestamp_ns}.png"
