@@ -193,11 +193,13 @@ def _one_after_the_other(parts: Sequence[Proposal]) -> Proposal:
         doubts.pop(TOP_NOT_SEEN, None)
     if any(ONE_END not in dict(part.doubts) for part in parts):
         doubts.pop(ONE_END, None)
-    names = ("timestamps_ns", "centres_m", "yaw_rad", "velocity_mps")
     return replace(
         longest,
         size_m=size_m,
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+        timestamps_ns=np.concatenate([part.timestamps_ns for part in parts]),
+        centres_m=np.concatenate([part.centres_m for part in parts]),
+        yaw_rad=np.concatenate([part.yaw_rad for part in parts]),
+        velocity_mps=np.concatenate([part.velocity_mps for part in parts]),
         doubts=tuple(sorted(doubts.items())),
         points_median=int(np.median([part.points_median for part in parts])),
     )
