@@ -90,8 +90,8 @@ def test_a_reference_agrees_with_the_truth_in_order_and_scores(by_lidar, tau, di
     for reference in (PAPER, SURFACE):
         agreement = found.agreement[reference]
         assert agreement.tau.value == pytest.approx(tau)
-        assert agreement.difference["iou"].value == pytest.approx(difference)
-        assert agreement.difference_real["iou"].value == pytest.approx(difference)
+        assert agreement.difference.value == pytest.approx(difference)
+        assert agreement.difference_real.value == pytest.approx(difference)
 
 
 def test_ties_count_as_kendall_says():
@@ -108,8 +108,8 @@ def test_a_prediction_without_the_metric_is_left_out():
 def test_what_is_made_of_exact_masks_is_no_real_method():
     predictions = [*ANY[:2], Prediction(name="truth", method=WrongMasks())]
     found = row(by_lidar=[0.2, 0.5, 0.6], by_masks=[0.1, 0.5, 1.0], predictions=predictions).agreement[PAPER]
-    assert found.difference["iou"].value == pytest.approx((0.1 + 0 + 0.4) / 3)
-    assert found.difference_real["iou"].value == pytest.approx((0.1 + 0) / 2)
+    assert found.difference.value == pytest.approx((0.1 + 0 + 0.4) / 3)
+    assert found.difference_real.value == pytest.approx((0.1 + 0) / 2)
 
 
 def test_intervals_need_six_recordings_and_are_the_same_again(monkeypatch):
@@ -117,14 +117,14 @@ def test_intervals_need_six_recordings_and_are_the_same_again(monkeypatch):
     assert row(by_lidar=[0.1, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9], recordings=5).agreement[PAPER].tau.ci95 is None
     found = row(by_lidar=[0.2, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9], recordings=6).agreement[PAPER]
     assert found.tau.ci95 == pytest.approx((1, 1))
-    assert found.difference["iou"].ci95 == pytest.approx((0.1 / 3, 0.1 / 3))  # all recordings are alike
+    assert found.difference.ci95 == pytest.approx((0.1 / 3, 0.1 / 3))  # all recordings are alike
     rng = np.random.default_rng(1)
     cases = rng.random((8, 1, 1)) + 0.1
     sums = scores(rng.random((8, len(REFERENCES), 3)) * cases, ANY, cases=cases)
     first, second = (rank_row("crossing", sums, ANY) for _ in range(2))
     assert first.model_dump_json() == second.model_dump_json()
-    low, high = first.agreement[PAPER].difference["iou"].ci95
-    assert low < first.agreement[PAPER].difference["iou"].value < high
+    low, high = first.agreement[PAPER].difference.ci95
+    assert low < first.agreement[PAPER].difference.value < high
 
 
 def test_a_wrong_mask_that_beats_the_exact_one_is_found():
@@ -204,8 +204,9 @@ def test_sums_of_an_image():
     for name in ("crossing", "all_moving"):
         terms = sums.loc[name].xs((PAPER, "half", "drive"), level=SCORED)
         assert {metric: tuple(values) for metric, values in terms.T.items()} == {
-            "iou": (0.5, 1), "tpr": (0.5, 1), "detection_rate_50": (1, 1), "unknown_share": (0, 1),
-        }  # fmt: skip
+            "iou": (0.5, 1),
+            "unknown_share": (0, 1),
+        }
         assert sums.loc[(name, "iou", PAPER, "all", "drive"), "numerator"] == pytest.approx(4 / 9)
         assert sums.loc[(name, "unknown_share", SURFACE, "half", "drive"), "numerator"] == 1 / 5
     first, whole = (
@@ -267,8 +268,8 @@ def test_the_exact_masks_are_perfect_by_themselves(ranking: RankingSummary):
     assert ranking.failures == ()
     for found in ranking.rows[:-1]:
         if found.cases:
-            assert found.scores["iou"][EXACT]["truth"] == found.scores["tpr"][EXACT]["truth"] == 1
-    assert ranking.rows[-1].scores["false_positive_share"][EXACT]["truth"] == 0
+            assert found.scores[EXACT]["truth"] == 1
+    assert ranking.rows[-1].scores[EXACT]["truth"] == 0
     assert {found.name: found.recordings for found in ranking.rows} == {
         "crossing": 1, "overtaking": 1, "preceding": 0, "approaching": 0, "static_ego": 1, "all_moving": 3,
         "false_positives": 3,
@@ -283,9 +284,8 @@ def test_a_method_scores_as_in_a_run(ranking: RankingSummary, tiny_card: Path, t
         )
         every, false = ranking.rows[-2:]
         assert every.cases == run.all_moving.object_frames
-        for metric in ("iou", "tpr", "detection_rate_50"):
-            assert every.scores[metric][PAPER][name] == pytest.approx(run.all_moving.metric(metric).value)
-        assert false.scores["false_positive_share"][PAPER][name] == pytest.approx(run.false_positives.coverage.value)
+        assert every.scores[PAPER][name] == pytest.approx(run.all_moving.iou.value)
+        assert false.scores[PAPER][name] == pytest.approx(run.false_positives.coverage.value)
 
 
 @pytest.mark.slow
