@@ -11,7 +11,7 @@ import pytest
 from bench.cameras import ray_grid
 from bench.errors import UnknownNameError, UsageError
 from bench.harness.exact import require_scorable
-from bench.methods import METHODS, FlowMethod, Method, build_method, describe_method, known_methods
+from bench.methods import METHODS, FlowMethod, Method, UnansweredImage, build_method, describe_method, known_methods
 from bench.records.segmentation import segmentation_fault
 from tests.support.board_scene import HEIGHT, STEP, WIDTH, crossing, frame
 
@@ -122,6 +122,13 @@ class NoMethod:
         raise NotImplementedError
 
 
+@pytest.mark.parametrize("name", ["rigid-scene", "learned", "followed"])
+def test_without_ego_motion_a_method_that_needs_it_says_so(name):
+    given = replace(frame(*crossing()[:2], STEP), current_from_previous=())
+    with pytest.raises(UnansweredImage, match="ego-motion"):
+        build_method(name).segment(given)
+
+
 HERE = f"{__name__}:"
 NOT_DERIVED = r"derived from bench\.methods\.Method, got {0}.*class {0}\(Method\)"
 
@@ -146,8 +153,32 @@ NOT_DERIVED = r"derived from bench\.methods\.Method, got {0}.*class {0}\(Method\
         (HERE + "Annotated", {"threshold": -math.inf}, UsageError, "expected finite numbers, .*'threshold': -inf"),
         # A field that a data class inherits.
         ("spherical", {"threshold": "abc"}, UsageError, "expected a valid number for threshold, got 'abc'"),
+        ("spherical", {"threshold": 0}, UsageError, "thresholds > 0"),
+        ("spherical", {"treshold": 1}, UsageError, r"takes cell_size_px, .*, flow, flow_parameters"),
+        ("spherical-visual-odometry", {"weights": {"positive_height": 0.2, "anti_parallel": 0.2}}, UsageError,
+         r"positive_height and anti_parallel need the length of the translation.*scale=given"),
+        ("spherical-visual-odometry", {"weights": {"anti_parallel": 0.2}}, UsageError,
+         r"set weights\.anti_parallel=0, or"),
+        ("spherical-visual-odometry", {"scale": "wheel"}, UsageError,
+         "expected 'none' or 'given' for scale, got 'wheel'"),
+        ("rigid-scene", {"objects": {"floating": 1.5}}, UsageError, "floating"),
+        ("learned", {"threshold": 1}, UsageError, r"expected a number in \[0, 1\), got 1"),
+        ("followed", {"images": 0}, UsageError, "at least 1, got 0"),
+        ("followed", {"method": "no-method"}, UnknownNameError, "no-method"),
+        ("followed", {"method": "followed"}, UsageError, "not followed itself"),
+        *(
+            (name, {setting: value}, UsageError, f"{name}: expected")
+            for name, setting, bad in (
+                ("flow-magnitude", "threshold", (0, math.nan, math.inf)),
+                ("rotation-compensated-flow", "cell_size_px", (0,)),
+                ("frame-difference", "threshold_grey", (-1, 255, math.nan, math.inf)),
+                ("background-subtraction", "images", (0, 2.5, math.nan, math.inf)),
+                ("background-subtraction", "deviations", (-1, 0, math.nan, math.inf)),
+            )
+            for value in bad
+        ),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_built_is_refused(name, settings, error, message):
     with pytest.raises(error, match=message):
         build_method(name, settings)

@@ -6,8 +6,8 @@ import shutil
 import pytest
 
 from bench.recordings.native import open_native
-from bench.validation.quick.boxes import check_boxes
-from bench.validation.quick.motion import check_motion
+from bench.validation.boxes import check_boxes
+from bench.validation.motion import check_motion
 from benchmarks.mistakes import OF_BOXES
 from benchmarks.planted_mistakes import Outcome, counted, table, text_of, written
 from tests.validation.drive import box_fit_of

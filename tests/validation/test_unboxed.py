@@ -8,7 +8,7 @@ import pytest
 
 from bench.annotation import proposals, propose
 from bench.recordings import NOT_ANNOTATED, Annotated
-from bench.validation.fits.unboxed import check_unboxed
+from bench.validation.box_fit import check_unboxed
 from tests.annotation.street import COARSE, street
 
 AHEAD_M = ((3.0, -6.0), (30.0, -6.0), (30.0, 6.0), (3.0, 6.0))
