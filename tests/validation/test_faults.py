@@ -14,12 +14,13 @@ from scipy.spatial.transform import Rotation
 
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep
-from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
+from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track, load_card, open_dataset
 from bench.recordings.native import open_native
-from bench.validation import Depth, Severity, box_fit, boxes, findings
+from bench.validation import Depth, Severity, box_fit, boxes, findings, validate_dataset
 from bench.validation.boxes import check_boxes
 from bench.validation.sensors import ImageOrder, seen_road
 from tests.support import tiny
+from tests.support.cards import write_card
 from tests.support.clouds import pcd_of
 from tests.support.planting import (
     change_boxes,
@@ -585,3 +586,15 @@ def test_bits_that_are_read_as_sixteen(root, bits):
     assert [finding.severity for finding in told] == ([Severity.WARNING] if bits == 12 else [])
     change_head(root, lambda head: head["cameras"]["front"].update(white_level=2**bits - 1))
     assert found(root) == []
+
+
+def test_the_same_drive_under_two_names_is_found_by_its_content(tmp_path):
+    for name in ("a", "b", "other"):
+        tiny.write_recording(tmp_path / "data" / name)
+    changed = RecordingWriter(tmp_path / "data" / "other")
+    changed.image("front", tiny.TIMES_NS[1], np.zeros((tiny.HEIGHT, tiny.WIDTH), dtype=np.uint8))
+    report = validate_dataset("x", open_dataset(load_card(write_card(tmp_path))))
+    same = {of.name: [f.got for f in of.findings if f.check == "same-drive"] for of in report.recordings}
+    assert same == {"a": [], "b": ["the images and the sweep of 'a' in the middle of it"], "other": []}
+    (alone,) = validate_dataset("x", open_dataset(load_card(write_card(tmp_path)), "a")).recordings
+    assert "same-drive" not in [finding.check for finding in alone.findings]
