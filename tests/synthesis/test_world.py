@@ -62,11 +62,16 @@ def test_obstacles_keep_clear_of_ways_and_of_each_other(world: World) -> None:
     assert sum(shapely.intersection(a, b).area for a, b in combinations(world.obstacles, 2)) == 0
 
 
-def test_nothing_stands_where_someone_walks(world: World, kind: str) -> None:
+def test_the_ground_has_no_holes_and_is_clear_where_someone_walks_and_drives(world: World, kind: str) -> None:
+    _, height_m = seen_from_above(world.mesh, grid((-60.0, 120.0), (-60.0, 60.0), 1.7), from_m=100.0)
+    assert height_m.min() > -0.06
     # From below the crowns and eaves that one may walk under.
     _, height_m = seen_from_above(world.mesh, grid((8.1, 10.9), (-24.9, 24.9)), from_m=1.9)
     assert height_m.max() <= max(SPECS[kind].kerb_m, 0.0) + 0.01
     assert height_m.min() > -0.06
+    hits, height_m = seen_from_above(world.mesh, grid((-6.0, 5.0), (-1.1, 1.1)), from_m=1.9)
+    assert np.abs(height_m).max() < FLAT_M
+    assert hits.normals[:, 2].min() > 0.99
 
 
 def test_what_stands_out_is_an_obstacle(world: World, kind: str) -> None:
@@ -77,17 +82,6 @@ def test_what_stands_out_is_an_obstacle(world: World, kind: str) -> None:
     # Twigs, awnings and bulges stick out a little, lamp heads and crowns are higher than the rays begin.
     assert len(high) > 30
     assert np.quantile(away_m, 0.98) < 0.3
-
-
-def test_road_before_the_ego_vehicle_is_flat_and_looks_up(world: World) -> None:
-    hits, height_m = seen_from_above(world.mesh, grid((-6.0, 5.0), (-1.1, 1.1)), from_m=1.9)
-    assert np.abs(height_m).max() < FLAT_M
-    assert hits.normals[:, 2].min() > 0.99
-
-
-def test_the_ground_has_no_holes(world: World) -> None:
-    _, height_m = seen_from_above(world.mesh, grid((-60.0, 120.0), (-60.0, 60.0), 1.7), from_m=100.0)
-    assert height_m.min() > -0.06
 
 
 def test_pavement_lies_a_kerb_above_the_road() -> None:
