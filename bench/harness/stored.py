@@ -47,7 +47,7 @@ from bench.harness.counts import COUNTS, open_tables
 from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_manifest
 from bench.harness.stages import Provenance
-from bench.recordings.openlabel import NOT_REVIEWED
+from bench.recordings.annotations import NOT_REVIEWED
 from bench.recordings.validation import read_json
 
 SUMMARY, SUMS, PROTOCOL = "summary.json", "sums.csv", "protocol.json"
