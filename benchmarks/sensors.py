@@ -18,7 +18,7 @@ import pandas as pd
 from bench.atomic import write_text
 from bench.audit.sources import OpenedSource, audit_each
 from bench.commands.console import print_failures, say, take_verbosity
-from bench.commands.data import rendered_card
+from bench.commands.options import rendered_card
 from bench.errors import DataError
 from bench.evaluation import count_frame, load_protocol
 from bench.execution import local_executor, usable_cores

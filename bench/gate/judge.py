@@ -29,7 +29,7 @@ from bench.evaluation.sums import ALL_MOVING, FRAMES, TERMS, name_slice
 from bench.gate.baseline import RunSums
 from bench.gate.tolerances import Tolerances, void_rules
 from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict, changes
-from bench.harness.manifest import Aspect, differences
+from bench.harness.manifest import Aspect, Difference, differences
 from bench.plain_text import listed
 
 LISTED = 4  # differences that a message lists
@@ -60,7 +60,8 @@ def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict
     Raises:
         UsageError: another data set, split or protocol.
     """
-    for difference in differences(baseline.manifest, run.manifest):
+    found = differences(baseline.manifest, run.manifest)
+    for difference in found:
         if not difference.comparable:
             raise UsageError(
                 f"the baseline is of {difference.aspect} {difference.before}, the run of {difference.after}: they do "
@@ -72,20 +73,25 @@ def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict
         baseline=baseline.manifest,
         run=run.manifest,
         tolerances=tolerances.title,
-        changes=changes(baseline.manifest, run.manifest),
-        checks=data_checks(baseline, run, pairs, compared, tolerances=tolerances),
+        changes=changes(found),
+        checks=data_checks(run, found, pairs, compared, tolerances=tolerances),
         rows=judge_changes(compared, tolerances=tolerances, worst=worst_recordings(pairs)),
     )
 
 
 def data_checks(
-    baseline: RunSums, run: RunSums, pairs: pd.DataFrame, changes: pd.DataFrame, *, tolerances: Tolerances
+    run: RunSums,
+    found: Sequence[Difference],
+    pairs: pd.DataFrame,
+    changes: pd.DataFrame,
+    *,
+    tolerances: Tolerances,
 ) -> tuple[Check, ...]:
     """Check run against baseline, the same checks in the order of cause and effect.
 
     Args:
-        baseline: what it is judged by.
         run: the newer one.
+        found: in what its manifest differs from that of the baseline.
         pairs: sums of both, as `pair_sums` gives them.
         changes: of the metrics, as `compare_pairs` gives them.
         tolerances: the rules.
@@ -93,11 +99,10 @@ def data_checks(
     Returns:
         Always the same checks, one more where nobody reviewed the annotations, and one where rules apply to nothing.
     """
-    texts: dict[Aspect, list[str]] = {}
-    for difference in differences(baseline.manifest, run.manifest):
-        texts.setdefault(difference.aspect, []).append(difference.text)
-    other_data, other_reference = (texts.get(aspect, []) for aspect in (Aspect.DATA, Aspect.REFERENCE))
-    method = [text for what in (Aspect.METHOD, Aspect.SETTINGS, Aspect.METHOD_CODE) for text in texts.get(what, [])]
+    other_data, other_reference, method = (
+        [difference.text for difference in found if difference.aspect in aspects]
+        for aspects in ((Aspect.DATA,), (Aspect.REFERENCE,), (Aspect.METHOD, Aspect.SETTINGS, Aspect.METHOD_CODE))
+    )
     rendered = tolerances.changed_data == "report"
     if rendered and other_data and other_reference and (small := small_difference(pairs)):
         other_reference, of_reference = [small], Outcome.SUSPECT

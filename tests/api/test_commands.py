@@ -93,7 +93,13 @@ def test_masks_of_a_folder_are_scored(tiny_card, tmp_path):
         file.parent.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(file), (frame.reference.labels > 0).astype(np.uint8))
     scored = bench.evaluate(
-        tiny_card, tmp_path / "masks", missing="skip", name="mine", split="crossing", out=tmp_path / "run"
+        tiny_card,
+        tmp_path / "masks",
+        missing="skip",
+        name="mine",
+        protocol="paper-v1",
+        split="crossing",
+        out=tmp_path / "run",
     )
     assert (len(scored.found.usable), scored.found.expected) == (3, 4)
     assert scored.run.summary.all_moving.iou.value == 1.0

@@ -13,7 +13,8 @@ from bench.methods import Method, Segmentation, build_method
 
 @pytest.fixture(scope="module")
 def run(tiny_card, tmp_path_factory):
-    return bench.run(tiny_card, "frame-difference", pictures=False, out=tmp_path_factory.mktemp("api") / "run")
+    both, out = "paper-v1,surface-v1", tmp_path_factory.mktemp("api") / "run"
+    return bench.run(tiny_card, "frame-difference", protocol=both, pictures=False, out=out)
 
 
 def test_a_run_is_stored_and_read_back_as_tables(run):
@@ -27,6 +28,7 @@ def test_a_run_is_stored_and_read_back_as_tables(run):
     assert again.false_positives == run.summary.false_positives.coverage.value
     assert (run.folder / "table.md") in run.files
     (other,) = run.others
+    assert bench.load_run(run.folder.parent).folder == other.folder, "a run's folder stands for surface-v1"
     assert (run.manifest.protocol.name, other.manifest.protocol.name) == ("paper-v1", "surface-v1")
     assert other.summary.all_moving.iou.value != run.summary.all_moving.iou.value
 

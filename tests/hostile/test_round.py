@@ -93,7 +93,7 @@ VALIDATE = ("validate", "{}/card.yaml", "--deep")
 IMPORT = ("annotate", "import", "openlabel", "{}/tool/drive", "--dataset", "{}/card.yaml", "--recording", "drive",
           "--out", "{}/annotations")  # fmt: skip
 GATE = ("gate", "{}/run", "--baseline", "{}/baseline", "--json", "{}/verdict.json")
-RESULTS = ("run/paper-v1/*.json", "run/paper-v1/counts/**/*")
+RESULTS = ("run/surface-v1/*.json", "run/surface-v1/counts/**/*")
 TARGETS = {  # what makes the files, which of them are damaged, the command, how many cases
     **{
         f"run {name}": (data_set(name), ("data/**/*",), RUN, 8) for name in ("native", "aimotive", "kitti360", "rosbag")
@@ -101,7 +101,7 @@ TARGETS = {  # what makes the files, which of them are damaged, the command, how
     "run woodscape": (data_set("woodscape"), ("data/**/*",), (*RUN, "--protocol", "masks-v1"), 8),
     **{f"validate {name}": (data_set(name), ("data/**/*",), VALIDATE, 14) for name in ("native", "rosbag")},
     "labels": (labels, ("tool/**/*",), IMPORT, 10),
-    "gate": (run_and_baseline, ("run/paper-v1/*", "baseline/*"), GATE, 25),
+    "gate": (run_and_baseline, ("run/surface-v1/*", "baseline/*"), GATE, 25),
     "report": (run_and_baseline, RESULTS, ("report", "{}/run", "--no-pictures"), 8),
     "page with pictures": (run_and_baseline, ("run/answers/**/*",), ("report", "{}/run"), 5),
     "leaderboard": (run_and_baseline, RESULTS, ("leaderboard", "{}", "--out", "{}/board"), 8),
