@@ -131,11 +131,15 @@ def _open(dataset: str | Path | DatasetCard, recording: str | None, camera: str 
 
     Raises:
         UnknownNameError: no such recording or camera.
+        UsageError: the name of a split.
     """
     from bench.harness.datasets import Dataset
     from bench.recordings import open_dataset
 
-    card = options.rendered_card(dataset, recording)
+    card = options.as_card(dataset)
+    if recording in card.splits:
+        raise UsageError(f"--recording: expected one recording, got the split {recording!r}")
+    options.rendered_card(card, recording)
     data = Dataset(card=card, handles=open_dataset(card, recording))
     if recording is not None and data.names != (recording,):
         raise UnknownNameError("recording", recording, data.names)

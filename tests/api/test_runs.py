@@ -1,12 +1,13 @@
 """`bench.open_dataset`, `run` and `load_run`: what the commands do, from Python."""
 
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import bench
+from bench.commands.options import as_executor
 from bench.errors import UnknownNameError, UsageError
 from bench.methods import Method, Segmentation, build_method
 
@@ -87,6 +88,8 @@ def test_the_executor_of_another_engine_gives_the_same(run, tiny_card, tmp_path)
     other = bench.run(tiny_card, **chosen, out=tmp_path / "run", workers=engine)
     assert engine.submitted == 3 + 3 + 1, "recordings, tasks, and one image again"
     assert (other.folder / "sums.csv").read_bytes() == (run.folder / "sums.csv").read_bytes()
+    with ThreadPoolExecutor(2) as pool:
+        assert (other.summary.provenance.workers, as_executor(pool).workers) == (0, 2), "where the executor tells"
     (failure,) = bench.run(tiny_card, **chosen, out=tmp_path / "lost", workers=Engine(losing=5)).summary.failures
     assert failure.endswith("the machine is gone")
 

@@ -124,10 +124,10 @@ def test_a_method_that_fails_everywhere_is_told_in_one_line_with_the_way_to_its_
         (("run", "CARD", "--workers", "0"), "--workers: expected a number from 1 on"),
         (("run", "CARD", "--workers", "nowhere.json"), "or the file of a scheduler, got 'nowhere.json'"),
         (("run", "CARD", "--shard", "3/2"), "--shard: expected I/N with I from 1 to N"),
-        (("run", "CARD", "--out", "FULL"), "expected an empty folder or the run that is asked for"),
+        (("run", "CARD", "--out", "FULL"), "expected an empty folder or that of a run"),
         (("reference", "export", "CARD", "--out", "FULL"), "expected a new or an empty folder"),
         (("view", "CARD", "--recording", "crosing"), "did you mean 'crossing'"),
-        (("view", "CARD", "--recording", "moving"), "unknown recording 'moving'"),
+        (("view", "CARD", "--recording", "moving"), "--recording: expected one recording, got the split 'moving'"),
         (("view", "CARD", "--frame", "nope"), "--frame: expected N, FIRST:LAST"),
         (
             ("evaluate", "CARD", "--predictions", "nope"),
@@ -193,6 +193,10 @@ def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tm
 
 
 def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
+    board = tmp_path / "reports" / "leaderboard" / "leaderboard.json"
+    board.parent.mkdir(parents=True)
+    board.write_text('{"schema_version": 1}')
+    monkeypatch.chdir(tmp_path)
     paper = ("--protocol", "paper-v1", "--no-pictures")
     words = ("run", tiny_card, "--out", tmp_path / "run", "--method", "nothing", *paper)
     assert call(monkeypatch, *words, "--quiet") == 0
@@ -203,6 +207,7 @@ def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
     assert call(monkeypatch, "-v", *words) == 0
     shown = capsys.readouterr()
     assert "summary.json" in shown.out
+    assert "leaderboard.json: of another version, so no best score is shown" in shown.out
     assert f"card {tiny_card}, root data/tiny" in shown.err
     assert call(monkeypatch, "run", "nowhere.yaml", "-v") == 2
     assert "Traceback" in capsys.readouterr().err
