@@ -45,7 +45,7 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
         assert bench.load_run(out / protocol).manifest.protocol.name == protocol
     assert "Left out, without cases: preceding, approaching." in shown
     assert "16 annotated object-frames" in shown
-    assert r"\label{tab:run-results-by-category-of-objects}" in (out / "paper-v1" / "table.tex").read_text(), (
+    assert r"\label{tab:run-results-by-category-of-objects}" in (out / "surface-v1" / "table.tex").read_text(), (
         "named after the folder"
     )
     for picture in ("panels", "areas", "cluster-walker"):
