@@ -30,7 +30,7 @@ from bench.gate.baseline import RunSums
 from bench.gate.tolerances import Tolerances, void_rules
 from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict, changes
 from bench.harness.manifest import Aspect, Difference, differences
-from bench.plain_text import listed
+from bench.plain_text import counted, listed
 
 LISTED = 4  # differences that a message lists
 WORST = 3  # recordings that are named
@@ -141,8 +141,8 @@ def _count_differences(pairs: pd.DataFrame) -> Iterator[str]:
     """
     terms = [f"{term}{side}" for term in TERMS for side in SIDES]
     of_all = pairs["breakdown"].isin([ALL_MOVING, STATUS])
-    counted = (pairs["metric"] == "tracks") | ((pairs["breakdown"] == STATUS) & pairs["metric"].isin(COUNTS))
-    chosen = [pairs[counted & of_all], pairs[counted & ~of_all]]
+    decided = (pairs["metric"] == "tracks") | ((pairs["breakdown"] == STATUS) & pairs["metric"].isin(COUNTS))
+    chosen = [pairs[decided & of_all], pairs[decided & ~of_all]]
     for row in [row for part in chosen for row in _records(part.groupby(SLICE)[terms].sum().astype(int))]:
         for unit, term in _UNITS[row["metric"]]:
             was, now = (row[f"{term}{side}"] for side in SIDES)
@@ -272,10 +272,10 @@ def judgeable(run: RunSums, *, tolerances: Tolerances) -> str:
     """How much a run can judge as a baseline: "67 of 238 metrics can be judged", and why none of them."""
     rows = judge(run, run, tolerances=tolerances).rows
     judged = sum(row.outcome is not Outcome.NOT_JUDGED for row in rows)
-    counted = f"{judged} of {len(rows)} metrics can be judged"
+    told = f"{judged} of {len(rows)} metrics can be judged"
     if judged or not rows:
-        return counted
-    return f"{counted}: {max(rows, key=lambda row: (row.allowed >= 0, row.cases_before)).reason}"
+        return told
+    return f"{told}: {max(rows, key=lambda row: (row.allowed >= 0, row.cases_before)).reason}"
 
 
 def _why_suspect(row: Mapping[Any, Any]) -> str:
@@ -296,8 +296,7 @@ def _why_not_judged(row: Mapping[Any, Any], tolerances: Tolerances) -> str:
     unit = "frames" if find_metric(row["metric"]).over == IMAGE_FRAMES else "cases"  # cases of some are pixels
     cases, recordings = min(row[f"{unit}{side}"] for side in SIDES), row["recordings"]
     if cases < tolerances.min_cases:
-        return f"{cases} {'case' if cases == 1 else 'cases'}, {tolerances.min_cases} are needed"
+        return f"{counted(cases, 'case')}, {tolerances.min_cases} are needed"
     if recordings < tolerances.min_recordings:
-        unit = "recording" if recordings == 1 else "recordings"
-        return f"cases of both in {recordings} {unit}, {tolerances.min_recordings} are needed"
+        return f"cases of both in {counted(recordings, 'recording')}, {tolerances.min_recordings} are needed"
     return ""
