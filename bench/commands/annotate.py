@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bench.commands.command import PATH, TEXT, Flag, Place, Words, command_line, group, print_nothing
+from bench.commands.command import TEXT, Flag, Place, Words, command_line, group, print_nothing
 from bench.commands.console import FAILURES, Report, print_blocks, print_failures, progress_bar, resumable, say
 from bench.commands.options import Dataset, Workers, as_card, as_executor, rendered_card
 from bench.errors import UnknownNameError, UsageError
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
 app = group("Propose and review moving objects in drives without labels; convert labels of other tools.")
 
-Reviews = Annotated[
-    Place, typer.Option(help="Folder of reviews; default: the card's annotations, or annotations/<data set>."), PATH
-]
 FORMATS = "boxes, openlabel, cvat or semantickitti"
 LEFT_OUT = "none"
 UNITS_NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
@@ -105,7 +102,7 @@ def propose(
     *,
     split: Chosen = None,
     workers: Workers = 1,
-    reviews: Reviews = None,
+    reviews: Place = None,
     progress: Report | None = None,
 ) -> Proposals:
     """Propose moving objects in drives without labels, from sweeps, ego-motion and calibration.
@@ -116,7 +113,7 @@ def propose(
         dataset: card, by path or by name.
         split: of the data set, or recordings with commas in between.
         workers: processes, or an executor.
-        reviews: their folder.
+        reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
         progress: called with the recordings done and their number.
 
     Raises:
@@ -153,7 +150,7 @@ def evaluate_proposals(
     *,
     split: Chosen = None,
     workers: Workers = 1,
-    reviews: Reviews = None,
+    reviews: Place = None,
     against: Place = None,
     merged: Place = None,
     out: Place = None,
@@ -165,7 +162,7 @@ def evaluate_proposals(
         dataset: card, by path or by name.
         split: of the data set, or recordings with commas in between.
         workers: processes, or an executor.
-        reviews: their folder.
+        reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
         against: another reviewer's folder of reviews, to compare with in place of the annotations.
         merged: with --against: folder of both reviews as one; where they differ, tracks are undecided.
         out: folder of evaluate.html, .md and .csv files; default: none.
@@ -272,7 +269,7 @@ def export_labels(
     out: Annotated[str | Path, typer.Option(), Words(Path)],
     *,
     split: Chosen = None,
-    reviews: Reviews = None,
+    reviews: Place = None,
     unreviewed: Flag = False,
     format_name: Annotated[str | None, typer.Option("--format")] = None,
     annotated: Flag = False,
@@ -284,7 +281,7 @@ def export_labels(
         dataset: as of `propose`.
         out: folder of <recording>.json; with --format, a folder per recording.
         split: as of `propose`.
-        reviews: as of `propose`.
+        reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
         unreviewed: write what was proposed and not rejected; results then say so.
         format_name: write files of a tool instead: boxes, openlabel or cvat.
         annotated: with --format: write the annotations of the data set instead of reviews.
@@ -396,7 +393,7 @@ def review(
     dataset: Dataset,
     recording: Chosen = None,
     port: Annotated[int, typer.Option(min=0, max=65535)] = 0,
-    reviews: Reviews = None,
+    reviews: Place = None,
     reviewer: Annotated[str, typer.Option(envvar="USER")] = "reviewer",
     browser: Flag = True,
 ) -> None:
@@ -408,7 +405,7 @@ def review(
         dataset: card, by path or by name.
         recording: of the data set.
         port: port to listen on; 0 for any free one.
-        reviews: their folder.
+        reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
         reviewer: your name in the log of decisions.
         browser: open the page in your browser.
     """

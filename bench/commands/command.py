@@ -96,7 +96,7 @@ class _Names(dict[str, Any]):
 
 def _read_by_typer(parameter: inspect.Parameter, words: Words) -> inspect.Parameter:
     info, default = parameter.annotation, parameter.default if words.default is AS_IN_PYTHON else words.default
-    if default is False and not info.param_decls:  # or there would be a flag for the default, too
+    if default is False and info.default is ...:  # without a name of its own there would be a flag for True and False
         info.param_decls = (f"--{parameter.name.replace('_', '-')}",)
     kind = list[words.kind] if parameter.kind is inspect.Parameter.VAR_POSITIONAL else words.kind  # type: ignore[name-defined]
     return inspect.Parameter(

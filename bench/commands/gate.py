@@ -40,7 +40,7 @@ def judge(
         run: stored, or its folder.
         baseline: folder of a baseline or run; default: reports/baselines/<data set>[-<protocol>], without the protocol
             for paper-v1, else the shipped one.
-        tolerances: default-v1, rendered-v1, or a YAML file.
+        tolerances: rules: default-v1, rendered-v1, or a YAML file.
         update: store the run as the baseline, and print what changes by it.
         allow_dirty: with --update: accept uncommitted code.
 
