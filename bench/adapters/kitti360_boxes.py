@@ -220,7 +220,8 @@ def tracks_from_world(
     groups: dict[str, list[WorldBox]] = defaultdict(list)
     windows: set[Window] = set()
     for window, box in boxes:
-        windows |= {window} if window is not None else set()
+        if window is not None:
+            windows.add(window)
         if box is not None:
             groups[box.key].append(box)
     tracks = [_track(key, group, ego) for key, group in groups.items()]

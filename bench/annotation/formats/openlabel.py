@@ -103,9 +103,9 @@ class OpenLabelFormat(LabelFormat):
         content = read_json(_File, file).openlabel
         times_ns = _frame_times(content, recording, options, file)
         lost: Counter[str] = Counter({f"{key[:40]}: no field for them": 1 for key in content.model_extra or ()})
-        for item in content.objects.values():
-            lost += _not_read(item.object_data)
-        names = [item.name for item in content.objects.values()]
+        for known in content.objects.values():
+            lost += _not_read(known.object_data)
+        names = [known.name for known in content.objects.values()]
         distinct = all(names) and len(set(names)) == len(names)
         unseen = set(content.objects)
         observations = []
