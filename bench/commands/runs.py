@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 RUNS = Path("reports/runs")
 PROTOCOLS = "paper-v1,surface-v1"  # that a run is scored by where none is named
 PURPOSES = {"paper-v1": "the paper's rules", "surface-v1": "the rules of the leaderboard"}
-LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # as `make leaderboard` wrote it; else the one that ships
 READ_FIRST = ("summary.json", "table.md")
 
 
@@ -269,7 +268,7 @@ def score(
     def write(stored: StoredRun) -> None:
         if finish is not None:
             finish(stored)
-        files, missing = [stored.folder / READ_FIRST[0], *write_report_files(stored)[1]], list[str]()
+        files, missing = [stored.folder / READ_FIRST[0], *write_report_files(stored)], list[str]()
         if pictures:
             from bench.reporting.frame_pictures import write_example_pictures  # matplotlib, which no table needs
 
@@ -294,16 +293,14 @@ def print_runs(first: Run) -> int:
     Returns:
         The exit status.
     """
-    from bench.recordings.cards import shipped_folder
     from bench.reporting.document import Paragraph
-    from bench.reporting.leaderboard import best_line
     from bench.reporting.run_tables import (
         is_rendered,
         legend,
         nothing_scored,
         odd_masks,
+        results_table,
         table_rows,
-        terminal_report,
         total_lines,
     )
 
@@ -320,7 +317,7 @@ def print_runs(first: Run) -> int:
         told = manifest.title if purpose is None else f"{manifest.title}, {purpose}"
         rows = table_rows(summary, beside_paper=is_rendered(manifest.dataset.card))
         beside = "; beside the paper" if any(row.paper for row in rows) else ""
-        print_blocks(terminal_report(rows, title=f"{told}{beside}, in percent"))
+        print_blocks([results_table(rows, title=f"{told}{beside}, in percent", short=True)])
         for line in total_lines(summary, run.stored.protocol):
             note(line)
     print_blocks([Paragraph(legend(rows), "dim")])
@@ -331,9 +328,6 @@ def print_runs(first: Run) -> int:
         note_files(run.files)
     for remark in dict.fromkeys(remark for run in runs for remark in run.remarks):
         say(remark, style="yellow")
-    board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
-    if best := best_line(board, dataset=manifest.dataset.name, beside=manifest.protocol.name):
-        say(best)
     say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(first.last.folder)])}")
     return FAILURES if failures else 0
 
