@@ -69,9 +69,7 @@ def view(
         ),
         PATH,
     ] = None,
-    video: Annotated[
-        Place, typer.Option(help="Write a video (.mp4, .webm, .avi) of right and wrong areas."), PATH
-    ] = None,
+    video: Annotated[Place, typer.Option(help="Write a video (.mp4, .webm) of right and wrong areas."), PATH] = None,
     rrd: Annotated[
         Place, typer.Option(help="Write a log for the rerun viewer (extra `viewer`), with lidar and boxes."), PATH
     ] = None,

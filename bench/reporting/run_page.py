@@ -273,51 +273,40 @@ def _percent(share: float) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Card:
-    """One object-frame or image.
+class WorstCases:
+    """The worst of each category and of the images.
 
     Attributes:
-        element: id of its element.
-        key: its image.
-        track: of the object; "" for an image.
-        title: what it shows.
-        facts: what was measured.
-        pictures: of it; none without the data.
+        groups: of boxes, the worst first.
+        elements: recording, camera, time and track of those with pictures, and the id of their box.
+        missing: why pictures are missing, one line each.
     """
 
-    element: str
-    key: ImageKey
-    track: str = ""
-    title: str
-    facts: str
-    pictures: Sequence[Block] = ()
+    groups: Sequence[Group]
+    elements: Mapping[tuple[str, str, int, str], str]
+    missing: Sequence[str]
 
 
-def worst_cases(
-    run: StoredRun, *, pictures: bool, progress: Progress | None = None
-) -> tuple[dict[str, list[Card]], list[str]]:
-    """Choose the worst of each category and of the images, and draw them.
-
-    Returns:
-        galleries: by title those of each category, then that of the images, the worst first.
-        problems: why pictures are missing, one line each.
-    """
-    cards: dict[str, list[Card]] = {}
-    for row in worst_objects(run.objects, most=WORST):
-        key, track, of_kind = _image_key(row), row["track_id"], cards.setdefault(LABELS[row["category"]], [])
-        title, element = f"{row['object_class']} “{track}”, {image_name(*key)}", f"{row['category']}-{len(of_kind)}"
-        of_kind.append(Card(element=element, key=key, track=track, title=title, facts=object_facts(row)))
-    cards["Most false marks"] = [
-        Card(element=f"false-{n}", key=_image_key(row), title=image_name(*_image_key(row)), facts=image_facts(row))
-        for n, row in enumerate(worst_frames(run.frames, most=WORST))
-    ]
-    keys = {card.key for of_kind in cards.values() for card in of_kind} if pictures else set()
+def worst_cases(run: StoredRun, *, pictures: bool, progress: Progress | None = None) -> WorstCases:
+    """Choose the worst object-frames and images, and draw them."""
+    objects, images = worst_objects(run.objects, most=WORST), worst_frames(run.frames, most=WORST)
+    keys = {_image_key(row) for row in (*objects, *images)} if pictures else set()
     drawn, problems = draw_images([run], keys, lambda _, frames, __: _pictures(frames[0]), progress=progress)
-    galleries = {
-        title: [replace(card, pictures=_shown(card, drawn.get(card.key, {}))) for card in of_kind]
-        for title, of_kind in cards.items()
-    }
-    return galleries, problems
+    none = [Paragraph(f"No picture: {'the data set was not available' if pictures else 'none was asked for'}.", "warn")]
+    boxes: dict[str, list[Group]] = {}
+    elements = {}
+    for row, kind in [*((row, row["category"]) for row in objects), *((row, "false") for row in images)]:
+        key, track = _image_key(row), row.get("track_id", "")
+        of_kind = boxes.setdefault(LABELS.get(kind, "Most false marks"), [])
+        element = f"{kind}-{len(of_kind)}"
+        title = f"{row['object_class']} “{track}”, {image_name(*key)}" if track else image_name(*key)
+        facts = Paragraph(object_facts(row) if track else image_facts(row))
+        shown = _shown(drawn[key], title, track) if key in drawn else none
+        of_kind.append(Group(look="box", name=element, title=title, blocks=[facts, *shown]))
+        if key in drawn:
+            elements[(*key, track)] = element
+    groups = [Group(look="boxes", title=title, blocks=of_kind) for title, of_kind in boxes.items()]
+    return WorstCases(groups=groups, elements=elements, missing=problems)
 
 
 def _image_key(row: Row) -> ImageKey:
@@ -336,34 +325,13 @@ def _pictures(processed: ProcessedFrame) -> dict[str, str]:
     return drawn | {"areas": figure_uri(draw_frames([layers], name=name)), "panels": panels}
 
 
-def _shown(card: Card, drawn: Mapping[str, str]) -> list[Block]:
-    """The picture of a card, the object enlarged, and what each step saw."""
-    if not drawn:
-        return []
-    areas = Picture(drawn["areas"], f"Camera image of {card.title}: green found, blue missed, orange wrong")
-    close = [Picture(drawn[f"track {card.track}"], f"{card.title}, enlarged")] if card.track else []
-    panels = Picture(drawn["panels"], f"Flow, deviations, likelihood and segmentation of {card.title}")
-    return [areas, *close, Group(look="folded", title="Panels: what each step saw", blocks=[panels])]
-
-
-def _worst_section(galleries: Mapping[str, Sequence[Card]], missing: Sequence[str], *, why: str) -> Group:
-    none = [Paragraph(f"No picture: {why}.", "warn")]
-    boxes = {
-        title: [
-            Group(look="box", name=card.element, title=card.title,
-                  blocks=[Paragraph(card.facts), *(card.pictures or none)])
-            for card in cards
-        ]
-        for title, cards in galleries.items()
-    }  # fmt: skip
-    about = (
-        "The object-frames of each kind that were found least, one of each object, and the images with most false "
-        f"marks, the worst first. {COLOURS}"
-    )
-    groups = [Group(look="boxes", title=title, blocks=cards) for title, cards in boxes.items() if cards]
-    count = f"{sum(map(len, boxes.values()))} cases"
-    blocks = [Paragraph(about), *map(_missing, missing), *groups]
-    return Group(look="section", name="worst", title="Worst cases", count=count, blocks=blocks)
+def _shown(drawn: Mapping[str, str], title: str, track: str) -> Iterator[Block]:
+    """The picture of a case, the object enlarged, and what each step saw."""
+    yield Picture(drawn["areas"], f"Camera image of {title}: green found, blue missed, orange wrong")
+    if track:
+        yield Picture(drawn[f"track {track}"], f"{title}, enlarged")
+    panels = Picture(drawn["panels"], f"Flow, deviations, likelihood and segmentation of {title}")
+    yield Group(look="folded", title="Panels: what each step saw", blocks=[panels])
 
 
 # The table of object-frames.
@@ -395,12 +363,14 @@ _COLUMNS: dict[str, Heads] = {
 }
 
 
-def object_table(run: StoredRun, cards: Sequence[Card] = (), *, most: int = LISTED) -> tuple[Table, int]:
+def object_table(
+    run: StoredRun, elements: Mapping[tuple[str, str, int, str], str], *, most: int = LISTED
+) -> tuple[Table, int]:
     """Every annotated object-frame as a row; and how many there are in all.
 
     Args:
         run: of the page.
-        cards: to which rows lead.
+        elements: to which rows lead, as of `WorstCases`.
         most: rows; the evaluated with the lowest coverage come first, of equals the largest, and then the others.
     """
     annotated = 0
@@ -421,10 +391,10 @@ def object_table(run: StoredRun, cards: Sequence[Card] = (), *, most: int = LIST
 
     rows = first(pick(parts(), first))
     status, reason, kind = (rows[name].astype(object).fillna("") for name in ("status", "reason", "category"))
-    links = {(*card.key, card.track): f"#{card.element}" for card in reversed(cards) if card.pictures}
     keys = rows[OBJECT].itertuples(index=False, name=None)
+    links = [Cell(key[3], link=f"#{elements[key]}" if key in elements else "") for key in keys]
     shown = rows.rename(columns={"object_class": "class"}).assign(
-        object=pd.Series([Cell(key[3], link=links.get(key, "")) for key in keys], rows.index, dtype=object),
+        object=pd.Series(links, rows.index, dtype=object),
         outcome=status.where(reason == "", status + ": " + reason.str.replace("_", " ")),
         kind=kind.str.replace("_", " "),
     )
@@ -433,8 +403,8 @@ def object_table(run: StoredRun, cards: Sequence[Card] = (), *, most: int = LIST
     return Table(title=title, columns=_COLUMNS, rows=shown, words=6, tags=tags), annotated
 
 
-def _object_section(run: StoredRun, cards: Sequence[Card]) -> Group:
-    table, annotated = object_table(run, cards)
+def _object_section(run: StoredRun, elements: Mapping[tuple[str, str, int, str], str]) -> Group:
+    table, annotated = object_table(run, elements)
     few = "Every annotated object in every image."
     if len(table.rows) < annotated:
         few = (f"The run has {annotated:,} object-frames, more than a page can hold: here are the {len(table.rows):,} "
@@ -535,12 +505,12 @@ def write_page(
         DataError: a stored result is missing or damaged. Missing data for pictures is no error; it is said.
     """
     run = read_run(folder)
-    galleries, missing = worst_cases(run, pictures=pictures, progress=progress)
+    worst = worst_cases(run, pictures=pictures, progress=progress)
     title = f"{run.manifest.method.name} on {run.manifest.dataset.name}"
-    blocks = [*_head(run), *_sections(run, galleries, missing, pictures=pictures)]
+    blocks = [*_head(run), *_sections(run, worst, pictures=pictures and not worst.missing)]
     file = out or run.folder / "index.html"
     write_output(file, to_page(title, blocks, folder=run.folder))
-    return Page(file=file, problems=tuple(missing))
+    return Page(file=file, problems=tuple(worst.missing))
 
 
 def _head(run: StoredRun) -> list[Block]:
@@ -585,15 +555,12 @@ def _results(run: StoredRun) -> list[Block]:
     return [results_table(rows, title="In percent"), *notes]
 
 
-def _sections(
-    run: StoredRun, galleries: Mapping[str, Sequence[Card]], missing: Sequence[str], *, pictures: bool
-) -> Iterator[Group]:
+def _sections(run: StoredRun, worst: WorstCases, *, pictures: bool) -> Iterator[Group]:
     """The sections of the page."""
     section = partial(Group, look="section")
     metrics, summary, made = run.metrics, run.summary, run.summary.provenance
-    cards = [card for of_gallery in galleries.values() for card in of_gallery]
     charts = draw_charts(run)
-    yield section(name="glance", title="At a glance", blocks=[*_glance(run, pictures=pictures and not missing)])
+    yield section(name="glance", title="At a glance", blocks=[*_glance(run, pictures=pictures)])
     yield section(name="results", title="Results by kind of motion", blocks=_results(run))
     tables = [breakdown_table(*of) for of in breakdowns(metrics).items()]
     yield section(name="splits", title="Broken down", count=counted(len(tables), "table"), blocks=[
@@ -620,9 +587,11 @@ def _sections(
         yield section(name="causes", title="Causes of the false marks", count=f"{len(causes.rows)} causes", blocks=[
             Paragraph("Every falsely marked pixel is counted for the part of the method that contributes most to "
                       "the likelihood there."), causes])  # fmt: skip
-    why = "the data set was not available" if pictures else "the page was made without pictures"
-    yield _worst_section(galleries, missing, why=why)
-    yield _object_section(run, cards)
+    yield section(name="worst", title="Worst cases", blocks=[
+        Paragraph("The object-frames of each kind that were found least, one of each object, and the images with most "
+                  f"false marks, the worst first. {COLOURS}"), *map(_missing, worst.missing), *worst.groups,
+    ])  # fmt: skip
+    yield _object_section(run, worst.elements)
     yield section(name="origin", title="Origin of the values", blocks=[
         Paragraph(f"What made this run, started {made.started_utc}; the same code, settings and data give the same "
                   f"values. At most {made.peak_memory_mb:.0f} MB of memory."),

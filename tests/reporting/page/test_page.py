@@ -7,9 +7,9 @@ import pyarrow as pa
 import pytest
 
 from bench.harness import read_run, read_tables
-from bench.reporting.document import Paragraph, environment
+from bench.reporting.document import environment
 from bench.reporting.figures import write_figures
-from bench.reporting.run_page import Card, object_table, write_page
+from bench.reporting.run_page import object_table, write_page
 from tests.support.counts import change_table
 from tests.support.stored_files import change_manifest
 
@@ -87,7 +87,7 @@ def test_figures_for_papers_are_vectors(tiny_run):
 
 def test_every_annotated_object_is_a_row_the_least_covered_first(tiny_run):
     objects, _ = read_tables(tiny_run / "paper-v1")
-    table, annotated = object_table(read_run(tiny_run))
+    table, annotated = object_table(read_run(tiny_run), {})
     assert len(table.rows) == len(table.tags) == annotated == objects.num_rows
     key = ["recording", "camera", "time (ns)", "object"]
     shown = {tuple(row[name] for name in key): row for row in rows_of(table)}
@@ -102,11 +102,10 @@ def test_every_annotated_object_is_a_row_the_least_covered_first(tiny_run):
     assert covered == sorted(covered)
 
 
-def test_a_row_leads_to_its_own_card(tiny_run):
+def test_a_row_leads_to_its_own_box(tiny_run):
     first, *_ = read_tables(tiny_run / "paper-v1")[0].to_pylist()
-    key, picture = (first["recording"], first["camera"], first["timestamp_ns"]), Paragraph("")
-    cards = [Card(element="own", key=key, title="", facts="", pictures=[picture], track=first["track_id"])]
-    table, _ = object_table(read_run(tiny_run), cards)
+    key = first["recording"], first["camera"], first["timestamp_ns"], first["track_id"]
+    table, _ = object_table(read_run(tiny_run), {key: "own"})
     assert {row[0].text: row[0].link for row in table.cells() if row[0].link} == {first["track_id"]: "#own"}
 
 

@@ -74,8 +74,8 @@ def test_the_least_covered_object_frames_are_listed(monkeypatch, rows_at_once):
         if row["region_px"]
     )
     run = SimpleNamespace(objects=TableRows(shuffled(table, 1)))
-    listed, annotated = object_table(run, most=10)
+    listed, annotated = object_table(run, {}, most=10)
     assert annotated == len(content)
     assert [*listed.rows[OBJECT].itertuples(index=False, name=None)] == [row[2:] for row in evaluated[:10]]
-    every, _ = object_table(run, most=10_000)
+    every, _ = object_table(run, {}, most=10_000)
     assert len(every.rows) == len(every.tags) == annotated
