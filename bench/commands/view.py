@@ -66,7 +66,7 @@ def view(
         settings: parameters of a method that is given by name.
         protocol: of the reference, by name or file.
         out: folder of pictures; default: reports/runs/view/<camera>/<image>; none with --video or --rrd.
-        video: write a video (.mp4, .webm, .avi) of right and wrong areas.
+        video: write a video (.mp4, .webm) of right and wrong areas.
         rrd: write a log for the rerun viewer (extra `viewer`), with lidar and boxes.
         calibration: draw lidar, road grid, lens and predicted flow onto the images of each camera; without a method.
         progress: called with the images that are drawn, and their number.

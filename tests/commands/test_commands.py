@@ -30,7 +30,7 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
     out = tmp_path / "run"
     assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
     shown = capsys.readouterr().out
-    for name in ("summary.json", "table.md", "table.csv", "table.tex"):
+    for name in ("summary.json", "table.md", "table.csv"):
         assert (out / "paper-v1" / name).stat().st_size > 100
     for name in ("summary.json", "table.md"):
         assert str(out / "paper-v1" / name) in shown
@@ -45,9 +45,6 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
         assert bench.load_run(out / protocol).manifest.protocol.name == protocol
     assert "Left out, without cases: preceding, approaching." in shown
     assert "16 annotated object-frames" in shown
-    assert r"\label{tab:run-results-by-category-of-objects}" in (out / "surface-v1" / "table.tex").read_text(), (
-        "named after the folder"
-    )
     for picture in ("panels", "areas", "cluster-walker"):
         assert (out / "paper-v1" / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 

@@ -34,7 +34,7 @@ def evaluate(monkeypatch, tiny_card, tmp_path):
 
     def run(folder, *words, out="run", status=0, card=tiny_card, tables=False):
         if not tables:
-            monkeypatch.setattr("bench.reporting.run_tables.write_report_files", lambda _: ([], ()))
+            monkeypatch.setattr("bench.reporting.run_tables.write_report_files", lambda _: ())
             monkeypatch.setattr("bench.commands.evaluate.print_runs", lambda run: 2 if run.summary.failures else 0)
         named = ("--predictions", folder, "--out", tmp_path / out, "--no-pictures", "--overwrite")
         assert call(monkeypatch, "evaluate", card, *named, "--protocol", "paper-v1", *words) == status

@@ -115,12 +115,7 @@ def test_holm_runs_over_the_rows_of_one_metric_with_a_p_value(half, tmp_path):
             {"protocol": "extended-v1"},
             r"protocol extended-v1 version 1 \([0-9a-f]{12}\), was paper-v1 version 1 \(",
         ),
-        (
-            {"region_px": 90},
-            "on the 32 images that both scored: 44 object-frames as only the first has them, the first: recording "
-            "drive-0, camera front, timestamp_ns 0, .*polygon_px 100, .*; 44 object-frames as only the second has "
-            "them, .*px 90",
-        ),
+        ({"region_px": 90}, "their references differ on the 32 images that both scored: annotations, other data or"),
         ({"dataset": "other"}, "data set 'other', was 'demo'"),
         ({"split": "test"}, "split 'test', was none"),
     ],

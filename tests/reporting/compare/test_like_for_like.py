@@ -138,9 +138,6 @@ def test_another_annotation_is_refused_with_what_differs(runs, tiny_card, tmp_pa
     told = str(refused.value)
     places = f"{runs['one']}/paper-v1 and {other}/paper-v1"
     assert told.startswith(f"{places} do not compare: their references differ on the 9 images")
-    assert "3 object-frames as only the first has them, the first: recording crossing, camera front" in told
-    assert "3 object-frames as only the second has them, the first: recording crossing, camera front" in told
-    assert "track_id stranger" in told
     assert "\n" not in told
     groups = read_leaderboard(tmp_path).groups
     assert [[entry.run for entry in group.entries] for group in groups] == [["other"]]
