@@ -161,7 +161,6 @@ def drive(
     recording = Recording(
         name="drive",
         root=Path("drive"),
-        licence="none",
         frame_interval_ns=66_666_667,
         cameras={"front": camera()},
         images={"front": tuple(ImageRef(camera="front", timestamp_ns=t, path=Path(f"{t}.png")) for t in exposures_ns)},
