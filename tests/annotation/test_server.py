@@ -221,14 +221,6 @@ def connection_that_decides(server, length):
     return opened
 
 
-@pytest.mark.usefixtures("unchanged")
-def test_a_body_that_ends_early_changes_nothing(server):
-    with connection_that_decides(server, 500) as half:
-        half.sendall(b'{"action": ')
-        half.shutdown(socket.SHUT_WR)
-        assert half.recv(100) == b""
-
-
 @pytest.mark.parametrize("sent", [0, 0.5, 1.0], ids=["nothing", "half", "all"])
 def test_a_connection_that_is_killed_loses_its_own_edit_at_most(server, file, sent):
     """As when a browser dies: no farewell, a reset. What was answered before stays, and what follows is answered."""
