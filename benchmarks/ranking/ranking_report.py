@@ -9,12 +9,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bench.atomic import write_text
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.sums import ALL_MOVING
 from bench.reference import Category
 from bench.reporting import figures, formats
 from bench.reporting.audit import decimal, sections
-from bench.reporting.document import Code, Column, Paragraph, Picture, Report, Table
+from bench.reporting.document import Code, Column, Heading, Paragraph, Picture, Table, to_markdown
 from benchmarks.ranking.agreement import (
     KINDS,
     LARGEST_DIFFERENCE,
@@ -191,13 +192,13 @@ def ranking_tables(ranking: RankingSummary) -> tuple[Table, ...]:
     return (*tables, kind_table(ranking)) if ranking.errors else tuple(tables)
 
 
-def report(ranking: RankingSummary) -> Report:
-    """All tables with their notes, below the picture; a line per number, none where there is none."""
+def report(ranking: RankingSummary) -> str:
+    """All tables with their notes, below the picture, in Markdown."""
     methods = "all" if ranking.predictions == ALL_PREDICTIONS else ",".join(ranking.predictions)
     of_rows = (score_table(row) for row in ranking.rows if row.cases)
-    return Report(
-        title=f"Does the lidar reference of {ranking.dataset} rank methods as the truth does?",
-        blocks=[
+    return to_markdown(
+        [
+            Heading(f"Does the lidar reference of {ranking.dataset} rank methods as the truth does?", 1),
             Paragraph(
                 f"{len(ranking.predictions)} predictions, {len(ranking.real)} of them real methods, against four lidar "
                 f"references and the exact masks, over the same object-frames of {ranking.images} images of "
@@ -206,12 +207,6 @@ def report(ranking: RankingSummary) -> Report:
             Code(f"{command(ranking)} --methods {methods}"),
             Picture("ranking.png", "Scores against lidar references over scores against exact masks"),
             *sections((*ranking_tables(ranking), *of_rows)),
-        ],
-        numbers=[
-            {"row": row.name, "reference": reference, "prediction": name, "value": score}
-            for row in ranking.rows
-            for reference, scores in row.scores.items()
-            for name, score in scores.items()
         ],
     )
 
@@ -262,6 +257,7 @@ def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
 
 
 def write_ranking_files(folder: Path, ranking: RankingSummary) -> tuple[Path, ...]:
-    """Write `ranking.md`, `ranking.csv`, `ranking.png` and `ranking.svg` beside `ranking.json`; all of their paths."""
-    files = report(ranking).write(folder, "ranking")
-    return (folder / RANKING, *files, *figures.write_picture(folder / "ranking", draw_ranking(ranking)))
+    """Write `ranking.md`, `ranking.png` and `ranking.svg` beside `ranking.json`; all of their paths."""
+    write_text(folder / "ranking.md", report(ranking))
+    pictures = figures.write_picture(folder / "ranking", draw_ranking(ranking))
+    return (folder / RANKING, folder / "ranking.md", *pictures)

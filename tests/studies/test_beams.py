@@ -160,7 +160,7 @@ def test_the_command_prints_the_table_and_leaves_the_files(monkeypatch, capsys, 
     shown = capsys.readouterr().out
     assert "The reference surface-v1 by fewer beams" in shown
     assert "\u2026" not in shown  # no cell is cut
-    for name in ("beams.json", "beams.md", "beams.csv", "beams.png", "beams.svg"):
+    for name in ("beams.json", "beams.md", "beams.png", "beams.svg"):
         assert (tmp_path / name).stat().st_size > 100
         assert str(tmp_path / name) in shown
     found = BeamsSummary.model_validate_json((tmp_path / "beams.json").read_bytes())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -312,7 +311,7 @@ def test_the_command_prints_the_tables_and_leaves_the_files(monkeypatch, capsys,
     ):
         assert text in shown
     assert "\u2026" not in shown  # no cell is cut
-    for name in ("ranking.json", "ranking.md", "ranking.csv", "ranking.png", "ranking.svg"):
+    for name in ("ranking.json", "ranking.md", "ranking.png", "ranking.svg"):
         assert (tmp_path / name).stat().st_size > 100
         assert str(tmp_path / name) in shown
     found = RankingSummary.model_validate_json((tmp_path / "ranking.json").read_bytes())
@@ -321,5 +320,3 @@ def test_the_command_prints_the_tables_and_leaves_the_files(monkeypatch, capsys,
         assert table.title in text
         assert all(len(cells) == len(table.headings()) for cells in table.cells())
     assert draw_ranking(found).findobj(Line2D)
-    rows = list(csv.DictReader((tmp_path / "ranking.csv").read_text().splitlines()))
-    assert {row["prediction"] for row in rows} == set(METHODS.split(","))
