@@ -66,6 +66,7 @@ WRONG_SERIES = [
     ({"uniform: [5, 9]": "uniform: [-9, -5]"}, "series.0.host.speed_kmh.0", "greater than or equal to 0"),
     ({"uniform: [6, 9]": "uniform: [6]"}, "series.0.actors.1.position_m.0", "two numbers"),
     ({"count: 6": "count: 0"}, "series.0.count", "1"),
+    ({"frames: 10": "cameras: [front, roof]"}, "series.0.cameras", "some of front"),
     ({"frames: 10": "freams: 10"}, "series.0.freams", "no such key"),
     ({"drawn, kind: adult": "drawn, kind: car"}, "series.0.actors.1", "space for all bodies in recording 1 of 6"),
     ({"drawn, kind: adult": "drawn, kind: car"}, "series.0.actors.1", "'drawn' inside 'fixed'"),
