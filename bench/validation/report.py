@@ -22,8 +22,16 @@ from bench.validation.box_fit import BoxFit, check_unboxed
 from bench.validation.boxes import check_annotated, check_boxes
 from bench.validation.calibration import check_calibration, check_length_units
 from bench.validation.cameras import check_cameras
-from bench.validation.drive import annotation_file, calibration_file
-from bench.validation.findings import Finding, Severity, Undecided, causes, new_finding, unusable
+from bench.validation.findings import (
+    Finding,
+    Severity,
+    Undecided,
+    annotation_file,
+    calibration_file,
+    causes,
+    new_finding,
+    unusable,
+)
 from bench.validation.motion import check_ego_limits, check_motion
 from bench.validation.sensors import SweepChecks, check_images
 from bench.validation.static_world import check_static_world
