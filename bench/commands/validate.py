@@ -37,12 +37,11 @@ def validate(
         DataError: the card cannot be used; what is wrong with a recording is a finding.
     """
     from bench.recordings import open_dataset
-    from bench.validation import Depth, validate_dataset
+    from bench.validation import validate_dataset
 
     card = rendered_card(dataset, split, as_it_is=True)
-    depth = Depth.DEEP if deep else Depth.SAMPLED
     with progress_bar(f"validating {card.name}", "recordings", progress) as report:
-        return validate_dataset(card.name, open_dataset(card, split), depth=depth, progress=report)
+        return validate_dataset(card.name, open_dataset(card, split), deep=deep, progress=report)
 
 
 def show(report: ValidationReport, *, errors_only: Flag = False, json: Place = None) -> int:
