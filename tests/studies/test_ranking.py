@@ -72,8 +72,8 @@ def test_a_reference_agrees_with_the_truth_in_order_and_scores(by_lidar, tau, di
     for reference in (PAPER, SURFACE):
         agreement = found.agreement[reference]
         assert agreement.tau.value == pytest.approx(tau)
-        assert agreement.difference["iou"].value == pytest.approx(difference)
-        assert agreement.difference_real["iou"].value == pytest.approx(difference)
+        assert agreement.difference.value == pytest.approx(difference)
+        assert agreement.difference_real.value == pytest.approx(difference)
 
 
 def test_ties_count_as_kendall_says():
@@ -85,8 +85,8 @@ def test_ties_count_as_kendall_says():
 def test_what_is_made_of_exact_masks_is_no_real_method():
     predictions = [*ANY[:2], Prediction(name="truth", method=WrongMasks())]
     found = row(by_lidar=[0.2, 0.5, 0.6], by_masks=[0.1, 0.5, 1.0], predictions=predictions).agreement[PAPER]
-    assert found.difference["iou"].value == pytest.approx((0.1 + 0 + 0.4) / 3)
-    assert found.difference_real["iou"].value == pytest.approx((0.1 + 0) / 2)
+    assert found.difference.value == pytest.approx((0.1 + 0 + 0.4) / 3)
+    assert found.difference_real.value == pytest.approx((0.1 + 0) / 2)
 
 
 def test_intervals_need_six_recordings(monkeypatch):
@@ -94,7 +94,7 @@ def test_intervals_need_six_recordings(monkeypatch):
     assert row(by_lidar=[0.1, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9], recordings=5).agreement[PAPER].tau.ci95 is None
     found = row(by_lidar=[0.2, 0.5, 0.9], by_masks=[0.1, 0.5, 0.9], recordings=6).agreement[PAPER]
     assert found.tau.ci95 == pytest.approx((1, 1))
-    assert found.difference["iou"].ci95 == pytest.approx((0.1 / 3, 0.1 / 3))  # all recordings are alike
+    assert found.difference.ci95 == pytest.approx((0.1 / 3, 0.1 / 3))  # all recordings are alike
 
 
 def test_a_wrong_mask_that_beats_the_exact_one_is_found():
@@ -137,8 +137,9 @@ def test_sums_of_an_image():
     for name in ("crossing", "all_moving"):
         terms = sums.loc[name].xs((PAPER, "half", "drive"), level=SCORED)
         assert {metric: tuple(values) for metric, values in terms.T.items()} == {
-            "iou": (0.5, 1), "tpr": (0.5, 1), "detection_rate_50": (1, 1), "unknown_share": (0, 1),
-        }  # fmt: skip
+            "iou": (0.5, 1),
+            "unknown_share": (0, 1),
+        }
         assert sums.loc[(name, "iou", PAPER, "all", "drive"), "numerator"] == pytest.approx(4 / 9)
         assert sums.loc[(name, "unknown_share", SURFACE, "half", "drive"), "numerator"] == 1 / 5
     first, whole = (
@@ -171,12 +172,11 @@ def test_a_ranking_scores_as_runs_do_and_leaves_its_tables(monkeypatch, capsys, 
     *categories, every, false = found.rows
     assert [row.recordings for row in categories] == [1, 1, 0, 0, 1]
     for row in (row for row in (*categories, every) if row.cases):
-        assert row.scores["iou"][EXACT]["truth"] == row.scores["tpr"][EXACT]["truth"] == 1
-    assert false.scores["false_positive_share"][EXACT]["truth"] == 0
+        assert row.scores[EXACT]["truth"] == 1
+    assert false.scores[EXACT]["truth"] == 0
     run = run_one(
         card=load_card(tiny_card), method=build_method("spherical"), protocol=load_protocol(PAPER), out=tmp_path / "run"
     )
     assert every.cases == run.all_moving.object_frames
-    for metric in ("iou", "tpr", "detection_rate_50"):
-        assert every.scores[metric][PAPER]["spherical"] == pytest.approx(run.all_moving.metric(metric).value)
-    assert false.scores["false_positive_share"][PAPER]["spherical"] == pytest.approx(run.false_positives.coverage.value)
+    assert every.scores[PAPER]["spherical"] == pytest.approx(run.all_moving.iou.value)
+    assert false.scores[PAPER]["spherical"] == pytest.approx(run.false_positives.coverage.value)
