@@ -401,9 +401,6 @@ def _sections(
         Paragraph("The ground seen from above, the ego vehicle in the middle driving upwards: yellow cells mark places "
                   "where objects were found, dark ones where they were missed; hatched cells hold too few to say."),
         charts["around"][0].drawing()])  # fmt: skip
-    yield _chart_section("plane", "In the image", charts["plane"], "The run holds no maps of the image plane.",
-        "The same question on the image itself: which pixels of moving objects were missed, and where false marks "
-        "lie. Bright is bad; no moving object was ever in an empty cell.")  # fmt: skip
     over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
     yield _chart_section("threshold", "Other thresholds", charts["threshold"],
         "The run holds no likelihoods: its method gives masks only.",

@@ -111,7 +111,6 @@ DAMAGE = {  # file, what is done to it, and the commands that read it
     "objects cut short": ("*.objects.parquet", cut, OF_TABLES),
     "objects in a pipe": ("*.objects.parquet", a_pipe, ("report",)),
     "frames cut short": ("*.frames.parquet", cut, OF_TABLES),
-    "maps cut short": ("*.map.parquet", cut, ("report",)),
 }
 
 

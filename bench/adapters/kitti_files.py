@@ -1,4 +1,4 @@
-"""KITTI-360's files of a sequence: times of frames, poses, and turns of the laser scanner."""
+"""Files of KITTI's data sets: times of frames, turns of the laser scanner, and the poses of KITTI-360."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from bench.times import SECOND_NS
 
 STAMP = re.compile(r"(19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d\.\d{1,9}", re.ASCII)  # other years do not fit int64
 LARGEST_FRAME = 10_000_000
+LONGEST_GAP_NS, STATIONARY_M = SECOND_NS, 0.5
 TURN_OVER = np.diag([1.0, -1.0, -1.0])  # from y right, z down to y left, z up
 
 
@@ -149,27 +150,19 @@ def read_poses(file: Path, clock: FrameClock) -> dict[int, RigidTransform]:
 
 
 def drive_through(
-    poses: Mapping[int, RigidTransform],
-    clock: FrameClock,
-    vehicle_from_imu: RigidTransform,
-    *,
-    file: Path,
-    max_gap_s: float,
-    stationary_m: float,
+    poses: Mapping[int, RigidTransform], clock: FrameClock, vehicle_from_imu: RigidTransform, *, file: Path
 ) -> Drive:
     """The drive through the poses of frames.
 
-    Poses are missing where the car had moved too little since the last one (kitti360Scripts #96, #102). Such gaps are
-    filled: the car is put evenly between the poses around. Longer gaps over which it did move stay open, and frames
-    within them have no ego-motion.
+    Poses are missing where the car had moved too little since the last one (kitti360Scripts #96, #102). Gaps of over a
+    second in which it moved by half a metre or less are filled: the car is put evenly between the poses around. Others
+    stay open, and frames within them have no ego-motion.
 
     Args:
         poses: frame -> global world from IMU, increasing.
         clock: times of frames.
         vehicle_from_imu: mounting of the IMU.
         file: of the poses, for messages.
-        max_gap_s: poses further apart are not interpolated between ...
-        stationary_m: ... unless the car moved no further than this.
 
     Raises:
         DataError: fewer than two poses.
@@ -182,9 +175,9 @@ def drive_through(
         timestamps_ns=np.array([clock.times_ns[frame] for frame in poses], dtype=np.int64),
         rotations=Rotation.from_matrix(np.stack([pose.rotation for pose in vehicles])),
         positions_m=np.stack([pose.translation_m for pose in vehicles]),
-        max_gap_ns=round(max_gap_s * SECOND_NS),
+        max_gap_ns=LONGEST_GAP_NS,
     )
-    return Drive(trajectory=_stationary_filled(sparse, clock, stationary_m), world_from_global=world_from_global)
+    return Drive(trajectory=_stationary_filled(sparse, clock), world_from_global=world_from_global)
 
 
 def _levelled(global_from_vehicle: RigidTransform) -> RigidTransform:
@@ -193,11 +186,11 @@ def _levelled(global_from_vehicle: RigidTransform) -> RigidTransform:
     return RigidTransform(upright, -upright @ global_from_vehicle.translation_m)
 
 
-def _stationary_filled(sparse: Trajectory, clock: FrameClock, stationary_m: float) -> Trajectory:
+def _stationary_filled(sparse: Trajectory, clock: FrameClock) -> Trajectory:
     """Add poses at the frames of gaps in which the car was stationary or crept."""
     known_ns = sparse.timestamps_ns
     wide = np.diff(known_ns) > sparse.max_gap_ns
-    near = np.linalg.norm(np.diff(sparse.positions_m, axis=0), axis=1) <= stationary_m
+    near = np.linalg.norm(np.diff(sparse.positions_m, axis=0), axis=1) <= STATIONARY_M
     clock_ns = np.fromiter(clock.times_ns.values(), dtype=np.int64)
     left = np.searchsorted(known_ns, clock_ns, side="right") - 1
     inside = (left >= 0) & (left < len(known_ns) - 1) & ~np.isin(clock_ns, known_ns)

@@ -21,7 +21,7 @@ from bench.lidar import LidarSweep
 from bench.recordings import Recording
 from bench.validation.drive import annotated_times, boxes_near, calibration_file, distance_to, sweep_times
 from bench.validation.findings import Finding, Undecided, new_finding
-from bench.validation.fits.lidar_motion import (
+from bench.validation.lidar_motion import (
     PARAMETERS,
     QUANTITIES,
     STATED,
@@ -32,8 +32,8 @@ from bench.validation.fits.lidar_motion import (
     Quantity,
     level_steps,
 )
-from bench.validation.fits.readings import DEGREE, Reading, mounting_name, pose_readings
-from bench.validation.fits.scan_matching import MATCHING, Step, neighbouring, scan_steps
+from bench.validation.readings import DEGREE, Reading, mounting_name, pose_readings
+from bench.validation.scan_matching import MATCHING, Step, neighbouring, scan_steps
 
 Array = NDArray[np.float64]
 

@@ -26,8 +26,7 @@ What is translated here, once:
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -35,18 +34,18 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field
 
-from bench.adapters.kitti360.boxes import read_boxes, tracks_from_world
-from bench.adapters.kitti360.files import TURN_OVER, drive_through, read_clock, read_poses, read_turn
+from bench.adapters.kitti360_boxes import read_boxes, tracks_from_world
+from bench.adapters.kitti_files import TURN_OVER, drive_through, read_clock, read_poses, read_turn
 from bench.atomic import linked_folder, refuse_escape
 from bench.cameras import UnifiedCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
-from bench.recordings.annotations import annotation_file_in, read_annotations
-from bench.recordings.catalogue import RecordingHandle
+from bench.recordings.annotations import read_annotations
+from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.files import framed_files, numbers, read_text
 from bench.recordings.mounting import FisheyeOptions, Polygon
-from bench.recordings.validation import FileModel, SidePx, in_order, located, validated
+from bench.recordings.validation import FileModel, ForeignModel, SidePx, in_order, located, validated
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, MountedCamera, Recording, SweepRef, Track
 
 CALIBRATION, IMAGES, SWEEPS = "calibration", "data_2d_raw", "data_3d_raw"
@@ -80,25 +79,14 @@ class Kitti360Options(FisheyeOptions[CameraName]):
         lidar_position_m: the laser scanner in the vehicle frame; the calibration gives only places of sensors to each
             other.
         vehicle_outline_m: the ego vehicle seen from above, vehicle frame.
-        max_pose_gap_s: poses further apart are not interpolated between, unless the car was stationary.
-        stationary_m: poses no further apart than this are of a stationary or creeping car, whatever the time between.
-        static_range_m: stationary objects are annotated while they are this near, since they hide what moves.
-        static_people: "unclear" ignores people whose box is not marked dynamic, since some of them do walk; "static"
-            takes the label at its word.
         excluded_frames: frames that are left out; sequences that are not there are passed over.
-        licence: of the data.
     """
 
     cameras: tuple[CameraName, ...] = Field(default=("image_02", "image_03"), min_length=1)
     boxes: Literal["train", "train_full"] = "train"
     lidar_position_m: tuple[float, float, float] = (0.76, 0.0, 1.73)
     vehicle_outline_m: Polygon = Field(default=((-1.0, -0.91), (3.8, -0.91), (3.8, 0.91), (-1.0, 0.91)), min_length=3)
-    max_pose_gap_s: float = Field(default=1.0, gt=0)
-    stationary_m: float = Field(default=0.5, ge=0)
-    static_range_m: float = Field(default=25.0, ge=0)
-    static_people: Literal["unclear", "static"] = "unclear"
     excluded_frames: tuple[FrameExclusion, ...] = ()
-    licence: str = "CC BY-NC-SA 3.0"
 
 
 def kitti360_recordings(
@@ -113,27 +101,23 @@ def kitti360_recordings(
     folder = root / IMAGES
     if not folder.is_dir():
         raise DataError(folder, expected="folders of sequences with fisheye images", got="no such folder")
-    handles = []
-    for name in sorted(p.name for p in folder.iterdir() if SEQUENCE.fullmatch(p.name) and _camera_names(p, chosen)):
-        opener = partial(open_kitti360, root, name, chosen, annotations=annotation_file_in(annotations, name))
-        handles.append(RecordingHandle(name=name, opener=opener))
-    return tuple(handles)
+    sequences = sorted(p for p in folder.iterdir() if SEQUENCE.fullmatch(p.name) and _camera_names(p, chosen))
+    return handles_of(sequences, partial(open_kitti360, root, options=chosen), annotations)
 
 
-def open_kitti360(root: Path, sequence: str, options: Kitti360Options, *, annotations: Path | None = None) -> Recording:
+def open_kitti360(root: Path, folder: Path, options: Kitti360Options, *, annotations: Path | None = None) -> Recording:
     """Open a sequence.
 
     Args:
         root: folder of the data set.
-        sequence: name of its folders.
+        folder: of the sequence's images, called as it.
         options: as in the card.
         annotations: annotation file that stands in for the boxes; None for none.
 
     Raises:
         DataError: a file that is missing or not what the format asks for.
     """
-    folder = root / IMAGES / sequence
-    names = _camera_names(folder, options)
+    sequence, names = folder.name, _camera_names(folder, options)
     if not names:
         raise DataError(folder, expected=f"images of {' or '.join(options.cameras)}", got="none")
     within = partial(linked_folder, root, levels=options.follow_links)
@@ -145,26 +129,20 @@ def open_kitti360(root: Path, sequence: str, options: Kitti360Options, *, annota
     def framed(place: Path, suffix: str) -> dict[int, Path]:
         return framed_files(within(place), place, rf"(\d{{10}})\.{suffix}")
 
-    rig = read_rig(root, names, options)
+    vehicle_from_imu, vehicle_from_lidar, cameras = read_rig(root, names, options)
     images = {name: framed(folder / name / "data_rgb", "png") for name in names}
     if not images[names[0]]:
         raise DataError(folder / names[0] / "data_rgb", expected="images <frame, ten digits>.png", got="none")
     clock = read_clock(inside(folder / names[0] / "timestamps.txt"), list(images[names[0]]))
     poses = inside(root / POSES / sequence / "poses.txt")
-    drive = drive_through(
-        read_poses(poses, clock), clock, rig.vehicle_from_imu,
-        file=poses, max_gap_s=options.max_pose_gap_s, stationary_m=options.stationary_m,
-    )  # fmt: skip
+    drive = drive_through(read_poses(poses, clock), clock, vehicle_from_imu, file=poses)
     boxes = root / BOXES / options.boxes / f"{sequence}.xml"
     tracks: tuple[Track, ...] = ()
     windows: tuple[tuple[int, int], ...] = ()
     if annotations is not None:
         tracks = read_annotations(annotations)
     elif boxes.is_file():
-        tracks, windows = tracks_from_world(
-            read_boxes(inside(boxes)), drive, clock,
-            static_range_m=options.static_range_m, static_people=options.static_people,
-        )  # fmt: skip
+        tracks, windows = tracks_from_world(read_boxes(inside(boxes)), drive, clock)
     left_out = [entry.frames for entry in options.excluded_frames if f"_drive_{entry.sequence}_" in sequence]
 
     def evaluated(files: Mapping[int, Path]) -> list[tuple[int, Path]]:
@@ -180,15 +158,14 @@ def open_kitti360(root: Path, sequence: str, options: Kitti360Options, *, annota
     return Recording(
         name=sequence,
         root=root,
-        licence=options.licence,
         frame_interval_ns=clock.interval_ns,
-        cameras=rig.cameras,
+        cameras=cameras,
         images={
             name: tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in evaluated(files))
             for name, files in images.items()
         },
         trajectory=drive.trajectory,
-        vehicle_from_lidar=rig.vehicle_from_lidar,
+        vehicle_from_lidar=vehicle_from_lidar,
         sweeps=tuple(SweepRef(timestamp_ns=t, path=path, reader=reader) for t, path in evaluated(scans)),
         tracks=tracks,
         annotated=COMPLETELY if annotations is not None or boxes.is_file() else NOT_ANNOTATED,
@@ -201,7 +178,7 @@ def _camera_names(folder: Path, options: Kitti360Options) -> tuple[CameraName, .
     return tuple(name for name in options.cameras if (folder / name / "data_rgb").is_dir())
 
 
-def _within(frame: int, spans: tuple[tuple[int, int], ...] | list[tuple[int, int]]) -> bool:
+def _within(frame: int, spans: Sequence[tuple[int, int]]) -> bool:
     return any(first <= frame <= last for first, last in spans)
 
 
@@ -232,10 +209,10 @@ class Projection(FileModel):
     v0: float
 
 
-class FisheyeFile(FileModel):
+class FisheyeFile(ForeignModel):
     """`image_02.yaml` and `image_03.yaml`."""
 
-    model_config = ConfigDict(extra="ignore", protected_namespaces=())
+    model_config = ConfigDict(protected_namespaces=())
 
     model_type: Literal["MEI"]
     camera_name: str
@@ -246,28 +223,20 @@ class FisheyeFile(FileModel):
     projection_parameters: Projection
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Mountings:
-    """Mountings of all sensors.
-
-    Attributes:
-        vehicle_from_imu: of the frame that poses are given for.
-        vehicle_from_lidar: of the laser scanner.
-        cameras: by name.
-    """
-
-    vehicle_from_imu: RigidTransform
-    vehicle_from_lidar: RigidTransform
-    cameras: dict[str, MountedCamera]
-
-
-def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Options) -> Mountings:
+def read_rig(
+    root: Path, names: tuple[CameraName, ...], options: Kitti360Options
+) -> tuple[RigidTransform, RigidTransform, dict[str, MountedCamera]]:
     """Read the calibration, which all sequences share.
 
     Args:
         root: folder of the data set, above `calibration`.
-        cameras: which.
+        names: of the cameras.
         options: sizes, masks and the place of the scanner.
+
+    Returns:
+        vehicle_from_imu: of the frame that poses are given for.
+        vehicle_from_lidar: of the laser scanner.
+        cameras: by name.
 
     Raises:
         DataError: a file that is missing or not what the format asks for.
@@ -275,23 +244,26 @@ def read_rig(root: Path, cameras: tuple[CameraName, ...], options: Kitti360Optio
     folder = root / CALIBRATION
     within = linked_folder(root, folder, levels=options.follow_links)
     poses = folder / "calib_cam_to_pose.txt"
-    imu_from = _cameras_in_imu(within, poses, ("image_00", *cameras))
+    imu_from = _cameras_in_imu(within, poses, ("image_00", *names))
     file = folder / "calib_cam_to_velo.txt"
     lidar_from_camera = _transform(_text(within, file).split(), file=file, field="calib_cam_to_velo")
     imu_from_lidar = imu_from["image_00"] @ lidar_from_camera.inverse()
-    rotated = RigidTransform(TURN_OVER, np.zeros(3))
-    offset_m = np.array(options.lidar_position_m) - rotated.apply(imu_from_lidar.translation_m)
+    offset_m = np.array(options.lidar_position_m) - TURN_OVER @ imu_from_lidar.translation_m
     vehicle_from_imu = RigidTransform(TURN_OVER, offset_m)
-    mounted: dict[str, MountedCamera] = {}
-    for name in cameras:
+    cameras: dict[str, MountedCamera] = {}
+    for name in names:
         lens = _lens(within, folder / f"{name}.yaml", name, options)
-        mounted[name] = options.mounted(name, lens, vehicle_from_imu @ imu_from[name], file=poses, field=name)
-    vehicle_from_lidar = vehicle_from_imu @ imu_from_lidar
-    return Mountings(vehicle_from_imu=vehicle_from_imu, vehicle_from_lidar=vehicle_from_lidar, cameras=mounted)
+        cameras[name] = options.mounted(name, lens, vehicle_from_imu @ imu_from[name], file=poses, field=name)
+    return vehicle_from_imu, vehicle_from_imu @ imu_from_lidar, cameras
 
 
 def _lens(root: Path, file: Path, name: CameraName, options: Kitti360Options) -> UnifiedCamera:
-    content = _fisheye(root, file)
+    # OpenCV's dialect: a first line `%YAML:1.0` and keys without a blank after the colon are not YAML.
+    lines = [line for line in _text(root, file).splitlines() if not line.startswith("%YAML")]
+    values = parse_yaml("\n".join(re.sub(r"^(\s*\w+):(?=\S)", r"\1: ", line) for line in lines), file=file)
+    if not isinstance(values, dict):
+        raise DataError(file, expected="keys and values", got=type(values).__name__)
+    content = validated(FisheyeFile, values, file=file)
     if content.camera_name != name:
         raise DataError(file, field="camera_name", expected=repr(name), got=repr(content.camera_name))
     focal, bend = content.projection_parameters, content.distortion_parameters
@@ -306,16 +278,6 @@ def _lens(root: Path, file: Path, name: CameraName, options: Kitti360Options) ->
             tangential=(bend.p1, bend.p2),
             max_angle_rad=options.max_angle_rad(name),
         )
-
-
-def _fisheye(root: Path, file: Path) -> FisheyeFile:
-    """OpenCV's dialect: a first line `%YAML:1.0` and keys without a blank after the colon are not YAML."""
-    lines = [line for line in _text(root, file).splitlines() if not line.startswith("%YAML")]
-    spaced = (re.sub(r"^(\s*\w+):(?=\S)", r"\1: ", line) for line in lines)
-    values = parse_yaml("\n".join(spaced), file=file)
-    if not isinstance(values, dict):
-        raise DataError(file, expected="keys and values", got=type(values).__name__)
-    return validated(FisheyeFile, values, file=file)
 
 
 def _cameras_in_imu(root: Path, file: Path, names: tuple[str, ...]) -> dict[str, RigidTransform]:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.log123d.tables import LogImage, LogSweep, LogTable, TableHead, pose
+from bench.adapters.log123d_tables import LogImage, LogSweep, LogTable, pose
 from bench.atomic import linked_folder, refuse_escape
 from bench.cameras import CameraModel, camera_from_parameters
 from bench.egomotion import Trajectory
@@ -40,7 +40,7 @@ from bench.geometry import RigidTransform
 from bench.recordings.annotations import read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.mounting import FisheyeOptions
-from bench.recordings.validation import SidePx, located, validated
+from bench.recordings.validation import ForeignModel, SidePx, located, validated
 from bench.records.recording import (
     COMPLETELY,
     NOT_ANNOTATED,
@@ -77,7 +77,6 @@ class LogOptions(FisheyeOptions[str]):
             at its own time, or in the middle of the sweep where the log does not say.
         time_offset_ms: per camera, added to the times of its images to get the middle of the exposure.
         ground_height_m: height of the road at the rear axle's; null for half of the vehicle's height below its centre.
-        licence: of the data.
     """
 
     logs: str = "."
@@ -87,7 +86,6 @@ class LogOptions(FisheyeOptions[str]):
     motion_compensated: Literal["start", "end"] | None = None
     time_offset_ms: dict[str, float] = Field(default_factory=dict)
     ground_height_m: float | None = None
-    licence: str = "see the data set"
 
 
 def log123d_recordings(
@@ -153,7 +151,6 @@ def open_log(root: Path, folder: Path, options: LogOptions, *, annotations: Path
     return Recording(
         name=folder.name,
         root=root,
-        licence=options.licence,
         frame_interval_ns=int(np.median(np.concatenate(steps_ns))) if steps_ns else 100 * MILLISECOND_NS,
         cameras=cameras,
         images=images,
@@ -171,11 +168,11 @@ def _images(name: str, table: LogTable, options: LogOptions) -> tuple[ImageRef, 
     """The images of a camera by time."""
     times_ns = table.times_ns() + round(options.time_offset_ms.get(name, 0.0) * MILLISECOND_NS)
     _refuse_disorder(table, times_ns)
-    images = []
-    for time_ns, (batch, column, row) in zip(times_ns.tolist(), table.cells("data"), strict=True):
-        stored = LogImage(container=table.path, batch=batch, column=column, row=row)
-        images.append(ImageRef(camera=name, timestamp_ns=time_ns, path=table.path / str(time_ns), stored=stored))
-    return tuple(images)
+    cells = zip(times_ns.tolist(), table.cells("data"), strict=True)
+    return tuple(
+        ImageRef(camera=name, timestamp_ns=time_ns, path=table.path / str(time_ns), stored=LogImage(**cell))
+        for time_ns, cell in cells
+    )
 
 
 def _sweeps(folder: Path, options: LogOptions) -> tuple[tuple[SweepRef, ...], RigidTransform]:
@@ -202,11 +199,8 @@ def _sweeps(folder: Path, options: LogOptions) -> tuple[tuple[SweepRef, ...], Ri
     times_ns = {"start": starts_ns, "end": ends_ns, None: middles_ns}[options.motion_compensated]
     _refuse_disorder(table, times_ns)
     sweeps = []
-    for time_ns, (batch, column, row) in zip(times_ns.tolist(), table.cells("data"), strict=True):
-        stored = LogSweep(
-            container=table.path, batch=batch, column=column, row=row,
-            lidar_id=lidar_id, as_measured=options.motion_compensated is None,
-        )  # fmt: skip
+    for time_ns, cell in zip(times_ns.tolist(), table.cells("data"), strict=True):
+        stored = LogSweep(**cell, lidar_id=lidar_id, as_measured=options.motion_compensated is None)
         path = table.path / str(time_ns)
         sweeps.append(SweepRef(timestamp_ns=time_ns, path=path, reader=stored, stored=stored))
     # Beams of several lidars have no common origin, and with it no rows.
@@ -239,13 +233,13 @@ def _refuse_disorder(table: LogTable, times_ns: NDArray[np.int64]) -> None:
 # What the heads of the tables state
 
 
-class SyncHead(TableHead):
+class SyncHead(ForeignModel):
     """The head of `sync.arrow`: the version of the library that wrote the log."""
 
     version: str = "unknown"
 
 
-class EgoHead(TableHead):
+class EgoHead(ForeignModel):
     """The ego vehicle: metres, and poses in the frame of its inertial sensor."""
 
     width: float = Field(gt=0)
@@ -269,7 +263,7 @@ class EgoHead(TableHead):
         return centre + corners * (self.length / 2, self.width / 2)
 
 
-class CameraHead(TableHead):
+class CameraHead(ForeignModel):
     """A camera.
 
     Attributes:
@@ -322,7 +316,7 @@ class CameraHead(TableHead):
         return camera_from_parameters("brown_conrady", **size, **lens, radial=(k1, k2, k3), tangential=(p1, p2))
 
 
-class LidarHead(TableHead):
+class LidarHead(ForeignModel):
     """A lidar; points are stored in the frame of the inertial sensor, whatever its pose."""
 
     lidar_name: str
@@ -395,7 +389,7 @@ CLASSES: Mapping[str, Mapping[int, str]] = {
 }
 
 
-class BoxesHead(TableHead):
+class BoxesHead(ForeignModel):
     """The boxes: the class that numbers their labels."""
 
     box_detection_label_class: str

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import polar
 
-from bench.adapters.kitti360.files import Drive, FrameClock
+from bench.adapters.kitti_files import Drive, FrameClock
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.files import numbers, xml_parts
@@ -64,6 +64,8 @@ LARGEST_OBJECT_BYTES = 32_000_000  # of XML without the end of a child of the ro
 LARGEST_MATRIX = 1_000_000  # numbers
 DEEPEST = 50
 STATIONARY = -1
+STATIC_RANGE_M = 25.0  # stationary objects are annotated while they are this near, since they hide what moves
+Window = tuple[int, int]  # first and last frame of a stretch that was annotated together
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,7 +77,7 @@ class WorldBox:
         label: None for one that is marked dynamic but has a label that is not known to move.
         dynamic: as marked.
         frame: of the box; -1 for a stationary one.
-        window: first and last annotated frame; None where the file does not say.
+        window: None where the file does not say.
         rotation: (3, 3) float64, global world from box, a proper rotation.
         centre_m: (3,) float64, global world.
         size_m: (3,) float64, full lengths along the box's own axes.
@@ -85,44 +87,40 @@ class WorldBox:
     label: Label | None
     dynamic: bool
     frame: int
-    window: tuple[int, int] | None
+    window: Window | None
     rotation: NDArray[np.float64]
     centre_m: NDArray[np.float64]
     size_m: NDArray[np.float64]
 
 
-def read_boxes(file: Path) -> Iterator[WorldBox | tuple[int, int]]:
+def read_boxes(file: Path) -> Iterator[tuple[Window | None, WorldBox | None]]:
     """Read the boxes of everything that can move.
 
     Args:
         file: of boxes.
 
     Yields:
-        Boxes in the order of the file; for every other object its window of annotated frames, if it has one.
+        For each object, in the order of the file, its window if it has one, and its box if it can move.
 
     Raises:
-        DataError: missing, cut short, not XML, with a document type or entities, or an object that is not whole.
+        DataError: missing, cut short, not XML, with entities, or an object that is not whole.
     """
     for element in xml_parts(file, level=1, parts="objects", largest_bytes=LARGEST_OBJECT_BYTES, deepest=DEEPEST):
-        box = _object(element, file)
-        if box is not None:
-            yield box
+        if element.find("transform") is not None:
+            window = _window(element, file)
+            yield window, _world_box(element, window, file)
 
 
-def _object(element: Element, file: Path) -> WorldBox | tuple[int, int] | None:
-    if element.find("transform") is None:
-        return None
-    field = element.tag
-    window = _window(element, file)
+def _world_box(element: Element, window: Window | None, file: Path) -> WorldBox | None:
     semantic, name = _integer(element, "semanticId", file), (element.findtext("label") or "").strip()
     label = BY_NAME.get(name) if semantic is None else BY_KITTI_NUMBER.get(semantic)
     dynamic = bool(_integer(element, "dynamic", file) or 0)
     if label is None and not dynamic:
-        return window
+        return None
     rotation, centre_m, size_m = _extent(element, file)
     frame = _integer(element, "timestamp", file)
     if frame is None or frame < STATIONARY:
-        raise DataError(file, field=f"{field}.timestamp", expected="a frame number, or -1", got=str(frame))
+        raise DataError(file, field=f"{element.tag}.timestamp", expected="a frame number, or -1", got=str(frame))
     return WorldBox(
         key=_key(element, label, semantic, file),
         label=label,
@@ -145,7 +143,7 @@ def _key(element: Element, label: Label | None, semantic: int | None, file: Path
     return f"index-{_integer(element, 'index', file)}-{element.tag}"
 
 
-def _window(element: Element, file: Path) -> tuple[int, int] | None:
+def _window(element: Element, file: Path) -> Window | None:
     first, last = _integer(element, "start_frame", file), _integer(element, "end_frame", file)
     if first is None or last is None or first < 0 or last < 0:
         return None
@@ -200,24 +198,18 @@ def _matrix(element: Element, name: str, file: Path) -> NDArray[np.float64]:
 
 
 def tracks_from_world(
-    boxes: Iterable[WorldBox | tuple[int, int]],
-    drive: Drive,
-    clock: FrameClock,
-    *,
-    static_range_m: float,
-    static_people: str,
-) -> tuple[tuple[Track, ...], tuple[tuple[int, int], ...]]:
+    boxes: Iterable[tuple[Window | None, WorldBox | None]], drive: Drive, clock: FrameClock
+) -> tuple[tuple[Track, ...], tuple[Window, ...]]:
     """Put boxes where the vehicle sees them.
 
     Stationary boxes get a state at each frame of their window at which they are near. Frames without ego-motion have no
-    states, since the vehicle frame is unknown there.
+    states, since the vehicle frame is unknown there. People whose box is not marked dynamic are unclear: some of them
+    do walk (kitti360Scripts #77).
 
     Args:
         boxes: as `read_boxes` yields them.
         drive: where the vehicle was.
         clock: times of frames.
-        static_range_m: largest range of stationary boxes.
-        static_people: "unclear" or "static", for people who are not marked dynamic.
 
     Returns:
         tracks: of everything that can move, whether it does or not.
@@ -225,17 +217,14 @@ def tracks_from_world(
     """
     ego = _EgoPath(drive, clock)
     groups: dict[str, list[WorldBox]] = defaultdict(list)
-    windows: set[tuple[int, int]] = set()
-    for box in boxes:
-        window = box if isinstance(box, tuple) else box.window
-        if window is not None:
-            windows.add(window)
-        if not isinstance(box, tuple):
+    windows: set[Window] = set()
+    for window, box in boxes:
+        windows |= {window} if window is not None else set()
+        if box is not None:
             groups[box.key].append(box)
-    tracks = [_track(key, group, ego, static_range_m, static_people) for key, group in groups.items()]
+    tracks = [_track(key, group, ego) for key, group in groups.items()]
     kinds = {key: group[0].label.name for key, group in groups.items() if group[0].label is not None}
-    seen = tuple(track for track in tracks if track.states)
-    return joined_riders(seen, kinds), _merged(windows)
+    return joined_riders([track for track in tracks if track.states], kinds), _merged(windows)
 
 
 class _EgoPath:
@@ -248,39 +237,38 @@ class _EgoPath:
         rotations, positions_m, valid = drive.trajectory.at(times_ns)
         self.frames, self.times_ns = frames[valid], times_ns[valid]
         self.rotations, self.positions_m = rotations[valid], positions_m[valid]
-        self.row: Mapping[int, int] = {int(frame): row for row, frame in enumerate(self.frames)}
+
+    def rows(self, box: WorldBox) -> list[int]:
+        """Rows of the frames at which a box is there: its own, or of a stationary one those at which it is near."""
+        if box.frame != STATIONARY:
+            return np.flatnonzero(self.frames == box.frame).tolist()
+        centre = self.world_from_global.apply(box.centre_m)
+        away_m = np.hypot(*(self.positions_m[:, :2] - centre[:2]).T) - np.linalg.norm(box.size_m) / 2
+        first, last = box.window or (0, np.iinfo(np.int64).max)
+        return np.flatnonzero((away_m <= STATIC_RANGE_M) & (self.frames >= first) & (self.frames <= last)).tolist()
 
 
-def _track(key: str, boxes: Sequence[WorldBox], ego: _EgoPath, static_range_m: float, static_people: str) -> Track:
+def _track(key: str, boxes: Sequence[WorldBox], ego: _EgoPath) -> Track:
     label = boxes[0].label
-    order = _axes(ego.world_from_global.rotation @ boxes[0].rotation, boxes[0].size_m)
-    by_row: dict[int, WorldBox] = {}
-    for box in boxes:
-        rows = _near(box, ego, static_range_m) if box.frame == STATIONARY else _row(box.frame, ego)
-        for row in rows:
-            if box.frame != STATIONARY or row not in by_row:
-                by_row[row] = box
-    rows = sorted(by_row)
-    dynamic = any(box.dynamic for box in boxes)
+    by_row: dict[int, int] = {}
+    for i, box in enumerate(boxes):
+        by_row |= {row: i for row in ego.rows(box) if box.frame != STATIONARY or row not in by_row}
     person = label is not None and label.object_class == "pedestrian"
-    unclear = label is None or (person and not dynamic and static_people == "unclear")
-    placed = {key: _placed(box, ego, order) for key, box in {id(box): box for box in by_row.values()}.items()}
-    states = _states([(row, by_row[row], *placed[id(by_row[row])]) for row in rows], ego, unclear=unclear)
+    unclear = label is None or (person and not any(box.dynamic for box in boxes))
+    rows = np.array(sorted(by_row), dtype=np.intp)
+    states = _states(boxes, rows, np.array([by_row[row] for row in rows], dtype=np.intp), ego, unclear=unclear)
     return Track(track_id=key, object_class="vehicle" if label is None else label.object_class, states=states)
 
 
 def _states(
-    placed: Sequence[tuple[int, WorldBox, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]],
-    ego: _EgoPath,
-    *,
-    unclear: bool,
+    boxes: Sequence[WorldBox], rows: NDArray[np.intp], chosen: NDArray[np.intp], ego: _EgoPath, *, unclear: bool
 ) -> tuple[ObjectState, ...]:
-    if not placed:
-        return ()
-    rows = np.array([row for row, *_ in placed])
-    rotations = np.stack([rotation for *_, rotation, _, _ in placed])
-    centres_m = np.stack([centre for *_, centre, _ in placed])
-    moves = np.array([box.frame != STATIONARY for _, box, *_ in placed])
+    """States at rows of the ego path, each with the chosen one of the object's boxes."""
+    order = _axes(ego.world_from_global.rotation @ boxes[0].rotation, boxes[0].size_m)
+    rotations, centres_m, sizes_m = (
+        np.stack(each)[chosen] for each in zip(*(_placed(box, ego, order) for box in boxes), strict=True)
+    )
+    moves = np.array([box.frame != STATIONARY for box in boxes])[chosen]
     times_ns = ego.times_ns[rows]
     velocities = np.where(moves[:, None], world_velocities(times_ns, centres_m), 0.0)
     along = np.nan_to_num(np.einsum("ni,ni->n", velocities, rotations[:, :, 0])).sum()
@@ -296,10 +284,10 @@ def _states(
     return tuple(
         ObjectState(
             timestamp_ns=int(times_ns[i]),
-            shape=Cuboid(vehicle_from_object=vehicle_from_object[i], size_m=placed[i][-1]),
+            shape=Cuboid(vehicle_from_object=vehicle_from_object[i], size_m=sizes_m[i]),
             velocity_mps=seen_velocities[i],
             yaw_rate_radps=float(turns[i]),
-            unclear=unclear or (placed[i][1].dynamic and not moves[i]),
+            unclear=unclear or (boxes[chosen[i]].dynamic and not bool(moves[i])),
         )
         for i in range(len(rows))
     )
@@ -325,19 +313,8 @@ def _axes(rotation: NDArray[np.float64], size_m: NDArray[np.float64]) -> tuple[i
     return along, up
 
 
-def _row(frame: int, ego: _EgoPath) -> list[int]:
-    return [ego.row[frame]] if frame in ego.row else []
-
-
-def _near(box: WorldBox, ego: _EgoPath, range_m: float) -> list[int]:
-    centre = ego.world_from_global.apply(box.centre_m)
-    away_m = np.hypot(*(ego.positions_m[:, :2] - centre[:2]).T) - np.linalg.norm(box.size_m) / 2
-    first, last = box.window or (0, np.iinfo(np.int64).max)
-    return np.flatnonzero((away_m <= range_m) & (ego.frames >= first) & (ego.frames <= last)).tolist()
-
-
-def _merged(windows: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
-    merged: list[tuple[int, int]] = []
+def _merged(windows: Iterable[Window]) -> tuple[Window, ...]:
+    merged: list[Window] = []
     for first, last in sorted(windows):
         if merged and first <= merged[-1][1] + 1:
             merged[-1] = merged[-1][0], max(merged[-1][1], last)

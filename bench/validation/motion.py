@@ -15,9 +15,9 @@ from bench.geometry import twist_between
 from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
 from bench.times import SECOND_NS
+from bench.validation.boxes import BODIES, BodyLimits
 from bench.validation.drive import annotated_times, boxes_of, object_field
 from bench.validation.findings import Finding, Severity, new_finding
-from bench.validation.quick.boxes import BODIES, BodyLimits
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,6 @@ import msgpack
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from pydantic import ConfigDict
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform
@@ -21,7 +20,7 @@ from bench.lidar import LidarSweep
 from bench.lidar.fields import sweep_of
 from bench.lidar.sweep import LARGEST_BYTES
 from bench.recordings.images import decode_image
-from bench.recordings.validation import FileModel, validated
+from bench.recordings.validation import ForeignModel, validated
 
 HEAD = b"metadata"
 LARGEST_HEAD_BYTES = 1_000_000
@@ -32,20 +31,13 @@ BATCHES_HELD = 4  # in a process, so that compressed images of a batch are not u
 MICROSECOND_NS = 1_000
 ARROW_START = b"\xff\xff\xff\xff"
 TIMES, LIDARS = "timestamps", "ids"
-LARGEST_INTENSITY = 255
 TIME_HINT = "set the card's option motion_compensated: start or end if they are no times of the points"
 CONVERT_HINT = (
     "convert again with camera_store_option: jpeg_binary, lidar_store_option: binary and lidar_codec: ipc_zstd"
 )
 
 
-class TableHead(FileModel):
-    """Keys of a head that are used; heads have more."""
-
-    model_config = ConfigDict(extra="ignore")
-
-
-Head = TypeVar("Head", bound=TableHead)
+Head = TypeVar("Head", bound=ForeignModel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,8 +124,8 @@ class LogTable:
             raise self._wrong(name, f"lists of {width} numbers", str(lists.type)) from error
         return values
 
-    def cells(self, name: str) -> Iterator[tuple[int, int, int]]:
-        """Numbers of batch, column and row of a column's cells, in order, none of them read.
+    def cells(self, name: str) -> Iterator[dict[str, Any]]:
+        """Where the cells of a column are, as `StoredCell` takes it, in order; none of them is read.
 
         Raises:
             DataError: no such column, or the file is damaged.
@@ -142,7 +134,8 @@ class LogTable:
             index = self._index(name)
         # The rows of a batch are known from the times, which are small.
         for batch, times_us in enumerate(self.column("timestamp_us").iterchunks()):
-            yield from ((batch, index, row) for row in range(len(times_us)))
+            for row in range(len(times_us)):
+                yield {"container": self.path, "batch": batch, "column": index, "row": row}
 
     def _index(self, name: str) -> int:
         schema = _reader(*_state(self.path)).schema
@@ -292,7 +285,6 @@ class LogSweep(StoredCell):
             timestamp_ns,
             name=name,
             time_unit="us",
-            full_intensity=LARGEST_INTENSITY,
             time_hint=TIME_HINT,
         )
 
@@ -311,18 +303,14 @@ def decode_points(content: bytes, name: Path) -> dict[str, NDArray[Any]]:
         got = f"bytes that begin with {content[:8].hex(' ')}"
         raise DataError(name, expected="points as an Arrow stream", got=got, hint=CONVERT_HINT)
     try:
-        fields = _from_arrow(content)
+        with pa.ipc.open_stream(pa.BufferReader(content)) as stream:
+            batch = stream.read_next_batch()
+        batch.validate(full=True)
+        if batch.nbytes > LARGEST_BYTES:
+            raise ValueError(f"{batch.nbytes} bytes when unpacked")
+        fields = {key: batch.column(key).to_numpy(zero_copy_only=False) for key in batch.schema.names}
     except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
         raise DataError(name, expected="whole points", got=_in_one_line(error)) from error
     if missing := set("xyz") - fields.keys():
         raise DataError(name, expected="the coordinates x, y and z", got=f"no {', '.join(sorted(missing))}")
     return fields
-
-
-def _from_arrow(content: bytes) -> dict[str, NDArray[Any]]:
-    with pa.ipc.open_stream(pa.BufferReader(content)) as stream:
-        batch = stream.read_next_batch()
-    batch.validate(full=True)
-    if batch.nbytes > LARGEST_BYTES:
-        raise ValueError(f"{batch.nbytes} bytes when unpacked")
-    return {name: batch.column(name).to_numpy(zero_copy_only=False) for name in batch.schema.names}
