@@ -68,7 +68,6 @@ from bench.reporting.run_tables import (
     threshold_free_line,
 )
 
-LISTED_RECORDINGS = 200
 WORST = 3  # of each kind
 EXAMPLES = 2  # pictures that a reader sees first
 LEAST_OBJECT_FRAMES = 10  # of fewer nothing is said
@@ -430,7 +429,7 @@ def _view_command(run: StoredRun) -> str:
 
 
 def _recording_table(run: StoredRun) -> Table:
-    """The recordings with the lowest IoU first, those without object-frames last; at most `LISTED_RECORDINGS`."""
+    """The recordings with the lowest IoU first, those without object-frames last."""
     values, cases = recording_values(run.sums)
     table = values[["iou", "tpr_all", "false_positive_coverage"]].assign(
         object_frames=cases["iou"], images=cases["false_positive_coverage"]
@@ -438,13 +437,11 @@ def _recording_table(run: StoredRun) -> Table:
     table = table.reset_index().sort_values(["iou", "recording"], ignore_index=True)
     shares = [Column(heading, percent) for heading in ("IoU, all", "TPR, all", "wrongly marked")]
     counts = [Column(heading, "{:.0f}".format) for heading in ("object-frames", "images")]
-    shown = f", {LISTED_RECORDINGS} of {len(table)}" if len(table) > LISTED_RECORDINGS else ""
     return Table(
-        title=f"By recording, over all its object-frames, the lowest IoU first{shown}",
+        title="By recording, over all its object-frames, the lowest IoU first",
         columns=["recording", *shares, *counts],
         rows=[
-            [Cell(name, link=f"#recording={quote(name)}"), *values]
-            for name, *values in table[:LISTED_RECORDINGS].itertuples(index=False)
+            [Cell(name, link=f"#recording={quote(name)}"), *values] for name, *values in table.itertuples(index=False)
         ],
     )
 
