@@ -66,10 +66,9 @@ leaderboard: $(INSTALLED) ## score all methods (or METHODS="a b:flow=dis") on DA
 report: $(INSTALLED) ## write the page of RUN= (the demo's)
 	$(BIN)/fisheye-bench report $(RUN)
 
-perf: $(INSTALLED_DEV) ## measure speed and memory into reports/perf.md, then the hot functions (10 minutes)
+perf: $(INSTALLED_DEV) ## measure speed and memory into reports/perf.md (10 minutes)
 	$(BIN)/fisheye-bench synthesize datasets/demo.scenario.yaml --out datasets/data/demo
 	$(BIN)/python -m benchmarks.measure_all --card datasets/demo.yaml --out reports/perf.md
-	$(BIN)/pytest benchmarks --benchmark-enable --benchmark-only --benchmark-columns=min,median,ops -p no:cacheprovider
 
 test: $(INSTALLED_DEV) ## run the tests
 	$(BIN)/pytest --numprocesses auto --dist worksteal
@@ -98,7 +97,7 @@ release-check: $(INSTALLED_RELEASE) ## build dist/, check it, then score and gat
 	$(FRESH)/venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt dist/*.whl
 	cd $(FRESH) && PATH="$(CURDIR)/$(FRESH)/venv/bin:$$PATH" && unset PYTHONPATH && fisheye-bench --version --verbose && \
 		fisheye-bench run demo --protocol paper-v1,surface-v1 --out run && \
-		fisheye-bench gate run --tolerances rendered-v1 && \
+		fisheye-bench gate run/paper-v1 --tolerances rendered-v1 && \
 		fisheye-bench gate run/surface-v1 --tolerances rendered-v1
 	rm -rf $(FRESH)
 

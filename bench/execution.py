@@ -223,12 +223,12 @@ class FuturesExecutor(TaskExecutor):
 
     Attributes:
         pool: the executor; whoever made it shuts it down.
-        workers: that it has.
+        workers: that it has; 0 where nobody knows.
         lost: exceptions that say that a task has lost its worker.
     """
 
     pool: Executor
-    workers: int = 1
+    workers: int = 0
     lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
 
     def compute(

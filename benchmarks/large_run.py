@@ -1,4 +1,4 @@
-"""Time and memory of everything that reads a whole run, on drawn rows: `python -m benchmarks.large_run`.
+"""Time and memory of everything that reads a whole run, on rows drawn at random; no image stands behind them.
 
 Each step runs in a process of its own, so that its peak of resident memory is its own.
 """
@@ -10,23 +10,146 @@ import json
 import resource
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from bench.evaluation import load_protocol, rows, sum_run, summary_of, write_sums
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol, rows, sum_run, summary_of, write_sums
+from bench.evaluation.counts import BINS
 from bench.evaluation.summary import ProtocolOfRun
 from bench.gate import judge, load_tolerances, read_run_sums
 from bench.harness import Provenance, open_tables, read_run
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
 from bench.harness.stored import SUMS, write_run
 from bench.methods import build_method
+from bench.records.reference import Direction, IgnoreReason, Status
 from bench.reporting.compare import write_comparison
 from bench.reporting.run_page import write_page
 from bench.reporting.run_tables import write_report_files
-from benchmarks.drawn_tables import write_run_tables
+from tests.support.counts import write_counts
+
+CAMERAS = ("front", "left", "rear", "right")
+WIDTH, HEIGHT = 640, 480
+PERIOD_NS = 66_000_000
+PLACES_AN_IMAGE = 5  # annotated objects in every image
+TRACK_IMAGES = 100  # images that an object is seen in
+TEMPLATES = 64  # histograms to draw from: drawing two million of them would take the time of the whole test
+IMAGES_A_RECORDING = 1011  # of which one in a hundred fails
+PAPER = load_protocol("paper-v1")
+
+
+def write_run_tables(folder: Path, *, object_frames: int, method_seed: int) -> None:
+    """Write a run of about so many object-frames; runs that differ in the seed alone compare."""
+    for number in range(round(object_frames / (0.99 * IMAGES_A_RECORDING * PLACES_AN_IMAGE)) or 1):
+        reference, method = (np.random.default_rng([seed, number, k]) for k, seed in enumerate((1, method_seed)))
+        name = f"drive-{number:05d}"
+        frames = _frames(name, IMAGES_A_RECORDING, reference, method)
+        objects = _objects(name, frames, reference, method)
+        write_counts(folder, objects, pa.table(frames, schema=FRAMES_SCHEMA))
+
+
+def _frames(name: str, images: int, reference: np.random.Generator, method: np.random.Generator) -> dict[str, object]:
+    scored = reference.random(images) > 0.01
+    reference_px = _part(reference, np.where(scored, 40_000, 0))
+    tp_px = _part(method, reference_px)
+    fp_px = _part(method, np.where(scored, 150_000, 0))
+    epipolar = _part(method, fp_px)
+    causes = [
+        [("epipolar", e), ("positive_depth", fp - e)] for e, fp in zip(epipolar.tolist(), fp_px.tolist(), strict=True)
+    ]
+    found: dict[str, object] = {
+        "recording": [name] * images,
+        "camera": [CAMERAS[k % len(CAMERAS)] for k in range(images)],
+        "timestamp_ns": np.arange(images) // len(CAMERAS) * PERIOD_NS,
+        "ego_speed_mps": np.abs(np.cumsum(reference.normal(0, 0.1, images))),
+        "status": np.where(scored, "evaluated", "failed").tolist(),
+        "problem": [None if k else "truncated image" for k in scored.tolist()],
+        "width": np.where(scored, WIDTH, 0),
+        "height": np.where(scored, HEIGHT, 0),
+        "valid_px": np.where(scored, 250_746, 0),
+        "reference_px": reference_px,
+        "ignored_px": _part(reference, np.where(scored, 3_000, 0)),
+        "detected_px": tp_px + fp_px,
+        "tp_px": tp_px,
+        "fn_px": reference_px - tp_px,
+        "fp_px": fp_px,
+        "fp_unattached_px": _part(method, fp_px),
+        "fp_components": method.integers(0, 60, images) * scored,
+        "fp_large_components": method.integers(0, 6, images) * scored,
+        "fp_largest_px": _part(method, fp_px),
+        "undefined_px": method.integers(0, 2_000, images) * scored,
+        "fp_by_cause": pa.array(causes, type=FRAMES_SCHEMA.field("fp_by_cause").type),
+    }
+    for column in ("likelihood_reference_px", "likelihood_outside_px"):
+        kind = FRAMES_SCHEMA.field(column).type
+        templates = method.integers(0, 400, (TEMPLATES, BINS)) * (method.random((TEMPLATES, BINS)) < 0.4)
+        values = pa.array(templates[method.integers(0, TEMPLATES, images)].ravel())
+        lists = pa.FixedSizeListArray.from_arrays(values, BINS).cast(kind)
+        found[column] = pc.if_else(pa.array(scored), lists, pa.scalar(None, kind))
+    return found
+
+
+def _objects(
+    name: str, frames: dict[str, object], reference: np.random.Generator, method: np.random.Generator
+) -> pa.Table:
+    scored = np.array(frames["status"]) == "evaluated"
+    of_frame = np.repeat(np.flatnonzero(scored), PLACES_AN_IMAGE)
+    count = len(of_frame)
+    place = np.tile(np.arange(PLACES_AN_IMAGE), count // PLACES_AN_IMAGE)
+    track = of_frame // TRACK_IMAGES * PLACES_AN_IMAGE + place
+    tracks = int(track.max(initial=0)) + 1
+    classes = _choice(reference, PAPER.reference.classes, tracks)
+    categories = _choice(reference, [str(c) for c in PAPER.reference.categories], tracks)
+    status = np.array([str(s) for s in (Status.EVALUATED, Status.IGNORED, Status.STATIC)])[
+        reference.choice(3, count, p=[0.58, 0.35, 0.07])
+    ]
+    evaluated, ignored = status == str(Status.EVALUATED), status == str(Status.IGNORED)
+    known = evaluated | (reference.random(count) < 0.5)
+    region = np.where(evaluated, np.exp(reference.normal(7, 1.5, count)).astype(np.int64) + 20, 0)
+    tp = _part(method, region) * (method.random(count) < 0.85)
+    columns = {
+        "recording": [name] * count,
+        "camera": np.array(CAMERAS)[of_frame % len(CAMERAS)],
+        "timestamp_ns": np.asarray(frames["timestamp_ns"])[of_frame],
+        "track_id": [f"object-{k}" for k in track.tolist()],
+        "object_class": classes[track],
+        "status": status,
+        "reason": pa.array(_choice(reference, [str(r) for r in IgnoreReason], count), mask=~ignored),
+        "category": pa.array(categories[track], mask=status == str(Status.STATIC)),
+        "direction": pa.array(_choice(reference, [str(d) for d in Direction], count), mask=~known),
+        "range_m": np.where(known, reference.uniform(0.5, 12, count), np.nan),
+        "x_m": np.where(known, reference.normal(4, 3, count), np.nan),
+        "y_m": np.where(known, reference.normal(0, 3, count), np.nan),
+        "speed_mps": np.abs(reference.normal(5, 3, count)),
+        "ego_speed_mps": np.asarray(frames["ego_speed_mps"])[of_frame],
+        "points": np.where(known, reference.integers(10, 4_000, count), 0),
+        "polygon_px": region,
+        "region_px": region,
+        "tp": tp,
+        "fn": region - tp,
+        "fp": _part(method, np.where(evaluated, 100_000, 0)),
+        "unknown_px": np.zeros(count, dtype=np.int64),
+        "ceiling_tp": pa.nulls(count, pa.int64()),
+        "ceiling_fp": pa.nulls(count, pa.int64()),
+        "chance_tp": pa.array(_part(method, region), mask=~evaluated | (method.random(count) < 0.05)),
+    }
+    return pa.table(columns, schema=OBJECTS_SCHEMA)
+
+
+def _part(draw: np.random.Generator, whole: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A random share of each count."""
+    return np.floor(draw.random(len(whole)) * (whole + 1)).astype(np.int64)
+
+
+def _choice(draw: np.random.Generator, words: Sequence[str], count: int) -> NDArray[np.str_]:
+    return np.array([str(word) for word in words])[draw.integers(0, len(words), count)]
+
 
 OUTLINE_M = ((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9))
 MB = 1024 if sys.platform == "linux" else 1024 * 1024  # `ru_maxrss` counts kilobytes there, bytes on macOS
@@ -51,21 +174,20 @@ class Spent:
 
 def summarise_run(one: Path, _: Path) -> None:
     """Steps that end a run: summary, digest of the reference, threshold-free metrics."""
-    rules = load_protocol("paper-v1")
-    sums = sum_run(*open_tables(one), protocol=rules)
+    sums = sum_run(*open_tables(one), protocol=PAPER)
     write_sums(sums, one / SUMS)
-    metrics = summary_of(sums, protocol=rules)
+    metrics = summary_of(sums, protocol=PAPER)
     manifest = Manifest(
         dataset=DatasetOfRun(name="drawn", card="drawn.yaml", split=None),
         method=MethodOfRun.of(build_method("nothing")),
-        protocol=ProtocolOfRun(name=rules.name, version=rules.version, digest=rules.digest),
+        protocol=ProtocolOfRun(name=PAPER.name, version=PAPER.version, digest=PAPER.digest),
         code=CodeOfRun.here(),
     )
     provenance = Provenance(
         started_utc="2026-01-02T03:04", seconds=1.0, images=metrics.images.evaluated,
         images_asked=0, workers=1, peak_memory_mb=1.0,
     )  # fmt: skip
-    write_run(one, metrics, manifest=manifest, protocol=rules, provenance=provenance, vehicle_outline_m=OUTLINE_M)
+    write_run(one, metrics, manifest=manifest, protocol=PAPER, provenance=provenance, vehicle_outline_m=OUTLINE_M)
 
 
 STEPS: dict[str, Callable[[Path, Path], object]] = {
@@ -88,8 +210,8 @@ def write_runs(folder: Path, *, object_frames: int) -> tuple[Path, Path]:
 
 def measure(step: str, runs: tuple[Path, Path], *, rows_at_once: int = rows.ROWS_AT_ONCE) -> Spent:
     """Run a step in a process of its own."""
-    command = [sys.executable, "-m", "benchmarks.large_run", "--step", step, "--rows-at-once", str(rows_at_once)]
-    done = subprocess.run([*command, *map(str, runs)], check=True, capture_output=True, text=True, timeout=3600)
+    command = [sys.executable, "-m", "benchmarks.large_run", step, str(rows_at_once), *map(str, runs)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=3600)
     return Spent(**json.loads(done.stdout.splitlines()[-1]))
 
 
@@ -104,25 +226,14 @@ def _run_step(step: str, runs: tuple[Path, Path]) -> Spent:
 
 
 def main() -> None:
-    """Measure all steps and print them, or run one."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("runs", nargs="*", type=Path, help="two runs that are there; drawn without them")
-    parser.add_argument("--object-frames", type=int, default=10_000_000)
-    parser.add_argument("--rows-at-once", type=int, default=rows.ROWS_AT_ONCE)
-    parser.add_argument("--step", choices=sorted(STEPS))
+    """Run a step, and print what it took."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("step", choices=sorted(STEPS))
+    parser.add_argument("rows_at_once", type=int)
+    parser.add_argument("runs", nargs=2, type=Path)
     asked = parser.parse_args()
     rows.ROWS_AT_ONCE = asked.rows_at_once
-    if asked.step:
-        spent = _run_step(asked.step, tuple(asked.runs))
-        sys.stdout.write(json.dumps(asdict(spent)))
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        runs = tuple(asked.runs) or write_runs(Path(folder), object_frames=asked.object_frames)
-        objects, frames = open_tables(runs[0])
-        told = f"{len(objects):,} object-frames, {len(frames):,} images, {len(frames.recordings()):,} recordings\n"
-        sys.stdout.write(told)
-        for step in STEPS:
-            sys.stdout.write(f"{step}: {measure(step, runs, rows_at_once=asked.rows_at_once)}\n")
+    sys.stdout.write(json.dumps(asdict(_run_step(asked.step, tuple(asked.runs)))))
 
 
 if __name__ == "__main__":

@@ -1,19 +1,15 @@
 """All figures of speed and memory in one go: `python -m benchmarks.measure_all --out reports/perf.md`.
 
-Times of single functions are those of the processor, in turns; times of whole runs are on the clock.
+Times of single functions are those of the processor, in turns; a run prints its own time and memory.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import platform
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -94,48 +90,10 @@ def reports(_: Path) -> str:
     return table(["10,000 object-frames", "s", "processor s", "peak MB"], rows)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunCost:
-    """Cost of a whole command: seconds on the clock, images that were scored, MB of the largest process that scored."""
-
-    seconds: float
-    images: int
-    peak_mb: float
-
-
-def run_cost(card: Path, *options: object) -> RunCost:
-    """Run the command in a process of its own; it computes everything."""
-    with tempfile.TemporaryDirectory() as folder:
-        out, start = Path(folder) / "run", time.perf_counter()
-        words = ["run", card, "--out", out, "--no-pictures", *options]
-        subprocess.run([sys.executable, "-m", "bench", *map(str, words)], check=True, stdout=subprocess.DEVNULL)
-        seconds = time.perf_counter() - start
-        made = json.loads((out / "paper-v1" / "summary.json").read_text())["provenance"]
-    return RunCost(seconds=seconds, images=made["images"], peak_mb=made["peak_memory_mb"])
-
-
-def efficiency(card: Path) -> str:
-    """One process against one per core: the best of three in turns, so that both meet the same machine."""
-    costs: dict[int, list[RunCost]] = {1: [], usable_cores(): []}
-    for _ in range(3):
-        for workers, of_workers in costs.items():
-            of_workers.append(run_cost(card, "--workers", workers))
-    one, several = (min(of_workers, key=lambda cost: cost.seconds) for of_workers in costs.values())
-    rows = [
-        ["1 process, s", one.seconds],
-        [f"{usable_cores()} processes, s", several.seconds],
-        ["images per second", several.images / several.seconds],
-        ["**efficiency** (aim: 0.9)", f"**{one.seconds / several.seconds / usable_cores():.3f}**"],
-        ["peak MB of a process", several.peak_mb],
-    ]
-    return table([f"whole commands, {several.images} images", ""], rows)
-
-
 SECTIONS: dict[str, tuple[str, Callable[[Path], str]]] = {
     "stages": ("From file to counts, against the flow alone", stages),
     "reference": ("Reference by protocol", reference),
     "reports": ("Reports", reports),
-    "parallel": ("Side by side", efficiency),
 }
 
 
@@ -151,7 +109,7 @@ def main() -> None:
         "# Speed and memory",
         f"{usable_cores()} cores, {platform.machine()}, {platform.system()}, Python {platform.python_version()}, "
         f"{libraries}. Times of single functions are those of the processor, of pieces of work that took turns; times "
-        "of whole commands are on the clock.",
+        "of reports are on the clock, too.",
     ]
     for name in asked.only:
         title, measured = SECTIONS[name]

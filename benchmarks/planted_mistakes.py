@@ -1,12 +1,10 @@
 """Mistakes that people make with a drive of their own, planted into rendered drives: what `validate` says of each.
 
-python -m benchmarks.planted_mistakes writes the table into reports/studies/planted-mistakes.md, with --only some of
-its rows; with
---clean CARD it counts what is found in drives without mistakes, with --scores it tells by how much a mistake changes
-scores. Each mistake goes into a copy of each drive of planted.scenario.yaml that it can be told in, and the copy is
-validated. A mistake is found with the right lead where a finding that the clean drive does not have names the cause
-(`Mistake.lead`), weakly where findings name something else; without one the report may say that the drive cannot tell
-(`UNKNOWN`), else the mistake is silent.
+python -m benchmarks.planted_mistakes writes the table into reports/studies/planted-mistakes.md, with --only some of its
+rows; with --scores it tells by how much a mistake changes scores. Each mistake goes into a copy of each drive of
+planted.scenario.yaml that it can be told in, and the copy is validated. A mistake is found with the right lead where a
+finding that the clean drive does not have names the cause (`Mistake.lead`), weakly where findings name something else;
+without one the report may say that the drive cannot tell (`UNKNOWN`), else the mistake is silent.
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ import re
 import shutil
 import sys
 import tempfile
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -26,7 +23,6 @@ from pathlib import Path
 import pandas as pd
 
 import bench
-from bench.recordings import load_card, open_dataset
 from bench.recordings.native import native_recordings
 from bench.synthesis import synthesize
 from bench.threads import use_one_thread
@@ -178,36 +174,14 @@ def table(counts: pd.DataFrame, drives: Sequence[str]) -> Iterator[str]:
         yield f"| {mistake} | {part} | {' | '.join(map(str, numbers))} |"
 
 
-def false_alarms(card: str, workers: int) -> Iterator[str]:
-    """Lines about the recordings of a clean data set that have findings, and the number of findings by check."""
-    handles = open_dataset(load_card(card))
-    checks: Counter[str] = Counter()
-    alarmed = 0
-    with ProcessPoolExecutor(workers, initializer=use_one_thread) as pool:
-        for report in pool.map(validate_recording, handles):
-            checks.update(finding.check for finding in report.findings)
-            alarmed += bool(report.findings)
-            yield f"{report.name}: {len(report.findings)} findings"
-            for finding in report.findings:
-                yield f"    {text_of(finding)}"
-    counts = ", ".join(f"{check} {times}" for check, times in checks.most_common())
-    yield f"{alarmed} of {len(handles)} recordings with findings: {counts or 'none'}"
-
-
 def main() -> None:
     """Render the drives, plant the mistakes, write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=HERE.parent / "datasets" / "data" / "planted")
     parser.add_argument("--only", default="", help="regular expression of mistakes' names or parts; other rows stay")
-    parser.add_argument("--clean", metavar="CARD", help="validate a data set without mistakes instead")
     parser.add_argument("--scores", action="store_true", help="print by how much each mistake changes scores instead")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
-    if asked.clean:
-        for line in false_alarms(asked.clean, asked.workers):
-            sys.stdout.write(f"{line}\n")
-            sys.stdout.flush()
-        return
     synthesize(SCENARIO, asked.data, workers=asked.workers)
     drives = {folder.name: folder for folder in sorted(asked.data.iterdir()) if (folder / "recording.json").is_file()}
     tasks = [

@@ -29,8 +29,7 @@ import typer.main
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 import bench  # noqa: E402 - of this checkout, wherever mkdocs is started
-from bench.commands.app import app  # noqa: E402
-from bench.commands.examples import EXAMPLES  # noqa: E402
+from bench.commands.app import EXAMPLES, app  # noqa: E402
 from bench.commands.schemas import OPTIONS, SCHEMAS, json_schema  # noqa: E402
 
 LINK = re.compile(r"(\]\()([^)#\s]+)([^)\s]*\))")

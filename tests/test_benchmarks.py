@@ -1,12 +1,9 @@
 """What `make perf` times does the work it says; no time is asserted here."""
 
-import pytest
-
 from bench.evaluation import load_protocol
 from bench.flow import DisFlow
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
-from benchmarks.measure_all import run_cost
 from benchmarks.stages import measure, reference_ms
 
 
@@ -32,10 +29,3 @@ def test_stages_are_timed_beside_any_flow(tiny_card):
 def test_references_are_timed_by_each_protocol(tiny_card):
     spent = reference_ms(recordings(tiny_card), ("paper-v1", "surface-v1"))
     assert all(spent[name] > 0.0 for name in ("paper-v1", "surface-v1"))
-
-
-@pytest.mark.slow
-def test_a_run_tells_what_it_cost(tiny_card):
-    cost = run_cost(tiny_card, "--method", "nothing", "--workers", 2)
-    assert cost.images == 12
-    assert 50 < cost.peak_mb < 2000

@@ -2,7 +2,7 @@
 
 ```
 data/<split>/<odd>/<sequence>/
-  sensor/calibration/calibration.json           per camera: MEI or pinhole model and RT_body_from_sensor
+  sensor/calibration/calibration.json           per camera: model and RT_body_from_sensor; MEI's are evaluated
   sensor/camera/<CAMERA>/<CAMERA>_<frame>.jpg
   dynamic/raw-revolutions/frame_<frame>.laz     body frame at each point's own time; gps_time in ns
   dynamic/box/3d_body/frame_<frame>.json        time of the frame and tracked boxes
@@ -29,15 +29,15 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, field_validator
+from pydantic import BeforeValidator, Field
 from scipy.spatial.transform import Rotation
 
 from bench.atomic import linked_folder, path_inside
-from bench.cameras import camera_from_parameters
+from bench.cameras import UnifiedCamera
 from bench.egomotion import Trajectory, read_bus_signals
 from bench.errors import DataError
 from bench.geometry import RigidTransform
@@ -46,7 +46,16 @@ from bench.recordings.annotations import read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.files import framed_files, read_object
 from bench.recordings.mounting import FisheyeOptions, Polygon
-from bench.recordings.validation import FileModel, SidePx, TimeNs, located, read_json, validated
+from bench.recordings.validation import (
+    FileModel,
+    ForeignModel,
+    SidePx,
+    TimeNs,
+    located,
+    read_json,
+    validated,
+    whole_from_text,
+)
 from bench.records.recording import (
     COMPLETELY,
     Cuboid,
@@ -61,7 +70,6 @@ from bench.records.recording import (
 
 CALIBRATION, EGO_MOTION = "sensor/calibration/calibration.json", "sensor/gnssins/egomotion.json"
 BOXES, SWEEPS = "dynamic/box/3d_body", "dynamic/raw-revolutions"
-MODELS = ("mei", "opencv_pinhole")
 POSE = "RT_ECEF_body"
 FRAME_INTERVAL_NS = 66_666_667
 AXES_M = np.array([6_378_137.0, 6_378_137.0, 6_356_752.3142])  # of the WGS 84 ellipsoid
@@ -89,18 +97,16 @@ class AimotiveOptions(FisheyeOptions[str]):
     """The card's `options`.
 
     Attributes:
-        cameras: those to evaluate; null for every camera that has images.
+        cameras: those to evaluate; null for every fisheye camera that has images.
         ego_motion: where ego-motion comes from; null for the data set's own `egomotion.json`.
         ground_height_m: height of the road in the body frame.
         vehicle_outline_m: the ego vehicle seen from above, body frame, where the size of the ego vehicle is known.
-        licence: of the data.
     """
 
     cameras: tuple[str, ...] | None = None
     ego_motion: EgoMotionOptions | None = None
     ground_height_m: float = 0.0
     vehicle_outline_m: Polygon = Field(default=((-1.1, -0.95), (3.9, -0.95), (3.9, 0.95), (-1.1, 0.95)), min_length=3)
-    licence: str = "CC BY-NC-SA 4.0"
 
 
 def aimotive_recordings(
@@ -149,7 +155,6 @@ def open_aimotive(root: Path, folder: Path, options: AimotiveOptions, *, annotat
     return Recording(
         name=folder.name,
         root=root,
-        licence=options.licence,
         frame_interval_ns=FRAME_INTERVAL_NS,
         cameras=cameras,
         images=images,
@@ -176,19 +181,17 @@ def _timed(paths: Mapping[int, Path], times_ns: Mapping[int, int]) -> Iterator[t
 # Calibration
 
 
-class SensorCalibration(FileModel):
+class SensorCalibration(ForeignModel):
     """The key of any sensor's calibration that is used; the file has many more."""
-
-    model_config = ConfigDict(extra="ignore")
 
     RT_body_from_sensor: tuple[tuple[float, float, float, float], ...] = Field(min_length=4, max_length=4)
 
 
 class CameraCalibration(SensorCalibration):
-    """The keys of a camera's calibration that are used."""
+    """The keys of a fisheye camera's calibration that are used."""
 
-    model: str
-    xi: float | None = None
+    model: Literal["mei"]
+    xi: float
     focal_length_px: tuple[float, float]
     principal_point_px: tuple[float, float]
     distortion_coeffs: tuple[float, ...] = Field(min_length=4)
@@ -219,9 +222,10 @@ def read_calibration(
     names = options.cameras
     if names is None:
         present = sorted(path.name for path in folder.glob("sensor/camera/*") if path.is_dir())
-        names = tuple(name for name in present if _is_evaluated(content.get(name)))
+        # An entry that is missing or no object is reported below.
+        names = tuple(n for n in present if not isinstance(e := content.get(n), dict) or e.get("model") == "mei")
     if not names:
-        raise DataError(folder / "sensor/camera", expected="images of a camera with a known model", got="none")
+        raise DataError(folder / "sensor/camera", expected="images of a fisheye camera", got="none")
     for name in names:
         if name not in content:
             raise DataError(file, field=name, expected="a calibration of this camera", got="none")
@@ -234,38 +238,26 @@ def read_calibration(
         return cameras, RigidTransform.from_matrix(entry.RT_body_from_sensor)
 
 
-def _is_evaluated(entry: Any) -> bool:
-    """A camera of a known model, and an entry that is missing or no object, so that it is reported."""
-    return not isinstance(entry, dict) or entry.get("model") in MODELS
-
-
 def _camera(name: str, content: Mapping[str, Any], file: Path, options: AimotiveOptions) -> MountedCamera:
     entry = validated(CameraCalibration, content, file=file, field=name)
-    if entry.model not in MODELS:
-        raise DataError(file, field=f"{name}.model", expected=" or ".join(map(repr, MODELS)), got=repr(entry.model))
-    k1, k2, p1, p2, k3 = (*entry.distortion_coeffs, 0.0)[:5]
-    if any(entry.distortion_coeffs[5:]) or (k3 and entry.model == "mei"):
-        expected = "k1, k2, p1, p2, 0" if entry.model == "mei" else "k1, k2, p1, p2, k3"
-        got = "further ones that are not 0"
+    k1, k2, p1, p2, *others = entry.distortion_coeffs
+    if any(others):
+        expected, got = "k1, k2, p1, p2, 0", "further ones that are not 0"
         raise DataError(file, field=f"{name}.distortion_coeffs", expected=expected, got=got)
-    if entry.xi is None and entry.model == "mei":
-        raise DataError(file, field=f"{name}.xi", expected="a value", got="nothing")
     with located(file, name):
         vehicle_from_camera = RigidTransform.from_matrix(entry.RT_body_from_sensor)
-        lens: dict[str, Any] = {
-            "width": entry.image_resolution_px[0],
-            "height": entry.image_resolution_px[1],
-            "focal": entry.focal_length_px,
-            "principal_point": entry.principal_point_px,
-            "tangential": (p1, p2),
-            "max_angle_rad": options.max_angle_rad(name),
-        }
-        if entry.model == "mei":
-            model = camera_from_parameters("unified", **lens, xi=entry.xi, radial=(k1, k2))
-        else:
-            model = camera_from_parameters("brown_conrady", **lens, radial=(k1, k2, k3))
+        lens = UnifiedCamera(
+            width=entry.image_resolution_px[0],
+            height=entry.image_resolution_px[1],
+            xi=entry.xi,
+            focal=entry.focal_length_px,
+            principal_point=entry.principal_point_px,
+            radial=(k1, k2),
+            tangential=(p1, p2),
+            max_angle_rad=options.max_angle_rad(name),
+        )
     return options.mounted(
-        name, model, vehicle_from_camera, ground_height_m=options.ground_height_m, file=file, field=name
+        name, lens, vehicle_from_camera, ground_height_m=options.ground_height_m, file=file, field=name
     )
 
 
@@ -285,15 +277,16 @@ def _own_trajectory(root: Path, folder: Path, times_ns: Mapping[int, int]) -> Tr
     """
     file = folder / EGO_MOTION
     content = read_object(root, file, expected="poses by frame number")
-    poses = {int(key): _pose(entry, key, file) for key, entry in content.items() if _is_wanted(key, times_ns)}
-    frames = sorted(poses)
-    if len(frames) < 2:
+    keys = {int(key): key for key in content if key.isascii() and key.isdigit() and len(key) < 10}
+    frames = sorted(keys.keys() & times_ns.keys())
+    poses = [_pose(content[keys[frame]], f"{keys[frame]}.{POSE}", file) for frame in frames]
+    if len(poses) < 2:
         expected = f"poses of two frames at least, of those from {min(times_ns)} to {max(times_ns)}"
-        raise DataError(file, expected=expected, got=str(len(frames)))
-    start_m = poses[frames[0]].translation_m
+        raise DataError(file, expected=expected, got=str(len(poses)))
+    start_m = poses[0].translation_m
     upright = _upright(start_m)
     world_from_earth = RigidTransform(upright, -upright @ start_m)
-    placed = [world_from_earth @ poses[frame] for frame in frames]
+    placed = [world_from_earth @ pose for pose in poses]
     return Trajectory(
         source=str(file),
         timestamps_ns=np.array([times_ns[frame] for frame in frames], dtype=np.int64),
@@ -302,12 +295,7 @@ def _own_trajectory(root: Path, folder: Path, times_ns: Mapping[int, int]) -> Tr
     )
 
 
-def _is_wanted(key: str, times_ns: Mapping[int, int]) -> bool:
-    return key.isascii() and key.isdigit() and len(key) < 10 and int(key) in times_ns
-
-
-def _pose(entry: Any, key: str, file: Path) -> RigidTransform:
-    field = f"{key}.{POSE}"
+def _pose(entry: Any, field: str, file: Path) -> RigidTransform:
     try:
         with located(file, field):
             return RigidTransform.from_matrix(np.array(entry[POSE], dtype=np.float64))
@@ -317,9 +305,9 @@ def _pose(entry: Any, key: str, file: Path) -> RigidTransform:
 
 def _upright(position_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation that turns the local vertical at a place on the earth to z; which way x looks does not matter."""
-    up = position_m / AXES_M**2
     if not np.linalg.norm(position_m) > 1_000_000.0:  # a local frame, with z up already
         return np.eye(3)
+    up = position_m / AXES_M**2
     up = up / np.linalg.norm(up)
     east = np.cross([0.0, 0.0, 1.0], up) if abs(up[2]) < 0.99 else np.cross([1.0, 0.0, 0.0], up)
     east /= np.linalg.norm(east)
@@ -329,10 +317,8 @@ def _upright(position_m: NDArray[np.float64]) -> NDArray[np.float64]:
 # Boxes
 
 
-class Box(FileModel):
-    """One object of a box file; keys that are not used are passed over."""
-
-    model_config = ConfigDict(extra="ignore")
+class Box(ForeignModel):
+    """One object of a box file."""
 
     object_id: int = Field(alias="ObjectId")
     object_type: str = Field(alias="ObjectType")
@@ -354,14 +340,8 @@ class Box(FileModel):
 class BoxFile(FileModel):
     """The boxes of one frame."""
 
-    timestamp_ns: TimeNs = Field(alias="Timestamp")
+    timestamp_ns: Annotated[TimeNs, BeforeValidator(whole_from_text)] = Field(alias="Timestamp")
     boxes: tuple[Box, ...] = Field(alias="CapturedObjects")
-
-    @field_validator("timestamp_ns", mode="before")
-    @classmethod
-    def _from_text(cls, value: object) -> object:
-        """The data set writes times as text."""
-        return int(value) if isinstance(value, str) and value.isascii() and value.isdigit() else value
 
 
 def _box_files(root: Path, folder: Path) -> dict[int, BoxFile]:
@@ -371,15 +351,14 @@ def _box_files(root: Path, folder: Path) -> dict[int, BoxFile]:
     if not files:
         raise DataError(place, expected="files frame_<number>.json, which hold the times of frames", got="none")
     frames: dict[int, BoxFile] = {}
-    last_ns: int | None = None
+    before: BoxFile | None = None
     for number, file in files.items():
-        content = read_json(BoxFile, file)
+        frames[number] = content = read_json(BoxFile, file)
         _check_objects(content, file)
-        if last_ns is not None and content.timestamp_ns <= last_ns:
-            got = f"{content.timestamp_ns} after {last_ns}"
+        if before is not None and content.timestamp_ns <= before.timestamp_ns:
+            got = f"{content.timestamp_ns} after {before.timestamp_ns}"
             raise DataError(file, field="Timestamp", expected="times that increase", got=got)
-        last_ns = content.timestamp_ns
-        frames[number] = content
+        before = content
     return frames
 
 

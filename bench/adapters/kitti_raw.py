@@ -17,11 +17,18 @@ What is translated here, once:
 - Each sensor has its own times of frames, of one clock. A scan has the time at which the scanner faces forward, when it
   triggers the cameras; it turns to the left, so that a point at azimuth a was measured a/(2 pi) of a turn later.
 - Latitude and longitude become metres by a Mercator projection that is true to scale at the first frame.
-- A tracklet's boxes are those of the scans with its frame numbers; how they move is taken from their places.
+- A tracklet's boxes are those of the scans with its frame numbers: its first frame plus the number of the pose. Length
+  is along x, width along y, height along z, and the place is the middle of the bottom. How they move is taken from
+  their places.
 - A drive without tracklets is not annotated. Tracklets are of what the cameras see.
 
+Of a pose in `tracklet_labels.xml`, `state` is 0 unset, 1 interpolated, 2 labelled; `occlusion` -1 unset, 0 visible, 1
+partly, 2 fully; `truncation` -1 unset, 0 in the image, 1 cut off (some tools write the share), 2 outside, 99 behind.
+Other tools write files of the same tags with other meanings (`bench.annotation.formats.tracklets`).
+
 Sources:
-    The raw data's readme and development kit (`convertOxtsToPose.m`, `run_demoVelodyne.m`, `readTracklets.m`).
+    The raw data's readme and development kit (`convertOxtsToPose.m`, `run_demoVelodyne.m`, `tracklets.h`,
+    `readTracklets.m`).
 """
 
 from __future__ import annotations
@@ -29,17 +36,18 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.kitti360.files import read_clock, read_turn
-from bench.adapters.tracklets import UNSET, Tracklet, read_tracklets, upright_box
+from bench.adapters.kitti_files import read_clock, read_turn
 from bench.atomic import linked_folder, refuse_escape
 from bench.cameras import PinholeCamera
 from bench.egomotion import Trajectory
@@ -47,7 +55,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
-from bench.recordings.files import framed_files, numbers, read_text
+from bench.recordings.files import framed_files, numbers, read_text, xml_parts
 from bench.recordings.mounting import CameraOptions, Polygon
 from bench.recordings.validation import located, validated
 from bench.records.recording import (
@@ -70,6 +78,13 @@ SCANS, MOTION, TRACKLETS = "velodyne_points", "oxts", "tracklet_labels.xml"
 LARGEST_CALIBRATION_BYTES = 100_000
 OXTS_FIELDS = 30  # latitude, longitude (degrees), altitude (m), roll, pitch, yaw (rad, yaw from east to the left), ...
 EARTH_M = 6_378_137.0
+LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
+DEEPEST = 12  # levels of nested elements; the format has six, attributes that tools add two more
+UNSET, LABELLED = 0, 2
+CUT_OFF, OUTSIDE = 1, (2, 99)  # truncation
+ID_ATTRIBUTE = "id"
+POSE = ("tx", "ty", "tz", "rx", "ry", "rz")
+UPRIGHT_RAD = 1e-6
 CLASSES = {
     "Car": "vehicle", "Van": "vehicle", "Truck": "vehicle", "Tram": "vehicle", "Misc": "vehicle",
     "Pedestrian": "pedestrian", "Person (sitting)": "pedestrian", "Cyclist": "cyclist",
@@ -83,13 +98,11 @@ class KittiRawOptions(CameraOptions[CameraName]):
         cameras: those to evaluate, of those that are there.
         lidar_position_m: the laser scanner in the vehicle frame.
         vehicle_outline_m: the ego vehicle seen from above, vehicle frame.
-        licence: of the data.
     """
 
     cameras: tuple[CameraName, ...] = Field(default=("image_02",), min_length=1)
     lidar_position_m: tuple[float, float, float] = (0.76, 0.0, 1.73)
     vehicle_outline_m: Polygon = Field(default=((-1.0, -0.91), (3.8, -0.91), (3.8, 0.91), (-1.0, 0.91)), min_length=3)
-    licence: str = "CC BY-NC-SA 3.0"
 
 
 def kitti_raw_recordings(
@@ -136,7 +149,6 @@ def open_kitti_raw(root: Path, folder: Path, options: KittiRawOptions, *, annota
     return Recording(
         name=folder.name,
         root=root,
-        licence=options.licence,
         frame_interval_ns=images[names[0]][1],
         cameras=cameras,
         images={
@@ -238,6 +250,132 @@ def _trajectory(root: Path, folder: Path, vehicle_from_imu: RigidTransform) -> T
         rotations=rotations,
         positions_m=positions_m - positions_m[0],
     )
+
+
+# Tracklets
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackletPose:
+    """An object in one frame; numbers as the file has them.
+
+    Attributes:
+        number: of the frame.
+        place_m: tx, ty, tz in the frame of the lidar.
+        angles_rad: rx, ry, rz.
+        state: see the module.
+        occlusion: see the module.
+        truncation: see the module.
+    """
+
+    number: int
+    place_m: tuple[float, ...]
+    angles_rad: tuple[float, ...]
+    state: int
+    occlusion: int
+    truncation: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracklet:
+    """An object.
+
+    Attributes:
+        label: class, as the tool calls it.
+        hwl_m: what the file calls h, w and l.
+        poses: by frame.
+        name: the object's id; empty where it has none.
+        not_read: how many other attributes it and its poses carry.
+    """
+
+    label: str
+    hwl_m: tuple[float, ...]
+    poses: tuple[TrackletPose, ...]
+    name: str
+    not_read: int
+
+
+def read_tracklets(file: Path) -> tuple[Tracklet, ...]:
+    """Read a file of tracklets; what it states as counts is not used.
+
+    Raises:
+        DataError: missing, cut short, not XML, with entities, nested too deeply, a number that is missing or none,
+            nothing in it but a count of 0.
+    """
+    tracklets: list[Tracklet] = []
+    counts: list[str] = []
+    for element in xml_parts(
+        file,
+        level=2,
+        parts="tracklets",
+        largest_bytes=LARGEST_ITEM_BYTES,
+        deepest=DEEPEST,
+        outer=("boost_serialization", "tracklets"),
+    ):
+        if element.tag == "count":
+            counts.append((element.text or "").strip())
+        elif element.tag == "item":
+            tracklets.append(_tracklet(element, file, f"tracklets.item {len(tracklets)}"))
+    if not tracklets and counts != ["0"]:
+        raise DataError(file, field="tracklets", expected="tracklets, or a count of 0", got="neither")
+    return tuple(tracklets)
+
+
+def _tracklet(item: Element, file: Path, field: str) -> Tracklet:
+    label = (item.findtext("objectType") or "").strip()
+    if not label:
+        raise DataError(file, field=f"{field}.objectType", expected="a class", got="nothing")
+    hwl_m = tuple(_number(item, name, file, field) for name in "hwl")
+    if min(hwl_m) <= 0:
+        raise DataError(file, field=f"{field}.h, w, l", expected="sizes above 0", got=str(hwl_m))
+    attributes = [(entry.findtext("name"), (entry.findtext("value") or "").strip()) for entry in item.iter("attribute")]
+    names = [value for name, value in attributes if name == ID_ATTRIBUTE]
+    first = _whole(item, "first_frame", file, field)
+    entries = item.findall("poses/item")
+    poses = tuple(_pose(entry, first + j, file, f"{field}.poses.item {j}") for j, entry in enumerate(entries))
+    name = next(filter(None, names), "")
+    return Tracklet(label=label, hwl_m=hwl_m, poses=poses, name=name, not_read=len(attributes) - len(names))
+
+
+def _pose(entry: Element, number: int, file: Path, field: str) -> TrackletPose:
+    tx, ty, tz, rx, ry, rz = (_number(entry, name, file, field) for name in POSE)
+    share = re.fullmatch(r"0?\.[0-9]{1,20}", (entry.findtext("truncation") or "").strip())
+    return TrackletPose(
+        number=number,
+        place_m=(tx, ty, tz),
+        angles_rad=(rx, ry, rz),
+        state=_whole(entry, "state", file, field, default=LABELLED),
+        occlusion=_whole(entry, "occlusion", file, field, default=-1),
+        truncation=CUT_OFF if share else _whole(entry, "truncation", file, field, default=-1),
+    )
+
+
+def _number(element: Element, name: str, file: Path, field: str) -> float:
+    return numbers((element.findtext(name) or "").split(), 1, file=file, field=f"{field}.{name}")[0]
+
+
+def _whole(element: Element, name: str, file: Path, field: str, default: int | None = None) -> int:
+    text = element.findtext(name)
+    if text is None and default is not None:
+        return default
+    text = (text or "").strip()
+    if not re.fullmatch(r"-?[0-9]{1,9}", text):
+        got = repr(text[:40]) if text else "nothing"
+        raise DataError(file, field=f"{field}.{name}", expected="a whole number", got=got)
+    return int(text)
+
+
+def upright_box(pose: TrackletPose, height_m: float, file: Path, field: str) -> RigidTransform:
+    """Pose of the box's centre in the frame of the lidar.
+
+    Raises:
+        DataError: a box that is tilted.
+    """
+    rx, ry, rz = pose.angles_rad
+    if max(abs(rx), abs(ry)) > UPRIGHT_RAD:
+        hint = "files of CVAT, which turns boxes about all axes, are read as cvat"
+        raise DataError(file, field=f"{field}.rx, ry", expected="0", got=f"{rx:.4g} and {ry:.4g}", hint=hint)
+    return RigidTransform.from_yaw(rz, np.add(pose.place_m, (0.0, 0.0, height_m / 2.0)))
 
 
 def _tracks(

@@ -15,7 +15,6 @@ What is translated here, once:
   principal point is an offset from the middle of the image.
 - Vehicle data are text: microseconds, km/h and degrees per second (#55). Over the pair the car runs an arc.
   Acceleration and steering are of unknown unit and not read.
-- The cars that drove are identified by the index; each can have its own outlines of its body (`cars` in the card).
 - Any value of a mask that is not 0 moves; names and numbers of its classes do not line up. There is no lidar, so
   range, speed and kind of motion are unknown.
 - Archives, readme and loader disagree on the folders (#16): a file is looked for in each of them.
@@ -27,13 +26,12 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from os import scandir
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from bench.atomic import linked_folder, refuse_escape
 from bench.cameras import RadialPolynomialCamera
@@ -42,47 +40,33 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.catalogue import RecordingHandle
 from bench.recordings.mounting import FisheyeOptions, Polygon, Quaternion
-from bench.recordings.validation import LARGEST_SIDE_PX, FileModel, in_order, located, read_json, validated
+from bench.recordings.validation import (
+    LARGEST_SIDE_PX,
+    FileModel,
+    ForeignModel,
+    located,
+    read_json,
+    validated,
+    whole_from_text,
+)
 from bench.records.recording import COMPLETELY, ImageRef, MountedCamera, Recording
 
 CameraName = Literal["FV", "RV", "MVL", "MVR"]
-Index = Annotated[int, Field(ge=0, le=99_999)]
 
 # Of a pair: the annotated image, the one before it, what moves in the annotated one, the calibration of the camera, and
 # speed and yaw rate at both images.
 Kind = Literal["current", "previous", "mask", "calibration", "vehicle", "vehicle_before"]
-# Folders, the likeliest first. Archives unpacked into a folder of their own name give a folder twice.
-PLACES: Mapping[Kind, tuple[str, ...]] = {
-    "current": ("rgb_images", "rgb_images/rgb_images"),
-    "previous": ("previous_images", "previous_images/previous_images"),
-    "mask": (
-        "motion_annotations/gtLabels",
-        "motion_annotations/motion_annotations/gtLabels",
-        "motion_annotations",
-        "motion_annotations/motion_annotations",
-    ),
-    "calibration": (
-        "calibration_data/calibration",
-        "calibration",
-        "calibration_data",
-        "calibration/calibration",
-        "calibration_data/calibration_data",
-        "calibration_data/calibration_data/calibration",
-    ),
-    "vehicle": (
-        "vehicle_data/rgb_images",
-        "vehicle_info/rgb_images",
-        "vehicle_data",
-        "vehicle_info",
-        "vehicle_data/vehicle_data/rgb_images",
-        "vehicle_info/vehicle_info/rgb_images",
-    ),
-    "vehicle_before": (
-        "vehicle_data/previous_images",
-        "vehicle_info/previous_images",
-        "vehicle_data/vehicle_data/previous_images",
-        "vehicle_info/vehicle_info/previous_images",
-    ),
+FOLDERS: Mapping[Kind, tuple[str, ...]] = {  # the likeliest first
+    "current": ("rgb_images",),
+    "previous": ("previous_images",),
+    "mask": ("motion_annotations/gtLabels", "motion_annotations"),
+    "calibration": ("calibration_data/calibration", "calibration", "calibration_data"),
+    "vehicle": ("vehicle_data/rgb_images", "vehicle_info/rgb_images", "vehicle_data", "vehicle_info"),
+    "vehicle_before": ("vehicle_data/previous_images", "vehicle_info/previous_images"),
+}
+PLACES: Mapping[Kind, tuple[str, ...]] = {  # archives unpacked into a folder of their own name give a folder twice
+    kind: (*folders, *(f"{folder.partition('/')[0]}/{folder}" for folder in folders))
+    for kind, folders in FOLDERS.items()
 }
 IMAGE = re.compile(r"(\d{5})_(FV|RV|MVL|MVR)\.png")
 LATEST_US = 9_000_000_000_000_000  # in nanoseconds still an int64
@@ -91,58 +75,18 @@ FASTEST_MPS = 100.0
 LONGEST_NUMBER = 40
 
 
-class CarOptions(FileModel):
-    """One of the cars that the images were taken from; only the index identifies them.
-
-    Attributes:
-        indices: first and last index of its images, both included; null for open.
-        body_polygons: per camera, outlines of this car's own body, (u, v) in stored pixels.
-    """
-
-    indices: Annotated[tuple[Index | None, Index | None], AfterValidator(in_order)] = (None, None)
-    body_polygons: dict[CameraName, tuple[Polygon, ...]] = Field(default_factory=dict)
-
-    @property
-    def span(self) -> tuple[int, int]:
-        """First and last index."""
-        first, last = self.indices
-        return 0 if first is None else first, 99_999 if last is None else last
-
-
 class WoodscapeOptions(FisheyeOptions[CameraName]):
     """The card's `options`.
 
     Attributes:
         cameras: front, rear, left mirror and right mirror.
-        body_polygons: per camera, outlines of the ego vehicle's body in the images of every car, (u, v) in stored
-            pixels.
-        cars: what differs from car to car; an index that none of them has is of a car without outlines of its own.
         vehicle_outline_m: the ego vehicle seen from above, vehicle frame.
         yaw_rate_positive: to which side the car turns where `ego_yawRate` is positive; the data set does not say.
-        licence: of the data.
     """
 
     cameras: tuple[CameraName, ...] = Field(default=("FV", "RV", "MVL", "MVR"), min_length=1)
-    cars: tuple[CarOptions, ...] = ()
     vehicle_outline_m: Polygon = Field(default=((-1.0, -0.95), (3.9, -0.95), (3.9, 0.95), (-1.0, 0.95)), min_length=3)
     yaw_rate_positive: Literal["left", "right"] = "left"
-    licence: str = "Valeo WoodScape licence: research, teaching and benchmarking, not commercial"
-
-    @model_validator(mode="after")
-    def _cars_apart(self) -> WoodscapeOptions:
-        spans = sorted(car.span for car in self.cars)
-        if any(later[0] <= earlier[1] for earlier, later in pairwise(spans)):
-            raise ValueError("cars whose indices do not overlap")
-        return self
-
-    def of_car(self, index: int) -> WoodscapeOptions:
-        """The same with the outlines of the car that an image was taken from."""
-        polygons = dict(self.body_polygons)
-        for car in self.cars:
-            if car.span[0] <= index <= car.span[1]:
-                for name, own in car.body_polygons.items():
-                    polygons[name] = (*polygons.get(name, ()), *own)
-        return self.model_copy(update={"body_polygons": polygons})
 
 
 def woodscape_recordings(
@@ -190,7 +134,7 @@ def open_woodscape(root: Path, pair: str, options: WoodscapeOptions) -> Recordin
         "vehicle": [f"{pair}.json"],
         "vehicle_before": [f"{pair}.json", f"{pair}_prev.json"],  # mostly it has the name of the later one
     }
-    files = {kind: _found(root, PLACES[kind], these, options.follow_links) for kind, these in names.items()}
+    files = {kind: _file(root, PLACES[kind], these, options.follow_links) for kind, these in names.items()}
     camera = read_camera(files["calibration"], pair, options)
     trajectory, times_ns = _arc(files["vehicle_before"], files["vehicle"], options)
     images = (
@@ -200,7 +144,6 @@ def open_woodscape(root: Path, pair: str, options: WoodscapeOptions) -> Recordin
     return Recording(
         name=pair,
         root=root,
-        licence=options.licence,
         frame_interval_ns=times_ns[1] - times_ns[0],
         cameras={camera.name: camera},
         images={camera.name: images},
@@ -213,16 +156,14 @@ def open_woodscape(root: Path, pair: str, options: WoodscapeOptions) -> Recordin
     )
 
 
-def _found(root: Path, folders: tuple[str, ...], names: list[str], levels: int) -> Path:
+def _file(root: Path, folders: tuple[str, ...], names: list[str], levels: int) -> Path:
     """The file of one of the names in one of the folders."""
-    for folder in folders:
-        for name in names:
-            path = root / folder / name
-            if path.is_file():
-                refuse_escape(linked_folder(root, path, levels=levels), path, file=path)
-                return path
-    places = " or ".join(folders)
-    raise DataError(root / folders[0] / names[0], expected=f"a file in {places}", got="none of this name")
+    for path in (root / folder / name for folder in folders for name in names):
+        if path.is_file():
+            refuse_escape(linked_folder(root, path, levels=levels), path, file=path)
+            return path
+    got = "none of this name"
+    raise DataError(root / folders[0] / names[0], expected=f"a file in {' or '.join(folders)}", got=got)
 
 
 # Calibration
@@ -251,10 +192,8 @@ class Intrinsic(FileModel):
     aspect_ratio: float = Field(gt=0)
 
 
-class CalibrationFile(FileModel):
+class CalibrationFile(ForeignModel):
     """A file of `calibration_data`."""
-
-    model_config = ConfigDict(extra="ignore")
 
     name: CameraName
     extrinsic: Extrinsic
@@ -273,8 +212,7 @@ def read_camera(file: Path, pair: str, options: WoodscapeOptions) -> MountedCame
         DataError: missing, of another camera, or not what the format asks for.
     """
     content = read_json(CalibrationFile, file)
-    index, name = pair.split("_")
-    if content.name != name:
+    if content.name != (name := pair.split("_")[1]):
         raise DataError(file, field="name", expected=repr(name), got=repr(content.name))
     x, y, z, w = content.extrinsic.quaternion
     with located(file, content.name):
@@ -282,7 +220,7 @@ def read_camera(file: Path, pair: str, options: WoodscapeOptions) -> MountedCame
         lens = RadialPolynomialCamera.from_woodscape(content.intrinsic.model_dump())
         limit_rad = options.max_angle_rad(content.name)
         model = lens if limit_rad is None else replace(lens, max_angle_rad=limit_rad)
-    return options.of_car(int(index)).mounted(content.name, model, vehicle_from_camera, file=file, field=content.name)
+    return options.mounted(content.name, model, vehicle_from_camera, file=file, field=content.name)
 
 
 # Vehicle data
@@ -298,19 +236,13 @@ def _from_text(value: object) -> object:
         return value
 
 
-def _whole_from_text(value: object) -> object:
-    return int(value) if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 20 else value
-
-
 Number = Annotated[float, BeforeValidator(_from_text)]
 
 
-class VehicleFile(FileModel):
+class VehicleFile(ForeignModel):
     """The keys of a file of `vehicle_data` that are used."""
 
-    model_config = ConfigDict(extra="ignore")
-
-    timestamp: Annotated[int, BeforeValidator(_whole_from_text), Field(ge=0, le=LATEST_US)]
+    timestamp: Annotated[int, BeforeValidator(whole_from_text), Field(ge=0, le=LATEST_US)]
     ego_speed: Number
     ego_yaw_rate: Number = Field(alias="ego_yawRate")
     ego_gear: str = "D"

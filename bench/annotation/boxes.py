@@ -44,11 +44,7 @@ VEHICLE_M = (2.4, 1.3)  # longer or wider than anybody on foot or on a bicycle
 LARGEST_VAN_M = (6.2, 2.5, 2.8)  # length, width with mirrors, height
 VAN_HEIGHT_M, HEAVY_HEIGHT_M = 2.4, 3.3  # of vans, 2.0 to 2.8 m; of lorries and buses, 3.0 to 4.0 m
 FACE_M = 0.5  # of a side of a box, in which returns are on it
-CELL_M, FACE_SEEN, FLANK_SEEN = (
-    0.25,
-    0.5,
-    0.75,
-)  # of a side that returns cover in all sweeps together: of an end, a flank
+CELL_M, FACE_SEEN, FLANK_SEEN = 0.25, 0.5, 0.75  # share that returns cover, in all sweeps, of an end and of a flank
 CYCLIST_M, CYCLIST_MPS = 1.15, 2.2  # longer and faster than anybody on foot
 
 
@@ -265,7 +261,9 @@ class Box:
     def ends_seen(self) -> bool:
         """Returns lie all over both ends, or all along one flank; those at mirrors cover neither."""
         half_m = self.size_m[:2] / 2
-        points = np.concatenate([self._own(i) for i in range(len(self.centres_m))])
+        centres_m = self.centres_m + self.motion.velocity_mps * self.motion.offset_s[:, None]
+        seen = zip(self.motion.points, centres_m, self.yaw_rad, strict=True)
+        points = np.concatenate([(one[:, :2] - centre) @ axes(yaw_rad) for one, centre, yaw_rad in seen])
         share = np.zeros((2, 2))
         for axis, end in np.ndindex(2, 2):
             on_side = points[(2 * end - 1) * points[:, axis] > half_m[axis] - FACE_M, 1 - axis]
@@ -273,13 +271,6 @@ class Box:
             cells = np.histogram(on_side, bins=int(np.ceil(2 * reach_m / CELL_M)), range=(-reach_m, reach_m))[0]
             share[axis, end] = (cells > 0).mean()
         return bool((share[0] >= FACE_SEEN).all() or (share[1] >= FLANK_SEEN).any())
-
-    def _own(self, i: int) -> Floats:
-        """(N, 2) float64, m, returns of a sweep along and across the box from its centre."""
-        ahead = np.array([np.cos(self.yaw_rad[i]), np.sin(self.yaw_rad[i])])
-        centre = self.centres_m[i] + self.motion.velocity_mps[i] * self.motion.offset_s[i]
-        left = np.array([-ahead[1], ahead[0]])
-        return np.asarray((self.motion.points[i][:, :2] - centre) @ np.stack([ahead, left], axis=1))
 
     @property
     def likely_height_m(self) -> float:
@@ -289,6 +280,12 @@ class Box:
             return height_m
         heavy = bool((self.size_m > LARGEST_VAN_M).any())
         return max(height_m, HEAVY_HEIGHT_M if heavy else VAN_HEIGHT_M)
+
+
+def axes(yaw_rad: float) -> Floats:
+    """(2, 2) float64, whose columns are the unit vectors ahead and to the left of a heading."""
+    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[cosine, -sine], [sine, cosine]])
 
 
 def guess_class(size_m: Floats, speed_mps: float) -> ObjectClass:
@@ -391,7 +388,7 @@ def _box(fragment: Fragment, motion: Motion, moving: NDArray[np.bool_], settings
     left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
     ends, cut = [], []
     for i, points in enumerate(motion.points):
-        seen = (points[:, :2] - motion.positions_m[i]) @ np.stack([ahead[i], left[i]], axis=1)
+        seen = (points[:, :2] - motion.positions_m[i]) @ axes(yaw_rad[i])
         ends.append(np.column_stack([[seen[:, 0].min(), seen[:, 0].max()], ends_without_stray(seen[:, 1])]))
         cut.append(np.transpose([cut_ends(axis, motion.cut_off[i]) for axis in seen.T]))
     (rear, right), (front, leftmost) = _outermost(np.array(ends), np.array(cut))

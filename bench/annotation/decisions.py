@@ -14,7 +14,6 @@ from shapely.ops import split
 
 from bench.annotation.settings import ProposalSettings
 from bench.annotation.store import (
-    BoxState,
     Decision,
     Doubt,
     Draw,
@@ -61,47 +60,51 @@ class Motion:
 
     Attributes:
         times_ns: (N,) int64, increasing.
-        centres_m: (N, 3) float64, m.
-        yaws_rad: (N,) float64, continuous.
-        velocities_mps: (N, 2) float64, over the ground, m/s.
+        rows: (N, 6) float64, x, y and z of the centre, m, heading, rad, continuous, and velocity along x and y over the
+            ground, m/s.
     """
 
     times_ns: NDArray[np.int64]
-    centres_m: NDArray[np.float64]
-    yaws_rad: NDArray[np.float64]
-    velocities_mps: NDArray[np.float64]
+    rows: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.times_ns)
 
+    @property
+    def centres_m(self) -> NDArray[np.float64]:
+        """(N, 3) float64, m."""
+        return self.rows[:, :3]
+
+    @property
+    def yaws_rad(self) -> NDArray[np.float64]:
+        """(N,) float64."""
+        return self.rows[:, 3]
+
+    @property
+    def velocities_mps(self) -> NDArray[np.float64]:
+        """(N, 2) float64, m/s."""
+        return self.rows[:, 4:]
+
     def where(self, chosen: NDArray[np.bool_]) -> Motion:
         """The states that are chosen, (N,) bool."""
-        return Motion(
-            times_ns=self.times_ns[chosen],
-            centres_m=self.centres_m[chosen],
-            yaws_rad=self.yaws_rad[chosen],
-            velocities_mps=self.velocities_mps[chosen],
-        )
+        return Motion(times_ns=self.times_ns[chosen], rows=self.rows[chosen])
 
     def at(self, times_ns: NDArray[np.int64]) -> Motion:
         """Interpolated at other times; beyond the ends the first and last velocity carries on."""
         seconds, known_s = self._seconds(times_ns), self._seconds(self.times_ns)
         outside_s = seconds - np.clip(seconds, known_s[0], known_s[-1])
-        velocities = _interpolated(seconds, known_s, self.velocities_mps)
-        centres_m = _interpolated(seconds, known_s, self.centres_m)
-        centres_m[:, :2] += outside_s[:, None] * velocities
-        yaws_rad = _interpolated(seconds, known_s, self.yaws_rad[:, None])[:, 0]
-        return Motion(times_ns=times_ns, centres_m=centres_m, yaws_rad=yaws_rad, velocities_mps=velocities)
+        rows = _interpolated(seconds, known_s, self.rows)
+        rows[:, :2] += outside_s[:, None] * rows[:, 4:]
+        return Motion(times_ns=times_ns, rows=rows)
 
-    def moved(self, offsets_m: NDArray[np.float64], turns_rad: NDArray[np.float64]) -> Motion:
+    def moved(self, offsets_m: NDArray[np.float64], turns_rad: NDArray[np.float64] | float = 0.0) -> Motion:
         """Each box moved in its own axes, (N, 3) m, and turned, (N,) rad; velocities follow the change."""
-        shift = rotated(offsets_m, self.yaws_rad)
-        velocities = self.velocities_mps
+        shift, rows = rotated(offsets_m, self.yaws_rad), self.rows.copy()
+        rows[:, :3] += shift
+        rows[:, 3] += turns_rad
         if len(self) > 1:
-            velocities = velocities + np.gradient(shift[:, :2], self._seconds(self.times_ns), axis=0)
-        return replace(
-            self, centres_m=self.centres_m + shift, yaws_rad=self.yaws_rad + turns_rad, velocities_mps=velocities
-        )
+            rows[:, 4:] += np.gradient(shift[:, :2], self._seconds(self.times_ns), axis=0)
+        return Motion(times_ns=self.times_ns, rows=rows)
 
     def _seconds(self, times_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         return np.asarray((times_ns - self.times_ns[0]) / 1e9)
@@ -250,6 +253,9 @@ def _interpolated(
 
 def undecided(track: StoredTrack) -> ReviewedTrack:
     """A track of a file before any decision."""
+    rows = np.array([(*state.centre_m, state.yaw_rad, *state.velocity_mps) for state in track.states], dtype=np.float64)
+    rows[:, 3] = np.unwrap(rows[:, 3])
+    times_ns = np.array([state.timestamp_ns for state in track.states], dtype=np.int64)
     return ReviewedTrack(
         id=track.id,
         status="open",
@@ -259,20 +265,8 @@ def undecided(track: StoredTrack) -> ReviewedTrack:
         size_m=np.array(track.size_m),
         proposed_doubts=track.doubts,
         points_median=track.points_median,
-        uncorrected=motion_of(track.states),
+        uncorrected=Motion(times_ns=times_ns, rows=rows),
         keys={},
-    )
-
-
-def motion_of(states: Iterable[BoxState]) -> Motion:
-    """States of a file as arrays."""
-    rows = [(*state.centre_m, state.yaw_rad, *state.velocity_mps) for state in states]
-    values = np.array(rows, dtype=np.float64)
-    return Motion(
-        times_ns=np.array([state.timestamp_ns for state in states], dtype=np.int64),
-        centres_m=values[:, :3],
-        yaws_rad=np.unwrap(values[:, 3]),
-        velocities_mps=values[:, 4:],
     )
 
 
@@ -332,16 +326,11 @@ def _corrected(uncorrected: Motion, keys: Mapping[int, SetBox]) -> Motion:
     key_times = np.array(list(keys), dtype=np.int64)
     at_keys = uncorrected.at(key_times)
     offsets_m = rotated(np.array([key.centre_m for key in keys.values()]) - at_keys.centres_m, -at_keys.yaws_rad)
-    turns_rad = np.unwrap(
-        [_wrapped(key.yaw_rad - yaw) for key, yaw in zip(keys.values(), at_keys.yaws_rad, strict=True)]
-    )
+    turns_rad = np.array([key.yaw_rad for key in keys.values()]) - at_keys.yaws_rad
+    turns_rad = np.unwrap((turns_rad + np.pi) % (2 * np.pi) - np.pi)
     seconds, known_s = (uncorrected.times_ns - key_times[0]) / 1e9, (key_times - key_times[0]) / 1e9
     corrections = _interpolated(seconds, known_s, np.column_stack([offsets_m, turns_rad]))
     return uncorrected.moved(corrections[:, :3], corrections[:, 3])
-
-
-def _wrapped(angle_rad: float) -> float:
-    return float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _split_in_time(state: State, decision: SplitTime) -> State:
@@ -373,24 +362,18 @@ def _split_in_space(state: State, decision: SplitSpace) -> State:
         raise UsageError(f"track {track.id!r}: expected a line that crosses its box, got one beside it")
     first, second = sorted(parts, key=lambda part: -part.area)
     other = _free_id(state, track.id)
-    return {
-        **state,
-        track.id: _part(track, first),
-        other: replace(_part(track, second), id=other),
-    }
+    return {**state, track.id: _part(track, first), other: replace(_part(track, second), id=other)}
 
 
 def _part(track: ReviewedTrack, part: Polygon) -> ReviewedTrack:
     low_x, low_y, high_x, high_y = part.bounds
-    low = np.array([low_x, low_y, -track.size_m[2] / 2])
-    high = np.array([high_x, high_y, track.size_m[2] / 2])
-    return _resized(track, low, high)
+    half_m = track.size_m[2] / 2
+    return _resized(track, np.array([low_x, low_y, -half_m]), np.array([high_x, high_y, half_m]))
 
 
 def _resized(track: ReviewedTrack, low: NDArray[np.float64], high: NDArray[np.float64]) -> ReviewedTrack:
     """The box between two corners in its own axes, (3,) m each."""
-    offsets = np.tile((low + high) / 2, (len(track.motion), 1))
-    motion = track.motion.moved(offsets, np.zeros(len(offsets)))
+    motion = track.motion.moved(np.tile((low + high) / 2, (len(track.motion), 1)))
     return replace(track, uncorrected=motion, keys={}, size_m=high - low)
 
 
@@ -435,13 +418,11 @@ def _half_seen_from(track: ReviewedTrack, rows: NDArray[np.intp], yaws_rad: NDAr
 
 def _in_one(a: Motion, b: Motion) -> Motion:
     """The states of both by time; gaps of at most 2 s are filled at the usual step."""
-    order = np.argsort(np.concatenate([a.times_ns, b.times_ns]))
-    together = Motion(
-        times_ns=np.concatenate([a.times_ns, b.times_ns])[order],
-        centres_m=np.concatenate([a.centres_m, b.centres_m])[order],
-        yaws_rad=np.unwrap(np.concatenate([a.yaws_rad, b.yaws_rad])[order]),
-        velocities_mps=np.concatenate([a.velocities_mps, b.velocities_mps])[order],
-    )
+    times_ns, rows = np.concatenate([a.times_ns, b.times_ns]), np.concatenate([a.rows, b.rows])
+    order = np.argsort(times_ns)
+    rows = rows[order]
+    rows[:, 3] = np.unwrap(rows[:, 3])
+    together = Motion(times_ns=times_ns[order], rows=rows)
     step_ns = min(a.step_ns, b.step_ns) if len(b) > 1 else a.step_ns
     times = [together.times_ns]
     for start, end in together.holes(step_ns):

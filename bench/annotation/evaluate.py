@@ -9,7 +9,7 @@ annotated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import radians
 
@@ -72,18 +72,12 @@ class _Seen:
     clear: bool
 
 
-def evaluate_proposals(
-    recording: Recording,
-    proposed: Sequence[Track],
-    *,
-    progress: Callable[[float], None] = lambda _: None,
-) -> pd.DataFrame:
+def evaluate_proposals(recording: Recording, proposed: Sequence[Track]) -> pd.DataFrame:
     """Compare proposals with the annotations of a recording.
 
     Args:
         recording: annotated.
         proposed: tracks of boxes at the times of sweeps; see `bench.annotation.decisions.to_tracks`.
-        progress: called with the share of sweeps that are read.
 
     Returns:
         One row for each object-frame that is annotated or proposed: `recording`, `timestamp_ns`, `object` and
@@ -105,14 +99,13 @@ def evaluate_proposals(
     )
     left_out = left_out_ground(recording.annotated)
     rows: list[dict[str, object]] = []
-    for number, ref in enumerate(recording.sweeps):
+    for ref in recording.sweeps:
         placed = pose_sweep(ref.read(), recording.trajectory, recording.vehicle_from_lidar, recording.lidar_from_sensor)
         if placed is not None:
             seen = [_seen(track, motion, placed, recording, left_out, NEAR_NS) for track, motion in truths]
             told = [_seen(track, motion, placed, recording, left_out, 0) for track, motion in others]
             common = {"recording": recording.name, "timestamp_ns": ref.timestamp_ns}
             rows += [common | row for row in _rows([*filter(None, seen)], [*filter(None, told)])]
-        progress((number + 1) / len(recording.sweeps))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

@@ -254,30 +254,8 @@ def _angle(y: float, x: float) -> float:
     return -angle if y < 0.0 else angle
 
 
-def count_witness(
-    points_levelled: Floats,
-    view: RangeView,
-    seen_through: NDArray[np.int32],
-    met: NDArray[np.int32],
-    settings: ProposalSettings,
-) -> None:
-    """Add one sweep's testimony.
-
-    Args:
-        points_levelled: (N, 3) float64, m.
-        view: of the other sweep.
-        seen_through: (N,) int32, gets one more where its beams went further.
-        met: (N,) int32, gets one more where they ended at the point.
-        settings: of the proposals.
-    """
-    _count(
-        points_levelled, view.ranges_m, view.middle, view.sensor_from_levelled, settings.lowest_rad,
-        1 / settings.elevation_rad, settings.beyond_m, settings.beyond_share, seen_through, met,
-    )  # fmt: skip
-
-
 @compiled
-def _count(
+def count_witness(
     points: Floats,
     ranges_m: NDArray[np.float32],
     middle: Floats,
@@ -289,6 +267,20 @@ def _count(
     seen_through: NDArray[np.int32],
     met: NDArray[np.int32],
 ) -> None:
+    """Add one sweep's testimony.
+
+    Args:
+        points: (N, 3) float64, m, x and y of the world and height above the road.
+        ranges_m: of the other sweep's `RangeView`.
+        middle: likewise.
+        chain: its `sensor_from_levelled`.
+        lowest_rad: as in the settings.
+        cells_per_rad: in elevation.
+        beyond_m: as in the settings.
+        beyond_share: likewise.
+        seen_through: (N,) int32, gets one more where its beams went further.
+        met: (N,) int32, gets one more where they ended at the point.
+    """
     bins, (columns, rows) = len(chain), ranges_m.shape
     for i in range(len(points)):
         x, y, h = points[i, 0], points[i, 1], points[i, 2]

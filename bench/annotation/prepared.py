@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import radians, tau
@@ -93,20 +93,18 @@ class _Prepared:
     view: RangeView
 
 
-def clouds(recording: Recording, settings: ProposalSettings, *, progress: Callable[[float], None]) -> Iterator[Cloud]:
+def clouds(recording: Recording, settings: ProposalSettings) -> Iterator[Cloud]:
     """Every sweep that has ego-motion, in time; only those within the window are held.
 
     Args:
         recording: the drive.
         settings: of the proposals.
-        progress: called with the share of sweeps that are read.
     """
-    height_m = recording.ground_m
     window_ns = round(settings.window_s * SECOND_NS)
     held: deque[_Prepared] = deque()
     waiting: deque[_Prepared] = deque()
     for number, ref in enumerate(recording.sweeps):
-        prepared = _prepare(recording, number, ref, height_m, settings)
+        prepared = _prepare(recording, number, ref, settings)
         while waiting and ref.timestamp_ns - waiting[0].timestamp_ns > window_ns:
             yield _judged(waiting.popleft(), held, settings)
         while held and held[0].timestamp_ns < (waiting[0].timestamp_ns if waiting else ref.timestamp_ns) - window_ns:
@@ -114,14 +112,11 @@ def clouds(recording: Recording, settings: ProposalSettings, *, progress: Callab
         if prepared is not None:
             held.append(prepared)
             waiting.append(prepared)
-        progress((number + 1) / len(recording.sweeps))
     for last in waiting:
         yield _judged(last, held, settings)
 
 
-def _prepare(
-    recording: Recording, number: int, ref: SweepRef, height_m: float, settings: ProposalSettings
-) -> _Prepared | None:
+def _prepare(recording: Recording, number: int, ref: SweepRef, settings: ProposalSettings) -> _Prepared | None:
     """None without ego-motion, or without points."""
     placed = pose_sweep(ref.read(), recording.trajectory, recording.vehicle_from_lidar, recording.lidar_from_sensor)
     rotations, positions_m, valid = recording.trajectory.at(np.array([ref.timestamp_ns], dtype=np.int64))
@@ -130,7 +125,7 @@ def _prepare(
     world, polar = placed.points_world(), Polar.of(placed.points_sensor())
     world_from_vehicle = RigidTransform(rotations[0], positions_m[0])
     vehicle = world_from_vehicle.inverse().apply(world)
-    road = fit_road(vehicle, world_from_vehicle, height_m)
+    road = fit_road(vehicle, world_from_vehicle, recording.ground_m)
     levelled = np.column_stack([world[:, :2], road.heights(world)])
     low, high = recording.vehicle_outline_m.min(axis=0), recording.vehicle_outline_m.max(axis=0)
     inside = (vehicle[:, :2] > low - settings.own_margin_m) & (vehicle[:, :2] < high + settings.own_margin_m)
@@ -174,7 +169,11 @@ def _judged(prepared: _Prepared, held: Sequence[_Prepared], settings: ProposalSe
         if other is not prepared and abs(other.timestamp_ns - prepared.timestamp_ns) < near_ns
     ]  # fmt: skip
     for k in np.unique(np.linspace(0, len(others) - 1, min(settings.witnesses, len(others))).astype(int)):
-        count_witness(points, others[k].view, seen_through, met, settings)
+        view = others[k].view
+        count_witness(
+            points, view.ranges_m, view.middle, view.sensor_from_levelled, settings.lowest_rad,
+            1 / settings.elevation_rad, settings.beyond_m, settings.beyond_share, seen_through, met,
+        )  # fmt: skip
     return Cloud(
         number=prepared.number,
         timestamp_ns=prepared.timestamp_ns,

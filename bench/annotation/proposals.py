@@ -10,7 +10,7 @@ are apart.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from bench.annotation.boxes import VEHICLE_M, Box, fit_box
+from bench.annotation.boxes import VEHICLE_M, Box, axes, fit_box
 from bench.annotation.prepared import Cloud, clouds
 from bench.annotation.settings import ProposalSettings
 from bench.annotation.tracking import Fragment, Observation, Tracker, find_clusters
@@ -87,18 +87,12 @@ class Proposal:
     points_median: int
 
 
-def propose(
-    recording: Recording,
-    *,
-    settings: ProposalSettings | None = None,
-    progress: Callable[[float], None] = lambda _: None,
-) -> tuple[Proposal, ...]:
+def propose(recording: Recording, *, settings: ProposalSettings | None = None) -> tuple[Proposal, ...]:
     """Find everything that moves.
 
     Args:
         recording: the drive; its annotations, if it has any, are not looked at.
         settings: constants; None for those that were tried.
-        progress: called with the share of sweeps that are read.
 
     Raises:
         DataError: a sweep that cannot be read, or a drive without any.
@@ -114,7 +108,7 @@ def propose(
             pieces.setdefault(box.fragment.name, []).append(_proposal(box, boxes, settings))
         segment.clear()
 
-    for cloud in clouds(recording, settings, progress=progress):
+    for cloud in clouds(recording, settings):
         if segment and cloud.timestamp_ns - segment[0].timestamp_ns > settings.segment_s * SECOND_NS:
             judge()
         tracker.add(cloud, find_clusters(cloud, settings))
@@ -199,9 +193,8 @@ def _one_after_the_other(parts: Sequence[Proposal]) -> Proposal:
         doubts.pop(TOP_NOT_SEEN, None)
     if any(ONE_END not in dict(part.doubts) for part in parts):
         doubts.pop(ONE_END, None)
-    return Proposal(
-        track_id="",
-        object_class=longest.object_class,
+    return replace(
+        longest,
         size_m=size_m,
         timestamps_ns=np.concatenate([part.timestamps_ns for part in parts]),
         centres_m=np.concatenate([part.centres_m for part in parts]),
@@ -302,7 +295,7 @@ def _held(box: Box, state: int, cloud: Cloud, settings: ProposalSettings) -> Obs
         return None
     velocity, yaw = box.velocity_mps[state], box.yaw_rad[state]
     away = cloud.points[:, :2] - (box.centres_m[state] + velocity * seconds) - np.outer(cloud.offset_s, velocity)
-    along = away @ np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    along = away @ axes(yaw)
     within = (np.abs(along) <= box.size_m[:2] / 2 + AROUND_M).all(axis=1)
     rows = np.flatnonzero(within & (cloud.points[:, 2] <= box.bottom_m[state] + box.size_m[2] + AROUND_M))
     enough = max(LEAST_HELD, settings.held_share * len(known.rows))

@@ -74,9 +74,7 @@ class ReviewServer(ThreadingHTTPServer):
         return f"http://{ADDRESS}:{self.server_port}/#{self.token}"
 
     def session(self, index: int) -> Session:
-        """The drive of an index, opened when it is first asked for."""
-        if index >= len(self.names):
-            raise IndexError(index)
+        """The drive of an index, opened when it is first asked for; IndexError where there is none."""
         with self._opening:
             return self._open(self.names[index])
 

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Lock
-from typing import Any, TypeVar
+from typing import Any
 
 import cv2
 import numpy as np
@@ -43,7 +42,6 @@ from bench.reference import ReferenceBuilder
 from bench.reference.regions import Region
 
 Json = dict[str, Any]
-Item = TypeVar("Item")
 PROTOCOL = "surface-v1"  # whose reference the page outlines
 AROUND_NS = 2_000_000_000  # an image, of a track whose reference is outlined there
 MOST_POINTS, MOST_GROUND = 30_000, 6_000  # of a sweep; the others are left out evenly
@@ -183,7 +181,7 @@ class Session:
             IndexError: no such sweep.
             DataError: it cannot be read.
         """
-        return packed_sweep(_at(self.recording.sweeps, index).read(), self.recording)
+        return packed_sweep(self.recording.sweeps[index].read(), self.recording)
 
     def image(self, camera: int, index: int) -> tuple[bytes, Json]:
         """Return an image as JPEG, made smaller where it is large, and where its camera was: rows of camera_from_world.
@@ -192,8 +190,8 @@ class Session:
             IndexError: no such camera or image.
             DataError: it cannot be read.
         """
-        name = _at(tuple(self.recording.cameras), camera)
-        mounted, image = self.recording.cameras[name], _at(self.recording.images[name], index)
+        name = list(self.recording.cameras)[camera]
+        mounted, image = self.recording.cameras[name], self.recording.images[name][index]
         pixels = read_image(image, mounted, colour=True)
         if (scale := LARGEST_SIDE_PX / max(pixels.shape[:2])) < 1:
             pixels = np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
@@ -209,7 +207,7 @@ class Session:
         Raises:
             IndexError: no such camera.
         """
-        return lens_table(self.recording.cameras[_at(tuple(self.recording.cameras), camera)].model)
+        return lens_table(list(self.recording.cameras.values())[camera].model)
 
     def outline(self, content: bytes, camera: int, image: int) -> Json:
         """Outline in an image what the reference would be with a box where the page has it; nothing is stored.
@@ -231,8 +229,8 @@ class Session:
         key = self._parsed(content)
         if not isinstance(key, SetBox):
             raise UsageError(f"outline: expected set_box, got {key.action}")
-        name = _at(tuple(self.recording.cameras), camera)
-        shown, model = _at(self.recording.images[name], image), self.recording.cameras[name].model
+        name = list(self.recording.cameras)[camera]
+        shown, model = self.recording.images[name][image], self.recording.cameras[name].model
         try:
             track = after(self._state, key)[key.track]
         except UsageError:
@@ -278,7 +276,6 @@ class Session:
 
     def _track(self, track: ReviewedTrack) -> Json:
         motion = track.motion
-        rows = np.column_stack([motion.centres_m, motion.yaws_rad, motion.velocities_mps])
         return {
             "id": track.id,
             "status": track.status,
@@ -289,7 +286,7 @@ class Session:
             "doubts": [{"reason": doubt.reason, "value": doubt.value} for doubt in track.doubts],
             "points": track.points_median,
             "times": (motion.times_ns - self._start_ns).tolist(),
-            "rows": np.round(rows, 3).tolist(),
+            "rows": np.round(motion.rows, 3).tolist(),
             "keys": [time_ns - self._start_ns for time_ns in track.keys],
         }
 
@@ -298,12 +295,6 @@ def _in_words(decision: Decision) -> str:
     """A decision in words, for the page's undo."""
     names = getattr(decision, "tracks", None) or [getattr(decision, "track", "")]
     return " ".join([decision.action.replace("_", " "), *names[:3]]).strip()
-
-
-def _at(values: Sequence[Item], index: int) -> Item:
-    if not 0 <= index < len(values):  # Python would count from the end
-        raise IndexError(index)
-    return values[index]
 
 
 def _file_state(file: Path) -> tuple[int, int, int] | None:

@@ -24,8 +24,6 @@ from bench.records.recording import MotionKind
 from bench.records.reference import ObjectClass
 
 LARGEST_BYTES = 64_000_000
-MOST_STATES = 100_000  # of one track
-MOST_DECISIONS = 100_000
 
 TrackId = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}(\.[0-9]{1,4}){0,8}$")]  # with what splits append
 Position = Annotated[float, Field(ge=-1e7, le=1e7)]
@@ -85,7 +83,7 @@ class StoredTrack(FileModel):
     size_m: Size
     doubts: tuple[Doubt, ...] = ()
     points_median: float = Field(default=0.0, ge=0.0)
-    states: tuple[BoxState, ...] = Field(min_length=1, max_length=MOST_STATES)
+    states: tuple[BoxState, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -234,7 +232,7 @@ class Review(FileModel):
     recording: str = Field(max_length=1000)
     proposed: Proposed | None = None
     tracks: tuple[StoredTrack, ...] = ()
-    decisions: tuple[Decision, ...] = Field(default=(), max_length=MOST_DECISIONS)
+    decisions: tuple[Decision, ...] = ()
     watched_ns: tuple[TimeNs, ...] = ()
 
     @model_validator(mode="after")

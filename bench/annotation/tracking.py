@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +115,7 @@ def _near_seeds(points: Floats, seed: NDArray[np.bool_], neighbour_m: float) -> 
     return np.asarray(np.isin(patches, np.unique(patches[seed])))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
     """A cluster in a sweep.
 
@@ -131,10 +132,20 @@ class Observation:
         """(N, 3) float64, m, as in the cloud."""
         return self.cloud.points[self.rows]
 
-    @property
+    @cached_property
+    def centre(self) -> Floats:
+        """(2,) float64, m, mean of its points."""
+        return np.asarray(self.points[:, :2].mean(axis=0))
+
+    @cached_property
     def offset_s(self) -> float:
         """Mean time of its points after the sweep's."""
         return float(self.cloud.offset_s[self.rows].mean())
+
+    @cached_property
+    def length_m(self) -> float:
+        """Length of its points seen from above, m."""
+        return extent(self.points)[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -208,17 +219,16 @@ class Tracker:
         for track in self._live:
             track.mean = motion @ track.mean
             track.covariance = motion @ track.covariance @ motion.T + noise
-        seen = [_Seen(Observation(cloud=cloud, rows=rows)) for rows in clusters]
-        taken = set()
-        for number, which in self._assigned(seen):
-            _update(self._live[number], seen[which])
-            taken.add((number, which))
-        rows, columns = {row for row, _ in taken}, {column for _, column in taken}
+        seen = [Observation(cloud=cloud, rows=rows) for rows in clusters]
+        assigned = self._assigned(seen)
         for number, track in enumerate(self._live):
-            track.missed = 0 if number in rows else track.missed + 1
-        for which, found in enumerate(seen):
-            if which not in columns:
-                self._begin(found)
+            if number in assigned:
+                _update(track, seen[assigned[number]])
+            else:
+                track.missed += 1
+        for number, observation in enumerate(seen):
+            if number not in assigned.values():
+                self._begin(observation)
         self._ended += [track for track in self._live if track.missed > self._settings.missed]
         self._live = [track for track in self._live if track.missed <= self._settings.missed]
 
@@ -234,33 +244,23 @@ class Tracker:
             track.observations = []
         return given
 
-    def _assigned(self, seen: Sequence[_Seen]) -> list[tuple[int, int]]:
+    def _assigned(self, seen: Sequence[Observation]) -> dict[int, int]:
+        """Number of a live track -> number of the observation that goes on with it."""
         if not (seen and self._live):
-            return []
-        costs = np.array([[_cost(track, found) for found in seen] for track in self._live])
-        return [(int(a), int(b)) for a, b in zip(*linear_sum_assignment(costs), strict=True) if costs[a, b] < REFUSED]
+            return {}
+        costs = np.array([[_cost(track, observation) for observation in seen] for track in self._live])
+        return {int(a): int(b) for a, b in zip(*linear_sum_assignment(costs), strict=True) if costs[a, b] < REFUSED}
 
-    def _begin(self, seen: _Seen) -> None:
-        mean = np.concatenate([seen.centre, np.zeros(2)])
-        self._live.append(
-            _Live(
-                chain=self._chains,
-                mean=mean,
-                covariance=START_VARIANCE,
-                length_m=seen.length_m,
-                observations=[seen.observation],
-            )
+    def _begin(self, seen: Observation) -> None:
+        track = _Live(
+            chain=self._chains,
+            mean=np.concatenate([seen.centre, np.zeros(2)]),
+            covariance=START_VARIANCE,
+            length_m=seen.length_m,
+            observations=[seen],
         )
+        self._live.append(track)
         self._chains += 1
-
-
-class _Seen:
-    """An observation with what the tracker asks of it."""
-
-    def __init__(self, observation: Observation) -> None:
-        self.observation = observation
-        points = observation.points
-        self.centre, self.offset_s, self.length_m = points[:, :2].mean(axis=0), observation.offset_s, extent(points)[0]
 
 
 def _constant_velocity(seconds: float, acceleration_mps2: float) -> tuple[Floats, Floats]:
@@ -271,7 +271,7 @@ def _constant_velocity(seconds: float, acceleration_mps2: float) -> tuple[Floats
     return motion, acceleration_mps2**2 * gain @ gain.T
 
 
-def _cost(track: _Live, seen: _Seen) -> float:
+def _cost(track: _Live, seen: Observation) -> float:
     """Distance as a share of what is allowed, and difference in size."""
     away_m = float(np.hypot(*(seen.centre - track.mean[:2] - seen.offset_s * track.mean[2:])))
     largest_m = max(track.length_m, seen.length_m)
@@ -281,7 +281,7 @@ def _cost(track: _Live, seen: _Seen) -> float:
     return away_m / allowed_m + 0.5 * ratio if away_m < allowed_m and ratio < MOST_SIZE_RATIO else REFUSED
 
 
-def _update(track: _Live, seen: _Seen) -> None:
+def _update(track: _Live, seen: Observation) -> None:
     measured = np.zeros((2, 4))
     measured[0, 0] = measured[1, 1] = 1.0
     measured[0, 2] = measured[1, 3] = seen.offset_s
@@ -291,4 +291,5 @@ def _update(track: _Live, seen: _Seen) -> None:
     track.covariance = track.covariance - gain @ measured @ track.covariance
     track.length_m = seen.length_m
     track.seen += 1
-    track.observations.append(seen.observation)
+    track.missed = 0
+    track.observations.append(seen)

@@ -131,15 +131,7 @@ class _CameraAudit:
             self._score(given, ids, reference)
 
     def finish(self) -> RecordingAudit:
-        """The tables; without exact flow where the scene turns out to be another one."""
-        try:
-            if self._runner is not None:
-                self._runner.check()
-        except DataError as error:
-            where = f"recording {self._opened.recording.name!r}, camera {self._camera!r}"
-            self._opened.problems.append(f"{where}, without exact flow: {error}")
-            self._rows |= {"misses": [], "false_alarms": []}
-            self._scorers = {scoring: self._scorers[scoring] for scoring in WITHOUT_EXACT_FLOW}
+        """The tables."""
         tables = {name: pa.Table.from_pylist(rows, schema=SCHEMAS[name]) for name, rows in self._rows.items()}
         scored = [[_named(scoring, table) for table in scorer.finish()] for scoring, scorer in self._scorers.items()]
         tables["objects"], tables["frames"] = map(pa.concat_tables, zip(*scored, strict=True))
@@ -153,7 +145,7 @@ class _CameraAudit:
             detected = {Scoring.LIDAR: answer, Scoring.MASKS: answer}
         else:
             moving = moving_instances(self._opened.recording, by_masks)
-            runs = self._runner.run(given, ids, moving=moving)
+            runs = self._runner.run(given, moving=moving)
             self._rows["misses"] += miss_rows(runs, by_masks, self._opened.instance_of)
             self._rows["false_alarms"].append(false_row(runs, by_masks))
             detected = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import keyword
 import re
 from importlib import resources
@@ -12,8 +11,8 @@ from typing import Annotated
 
 import typer
 
+from bench.commands.command import group
 from bench.commands.console import say
-from bench.commands.options import group
 from bench.errors import OutputError, UsageError
 
 app = group("Write a method, a data set or an adapter to start from.")
@@ -96,26 +95,19 @@ def _write(stem: str, name: str) -> None:
     folder = resources.files("bench.commands") / "templates"
     texts = {file: (folder / f"{template}.txt").read_text("utf-8") for template, file in FILES[stem].items()}
     named = {f"my-{stem}": dashed, f"my_{stem}": module, f"My{stem.title()}": kind}
-    taken = {word for file, text in texts.items() if file.endswith(".py") for word in _imported(text)}
-    if {kind, module.lower()} & (taken - named.keys()):
+    imports = [line for text in texts.values() for line in text.splitlines() if "import " in line]
+    if {kind, module.lower()} & ({word for line in imports for word in re.findall(r"\w+", line)} - named.keys()):
         raise UsageError(f"{name!r} names something that the new files import; take another one")
 
-    def in_users_words(text: str) -> str:
+    def renamed(text: str) -> str:
         return re.sub("|".join(named), lambda word: named[word[0]], text)
 
-    written = {Path(in_users_words(file)): in_users_words(text) for file, text in texts.items()}
+    written = {Path(renamed(file)): renamed(text) for file, text in texts.items()}
     for place in written:
         if place.exists():
             raise OutputError(place, got="a file that is there already", hint="take another name, or move it away")
     for place, text in written.items():
         write_text(place, text)
         say(str(place))
-    for line in in_users_words(THEN[stem]).splitlines():
+    for line in renamed(THEN[stem]).splitlines():
         say(line)
-
-
-def _imported(text: str) -> set[str]:
-    """Names that a module imports, and the modules that it imports them from."""
-    imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
-    names = {alias.asname or alias.name for node in imports for alias in node.names}
-    return names | {node.module for node in imports if isinstance(node, ast.ImportFrom) and node.module}

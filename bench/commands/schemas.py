@@ -17,9 +17,9 @@ from pydantic.json_schema import GenerateJsonSchema, models_json_schema
 from pydantic_core import core_schema
 
 from bench.adapters.aimotive import AimotiveOptions
-from bench.adapters.kitti360.adapter import Kitti360Options
+from bench.adapters.kitti360 import Kitti360Options
 from bench.adapters.kitti_raw import KittiRawOptions
-from bench.adapters.log123d.adapter import LogOptions
+from bench.adapters.log123d import LogOptions
 from bench.adapters.rosbag.rig import Rig, RosbagOptions
 from bench.adapters.woodscape import WoodscapeOptions
 from bench.cameras import RollingShutter

@@ -24,7 +24,7 @@ having 0, and `iou_detected` the mean over the detected ones. The latter compare
 words. Intervals take recordings as independent, not frames; fewer than six recordings with cases have none.
 
 Beside its counts an image leaves two histograms of pixels over the motion likelihood, from which the score at any
-threshold follows, and adds to its camera's map of misses and false positives.
+threshold follows.
 
 **Between two runs** over the same data only sums per recording are compared, of the images that both scored: the same
 recording is left out of both at a time, so that what makes it hard cancels out.
@@ -33,7 +33,7 @@ recording is left out of both at a time, so that what makes it hard cancels out.
 sums are added: the same values to within rounding, whatever the order of the rows and the size of the parts.
 
 The modules, in the order of the data: `protocol` (the rules, a versioned file with a digest), `counts` (region masks,
-counts, histograms, map and chance level of one image), `rows` (the two tables, and reading them in parts), `scorer` (a
+counts, histograms and chance level of one image), `rows` (the two tables, and reading them in parts), `scorer` (a
 sequence of images to its tables). These decide a task; a
 change of the others, which reduce, computes no image again: `definitions` (every metric once), `sums` (one long table
 by slice, recording and metric), `intervals`, `summary` (all metrics of a run), `maps` (by place around the vehicle),
@@ -51,7 +51,7 @@ from bench.evaluation.comparison import (
     compare_sums,
     holm,
 )
-from bench.evaluation.counts import ImageMap, add_image_maps, count_frame
+from bench.evaluation.counts import count_frame
 from bench.evaluation.definitions import Definition, find_metric, headlines
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows, RowSource
@@ -65,7 +65,6 @@ __all__ = [
     "OBJECTS_SCHEMA",
     "Definition",
     "FalsePositiveMetrics",
-    "ImageMap",
     "Metric",
     "ObjectMetrics",
     "PairedChange",
@@ -75,7 +74,6 @@ __all__ = [
     "SequenceScorer",
     "Summary",
     "ThresholdFreeMetrics",
-    "add_image_maps",
     "changes_in_parts",
     "compare_sums",
     "count_frame",

@@ -1,12 +1,12 @@
-"""Integer pixel counts of one image: per object, for the frame, by likelihood, by place and by chance; no ratio yet.
+"""Integer pixel counts of one image: per object, for the frame, by likelihood and by chance; no ratio yet.
 
 The regions are those of `bench.evaluation`: V valid, G_i of object i, I ignored, D detected within V.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -112,7 +112,10 @@ def find_regions(reference: ReferenceFrame, detected: Mask) -> Regions:
     Raises:
         ShapeError: `detected` is not of the image's size.
     """
-    check_shape(reference, "mask", detected.shape)
+    if detected.shape != reference.valid.shape:
+        where = f"{reference.recording}, {reference.camera}, {reference.timestamp_ns} ns"
+        expected = f"a mask of {reference.valid.shape} (height, width)"
+        raise ShapeError(f"{where}: expected {expected}, got {detected.shape}")
     mask = detected & reference.valid
     components, component = cv2.connectedComponents(mask.view(np.uint8), connectivity=8, ltype=cv2.CV_32S)
     moving = reference.labels > 0
@@ -128,18 +131,6 @@ def find_regions(reference: ReferenceFrame, detected: Mask) -> Regions:
         component=component.astype(np.int32, copy=False),
         components=components,
     )
-
-
-def check_shape(reference: ReferenceFrame, name: str, shape: tuple[int, ...]) -> None:
-    """Refuse what is not of the image's size.
-
-    Raises:
-        ShapeError: says which image, which array, and both sizes.
-    """
-    expected = reference.valid.shape
-    if shape != expected:
-        where = f"{reference.recording}, {reference.camera}, {reference.timestamp_ns} ns"
-        raise ShapeError(f"{where}: expected a {name} of {expected} (height, width), got {shape}")
 
 
 def count_by_cell(mask: Mask, cell_size_px: int) -> NDArray[np.int64]:
@@ -241,10 +232,11 @@ def count_frame(
         Mariotti and Eising 2020, section IV (TP, FN and FP areas); component-wise sharing of false positives after
         Chan et al. 2021 (SegmentMeIfYouCan).
     """
-    order = _canonical_order(reference)
+    # By track id, so that ties are broken the same way whatever order objects come in.
+    order = np.argsort([item.track_id for item in reference.objects], kind="stable")
     regions = regions or find_regions(reference, detected)
     region_px = _region_px(reference, regions)
-    fp_of_component = _false_positives_by_component(regions)
+    fp_of_component = np.bincount(regions.component[regions.false], minlength=regions.components)
     overlap = _overlap(reference, regions)
     tp = overlap.sum(axis=0)
     fp = np.zeros_like(tp)
@@ -268,11 +260,6 @@ def count_frame(
     )
     columns = zip(tp.tolist(), (region_px - tp).tolist(), fp.tolist(), strict=True)
     return frame, tuple(ObjectCounts(tp=t, fn=n, fp=f) for t, n, f in columns)
-
-
-def _false_positives_by_component(regions: Regions) -> Counts:
-    """(components,) pixels outside all G and I."""
-    return np.bincount(regions.component[regions.false], minlength=regions.components)
 
 
 def _overlap(reference: ReferenceFrame, regions: Regions) -> Counts:
@@ -300,12 +287,6 @@ def _region_px(reference: ReferenceFrame, regions: Regions) -> Counts:
     evaluated = np.array([item.status is Status.EVALUATED for item in reference.objects], dtype=bool)
     assert np.array_equal(region_px > 0, evaluated), "exactly the evaluated objects have a region"
     return region_px
-
-
-def _canonical_order(reference: ReferenceFrame) -> NDArray[np.int64]:
-    """Objects by track id, so that ties are broken the same way whatever order they come in."""
-    ids = [item.track_id for item in reference.objects]
-    return np.array(sorted(range(len(ids)), key=ids.__getitem__), dtype=np.int64)
 
 
 # The paper's threshold is an edge, so that its operating point lies on the curve. 20 bins a decade, from a thousandth
@@ -355,88 +336,6 @@ def count_likelihood(
 def find_bins(likelihood: NDArray[np.float32], edges: NDArray[np.float64] = EDGES) -> NDArray[np.int64]:
     """The bin of each likelihood or score, in its shape; k where edges[k] < value <= edges[k + 1], 0 for NaN."""
     return np.searchsorted(edges[1:-1], np.nan_to_num(likelihood, nan=0.0).astype(np.float64), side="left")
-
-
-CELL_PX = 8
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ImageMap:
-    """Sums over the scored images of one camera and size, on square cells that tile the image from its first pixel.
-
-    Attributes:
-        camera: name.
-        width: of the images, px.
-        height: of the images, px.
-        cell_px: side of a cell, px.
-        frames: images summed.
-        reference_px: (rows, columns) int64, pixels of all G.
-        missed_px: (rows, columns) int64, pixels of all G minus D.
-        false_px: (rows, columns) int64, pixels of D minus (all G u I).
-    """
-
-    camera: str
-    width: int
-    height: int
-    cell_px: int
-    frames: int
-    reference_px: Counts
-    missed_px: Counts
-    false_px: Counts
-
-    @classmethod
-    def of(cls, regions: Regions, *, camera: str) -> ImageMap:
-        """Count one image."""
-        height, width = regions.moving.shape
-        return cls(
-            camera=camera,
-            width=width,
-            height=height,
-            cell_px=CELL_PX,
-            frames=1,
-            reference_px=count_by_cell(regions.moving, CELL_PX),
-            missed_px=count_by_cell(regions.moving & ~regions.true, CELL_PX),
-            false_px=count_by_cell(regions.false, CELL_PX),
-        )
-
-    def __add__(self, other: ImageMap) -> ImageMap:
-        """The sums over the images of both, which are of the same camera, size and cell."""
-        return replace(
-            self,
-            frames=self.frames + other.frames,
-            reference_px=self.reference_px + other.reference_px,
-            missed_px=self.missed_px + other.missed_px,
-            false_px=self.false_px + other.false_px,
-        )
-
-    @property
-    def missed_rate(self) -> NDArray[np.float64]:
-        """(rows, columns) float64, share of the reference's pixels that were missed; NaN where there never were any."""
-        seen = self.reference_px > 0
-        return np.where(seen, self.missed_px / np.where(seen, self.reference_px, 1), np.nan)
-
-    @property
-    def false_rate(self) -> NDArray[np.float64]:
-        """(rows, columns) float64, mean share of the cell that was false; NaN without images."""
-        sides_px = [
-            np.minimum(self.cell_px, size_px - self.cell_px * np.arange(cells))
-            for size_px, cells in zip((self.height, self.width), self.false_px.shape, strict=True)
-        ]
-        area_px = np.multiply.outer(*sides_px)
-        return self.false_px / (area_px * self.frames) if self.frames else np.full(area_px.shape, np.nan)
-
-
-def add_image_maps(maps: Iterable[ImageMap]) -> tuple[ImageMap, ...]:
-    """Add those of the same camera, size and cell; the order in which they come does not matter.
-
-    Returns:
-        One per camera, size and cell, in that order.
-    """
-    sums: dict[tuple[str, int, int, int], ImageMap] = {}
-    for item in maps:
-        key = (item.camera, item.width, item.height, item.cell_px)
-        sums[key] = sums[key] + item if key in sums else item
-    return tuple(sums[key] for key in sorted(sums))
 
 
 class ChanceScorer:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from dataclasses import fields
 from functools import cached_property
 from importlib import resources
 from itertools import pairwise
@@ -211,23 +212,33 @@ class Protocol(_ProtocolModel):
 
     def reference_settings(self) -> ReferenceSettings:
         """Return the settings of the reference builder, in its units."""
-        rules = self.reference
-        return ReferenceSettings(
-            range_limit_m=rules.range_limit_m,
-            ground_clearance_m=rules.ground_clearance_m,
-            min_points=rules.min_points,
-            min_polygon_px=rules.min_polygon_px,
-            polygon_kind=rules.polygon_kind,
-            concave_ratio=rules.concave_ratio,
-            classes=rules.classes,
-            categories=rules.categories,
+        rules, motion, band = self.reference, self.reference.motion, self.reference.unknown_band
+        settings: ReferenceSettings = _in_units(
+            ReferenceSettings,
+            rules,
             max_sweep_gap_ns=round(rules.max_sweep_gap_ms * 1e6),
             max_annotation_gap_ns=round(rules.max_annotation_gap_ms * 1e6),
-            motion=_motion_settings(rules.motion),
-            shape_margin_m=rules.shape_margin_m,
             clearance_above_shape=rules.ground_clearance_above == "shape",
-            outline=None if rules.unknown_band is None else _outline_errors(rules.unknown_band),
+            motion=_in_units(
+                MotionSettings,
+                motion,
+                static_below_mps=motion.object_static_mps,
+                ego_static_below_mps=motion.ego_static_mps,
+                min_run_ns=round(motion.min_run_s * 1e9),
+                smoothing_ns=round(motion.smoothing_s * 1e9),
+                crossing_from_rad=math.radians(motion.crossing_from_deg),
+                crossing_to_rad=math.radians(motion.crossing_to_deg),
+            ),
+            outline=None
+            if band is None
+            else _in_units(
+                OutlineErrors,
+                band,
+                angle_rad=math.radians(band.angle_deg),
+                limbs={name: tuple(_in_units(Limb, limb) for limb in limbs) for name, limbs in band.limbs.items()},
+            ),
         )
+        return settings
 
     @property
     def chance_lag_ns(self) -> int:
@@ -267,26 +278,7 @@ def load_protocol(name_or_path: str | Path) -> Protocol:
     return protocol
 
 
-def _motion_settings(rules: MotionRules) -> MotionSettings:
-    return MotionSettings(
-        static_below_mps=rules.object_static_mps,
-        hysteresis_low_mps=rules.hysteresis_low_mps,
-        hysteresis_high_mps=rules.hysteresis_high_mps,
-        min_run_ns=round(rules.min_run_s * 1e9),
-        smoothing_ns=round(rules.smoothing_s * 1e9),
-        ego_static_below_mps=rules.ego_static_mps,
-        crossing_from_rad=math.radians(rules.crossing_from_deg),
-        crossing_to_rad=math.radians(rules.crossing_to_deg),
-    )
-
-
-def _outline_errors(rules: UnknownBandRules) -> OutlineErrors:
-    return OutlineErrors(
-        range_noise_m=rules.range_noise_m,
-        angle_rad=math.radians(rules.angle_deg),
-        position_m=rules.position_m,
-        limbs={
-            name: tuple(Limb(joint=limb.joint, end=limb.end, speed=limb.speed) for limb in limbs)
-            for name, limbs in rules.limbs.items()
-        },
-    )
+def _in_units(settings: Any, rules: _ProtocolModel, **converted: object) -> Any:
+    """Settings of the fields of the same names as rules, and of those that are of another name or unit."""
+    names = [field.name for field in fields(settings) if field.name not in converted]
+    return settings(**{name: getattr(rules, name) for name in names}, **converted)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from bench.evaluation.counts import (
     ChanceScorer,
-    ImageMap,
     ObjectCounts,
     count_frame,
     count_likelihood,
@@ -46,7 +45,6 @@ class SequenceScorer:
         self._chance = ChanceScorer(lag_ns=protocol.chance_lag_ns)
         self._objects: list[Row] = []
         self._frames: list[Row] = []
-        self._map: ImageMap | None = None
 
     def add(
         self,
@@ -92,8 +90,6 @@ class SequenceScorer:
                 cell_size_px=segmentation.cell_size_px,
                 is_score=segmentation.likelihood_is_score,
             )
-        own = ImageMap.of(regions, camera=reference.camera)
-        self._map = own if self._map is None else self._map + own
         ceiling = None
         if exact is not None:
             ceiling = count_frame(reference, exact, component_size_px=self._component_size_px)[1]
@@ -119,10 +115,6 @@ class SequenceScorer:
         for row in self._objects:
             row["chance_tp"] = chance_tp.get(row["timestamp_ns"], {}).get(row["track_id"])
         return objects_table(self._objects), frames_table(self._frames)
-
-    def image_map(self) -> ImageMap | None:
-        """Return the map of where the frames so far were right and wrong in the image; None without a scored frame."""
-        return self._map
 
 
 _OF_OBJECT = (

@@ -270,23 +270,17 @@ def read_sums(file: Path) -> pd.DataFrame:
         table = table.astype(dict.fromkeys(TERMS, np.float64))
     except (OSError, ValueError) as error:  # pandas' own errors are of ValueError, as is UnicodeDecodeError
         raise DataError(file, expected=expected, got=" ".join(str(error).split()), hint=hint) from error
-    above, below = table["numerator"], table["denominator"]
-    bounded = table["metric"].map({name: _is_bounded(name, file) for name in table["metric"].unique()}).astype(bool)
-    most = np.where(bounded | (below == 0), below * (1 + 1e-9), LARGEST)
-    wrong = ~((above >= 0) & (above <= most) & (below >= 0) & (below <= LARGEST)) | table.duplicated(KEY)
+    wrong = ~((table[TERMS] >= 0) & (table[TERMS] <= LARGEST)).all(axis=1) | table.duplicated(KEY)
     if wrong.any():
         row = int(np.argmax(wrong))
-        got, what = ", ".join(map(str, table.iloc[row])), "at most its denominator where it is a share of it"
-        expected = f"each key once, with a numerator and a denominator from 0 to {LARGEST:g}, the numerator {what}"
-        raise DataError(file, field=f"line {row + 2}", expected=expected, got=got, hint=hint)
+        got, need = ", ".join(map(str, table.iloc[row])), f"each key once, with terms from 0 to {LARGEST:g}"
+        raise DataError(file, field=f"line {row + 2}", expected=need, got=got, hint=hint)
+    for name in {*table["metric"]} - {*COUNTS}:
+        try:
+            find_metric(name)
+        except BenchError as error:
+            raise DataError(file, field="metric", expected="known metrics", got=repr(name), hint=str(error)) from error
     return table
-
-
-def _is_bounded(name: str, file: Path) -> bool:
-    try:
-        return name in COUNTS or find_metric(name).is_ratio
-    except BenchError as error:
-        raise DataError(file, field="metric", expected="known metrics", got=repr(name), hint=str(error)) from error
 
 
 def recording_values(sums: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from bench.evaluation.counts import BINS, EDGES, OUTSIDE_COLUMN, REFERENCE_COLUMN
+from bench.evaluation.counts import BINS, OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.intervals import FEWEST_RECORDINGS, RATIO, jackknife
 from bench.evaluation.rows import Rows, read_parts
 from bench.evaluation.summary import Metric
@@ -27,24 +27,16 @@ Histograms = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ThresholdSweep:
-    """The metrics of masks "likelihood above the threshold", over all images with a likelihood.
+    """The metrics of masks "likelihood above the threshold" at every lower edge of the bins, over all images with one.
 
     Attributes:
-        thresholds: (K,) float64, increasing; the first, 0, stands for a mask of everything. For scores, `SCORE_EDGES`
-            stand instead of these.
-        false_positive_coverage: (K,) float64, mean over images of FP / (width x height).
-        precision: (K,) float64, TP / (TP + FP); NaN where nothing is above the threshold.
-        recall: (K,) float64, TP / (TP + FN); NaN without any G.
-        auprc: area under precision over recall, as the sum of precision x gain in recall; NaN without any G.
-        frames: images with a likelihood.
+        recall: (BINS,) float64, TP / (TP + FN) by increasing threshold, first that of a mask of everything; NaN without
+            any G.
+        false_positive_coverage: (BINS,) float64, mean over images of FP / (width x height).
     """
 
-    thresholds: NDArray[np.float64]
-    false_positive_coverage: NDArray[np.float64]
-    precision: NDArray[np.float64]
     recall: NDArray[np.float64]
-    auprc: float
-    frames: int
+    false_positive_coverage: NDArray[np.float64]
 
 
 def threshold_sweep(frames: Rows) -> ThresholdSweep | None:
@@ -56,22 +48,15 @@ def threshold_sweep(frames: Rows) -> ThresholdSweep | None:
     Returns:
         None for a method without a likelihood.
     """
-    sums = sum_histograms(frames)
-    if not len(sums):
+    by_area = sum_histograms(frames).groupby("area_px").sum()
+    if not len(by_area):
         return None
-    by_area = sums.groupby("area_px").sum()
     positive, negative = _histograms(by_area)
     false_shares = (_from_above(negative) / by_area.index.to_numpy()[:, None]).sum(axis=0)
-    positive, negative = positive.sum(axis=0), negative.sum(axis=0)
-    tp, fp, images = _from_above(positive), _from_above(negative), int(by_area["images"].sum())
-    recall = _share(tp, positive.sum())
+    found = positive.sum(axis=0)
     return ThresholdSweep(
-        thresholds=EDGES[:-1].copy(),
-        false_positive_coverage=false_shares / images,
-        precision=_share(tp, tp + fp),
-        recall=recall,
-        auprc=float(_average_precision(positive, negative)),
-        frames=images,
+        recall=_share(_from_above(found), found.sum()),
+        false_positive_coverage=false_shares / int(by_area["images"].sum()),
     )
 
 

@@ -8,7 +8,7 @@ its `manifest`. A task or image that fails is reported and the rest goes on. The
 calibration and ego-motion, never annotations (`frames`).
 """
 
-from bench.harness.counts import open_tables, read_image_maps
+from bench.harness.counts import open_tables
 from bench.harness.exact import build_scorable, scorable_methods
 from bench.harness.frames import FramePipeline, ProcessedFrame
 from bench.harness.run import Part, ScoredPart, run_benchmark, score_part
@@ -27,7 +27,6 @@ __all__ = [
     "StoredRun",
     "build_scorable",
     "open_tables",
-    "read_image_maps",
     "read_run",
     "read_tables",
     "run_benchmark",

@@ -98,7 +98,25 @@ def answer_row(image: Mapping[str, object], segmentation: Segmentation, *, secon
         segmentation: checked.
         seconds: that the method took.
     """
-    return {**image, "status": ANSWERED, "problem": "", "seconds": seconds, **_cells(segmentation)}
+    said, bins = segmentation, None
+    if said.likelihood is not None:
+        bins = find_bins(said.likelihood, _edges(is_score=said.likelihood_is_score)).astype(np.uint8).tobytes()
+    return {
+        **image,
+        "status": ANSWERED,
+        "problem": "",
+        "seconds": seconds,
+        "cell_size_px": int(said.cell_size_px),
+        "rows": said.mask.shape[0],
+        "columns": said.mask.shape[1],
+        "mask": np.packbits(said.mask).tobytes(),
+        "undefined": None if said.undefined is None else np.packbits(said.undefined).tobytes(),
+        "cause": None if said.cause is None else said.cause.tobytes(),
+        "causes": list(said.causes),
+        "likelihood": bins,
+        "likelihood_is_score": said.likelihood_is_score,
+        "threshold": None if said.threshold is None else float(said.threshold),
+    }
 
 
 def no_answer(image: Mapping[str, object], status: str, problem: str) -> Answer:
@@ -179,24 +197,6 @@ def read_seconds(answers: Path) -> NDArray[np.float64]:
     files = sorted(answers.glob("*/*.parquet"))
     seconds = [read_table(file, columns=["seconds"])["seconds"].to_numpy() for file in files]
     return np.concatenate([np.empty(0), *seconds])
-
-
-def _cells(said: Segmentation) -> Answer:
-    bins = None
-    if said.likelihood is not None:
-        bins = find_bins(said.likelihood, _edges(is_score=said.likelihood_is_score)).astype(np.uint8).tobytes()
-    return {
-        "cell_size_px": int(said.cell_size_px),
-        "rows": said.mask.shape[0],
-        "columns": said.mask.shape[1],
-        "mask": np.packbits(said.mask).tobytes(),
-        "undefined": None if said.undefined is None else np.packbits(said.undefined).tobytes(),
-        "cause": None if said.cause is None else said.cause.tobytes(),
-        "causes": list(said.causes),
-        "likelihood": bins,
-        "likelihood_is_score": said.likelihood_is_score,
-        "threshold": None if said.threshold is None else float(said.threshold),
-    }
 
 
 def _segmentation(row: Answer) -> Segmentation:

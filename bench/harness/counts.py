@@ -2,26 +2,23 @@
 
 ```
 <run>/<protocol>/counts/<recording>/<camera>-<first image>.objects.parquet   rows of `OBJECTS_SCHEMA`
-<run>/<protocol>/counts/<recording>/<camera>-<first image>.map.parquet       where in the image; only with a scored one
 <run>/<protocol>/counts/<recording>/<camera>-<first image>.frames.parquet    rows of `FRAMES_SCHEMA`; written last
 ```
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.atomic import open_regular
 from bench.errors import BenchError, DataError
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, ImageMap, Protocol, SequenceScorer, add_image_maps
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer
 from bench.evaluation.rows import IMAGE, OBJECT, to_frame
 from bench.harness.answers import (
     FAILED,
@@ -38,16 +35,8 @@ from bench.harness.references import StoredReference, message_without_root, refe
 from bench.recordings import ImageRef, Recording, read_truth
 
 COUNTS = "counts"
-OBJECTS, FRAMES, MAP = ".objects.parquet", ".frames.parquet", ".map.parquet"
+OBJECTS, FRAMES = ".objects.parquet", ".frames.parquet"
 REMOVE = "remove the file, and run again"
-_GRIDS = ("reference_px", "missed_px", "false_px")
-_MAP_SCHEMA = pa.schema(
-    [
-        pa.field("camera", pa.string(), nullable=False),
-        *(pa.field(name, pa.int64(), nullable=False) for name in ("width", "height", "cell_px", "frames")),
-        *(pa.field(name, pa.list_(pa.int64()), nullable=False) for name in _GRIDS),  # row by row
-    ]
-)
 
 
 def count_answers(
@@ -90,9 +79,7 @@ def count_answers(
     return scorer
 
 
-def write_counts(
-    folder: Path, name: str, objects: pa.Table, frames: pa.Table, image_map: ImageMap | None = None
-) -> None:
+def write_counts(folder: Path, name: str, objects: pa.Table, frames: pa.Table) -> None:
     """Write the counts of a task, each file by one rename, the one that says that all are there last.
 
     Args:
@@ -100,16 +87,11 @@ def write_counts(
         name: of the task.
         objects: rows of `OBJECTS_SCHEMA`.
         frames: rows of `FRAMES_SCHEMA`, one for each image.
-        image_map: sums over its scored images; None without any.
 
     Raises:
         OutputError: the disk is full, or may not be written.
     """
     write_table(folder / f"{name}{OBJECTS}", objects)
-    if image_map is not None:
-        grids = {grid: getattr(image_map, grid).ravel() for grid in _GRIDS}
-        row = {field.name: grids.get(field.name, getattr(image_map, field.name)) for field in _MAP_SCHEMA}
-        write_table(folder / f"{name}{MAP}", pa.Table.from_pylist([row], _MAP_SCHEMA))
     write_table(folder / f"{name}{FRAMES}", frames)
 
 
@@ -164,12 +146,8 @@ class StoredRows:
         return rows
 
     def _length(self, file: Path) -> int:
-        """Rows of a file with the columns of the table."""
         with _readable(file), open_regular(file) as content:
-            about = pq.ParquetFile(content)
-            if missing := [name for name in self._schema.names if name not in about.schema_arrow.names]:
-                raise DataError(file, field=missing[0], expected="this column of a run's counts", got="none")
-            return int(about.metadata.num_rows)
+            return int(pq.read_metadata(content).num_rows)
 
 
 def open_tables(folder: Path) -> tuple[StoredRows, StoredRows]:
@@ -183,25 +161,6 @@ def open_tables(folder: Path) -> tuple[StoredRows, StoredRows]:
     """
     counts = folder / COUNTS
     return StoredRows(counts, OBJECTS, OBJECTS_SCHEMA), StoredRows(counts, FRAMES, FRAMES_SCHEMA)
-
-
-def read_image_maps(folder: Path) -> dict[str, ImageMap]:
-    """Read the maps of where in the image a run's method was right and wrong, by camera.
-
-    A camera that comes in several sizes has one map for each, as "front, 640 x 480".
-
-    Args:
-        folder: of the run's protocol.
-
-    Raises:
-        DataError: damaged.
-    """
-    maps: tuple[ImageMap, ...] = ()
-    for file in sorted((folder / COUNTS).glob(f"*/*{MAP}")):
-        maps = add_image_maps([*maps, _read_map(file)])
-    several = [camera for camera, count in Counter(item.camera for item in maps).items() if count > 1]
-    names = [f"{m.camera}, {m.width} x {m.height}" if m.camera in several else m.camera for m in maps]
-    return dict(zip(names, maps, strict=True))
 
 
 def is_counted(folder: Path, name: str) -> bool:
@@ -221,7 +180,7 @@ def remove_counts(folder: Path, name: str) -> None:
         folder: of the recording's counts.
         name: of the task.
     """
-    for suffix in (FRAMES, MAP, OBJECTS):
+    for suffix in (FRAMES, OBJECTS):
         (folder / f"{name}{suffix}").unlink(missing_ok=True)
 
 
@@ -242,12 +201,3 @@ def _readable(file: Path) -> Iterator[None]:
     except (OSError, ValueError, pa.ArrowException) as error:  # ValueError: null where none may be
         got = " ".join(str(error).split())[:200]
         raise DataError(file, expected="counts of a run", got=got, hint=REMOVE) from error
-
-
-def _read_map(file: Path) -> ImageMap:
-    with _readable(file):
-        (row,) = read_table(file).cast(_MAP_SCHEMA).to_pylist()
-        if not (row["height"] > 0 and row["cell_px"] > 0):
-            raise ValueError(f"a height of {row['height']} px in cells of {row['cell_px']} px")
-        rows = -(-row["height"] // row["cell_px"])
-        return ImageMap(**row | {name: np.array(row[name], dtype=np.int64).reshape(rows, -1) for name in _GRIDS})

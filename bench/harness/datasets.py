@@ -244,14 +244,10 @@ class StoredFrames:
         )
         height, width = frame.reference.valid.shape
         counted, _ = count_frame(frame.reference, frame.segmentation.mask_at(width, height), component_size_px=0)
-        then = self._counts(recording).get((camera, timestamp_ns))
-        now = [getattr(counted, name) for name in COMPARED]
-        if now != then:
-            pairs = zip(COMPARED, then or [], now, strict=False)
-            stored = ", ".join(f"{name} {was}, now {is_now}" for name, was, is_now in pairs if was != is_now)
+        if [getattr(counted, name) for name in COMPARED] != self._counts(recording).get((camera, timestamp_ns)):
             raise UnscorableFrame(
-                f"{where}: the run stored {stored or 'no counts'}; code or data changed since, so that a picture would "
-                f"not show what was scored"
+                f"{where}: its counts are not those that the run stored; code or data changed since, so that a picture "
+                f"would not show what was scored"
             )
         return frame
 

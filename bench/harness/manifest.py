@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.metadata import PackageNotFoundError, distribution, packages_distributions, version
@@ -250,8 +250,8 @@ class Aspect(StrEnum):
 
 
 _INCOMPARABLE = {Aspect.DATASET, Aspect.SPLIT, Aspect.PROTOCOL}
-# The text says what it is of.
-_NAMED_BY_ITSELF = {Aspect.SETTINGS, Aspect.INPUT_ERRORS, Aspect.CODE, Aspect.METHOD_CODE}
+# Aspects whose text says what it is of, with what stands between a name and its value.
+_NAMED = {Aspect.SETTINGS: " = ", Aspect.INPUT_ERRORS: " = ", Aspect.CODE: " ", Aspect.METHOD_CODE: ""}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -280,7 +280,7 @@ class Difference:
         return f"{self.lead}{self.after}, was {self.before}"
 
     def __str__(self) -> str:
-        return self.text if self.aspect in _NAMED_BY_ITSELF else f"{self.aspect} {self.text}"
+        return self.text if self.aspect in _NAMED else f"{self.aspect} {self.text}"
 
     @property
     def comparable(self) -> bool:
@@ -295,28 +295,60 @@ def differences(before: AnswersManifest, after: AnswersManifest) -> tuple[Differ
         before: the first run.
         after: the second run, of which sentences say "..., was ...".
     """
-    return tuple(_differences(before, after))
+    found = [*_digests(before, after)]
+    counted = isinstance(before, Manifest) and isinstance(after, Manifest)
+    left_out: set[Aspect] = set() if counted else {Aspect.PROTOCOL}
+    if before.method.name != after.method.name:
+        left_out |= {Aspect.SETTINGS, Aspect.METHOD_CODE}
+    was, now = dict(_values(before)), dict(_values(after))
+    for aspect, name in sorted(key for key in was.keys() | now.keys() if was.get(key) != now.get(key)):
+        absent = "not loaded" if aspect is Aspect.CODE else None
+        values = (str(side.get((aspect, name), absent)) for side in (was, now))
+        lead = f"{name}{_NAMED[aspect]}" if name else ""
+        found.append(Difference(aspect=aspect, before=next(values), after=next(values), lead=lead, name=name))
+    order = list(Aspect)
+    kept = (one for one in found if one.aspect not in left_out)
+    return tuple(sorted(kept, key=lambda one: order.index(one.aspect)))
 
 
-def _differences(before: AnswersManifest, after: AnswersManifest) -> Iterator[Difference]:
-    was, now, one, two = before.dataset, after.dataset, before.method, after.method
-    counted, same_method = isinstance(before, Manifest) and isinstance(after, Manifest), one.name == two.name
-    rules = [protocol_text(m.protocol) if isinstance(m, Manifest) and counted else "" for m in (before, after)]
-    yield from _compared(Aspect.DATASET, {"": repr(was.name)}, {"": repr(now.name)})
-    yield from _compared(Aspect.SPLIT, {"": _or_none(was.split)}, {"": _or_none(now.split)})
-    yield from _compared(Aspect.INPUT_ERRORS, was.input_errors, now.input_errors, between=" = ")
-    yield from _compared(Aspect.METHOD, {"": repr(one.name)}, {"": repr(two.name)})
-    if same_method:
-        yield from _compared(Aspect.SETTINGS, all_settings(one), all_settings(two), between=" = ")
-    yield from _compared(Aspect.PROTOCOL, {"": rules[0]}, {"": rules[1]})
-    yield from _code(before.code, after.code, counted=counted)
-    if same_method:
-        lead = "the method's own code, or files: "
-        yield from _digest(Aspect.METHOD_CODE, one.code_digest, two.code_digest, lead=lead)
-    if changes := "".join(f"{text}; " for text in _changed_recordings(was.recordings, now.recordings)):
-        yield from _digest(Aspect.DATA, digest_of(was.recordings), digest_of(now.recordings), lead=changes)
-    if isinstance(before, Manifest) and isinstance(after, Manifest):
-        yield from _digest(Aspect.REFERENCE, before.reference, after.reference)
+def _values(manifest: AnswersManifest) -> Iterator[tuple[tuple[Aspect, str], object]]:
+    """What a manifest says in words and numbers, by aspect and name."""
+    data, method = manifest.dataset, manifest.method
+    yield (Aspect.DATASET, ""), repr(data.name)
+    yield (Aspect.SPLIT, ""), "none" if data.split is None else repr(data.split)
+    yield (Aspect.METHOD, ""), repr(method.name)
+    if isinstance(manifest, Manifest):
+        yield (Aspect.PROTOCOL, ""), protocol_text(manifest.protocol)
+    for aspect, named in (
+        (Aspect.INPUT_ERRORS, data.input_errors),
+        (Aspect.SETTINGS, all_settings(method)),
+        (Aspect.CODE, manifest.code.libraries),
+    ):
+        yield from (((aspect, name), value) for name, value in named.items())
+
+
+def _digests(before: AnswersManifest, after: AnswersManifest) -> Iterator[Difference]:
+    """Differences of what is told by digests; those of counts only where both are of results."""
+    counted = isinstance(before, Manifest) and isinstance(after, Manifest)
+    was, now = before.code, after.code
+    code = [digest_of(one.answers, one.counts if counted else "") for one in (was, now)]
+    if (was.version, was.commit) != (now.version, now.commit):
+        decides = code[0] != code[1]
+        yield Difference(aspect=Aspect.CODE, before=was.text, after=now.text, decides=decides)
+        code = []
+    recordings = [one.dataset.recordings for one in (before, after)]
+    changed = "".join(f"{text}; " for text in _changed_recordings(*recordings))
+    references = [one.reference for one in (before, after) if isinstance(one, Manifest)]
+    told: list[tuple[Aspect, str, Sequence[str | None]]] = [
+        (Aspect.CODE, f"other code of {now.text}: ", code),
+        (Aspect.METHOD_CODE, "the method's own code, or files: ", [one.method.code_digest for one in (before, after)]),
+        (Aspect.DATA, changed, [digest_of(one) for one in recordings] if changed else []),
+        (Aspect.REFERENCE, "", references),
+    ]
+    for aspect, lead, digests in told:
+        if len(digests) == 2 and None not in digests and digests[0] != digests[1]:
+            texts = [short_digest(str(digest)) for digest in digests]
+            yield Difference(aspect=aspect, before=texts[0], after=texts[1], lead=f"{lead}digest ")
 
 
 def all_settings(method: MethodOfRun) -> dict[str, object]:
@@ -344,39 +376,6 @@ def read_manifest(folder: Path) -> Manifest | None:
     return read_json(Manifest, file) if file.exists() else None
 
 
-def _compared(
-    aspect: Aspect,
-    before: Mapping[str, object],
-    after: Mapping[str, object],
-    *,
-    between: str = "",
-    absent: object = None,
-) -> Iterator[Difference]:
-    """Compare value by value; `between` stands between name and value, `absent` for a value that is not there."""
-    for name in sorted(before.keys() | after.keys()):
-        was, now = before.get(name, absent), after.get(name, absent)
-        if was != now:
-            yield Difference(aspect=aspect, before=str(was), after=str(now), lead=f"{name}{between}", name=name)
-
-
-def _digest(aspect: Aspect, before: str | None, after: str | None, *, lead: str = "") -> Iterator[Difference]:
-    """Compare digests that both runs know."""
-    if before is not None and after is not None and before != after:
-        was, now = short_digest(before), short_digest(after)
-        yield Difference(aspect=aspect, before=was, after=now, lead=f"{lead}digest ")
-
-
-def _code(was: CodeOfRun, now: CodeOfRun, *, counted: bool) -> Iterator[Difference]:
-    """Compare the code of answers, and where both are of results also that of counts."""
-    digests = [digest_of(code.answers, code.counts if counted else "") for code in (was, now)]
-    if (was.version, was.commit) != (now.version, now.commit):
-        decides = digests[0] != digests[1]
-        yield Difference(aspect=Aspect.CODE, before=was.text, after=now.text, decides=decides)
-    else:
-        yield from _digest(Aspect.CODE, *digests, lead=f"other code of {now.text}: ")
-    yield from _compared(Aspect.CODE, was.libraries, now.libraries, between=" ", absent="not loaded")
-
-
 def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
     """Name the recordings with other data; nothing where a side does not say."""
     if not (was and now):
@@ -389,10 +388,6 @@ def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Itera
     ):
         if names:
             yield f"recordings {kind}: {listed([*map(repr, sorted(names))], LISTED)} ({len(names)} of {count})"
-
-
-def _or_none(split: str | None) -> str:
-    return "none" if split is None else repr(split)
 
 
 def package_commit() -> str | None:

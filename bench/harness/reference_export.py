@@ -11,7 +11,6 @@ DIR/<recording>/labels/<camera>/<timestamp_ns>.png     8 bits: a `Label`
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
@@ -21,17 +20,18 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from bench.atomic import new_folder, path_inside, write_bytes, write_text
+from bench.atomic import new_folder, write_bytes, write_text
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol
 from bench.execution import FailedTask, TaskExecutor
+from bench.harness.answers import safe_name
 from bench.harness.references import message_without_root
 from bench.harness.stages import Progress
 from bench.harness.tasks import first_scored
 from bench.recordings import DatasetCard, ImageRef, RecordingHandle, open_dataset
-from bench.records.reference import ReferenceFrame, ReferenceObject
+from bench.records.reference import ReferenceFrame
 from bench.reference import ReferenceBuilder
 
 HEAD = "reference.json"
@@ -39,6 +39,7 @@ Entry = dict[str, object]
 
 AS_COUNTED = ("track_id", "object_class", "status", "reason", "category", "direction", "points", "polygon_px",
               "region_px", "unknown_px")  # fmt: skip
+MEASURED = ("speed_mps", "range_m", "centroid_m")
 
 
 class Label(IntEnum):
@@ -90,21 +91,24 @@ def export_references(
         UnknownNameError: no such split.
     """
     handles = open_dataset(card, split)
-    entries: dict[str, list[Entry]] = {}
-    with new_folder(out) as folder, executor:
-        task = partial(_export_recording, folder=folder, protocol=protocol)
-        with closing(executor.compute(task, handles)) as results:
-            for handle, outcome in results:
-                if isinstance(outcome, FailedTask):
-                    raise DataError(handle.name, expected="a recording that can be exported", got=outcome.reason)
-                entries[handle.name] = outcome
-                if progress is not None:
-                    progress(len(entries), len(handles))
-        images = {handle.name: len(entries[handle.name]) for handle in handles}
+    done: dict[str, list[str]] = {}
+    task = partial(_export_recording, protocol=protocol)
+    with (
+        new_folder(out) as folder,
+        executor,
+        closing(executor.compute(partial(task, folder=folder), handles)) as results,
+    ):
+        for handle, outcome in results:
+            if isinstance(outcome, FailedTask):
+                raise DataError(handle.name, expected="a recording that can be exported", got=outcome.reason)
+            done[handle.name] = outcome
+            if progress is not None:
+                progress(len(done), len(handles))
+        images = {handle.name: len(done[handle.name]) for handle in handles}
         rules = {"name": protocol.name, "version": protocol.version, "digest": protocol.digest}
         head = {"schema_version": 1, "dataset": card.name, "split": split, "protocol": rules, "recordings": images}
-        write_text(folder / HEAD, _json(head))
-    problems = [str(entry["problem"]) for name in images for entry in entries[name] if entry["problem"]]
+        _write_json(folder / HEAD, head)
+    problems = [problem for name in images for problem in done[name] if problem]
     return ReferenceExport(folder=out, images=images, problems=tuple(problems))
 
 
@@ -118,22 +122,24 @@ def label_image(frame: ReferenceFrame) -> NDArray[np.uint8]:
     return labels
 
 
-def _export_recording(handle: RecordingHandle, *, folder: Path, protocol: Protocol) -> list[Entry]:
-    """Write the reference of a recording; its images without their objects."""
+def _export_recording(handle: RecordingHandle, *, folder: Path, protocol: Protocol) -> list[str]:
+    """Write the reference of a recording; for each image the problem that it has, or ""."""
     recording = handle.open()
     entries = [
-        _export_image(builder, image, folder)
+        _export_image(builder, image, folder / safe_name(recording.name))
         for name in sorted(recording.cameras)
         for builder in [ReferenceBuilder(recording, name, protocol.reference_settings())]
         for image in recording.images[name][first_scored(recording.images[name]) :]
     ]
-    file = path_inside(folder, f"{recording.name}.json", file=folder / HEAD, field="recordings")
-    write_text(file, _json({"recording": recording.name, "images": entries}))
-    return [entry | {"objects": []} for entry in entries]
+    _write_json(folder / f"{safe_name(recording.name)}.json", {"recording": recording.name, "images": entries})
+    return [str(entry["problem"]) for entry in entries]
 
 
 def _export_image(builder: ReferenceBuilder, image: ImageRef, folder: Path) -> Entry:
-    """Write the pixels of an image; return it as `<recording>.json` has it, its objects nearest first."""
+    """Write the pixels of an image; return it as `<recording>.json` has it, its objects nearest first.
+
+    The `instance_id` of an object is the number of its pixels in `instances`; what is unknown is null.
+    """
     recording, model = builder.recording, builder.camera.model
     inside = image.path.is_relative_to(recording.root)
     entry: Entry = {
@@ -146,33 +152,25 @@ def _export_image(builder: ReferenceBuilder, image: ImageRef, folder: Path) -> E
     try:
         frame = builder.build(image)
     except BenchError as error:
-        return entry | {
-            "ego_speed_mps": None,
-            "annotated": True,
-            "objects": [],
-            "problem": message_without_root(error, recording),
-        }
+        without: Entry = {"ego_speed_mps": None, "annotated": True, "objects": []}
+        return entry | without | {"problem": message_without_root(error, recording)}
     for what, values in (("instances", frame.labels.astype(np.uint16)), ("labels", label_image(frame))):
-        file = path_inside(
-            folder, f"{recording.name}/{what}/{image.camera}/{image.timestamp_ns}.png", file=folder / HEAD
-        )
+        file = folder / what / safe_name(image.camera) / f"{image.timestamp_ns}.png"
         write_bytes(file, cv2.imencode(".png", values)[1].tobytes())
-    objects = [_object(number, item) for number, item in enumerate(frame.objects, start=1)]
+    objects = [
+        {"instance_id": number}
+        | {name: getattr(item, name) for name in AS_COUNTED}
+        | {name: _known(getattr(item, name)) for name in MEASURED}
+        for number, item in enumerate(frame.objects, start=1)
+    ]
     of_frame = {"ego_speed_mps": frame.ego_speed_mps, "annotated": frame.annotated}
     return entry | of_frame | {"objects": objects, "problem": ""}
 
 
-def _object(number: int, item: ReferenceObject) -> dict[str, object]:
-    """An annotated object; `instance_id` is the number of its pixels in `instances`, what is unknown is null."""
-    centre_m = [float(value) for value in item.centroid_m]
-    return {
-        "instance_id": number,
-        **{name: getattr(item, name) for name in AS_COUNTED},
-        "speed_mps": None if math.isnan(item.speed_mps) else float(item.speed_mps),
-        "range_m": None if math.isnan(item.range_m) else float(item.range_m),
-        "centroid_m": None if math.isnan(sum(centre_m)) else centre_m,
-    }
+def _known(value: ArrayLike) -> object:
+    """A measurement for JSON; None for NaN."""
+    return None if np.isnan(value).any() else np.asarray(value).tolist()
 
 
-def _json(content: object) -> str:
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+def _write_json(file: Path, content: object) -> None:
+    write_text(file, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")

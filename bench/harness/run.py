@@ -50,7 +50,7 @@ from bench.harness.tasks import (
 from bench.methods.contract import own_copy
 from bench.plain_text import listed
 from bench.recordings import RecordingHandle
-from bench.recordings.openlabel import NOT_REVIEWED
+from bench.recordings.annotations import NOT_REVIEWED
 from bench.recordings.validation import read_json
 
 SERIAL = SerialExecutor()

@@ -250,7 +250,7 @@ def _process(request: RunRequest, task: Task) -> int:
             write_answers(file, ask(recording, task, request.method, reference))
         scorer = count_answers(recording, images, said=read_answers(file), reference=reference, protocol=protocol)
         objects, frames = scorer.finish()
-        write_counts(counts_folder(results, task.handle.name), task.name, objects, frames, scorer.image_map())
+        write_counts(counts_folder(results, task.handle.name), task.name, objects, frames)
     return asked
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import DataError, UsageError
-from bench.lidar.fields import INTENSITY_FIELDS, RING_FIELDS, is_time
+from bench.lidar.fields import is_time
 from bench.lidar.sweep import LARGEST_BYTES, Arrays
 
 
@@ -67,7 +67,6 @@ TYPES = {
     **{("F", size): np.dtype(f"<f{size}") for size in (4, 8)},
 }
 PADDING = "_"
-WANTED = frozenset({*"xyz", *INTENSITY_FIELDS, *RING_FIELDS})
 
 
 class Column(NamedTuple):
@@ -105,7 +104,7 @@ def read_pcd(path: Path) -> Arrays:
         raise DataError(path, field="POINTS", expected="points", got="0, an empty cloud", hint="remove the file")
     counts = [column.numbers for column in columns]
     behind = columns[counts.index(0) :] if 0 in counts else []
-    if lost := [column.name for column in behind if column.name in WANTED or is_time(column.name)]:
+    if lost := [column.name for column in behind if column.name in {*"xyz"} or is_time(column.name)]:
         expected = f"a COUNT of 1 or more for each field before {', '.join(lost)}"
         got = "0, so that their offsets are unknown"
         hint = "write the cloud again without padding, or without these fields"

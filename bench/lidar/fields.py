@@ -15,13 +15,10 @@ from bench.lidar.sweep import LidarSweep
 from bench.times import SECOND_NS
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
-TimeOrigin = Literal["stamp", "start"]
 UNITS_NS: Mapping[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 LATEST_NS = 2**62
 SHORTEST_SWEEP_NS, FARTHEST_TIME_NS = 10_000_000, 1_000_000_000  # a point further from its sweep is of another clock
 
-INTENSITY_FIELDS = ("intensity", "intensities", "reflectivity", "reflectance", "i")
-RING_FIELDS = ("ring", "channel", "laser_id", "line")
 UNITS_IN_NAMES: Mapping[str, TimeUnit] = {
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
     **dict.fromkeys(("us", "usec", "usecs", "microsec", "microseconds"), "us"),
@@ -61,12 +58,10 @@ def sweep_of(
     stamp_ns: int | None = None,
     time_field: str | None = None,
     time_unit: TimeUnit | None = None,
-    time_from: TimeOrigin | None = None,
-    full_intensity: float | None = None,
     drop_origin: bool = False,
     time_hint: str = "",
 ) -> LidarSweep:
-    """The points of a cloud that have a position, with their times, intensities and rings.
+    """The points of a cloud that have a position, with their times.
 
     Returns without a position are left out, and the sweep says which rows of the cloud the others were.
 
@@ -78,8 +73,6 @@ def sweep_of(
         stamp_ns: the same in the clock of points that have times of a clock; None for `timestamp_ns`.
         time_field: the field with times; None for the first with a name of one.
         time_unit: its unit; None for the one by which the sweep lasts 10 ms to a second, which only one can be.
-        time_from: whether times count from the sweep's or in a clock; None for what is nearer.
-        full_intensity: value that is 1; None for 1, 255 or 65535, the first that none exceeds.
         drop_origin: leave out points at the lidar itself, too, which some drivers store for lost returns.
         time_hint: the remedy where times cannot be used.
 
@@ -90,37 +83,29 @@ def sweep_of(
     if drop_origin:
         kept &= (points != 0).any(axis=1)
     rows = None if kept.all() else np.flatnonzero(kept)
-    taken = {field: values if rows is None else values[rows] for field, values in fields.items()}
-    if time_field is not None and time_field not in taken:
-        raise DataError(name, field="fields", expected=f"the time field {time_field}", got=", ".join(taken) or "none")
-    named = time_field or next((field for field in taken if is_time(field)), None)
+    if time_field is not None and time_field not in fields:
+        raise DataError(name, field="fields", expected=f"the time field {time_field}", got=", ".join(fields) or "none")
+    named = time_field or next((field for field in fields if is_time(field)), None)
     offsets_ns = None
     if named is not None:
         offsets_ns = point_times(
-            taken[named], timestamp_ns if stamp_ns is None else stamp_ns,
-            unit=time_unit or _unit_in(named), time_from=time_from, name=name, field=named, hint=time_hint,
-        )  # fmt: skip
-    intensity = next((field for field in INTENSITY_FIELDS if field in taken), None)
-    ring = next((field for field in RING_FIELDS if field in taken and _counts_lasers(taken[field])), None)
-    used = {ring, intensity, named if offsets_ns is not None else None}
+            fields[named] if rows is None else fields[named][rows],
+            timestamp_ns if stamp_ns is None else stamp_ns,
+            unit=time_unit or _unit_in(named),
+            name=name,
+            field=named,
+            hint=time_hint,
+        )
+    read = () if named is None or offsets_ns is None else (named,)
     return LidarSweep(
         timestamp_ns=timestamp_ns,
         points_lidar=np.ascontiguousarray(points if rows is None else points[rows]),
         time_offset_ns=offsets_ns,
-        intensity=None if intensity is None else unit_intensity(taken[intensity], full_intensity),
-        ring=None if ring is None else taken[ring].astype(np.uint8),
         stored_rows=rows,
         stored_count=len(points),
-        read_fields=tuple(field for field in fields if field in used),
-        unread_fields=tuple(field for field in fields if field not in used),
+        read_fields=read,
+        unread_fields=tuple(field for field in fields if field not in read),
     )
-
-
-def unit_intensity(values: NDArray[Any], full: float | None = None) -> NDArray[np.float32]:
-    """Intensities in [0, 1]: over `full`, or over 1, 255 or 65535, the first that none exceeds; NaN counts as 0."""
-    numbers = np.nan_to_num(values.astype(np.float32), posinf=0.0, neginf=0.0)
-    largest = float(numbers.max(initial=0.0))
-    return numbers / np.float32(full or next((each for each in (1.0, 255.0) if largest <= each), 65535.0))
 
 
 def point_times(
@@ -128,7 +113,6 @@ def point_times(
     stamp_ns: int,
     *,
     unit: TimeUnit | None = None,
-    time_from: TimeOrigin | None = None,
     name: Path,
     field: str,
     hint: str = "",
@@ -157,8 +141,7 @@ def point_times(
     first_ns = int(first) * unit_ns if whole else round(float(first) * unit_ns)
     since_first_ns = np.rint((times - first).astype(np.float64) * unit_ns).astype(np.int64)
     middle_ns = first_ns + int(since_first_ns.max()) // 2
-    origins = {"the sweep's time": stamp_ns} if time_from != "start" else {}
-    origins |= {clock: zero(stamp_ns) for clock, zero in CLOCKS.items()} if time_from != "stamp" else {}
+    origins = {"the sweep's time": stamp_ns} | {clock: zero(stamp_ns) for clock, zero in CLOCKS.items()}
     away_ns = {origin: middle_ns + zero_ns - stamp_ns for origin, zero_ns in origins.items()}
     nearest = min(away_ns, key=lambda origin: abs(away_ns[origin]))
     offsets_ns = np.asarray(since_first_ns + (first_ns + origins[nearest] - stamp_ns))
@@ -172,11 +155,6 @@ def point_times(
 def _leap_ns(unix_ns: int) -> int:
     """How far GPS time was ahead."""
     return next(leap for since_s, leap in LEAP_SECONDS if unix_ns >= since_s * SECOND_NS or not since_s) * SECOND_NS
-
-
-def _counts_lasers(values: NDArray[Any]) -> bool:
-    """Return True for whole numbers that a byte holds."""
-    return values.dtype.kind != "f" and (not values.size or bool(0 <= values.min() <= values.max() < 256))
 
 
 def _unit_in(field: str) -> TimeUnit | None:

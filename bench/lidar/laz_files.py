@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.lidar.sweep import LARGEST_BYTES, Arrays
@@ -34,9 +33,10 @@ def read_laz(path: Path) -> Arrays:
     Raises:
         DataError: cut short, or not a .las or .laz file.
     """
-    with path.open("rb") as file:
-        points = laz_points(path, file)
-    arrays: Arrays = {"points_lidar": laz_coordinates(points)}
+    points = _points(path)
+    with np.errstate(over="ignore", invalid="ignore"):  # scales without end: what comes of them is refused later
+        places = np.column_stack([points.x, points.y, points.z]).astype(np.float64, copy=False)
+    arrays: Arrays = {"points_lidar": places}
     for dimension in points.point_format.dimensions:
         values = np.asarray(points[dimension.name])
         if dimension.name not in PLACES and values.ndim == 1 and values.any():
@@ -44,42 +44,33 @@ def read_laz(path: Path) -> Arrays:
     return arrays
 
 
-def laz_coordinates(points: Any) -> NDArray[np.float64]:
-    """(N, 3) float64, m, of a record that `laz_points` read."""
-    with np.errstate(over="ignore", invalid="ignore"):  # scales without end: what comes of them is refused later
-        return np.column_stack([points.x, points.y, points.z]).astype(np.float64, copy=False)
-
-
-def laz_points(name: Path, file: BinaryIO) -> Any:
-    """Read the points of .laz, a record of laspy with all dimensions.
-
-    Args:
-        name: of the file, for messages.
-        file: its content, at its beginning.
-
-    Raises:
-        DataError: cut short, or not .laz.
-    """
+def _points(path: Path) -> Any:
+    """The record of laspy, with all dimensions."""
     import laspy  # 0.15 s, and only these files need it
 
     logging.getLogger("laspy").setLevel(logging.CRITICAL)  # what it would print is in our errors
     try:
-        _refuse_wrong_header(name, file)
-        with laspy.open(file, closefd=False, read_evlrs=False) as opened:
-            header = opened.header
-            _refuse_too_many(name, header.point_count, header.point_format.size)
-            if header.are_points_compressed:
-                _refuse_wrong_chunks(name, file, header)
-            file.seek(header.offset_to_point_data)
-            points = opened.read_points(-1)
+        with path.open("rb") as file:
+            _refuse_wrong_header(path, file)
+            with laspy.open(file, closefd=False, read_evlrs=False) as opened:
+                header = opened.header
+                count, point_bytes = header.point_count, header.point_format.size
+                if count * point_bytes > LARGEST_BYTES:
+                    got = f"a header of {count} points, {count * point_bytes} bytes"
+                    expected = f"at most {LARGEST_BYTES} bytes unpacked"
+                    raise DataError(path, field="points", expected=expected, got=got)
+                if header.are_points_compressed:
+                    _refuse_wrong_chunks(path, file, header)
+                file.seek(header.offset_to_point_data)
+                points = opened.read_points(-1)
     except (DataError, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # the decompressor raises its own kinds, down to a panic that is no Exception
         got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise DataError(name, expected=f"a whole {name.suffix} file", got=got) from error
-    if header.point_count != len(points):
+        raise DataError(path, expected=f"a whole {path.suffix} file", got=got) from error
+    if count != len(points):
         got = f"{len(points)}; the file may be cut short"
-        raise DataError(name, field="points", expected=f"{header.point_count} points as its header says", got=got)
+        raise DataError(path, field="points", expected=f"{count} points as its header says", got=got)
     return points
 
 
@@ -92,12 +83,6 @@ def _refuse_wrong_header(path: Path, file: BinaryIO) -> None:
     if not header_bytes + records * RECORD_BYTES <= points_at <= size:
         got = f"a header of {header_bytes} bytes, {records} records, points at {points_at} of {size} bytes"
         raise DataError(path, field="header", expected="lengths within the file", got=got)
-
-
-def _refuse_too_many(path: Path, count: int, point_bytes: int) -> None:
-    if count * point_bytes > LARGEST_BYTES:
-        got = f"a header of {count} points, {count * point_bytes} bytes"
-        raise DataError(path, field="points", expected=f"at most {LARGEST_BYTES} bytes unpacked", got=got)
 
 
 def _refuse_wrong_chunks(path: Path, file: BinaryIO, header: Any) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import inspect
+import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass, is_dataclass
 from functools import partial
-from math import isfinite
 from pathlib import Path, PurePath
 from typing import Annotated, Any, TypeVar
 
@@ -160,13 +160,21 @@ def refuse_unfit(method: Scorable) -> None:
         if expected := unlike(kind, value, strict=True):
             raise UsageError(f"method {_called(method)}: {name}: expected {expected}, got {value!r}")
     settings = _attribute(method, "settings()", method.settings)
-    if not isinstance(settings, Mapping):
-        raise UsageError(f"method {_called(method)}: settings(): expected a dictionary by name, got {settings!r}")
-    for place, value in _unstorable("", settings):
+    if expected := unlike(dict[str, Any], settings, strict=True):
+        raise UsageError(f"method {_called(method)}: settings(): expected {expected}, got {settings!r}")
+    try:
+        json.dumps(settings, allow_nan=False, default=_text_of_path)
+    except (TypeError, ValueError) as error:
         raise UsageError(
-            f"method {_called(method)}: settings(): {place}: expected finite numbers, text, None, and lists and "
-            f"dictionaries of them, got {value!r} of {type(value)}; convert it, for example by float()"
-        )
+            f"method {_called(method)}: settings(): expected finite numbers, text, None, and lists and dictionaries of "
+            f"them, got {settings!r}: {error}; convert it, for example by float()"
+        ) from error
+
+
+def _text_of_path(value: object) -> str:
+    if isinstance(value, PurePath):
+        return str(value)
+    raise TypeError(f"{type(value)} is none of these")
 
 
 def _attribute(method: Scorable, name: str, read: Callable[[], Any]) -> Any:
@@ -180,25 +188,6 @@ def _attribute(method: Scorable, name: str, read: Callable[[], Any]) -> Any:
 
 def _called(method: Scorable) -> str:
     return f"{method.name!r} of class {type(method).__name__}"
-
-
-def _unstorable(place: str, value: object) -> Iterator[tuple[str, object]]:
-    """Values among settings that no file of a run could hold, with their dotted names."""
-    if isinstance(value, Mapping):
-        for name, inner in value.items():
-            if type(name) is str:
-                yield from _unstorable(f"{place}.{name}".strip("."), inner)
-            else:
-                yield f"{place} {name!r}".strip(), name
-    elif isinstance(value, list | tuple):
-        for number, inner in enumerate(value):
-            yield from _unstorable(f"{place}[{number}]", inner)
-    elif (
-        isinstance(value, np.generic)
-        or not isinstance(value, str | int | float | PurePath | None)
-        or (isinstance(value, float) and not isfinite(value))  # JSON has null for all of these
-    ):
-        yield place, value
 
 
 Copied = TypeVar("Copied", bound=Scorable)

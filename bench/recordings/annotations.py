@@ -1,20 +1,31 @@
-"""Annotation files <-> tracks, and what of a recording they cover."""
+"""Annotation files <-> tracks, and what of a recording they cover.
+
+They are a part of ASAM OpenLABEL 1.0. Objects carry their class in `type`. Each frame has its time, in nanoseconds, in
+`frame_properties.timestamp`, and per object one shape and what is known of the motion, all in the vehicle frame at that
+time:
+
+- `cuboid` "shape": x, y, z, qx, qy, qz, qw, sx, sy, sz (centre, quaternion x, y, z, w, full sizes), or
+- `poly2d` "ground_outline": x and y in turn, closed, with the `num`s "bottom_m" and "top_m", or
+- `vec` "point_indices" with the `num` "sweep_timestamp_ns" that they count in;
+- `vec` "velocity_mps" over the ground, `num` "yaw_rate_radps", `text` "category", `boolean` "unclear".
+"""
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Iterable, Sequence
 from os.path import lexists
 from pathlib import Path
 from typing import Annotated as Of
-from typing import Any, Literal
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform, quaternions_wxyz
-from bench.recordings import openlabel
-from bench.recordings.validation import FileModel, TimeNs, in_order, read_json
+from bench.recordings.validation import FileModel, Measured, TimeNs, in_order, read_json
 from bench.records.recording import (
     ALWAYS_NS,
     COMPLETELY,
@@ -22,14 +33,21 @@ from bench.records.recording import (
     Annotated,
     Cuboid,
     GroundPolygon,
+    MotionKind,
     ObjectShape,
     ObjectState,
     PointIndices,
     Track,
 )
+from bench.records.reference import ObjectClass
 from bench.times import unit_hint
 
 REVIEW_SUFFIX = ".review.json"  # of files beside the annotations, from which they are made
+VERSION = "1.0.0"
+NOT_REVIEWED = "annotations: proposed, not reviewed"  # the comment of a file whose objects nobody has looked at
+COORDINATE_SYSTEM: Literal["vehicle"] = "vehicle"
+
+MOST_CORNERS = 1000  # of an outline; one that crosses itself has as many crossings as their square
 
 Stretch = Of[tuple[TimeNs | None, TimeNs | None], AfterValidator(in_order)]
 Outline = Of[tuple[tuple[float, float], ...], Field(min_length=3, max_length=1000)]
@@ -68,6 +86,206 @@ def annotation_file_in(folder: Path | None, recording: str) -> Path | None:
     return file if file is not None and lexists(file) else None  # what is there but no file is an error when it is read
 
 
+# The files, key by key
+
+
+class CuboidData(FileModel):
+    """Centre, quaternion (x, y, z, w) and full sizes."""
+
+    name: Literal["shape"]
+    val: tuple[Measured, Measured, Measured, Measured, Measured, Measured, Measured, Measured, Measured, Measured]
+    coordinate_system: Literal["vehicle"] = COORDINATE_SYSTEM
+
+    @field_validator("val")
+    @classmethod
+    def _is_box(cls, val: tuple[float, ...]) -> tuple[float, ...]:
+        if abs(sum(part * part for part in val[3:7]) ** 0.5 - 1.0) > 1e-3:
+            raise ValueError("numbers 4 to 7 to be a quaternion x, y, z, w of length 1")
+        if min(val[7:]) <= 0:
+            raise ValueError("numbers 8 to 10 to be sizes above 0")
+        return val
+
+
+class PolygonData(FileModel):
+    """Outline on the ground: x and y in turn, the last point joined to the first."""
+
+    name: Literal["ground_outline"]
+    val: tuple[Measured, ...] = Field(min_length=6, max_length=2 * MOST_CORNERS)
+    mode: Literal["MODE_POLY2D_ABSOLUTE"] = "MODE_POLY2D_ABSOLUTE"
+    closed: Literal[True]
+    coordinate_system: Literal["vehicle"] = COORDINATE_SYSTEM
+
+    @field_validator("val")
+    @classmethod
+    def _has_pairs(cls, val: tuple[float, ...]) -> tuple[float, ...]:
+        if len(val) % 2:
+            raise ValueError("an even number of values, x and y in turn")
+        return val
+
+
+Name, Value = TypeVar("Name", bound=str), TypeVar("Value")
+
+
+class Named(FileModel, Generic[Name, Value]):
+    """A value of an object."""
+
+    name: Name
+    val: Value
+
+
+class LengthData(Named[Literal["bottom_m", "top_m"], Measured]):
+    """Height span of an outline."""
+
+
+class RateData(Named[Literal["yaw_rate_radps"], Measured]):
+    """Turn of the object about its own centre, positive to the left."""
+
+
+class SweepData(Named[Literal["sweep_timestamp_ns"], TimeNs]):
+    """The sweep that point indices count in."""
+
+
+class InstanceData(Named[Literal["instance_id"], Of[int, Field(ge=1, le=65535)]]):
+    """The object's number in truth images."""
+
+
+class VelocityData(Named[Literal["velocity_mps"], tuple[Measured, Measured, Measured]]):
+    """Velocity over the ground along the vehicle's axes."""
+
+
+class IndicesData(Named[Literal["point_indices"], tuple[Of[int, Field(ge=0, le=2**31 - 1)], ...]]):
+    """Rows of the sweep's points."""
+
+
+class CategoryData(Named[Literal["category"], MotionKind]):
+    """Kind of motion."""
+
+
+class UnclearData(Named[Literal["unclear"], bool]):
+    """The annotator was not sure."""
+
+
+FrameNumber = Of[LengthData | RateData | SweepData, Field(discriminator="name")]
+FrameVector = Of[VelocityData | IndicesData, Field(discriminator="name")]
+
+
+class FrameObjectData(FileModel):
+    """State of one object in one frame."""
+
+    cuboid: tuple[CuboidData, ...] = Field(default=(), max_length=1)
+    poly2d: tuple[PolygonData, ...] = Field(default=(), max_length=1)
+    num: tuple[FrameNumber, ...] = ()
+    vec: tuple[FrameVector, ...] = ()
+    text: tuple[CategoryData, ...] = Field(default=(), max_length=1)
+    boolean: tuple[UnclearData, ...] = Field(default=(), max_length=1)
+
+    @field_validator("num", "vec")
+    @classmethod
+    def _named_once(cls, entries: tuple[FrameNumber | FrameVector, ...]) -> tuple[FrameNumber | FrameVector, ...]:
+        if len({entry.name for entry in entries}) < len(entries):
+            raise ValueError("each name once")
+        return entries
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Values of `num` by name."""
+        return {entry.name: entry.val for entry in self.num}
+
+    @property
+    def vectors(self) -> dict[str, Any]:
+        """Values of `vec` by name."""
+        return {entry.name: entry.val for entry in self.vec}
+
+    @model_validator(mode="after")
+    def _is_one_shape(self) -> FrameObjectData:
+        numbers = self.numbers
+        if bool(self.cuboid) + bool(self.poly2d) + ("point_indices" in self.vectors) != 1:
+            raise ValueError("one of cuboid, poly2d and vec point_indices")
+        if self.poly2d and not numbers.get("bottom_m", math.inf) < numbers.get("top_m", -math.inf):
+            raise ValueError("with a poly2d the numbers bottom_m and top_m, which is above it")
+        if "point_indices" in self.vectors and "sweep_timestamp_ns" not in numbers:
+            raise ValueError("with point_indices a number named sweep_timestamp_ns")
+        return self
+
+
+class FrameObject(FileModel):
+    """One object in one frame."""
+
+    object_data: FrameObjectData
+
+
+class FrameProperties(FileModel):
+    """Time of a frame, ns."""
+
+    timestamp: TimeNs
+
+
+class OpenLabelFrame(FileModel):
+    """The objects at one time."""
+
+    frame_properties: FrameProperties
+    objects: dict[str, FrameObject] = Field(default_factory=dict)
+
+
+class ObjectData(FileModel):
+    """Properties of an object in every frame."""
+
+    num: tuple[InstanceData, ...] = Field(default=(), max_length=1)
+
+
+class AnnotatedObject(FileModel):
+    """One object."""
+
+    name: str
+    type: ObjectClass
+    object_data: ObjectData = ObjectData()
+
+
+class Metadata(FileModel):
+    """About the file."""
+
+    schema_version: Literal["1.0.0"]
+    annotator: str = ""
+    comment: str = ""
+    name: str = ""
+
+
+class CoordinateSystem(FileModel):
+    """The vehicle frame; named so that other OpenLABEL tools find it."""
+
+    type: Literal["local_cs"] = "local_cs"
+    parent: Literal[""] = ""
+    children: tuple[str, ...] = ()
+
+
+class OpenLabel(FileModel):
+    """The content of the file."""
+
+    metadata: Metadata
+    coordinate_systems: dict[Literal["vehicle"], CoordinateSystem] = Field(default_factory=dict)
+    objects: dict[str, AnnotatedObject] = Field(default_factory=dict)
+    frames: dict[Of[str, Field(pattern=r"^[0-9]+$")], OpenLabelFrame] = Field(default_factory=dict)
+
+
+class AnnotationFile(FileModel):
+    """`annotations.json`."""
+
+    openlabel: OpenLabel
+
+
+def schema_text() -> str:
+    """The JSON Schema of annotation files, as it stands in `annotations/openlabel-subset.schema.json`."""
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Annotations of fisheye-bench: a subset of ASAM OpenLABEL 1.0",
+        **{key: value for key, value in AnnotationFile.model_json_schema().items() if key != "title"},
+    }
+    return json.dumps(schema, indent=1) + "\n"
+
+
+# From and to tracks
+
+
 def read_annotations(file: Path) -> tuple[Track, ...]:
     """Read an annotation file.
 
@@ -77,7 +295,7 @@ def read_annotations(file: Path) -> tuple[Track, ...]:
     Raises:
         DataError: missing, not of the OpenLABEL subset, or objects and frames that do not fit together.
     """
-    content = read_json(openlabel.AnnotationFile, file).openlabel
+    content = read_json(AnnotationFile, file).openlabel
     states = _states(content, file)
     return tuple(
         Track(
@@ -85,13 +303,13 @@ def read_annotations(file: Path) -> tuple[Track, ...]:
             object_class=item.type,
             states=tuple(states[uid]),
             instance_id=item.object_data.num[0].val if item.object_data.num else None,
-            reviewed=content.metadata.comment != openlabel.NOT_REVIEWED,
+            reviewed=content.metadata.comment != NOT_REVIEWED,
         )
         for uid, item in content.objects.items()
     )
 
 
-def _states(content: openlabel.OpenLabel, file: Path) -> dict[str, list[ObjectState]]:
+def _states(content: OpenLabel, file: Path) -> dict[str, list[ObjectState]]:
     """The states of each object, by time."""
     states: dict[str, list[ObjectState]] = {uid: [] for uid in content.objects}
     times_ns = [frame.frame_properties.timestamp for frame in content.frames.values()]
@@ -128,18 +346,18 @@ def annotation_document(tracks: Sequence[Track], timestamps_ns: Iterable[int] = 
     for track in tracks:
         for state, xyzw in zip(track.states, _quaternions_xyzw(track), strict=True):
             frames[state.timestamp_ns]["objects"][track.track_id] = {"object_data": _state_data(state, xyzw)}
-    comment = {} if all(track.reviewed for track in tracks) else {"comment": openlabel.NOT_REVIEWED}
+    comment = {} if all(track.reviewed for track in tracks) else {"comment": NOT_REVIEWED}
     return {
         "openlabel": {
-            "metadata": {"schema_version": openlabel.VERSION, **comment},
-            "coordinate_systems": {openlabel.COORDINATE_SYSTEM: {"type": "local_cs", "parent": "", "children": []}},
+            "metadata": {"schema_version": VERSION, **comment},
+            "coordinate_systems": {COORDINATE_SYSTEM: {"type": "local_cs", "parent": "", "children": []}},
             "objects": {track.track_id: _object(track) for track in tracks},
             "frames": {str(i): frames[time_ns] for i, time_ns in enumerate(times_ns)},
         }
     }
 
 
-def _state(data: openlabel.FrameObjectData, timestamp_ns: int) -> ObjectState:
+def _state(data: FrameObjectData, timestamp_ns: int) -> ObjectState:
     numbers, vectors = data.numbers, data.vectors
     return ObjectState(
         timestamp_ns=timestamp_ns,
@@ -151,7 +369,7 @@ def _state(data: openlabel.FrameObjectData, timestamp_ns: int) -> ObjectState:
     )
 
 
-def _shape(data: openlabel.FrameObjectData, numbers: dict[str, Any], vectors: dict[str, Any]) -> ObjectShape:
+def _shape(data: FrameObjectData, numbers: dict[str, Any], vectors: dict[str, Any]) -> ObjectShape:
     if data.cuboid:
         x, y, z, qx, qy, qz, qw, *size_m = data.cuboid[0].val
         pose = RigidTransform.from_quaternion((qw, qx, qy, qz), (x, y, z))
@@ -187,12 +405,12 @@ def _state_data(state: ObjectState, quaternion_xyzw: list[float]) -> dict[str, A
     match state.shape:
         case Cuboid(vehicle_from_object=pose, size_m=size_m):
             val = [*pose.translation_m.tolist(), *quaternion_xyzw, *np.asarray(size_m, dtype=np.float64).tolist()]
-            data["cuboid"] = [{"name": "shape", "coordinate_system": openlabel.COORDINATE_SYSTEM, "val": val}]
+            data["cuboid"] = [{"name": "shape", "coordinate_system": COORDINATE_SYSTEM, "val": val}]
         case GroundPolygon(outline_m=outline_m, bottom_m=bottom_m, top_m=top_m):
             data["poly2d"] = [
                 {
                     "name": "ground_outline",
-                    "coordinate_system": openlabel.COORDINATE_SYSTEM,
+                    "coordinate_system": COORDINATE_SYSTEM,
                     "mode": "MODE_POLY2D_ABSOLUTE",
                     "closed": True,
                     "val": np.asarray(outline_m, dtype=np.float64).ravel().tolist(),

@@ -173,31 +173,27 @@ def numbers(words: list[str], count: int, *, file: Path, field: str) -> list[flo
     return values
 
 
-class MeteredFile:
+DECLARED = re.compile(rb"""\A(\s{0,9}<\?xml[^>]{0,200}standalone\s*=\s*)(["'])true\2""")
+
+
+class _MeteredFile:
     """A file that stops with an error where one part of it is too long.
 
-    Args:
-        raw: the open file.
-        file: its path, for messages.
-        part: what a part is, in the plural, for messages.
-        largest_bytes: of a part.
+    It says `standalone="yes"` where some tools write "true", which XML does not know.
     """
 
-    def __init__(self, raw: IO[bytes], file: Path, *, part: str, largest_bytes: int) -> None:
-        self._raw, self._file, self._part, self._largest, self._since = raw, file, part, largest_bytes, 0
+    def __init__(self, raw: IO[bytes], file: Path, *, parts: str, largest_bytes: int) -> None:
+        self._raw, self._file, self._parts, self._largest = raw, file, parts, largest_bytes
+        self._since, self._begun = 0, False
 
-    def read(self, size: int = READ_BYTES) -> bytes:
-        """The next bytes, at most `READ_BYTES`.
-
-        Raises:
-            DataError: the part is longer than it may be.
-        """
-        content = self._raw.read(min(size, READ_BYTES) if size > 0 else READ_BYTES)
+    def read(self, _size: int = READ_BYTES) -> bytes:
+        content = self._raw.read(READ_BYTES)
         self._since += len(content)
         if self._since > self._largest:
-            expected = f"{self._part} of at most {self._largest} bytes"
+            expected = f"{self._parts} of at most {self._largest} bytes"
             raise DataError(self._file, expected=expected, got="a longer one")
-        return content
+        first, self._begun = not self._begun, True
+        return DECLARED.sub(rb"\1\2yes\2", content) if first else content
 
     def restart(self) -> None:
         """A new part begins."""
@@ -205,15 +201,7 @@ class MeteredFile:
 
 
 def xml_parts(
-    file: Path,
-    *,
-    level: int,
-    parts: str,
-    largest_bytes: int,
-    deepest: int,
-    outer: tuple[str, ...] = (),
-    forbid_dtd: bool = True,
-    prepare: Callable[[MeteredFile], Any] = lambda source: source,
+    file: Path, *, level: int, parts: str, largest_bytes: int, deepest: int, outer: tuple[str, ...] = ()
 ) -> Iterator[Element]:
     """The elements of a level of an XML file, one by one; each is gone when the next one is read.
 
@@ -224,18 +212,16 @@ def xml_parts(
         largest_bytes: of XML without the end of such an element.
         deepest: levels of elements that the file may have.
         outer: names that the outermost elements must have.
-        forbid_dtd: refuse a document type; entities are always refused.
-        prepare: wraps the file before it is parsed.
 
     Raises:
-        DataError: missing, cut short, not XML, with a document type or entities, nested too deeply, with other outer
-            elements, or with an element that is too long.
+        DataError: missing, cut short, not XML, with entities, nested too deeply, with other outer elements, or with an
+            element that is too long.
     """
     try:
         with open_regular(file) as raw:
-            source = MeteredFile(raw, file, part=parts, largest_bytes=largest_bytes)
+            source = _MeteredFile(raw, file, parts=parts, largest_bytes=largest_bytes)
             opened: list[Element] = []
-            for event, element in iterparse(prepare(source), events=("start", "end"), forbid_dtd=forbid_dtd):
+            for event, element in iterparse(source, events=("start", "end")):
                 if event == "start":
                     opened.append(element)
                     if len(opened) <= len(outer) and element.tag != outer[len(opened) - 1]:
@@ -252,7 +238,6 @@ def xml_parts(
     except OSError as error:
         raise DataError(file, expected=f"a file of {parts}", got=error.strerror or str(error)) from error
     except DefusedXmlException as error:
-        expected = "XML without a document type or entities" if forbid_dtd else "XML without entities"
-        raise DataError(file, expected=expected, got=str(error)) from None
+        raise DataError(file, expected="XML without entities", got=str(error)) from None
     except (ParseError, ValueError) as error:
         raise DataError(file, expected="well-formed XML", got=f"{error}; the file may be cut short") from None

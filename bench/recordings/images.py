@@ -148,10 +148,8 @@ def decode_image(
     Raises:
         DataError: cut short, damaged, or not to be decoded.
     """
-    kind = cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE
-    if not _has_16_bits(content):
-        return np.asarray(_decoded(content, kind | cv2.IMREAD_IGNORE_ORIENTATION, file), dtype=np.uint8)
-    return as_seen(_decoded(content, kind | cv2.IMREAD_ANYDEPTH, file), white_level)
+    pixels = _decoded(content, cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE, file)
+    return as_seen(pixels, white_level) if pixels.dtype == np.uint16 else np.asarray(pixels, dtype=np.uint8)
 
 
 def decode_values(content: bytes, *, file: Path) -> NDArray[Any]:
@@ -176,8 +174,8 @@ def as_seen(values: NDArray[np.uint16], white_level: int) -> NDArray[np.uint8]:
     return np.asarray(scaled.round(), dtype=np.uint8)
 
 
-def _decoded(content: bytes, flags: int, file: Path) -> NDArray[Any]:
-    """The decoder of all images; `flags` as `cv2.imdecode` takes them."""
+def _decoded(content: bytes, kind: int, file: Path) -> NDArray[Any]:
+    """The decoder of all images; `kind` is OpenCV's flag for grey, colour or values as they are."""
     fault = _fault(content)
     if fault is not None:
         raise DataError(file, expected="a whole PNG or JPEG file", got=fault)
@@ -185,7 +183,6 @@ def _decoded(content: bytes, flags: int, file: Path) -> NDArray[Any]:
     if header is not None and header.width * header.height > LARGEST_PX:
         got = f"{header.width} x {header.height}"
         raise DataError(file, expected=f"an image of at most {LARGEST_PX} px", got=got)
-    kind = flags if flags == cv2.IMREAD_UNCHANGED else flags & ~cv2.IMREAD_IGNORE_ORIENTATION
     if content.startswith(JPEG_START):
         return _jpeg(content, header, kind, file)
     if kind == cv2.IMREAD_GRAYSCALE and header is not None and content[24:26] == PNG_8_BIT_GREY:
@@ -194,6 +191,7 @@ def _decoded(content: bytes, flags: int, file: Path) -> NDArray[Any]:
             return grey
     if header is None or not _is_undamaged(header):
         raise DataError(file, expected="a whole PNG or JPEG file", got="a damaged PNG")
+    flags = kind if kind == cv2.IMREAD_UNCHANGED else kind | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
     except cv2.error as error:
@@ -201,10 +199,6 @@ def _decoded(content: bytes, flags: int, file: Path) -> NDArray[Any]:
     if pixels is None:
         raise DataError(file, expected="an image that can be decoded", got=f"{len(content)} bytes that cannot")
     return pixels
-
-
-def _has_16_bits(content: bytes) -> bool:
-    return content.startswith(PNG_START) and content[24:25] == b"\x10"
 
 
 def _grey_png(content: bytes, header: PngImageFile | JpegImageFile) -> NDArray[np.uint8] | None:

@@ -207,7 +207,6 @@ class NativeFolder:
         return Recording(
             name=self.root.resolve().name,
             root=self.root,
-            licence=head.licence,
             frame_interval_ns=head.frame_interval_ns,
             cameras=cameras,
             images=images,

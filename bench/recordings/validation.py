@@ -30,6 +30,12 @@ class FileModel(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
+class ForeignModel(FileModel):
+    """A part of a file of others: keys that are not used are passed over."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
 Span = TypeVar("Span", tuple[int, int], tuple[int | None, int | None])
 LATEST_NS = 2**62  # in the year 2116; room is left for sums
 LARGEST_SIDE_PX = 16_384
@@ -42,6 +48,11 @@ def in_order(span: Span) -> Span:
     if first is not None and last is not None and first > last:
         raise ValueError(f"first and last in order, not {first} before {last}")
     return span
+
+
+def whole_from_text(value: object) -> object:
+    """A whole number that a data set writes as text, as one; everything else as it is."""
+    return int(value) if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 20 else value
 
 
 TimeNs = Annotated[int, Field(ge=-LATEST_NS, le=LATEST_NS)]

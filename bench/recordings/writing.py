@@ -20,10 +20,9 @@ from bench.errors import ShapeError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.lidar.files import write_sweep
-from bench.recordings.annotations import PartlyAnnotated, Statement, annotation_document
+from bench.recordings.annotations import AnnotationFile, PartlyAnnotated, Statement, annotation_document
 from bench.recordings.mounting import Mounting
 from bench.recordings.native import CONVENTIONS, HEAD, SCHEMA_VERSION, TRUE_CALIBRATION, TRUE_POSES, RecordingHead
-from bench.recordings.openlabel import AnnotationFile
 from bench.recordings.validation import parse_json, validated
 from bench.records.recording import MountedCamera, Track
 

@@ -328,7 +328,6 @@ class Recording:
     Attributes:
         name: unique in the data set; also the unit that intervals take as independent.
         root: folder that every path of the recording stays inside.
-        licence: of the data.
         frame_interval_ns: nominal time between images.
         cameras: by name.
         images: by camera name, by increasing time.
@@ -346,7 +345,6 @@ class Recording:
 
     name: str
     root: Path
-    licence: str
     frame_interval_ns: int
     cameras: Mapping[str, MountedCamera]
     images: Mapping[str, tuple[ImageRef, ...]]

@@ -53,14 +53,9 @@ def with_band(region: Region, scanned: ScannedObject) -> Region:
     if scanned.grid is None:
         spacing2_px = region.polygon_px / max(len(returns_px), 1)
         half_width_px = np.sqrt(half_width_px**2 + spacing2_px / 12)
+    unseen, hidden = beyond_all_beams(scanned), (behind_its_returns(scanned), silent(scanned))
     return uncertain_region(
-        region,
-        scanned.exposure.valid,
-        scanned.surface,
-        returns_px=returns_px,
-        half_width_px=half_width_px,
-        unseen=beyond_all_beams(scanned),
-        hidden=[raster for raster in (behind_its_returns(scanned), silent(scanned)) if raster is not None],
+        region, scanned.exposure.valid, scanned.surface, (returns_px, half_width_px), unseen=unseen, hidden=hidden
     )
 
 
@@ -68,11 +63,10 @@ def uncertain_region(
     region: Region,
     valid: NDArray[np.bool_],
     surface: Surface,
+    widths: tuple[NDArray[np.intp], NDArray[np.float64]],
     *,
-    returns_px: NDArray[np.intp],
-    half_width_px: NDArray[np.float64],
-    unseen: Raster | None,
-    hidden: Sequence[Raster],
+    unseen: Raster | None = None,
+    hidden: Sequence[Raster | None] = (),
 ) -> Region:
     """The core of a region, and what may be the object's beside it.
 
@@ -80,46 +74,40 @@ def uncertain_region(
         region: without a band.
         valid: (H, W) bool, the region V. Its border is no outline: the object goes on behind it.
         surface: what its patches are at least, at most and for certain; None in it stands for the whole region.
-        returns_px: (N, 2) intp, (u, v), pixels of the object's returns.
-        half_width_px: (N,) float64, what else is uncertain at each of them; the nearest tells by how much the
-            least shrinks and the most grows.
+        widths: pixels of the object's returns, (N, 2) intp, (u, v), and what else is uncertain at each of them, (N,)
+            float64, px; the nearest tells by how much the least shrinks and the most grows.
         unseen: what of the annotated shape no beam reaches: possible, not certain; None for nothing.
         hidden: what of it the object's own surface hides from the lidar, and where nothing came back: possible.
 
     Returns:
         The core is the whole region where nothing of it is certain.
     """
-    whole, certain = Raster(region.window, region.core), surface.certain
+    whole, (returns_px, half_width_px) = Raster(region.window, region.core), widths
     least, most = surface.least or whole, surface.most or whole
+    rasters = [raster for raster in (whole, least, most, surface.certain, unseen, *hidden) if raster is not None]
     margin, shape = int(half_width_px.max(initial=0.0)) + 2, np.array(valid.shape)
-    windows = [raster.window for raster in (whole, least, most, certain, unseen, *hidden) if raster is not None]
-    first = np.min([[axis.start for axis in window] for window in windows], axis=0) - margin
-    last = np.max([[axis.stop for axis in window] for window in windows], axis=0) + margin
+    first = np.min([[axis.start for axis in raster.window] for raster in rasters], axis=0) - margin
+    last = np.max([[axis.stop for axis in raster.window] for raster in rasters], axis=0) + margin
     (top, left), (bottom, right) = np.clip(first, 0, shape).tolist(), np.clip(last, 0, shape).tolist()
     window = slice(top, bottom), slice(left, right)
-    covered, inside = _in_window(whole, window), valid[window]
+
+    def in_window(raster: Raster) -> NDArray[np.bool_]:
+        image = np.zeros(valid.shape, dtype=bool)
+        image[raster.window] = raster.covered
+        return image[window]
+
+    covered, inside, drawn_in = in_window(whole), valid[window], in_window(least)
     width_px = _of_the_nearest(half_width_px, returns_px - (left, top), covered.shape)
-    drawn_in, drawn_out = _in_window(least, window), _in_window(most, window) | covered
     core = drawn_in & (_distance_px(drawn_in | ~inside) - 0.5 > width_px)  # the outline runs between two pixels
-    possible = inside & (_distance_px(~drawn_out) - 0.5 <= width_px)
-    if certain is not None:
-        core &= _in_window(certain, window)
+    possible = inside & (_distance_px(~(in_window(most) | covered)) - 0.5 <= width_px)
+    if surface.certain is not None:
+        core &= in_window(surface.certain)
     if unseen is not None:
-        core &= ~(beyond := _in_window(unseen, window))
-        possible |= inside & beyond
-    for raster in hidden:
-        possible |= inside & _in_window(raster, window)
+        core &= ~in_window(unseen)
+    for raster in (unseen, *hidden):
+        if raster is not None:
+            possible |= inside & in_window(raster)
     return replace(region, window=window, core=core if core.any() else covered, possible=possible)
-
-
-def _in_window(raster: Raster, window: tuple[slice, slice]) -> NDArray[np.bool_]:
-    """The pixels of a raster in a window that holds it."""
-    rows, columns = window
-    part = np.zeros((rows.stop - rows.start, columns.stop - columns.start), dtype=bool)
-    (height, width), (first_row, first_column) = raster.covered.shape, (axis.start for axis in raster.window)
-    top, left = first_row - rows.start, first_column - columns.start
-    part[top : top + height, left : left + width] = raster.covered
-    return part
 
 
 def _of_the_nearest(

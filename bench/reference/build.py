@@ -28,7 +28,7 @@ from bench.records.reference import (
 from bench.reference.bands import with_band
 from bench.reference.exposure import Exposure, visible_region
 from bench.reference.motion import AnnotationIndex, ObjectAtExposure, categorise, relative_direction
-from bench.reference.regions import REGION_KINDS, Region, annotated_outline, compose
+from bench.reference.regions import REGION_KINDS, SURFACE_PATCHES, Region, annotated_outline, compose
 from bench.reference.scanned import ScannedObject
 from bench.reference.silhouette import left_out_ground, left_out_pixels
 from bench.reference.sweeps import Cluster, SweepCache, object_cluster
@@ -64,7 +64,6 @@ class ReferenceBuilder:
         self.valid = visible_region(self.camera)
         self._left_out_ground = left_out_ground(recording.annotated)
         self._left_out = left_out_pixels(recording.annotated, self.camera) & self.valid
-        self._kind = REGION_KINDS[settings.polygon_kind]
         self._annotations = AnnotationIndex(recording, settings)
         self._sweeps = SweepCache(recording, settings.max_sweep_gap_ns)
         if beside is not None and beside.settings.max_sweep_gap_ns == settings.max_sweep_gap_ns:
@@ -105,7 +104,7 @@ class ReferenceBuilder:
         settings, placed = self.settings, self._sweeps.nearest(annotated.state.shape, exposure.timestamp_ns)
         cluster = Cluster(points_world=np.empty((0, 3)), rows=np.empty(0, dtype=np.intp))
         if placed is not None:
-            clears_shape = settings.clearance_above_shape or self._kind.clears_shape
+            clears_shape = settings.clearance_above_shape or settings.polygon_kind == SURFACE_PATCHES
             cluster = object_cluster(
                 placed,
                 annotated,
@@ -116,7 +115,7 @@ class ReferenceBuilder:
             )
         return ScannedObject(
             annotated=annotated,
-            exposure=exposure.of_object(annotated.velocity_world_mps),
+            exposure=exposure.of_object(annotated.known_velocity_mps),
             settings=settings,
             cluster=cluster,
             placed=placed,
@@ -127,7 +126,7 @@ class ReferenceBuilder:
         """The object's pixels: of the protocol's kind where returns suffice, else the annotated outline."""
         if not scanned.has_enough_returns:
             return annotated_outline(scanned)
-        region = self._kind.region(scanned)
+        region = REGION_KINDS[self.settings.polygon_kind](scanned)
         return region if region is None or scanned.settings.outline is None else with_band(region, scanned)
 
     def geometry(self, track_id: str, image: ImageRef) -> ObjectGeometry:

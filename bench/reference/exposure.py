@@ -130,10 +130,10 @@ class Exposure:
         )
 
     def of_object(self, velocity_world_mps: NDArray[np.float64]) -> Exposure:
-        """The same for what moves with a velocity, (3,), over the ground; NaN counts as stationary."""
+        """The same for what moves with a velocity, (3,), over the ground."""
         if self.readout is None:
             return self
-        velocity_camera_mps = self.camera_from_world.rotate(np.nan_to_num(velocity_world_mps))
+        velocity_camera_mps = self.camera_from_world.rotate(velocity_world_mps)
         return replace(self, readout=replace(self.readout, velocity_camera_mps=velocity_camera_mps))
 
     def seen(self, points_camera: NDArray[np.float64]) -> NDArray[np.float64]:

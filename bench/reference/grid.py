@@ -241,8 +241,7 @@ def _above_and_below(
     lifts[(column[others] != column) | (lifts < least)] = np.inf
     usual = _usual_by_elevation(elevation, lifts.min(axis=0), otherwise=column_step)
     others = np.where(lifts <= BRIDGED_STEPS * usual + gap_rad[order], order[others], -1)
-    back = np.empty_like(order)
-    back[order] = np.arange(len(order))
+    back = np.argsort(order)
     return others.take(back, axis=1), lifts.take(back, axis=1), usual[back]
 
 
@@ -282,6 +281,5 @@ def _beside(
     beside, turns = np.full((2, len(order)), -1, dtype=np.intp), np.full((2, len(order)), np.inf)
     limits = column_step / 4, BRIDGED_STEPS * column_step, ROW_KEY
     find_beside(keys, azimuth, elevation, most_lift, *limits, beside, turns)
-    back = np.empty_like(order)
-    back[order] = np.arange(len(order))
+    back = np.argsort(order)
     return np.where(beside >= 0, order[beside], -1).take(back, axis=1), turns.take(back, axis=1)

@@ -44,6 +44,11 @@ class ObjectAtExposure:
     moving: bool
 
     @property
+    def known_velocity_mps(self) -> NDArray[np.float64]:
+        """(3,) float64, by which its points are moved; 0 where unknown."""
+        return np.nan_to_num(self.velocity_world_mps)
+
+    @property
     def static(self) -> bool:
         """It stands, and the data set says neither that it moves nor that its motion is unclear."""
         stated = self.state.category is not None or self.state.unclear

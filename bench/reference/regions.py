@@ -44,20 +44,6 @@ class Region:
         return cls(polygon=polygon, polygon_px=pixels, window=window, core=covered, possible=covered)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RegionKind:
-    """A kind of region: how the pixels of a scanned object follow from its returns.
-
-    Attributes:
-        region: the region of an object with enough returns, all of it certain; None where these span no area.
-        clears_shape: returns within the ground clearance above the bottom of the annotated shape are always left out,
-            not only where the protocol says so.
-    """
-
-    region: Callable[[ScannedObject], Region | None]
-    clears_shape: bool = False
-
-
 def convex_hull(scanned: ScannedObject) -> Region | None:
     """The paper's bounding polygon."""
     return _hull_region(scanned, ratio=None)
@@ -77,10 +63,12 @@ def surface_patch_polygon(scanned: ScannedObject) -> Region | None:
     return Region.of(polygon, scanned.exposure.crop(likely, corner))
 
 
-REGION_KINDS = {
-    "convex": RegionKind(region=convex_hull),
-    "concave": RegionKind(region=concave_hull),
-    "surface-patches": RegionKind(region=surface_patch_polygon, clears_shape=True),
+SURFACE_PATCHES = "surface-patches"
+# The pixels of a scanned object with enough returns, all of them certain; None where these span no area.
+REGION_KINDS: dict[str, Callable[[ScannedObject], Region | None]] = {
+    "convex": convex_hull,
+    "concave": concave_hull,
+    SURFACE_PATCHES: surface_patch_polygon,
 }
 
 

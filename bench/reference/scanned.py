@@ -207,7 +207,7 @@ class ScannedObject:
         `outline_error_m`."""
         camera_from_world, errors = self.exposure.camera_from_world, self.settings.outline
         assert errors is not None, "only for protocols with unknown bands"
-        velocity_mps = np.nan_to_num(self.annotated.velocity_world_mps)
+        velocity_mps = self.annotated.known_velocity_mps
         speed_mps, limbs = float(np.hypot(*velocity_mps[:2])), errors.limbs.get(self.annotated.track.object_class, ())
         variance_m2 = np.full(len(self.cluster.rows), self._revolution_m2(velocity_mps))
         if limbs and speed_mps:

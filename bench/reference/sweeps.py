@@ -253,7 +253,7 @@ def _candidates(placed: PosedSweep, annotated: ObjectAtExposure, margin_m: float
     away_m = annotated.world_from_vehicle.apply(middle_vehicle) - placed.positions_m
     seen_from_lidar = np.einsum("kji,kj->ki", placed.rotations, away_m)
     wait_ns = max(abs(int(end_ns) - time_ns) for end_ns in placed.interpolation_ns[[0, -1]])
-    speed_mps = float(np.linalg.norm(_known_velocity_mps(annotated)))
+    speed_mps = float(np.linalg.norm(annotated.known_velocity_mps))
     reach_m = radius_m + margin_m + speed_mps * wait_ns / SECOND_NS + 0.1
     return placed.rows_between(seen_from_lidar.min(axis=0) - reach_m, seen_from_lidar.max(axis=0) + reach_m)
 
@@ -265,10 +265,6 @@ def _circumscribed(shape: Cuboid | GroundPolygon) -> tuple[NDArray[np.float64], 
     low = np.array([*shape.outline_m.min(axis=0), shape.bottom_m])
     high = np.array([*shape.outline_m.max(axis=0), shape.top_m])
     return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-
-
-def _known_velocity_mps(annotated: ObjectAtExposure) -> NDArray[np.float64]:
-    return np.nan_to_num(annotated.velocity_world_mps)
 
 
 def _centre_world(annotated: ObjectAtExposure, points_world: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -283,7 +279,7 @@ def _at_exposure(
 ) -> NDArray[np.float64]:
     """Points, (N, 3), of the object at the time of its annotation, moved with it to the exposure."""
     later_s = (exposure_ns - annotated.state.timestamp_ns) / SECOND_NS
-    return _carried(points, annotated, later_s, centre_then=centre + _known_velocity_mps(annotated) * later_s)
+    return _carried(points, annotated, later_s, centre_then=centre + annotated.known_velocity_mps * later_s)
 
 
 def _carried(
@@ -305,7 +301,7 @@ def _carried(
         (N, 3) float64, m; each component lies in one piece of memory.
     """
     yaw_rate_radps = annotated.state.yaw_rate_radps
-    moved = points.T + _known_velocity_mps(annotated)[:, None] * seconds
+    moved = points.T + annotated.known_velocity_mps[:, None] * seconds
     if yaw_rate_radps:
         arm_x, arm_y = moved[:2] - centre_then[:2, None]
         cosine, sine = np.cos(yaw_rate_radps * seconds), np.sin(yaw_rate_radps * seconds)

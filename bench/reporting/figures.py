@@ -34,9 +34,8 @@ from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from bench.atomic import write_bytes
-from bench.evaluation import ImageMap, Metric, find_metric, threshold_sweep
+from bench.evaluation import Metric, find_metric, threshold_sweep
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.harness import read_image_maps
 from bench.harness.stored import StoredRun, read_run
 from bench.plain_text import plain
 from bench.records.reference import Direction
@@ -340,53 +339,16 @@ def draw_threshold_sweep(
     return figure
 
 
-@styled
-def _draw_plane_map(share: NDArray[np.float64], found: ImageMap, *, title: str, unit: str) -> Figure:
-    """A share in [0, 1] per cell of the image, (rows, columns); cells without cases, NaN, stay empty."""
-    figure = new_figure(*_SIZE_IN)
-    axes = figure.add_axes((0.03, 0.05, 0.76, 0.84))
-    extent = (-0.5, found.width - 0.5, found.height - 0.5, -0.5)
-    shown = np.ma.masked_invalid(100 * share)
-    drawn = axes.imshow(shown, cmap=COLOUR_MAP, vmin=0, vmax=100, interpolation="nearest", extent=extent)
-    axes.set(xticks=[], yticks=[])
-    axes.set_title(f"{found.camera}: {title}", pad=3)
-    figure.colorbar(drawn, cax=figure.add_axes((0.81, 0.12, 0.03, 0.7))).set_label(unit)
-    return figure
-
-
-def draw_charts(run: StoredRun) -> dict[str, list[Chart]]:
-    """The charts of a run by section of its page; a section without data has none."""
+def draw_charts(run: StoredRun) -> dict[str, Chart]:
+    """The charts of a run: "range_map" and, of a run that holds likelihoods, "threshold_sweep"."""
     around = "Detection rate around the ego vehicle seen from above, by class and direction of motion"
-    return {
-        "around": [Chart(name="range_map", figure=draw_run_maps(run), label=around)],
-        "plane": _plane_charts(run),
-        "threshold": _threshold_charts(run),
-    }
-
-
-def _threshold_charts(run: StoredRun) -> list[Chart]:
-    """Two metrics over the likelihood's threshold; none where the run holds no likelihoods."""
+    charts = [Chart(name="range_map", figure=draw_run_maps(run), label=around)]
     sweep = threshold_sweep(run.frames)
-    if sweep is None:
-        return []
-    of_run = run.metrics.false_positives.coverage.value, run.metrics.segmentation.recall.value
-    figure = draw_threshold_sweep(sweep.recall, sweep.false_positive_coverage, of_run=of_run)
-    return [Chart(name="threshold_sweep", figure=figure, label="Pixels found against image wrongly marked")]
-
-
-def _plane_charts(run: StoredRun) -> list[Chart]:
-    """Misses and false positives on the image plane of every camera; none where the run holds no such maps."""
-    charts = []
-    for number, of_camera in enumerate(read_image_maps(run.folder).values()):
-        caption = f"Camera {of_camera.camera}, {of_camera.frames} images of {of_camera.width} x {of_camera.height} px."
-        for name, share, title, unit in (
-            ("missed", of_camera.missed_rate, "missed", "% of the moving pixels missed"),
-            ("false", of_camera.false_rate, "wrongly marked", "% of the images"),
-        ):
-            figure = _draw_plane_map(share, of_camera, title=title, unit=unit)
-            label = f"Share {title}. {caption}"
-            charts.append(Chart(name=f"{name}-{number}", figure=figure, label=label, caption=caption))
-    return charts
+    if sweep is not None:
+        of_run = run.metrics.false_positives.coverage.value, run.metrics.segmentation.recall.value
+        figure = draw_threshold_sweep(sweep.recall, sweep.false_positive_coverage, of_run=of_run)
+        charts.append(Chart(name="threshold_sweep", figure=figure, label="Pixels found against image wrongly marked"))
+    return {chart.name: chart for chart in charts}
 
 
 def write_figures(folder: Path) -> tuple[Path, ...]:
@@ -396,11 +358,11 @@ def write_figures(folder: Path) -> tuple[Path, ...]:
         DataError: a stored result is missing or damaged.
     """
     run = read_run(folder)
-    charts = [chart for section in draw_charts(run).values() for chart in section]
-    files = [
-        write_picture(run.folder / "figures" / chart.name, chart.figure, formats=("pdf", "png")) for chart in charts
+    pairs = [
+        write_picture(run.folder / "figures" / name, chart.figure, formats=("pdf", "png"))
+        for name, chart in draw_charts(run).items()
     ]
-    return tuple(file for pair in files for file in pair)
+    return tuple(file for pair in pairs for file in pair)
 
 
 # The chart of a sweep.

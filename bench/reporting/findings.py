@@ -39,15 +39,13 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
 
 
 def _contents(report: ValidationReport) -> Iterator[Block]:
-    """What is in the files of all recordings, read and not read, in one line each."""
-    counts: Counter[tuple[str, str, str]] = Counter()
+    """What nothing reads of the files of all recordings, in one line each; the JSON says what is read as what."""
+    counts: Counter[tuple[str, str]] = Counter()
     for content in (content for recording in report.recordings for content in recording.contents):
-        counts[content.what, content.read_as, content.why] += content.count
-    if counts:
-        yield Heading("Read, and not read")
-    for (what, read_as, why), count in sorted(counts.items(), key=lambda entry: not entry[0][1]):
-        made = f"read as {read_as}" if read_as else f"not read: {why}"
-        yield Paragraph(f"  {what} ({count}): {made}" if count > 1 else f"  {what}: {made}", "dim")
+        if not content.read_as:
+            counts[content.what, content.why] += content.count
+    for (what, why), count in counts.items():
+        yield Paragraph(f"not read: {what}{f' ({count})' if count > 1 else ''}, {why}", "dim")
 
 
 def _findings(recording: RecordingReport) -> Iterator[Block]:

@@ -287,7 +287,8 @@ def cost_lines(made: Provenance) -> Iterator[str]:
     yield f"{made.seconds:.1f} s{rate}, peak memory of a process {made.peak_memory_mb:.0f} MB"
     stored = made.images - made.images_asked
     found = f"; the answers of {counted(stored, 'image')} were there" if stored > 0 else ""
-    yield f"{counted(made.workers, 'process')}; the method was asked for {counted(made.images_asked, 'image')}{found}"
+    workers = f"{counted(made.workers, 'worker')}; " if made.workers else ""
+    yield f"{workers}the method was asked for {counted(made.images_asked, 'image')}{found}"
 
 
 # A sweep: the headline metrics of a run for each value of one setting.

@@ -256,7 +256,7 @@ def to_json(verdict: Verdict) -> str:
         "method": verdict.method,
         "protocol": verdict.protocol,
         "tolerances": verdict.tolerances,
-        "changes": [asdict(change) for change in verdict.changes],
+        "changes": [{"what": what, "text": text} for what, text in verdict.changes.items()],
         "baseline": verdict.baseline and verdict.baseline.code.model_dump(mode="json"),
         "run": verdict.run and verdict.run.code.model_dump(mode="json"),
         "checks": [asdict(check) for check in verdict.checks],

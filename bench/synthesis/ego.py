@@ -126,7 +126,7 @@ def mounted_rig(scenario: Scenario, spec: RecordingSpec) -> SensorRig:
 
     cameras: dict[str, MountedCamera] = {}
     recorded: dict[str, MountedCamera] = {}
-    for entry in scenario.cameras:
+    for entry in scenario.cameras_of(spec):
         nominal = camera_mounting(entry)
         true = off(nominal, errors.camera_angle_deg, errors.camera_position_m, "camera", entry.name)
         cameras[entry.name] = mounted_camera(entry, vehicle_from_camera=true)

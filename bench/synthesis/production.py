@@ -66,6 +66,7 @@ def read_scenario(path: Path) -> Scenario:
         if (got := camera_fault(camera)) is not None:
             raise DataError(path, field=f"cameras.{number}.position_m", expected="a camera in the open", got=got)
     for number, spec in enumerate(file.recordings):
+        _refuse_unknown_cameras(path, f"recordings.{number}", file, spec)
         if (clash := first_clash(file, spec)) is not None:
             field = f"recordings.{number}.actors.{clash[0]}"
             raise DataError(path, field=field, expected=EXPECTED_SPACE, got=clash[1], hint=f"see {spec.name}")
@@ -86,6 +87,7 @@ def _drawn(path: Path, file: ScenarioFile, number: int, index: int) -> Recording
             fault = f"{field}.{error.path}"
             raise DataError(path, field=fault, expected=error.expected, got=error.got) from None
         spec = _validated(values, path, field, origins)
+        _refuse_unknown_cameras(path, field, file, spec)
         if (clash := first_clash(file, spec)) is None:
             return spec
         actor, reason = f"{field}.actors.{origins[clash[0]]}", clash[1]
@@ -96,6 +98,12 @@ def _drawn(path: Path, file: ScenarioFile, number: int, index: int) -> Recording
         got=f"bodies inside one another in each of {ATTEMPTS} draws, at last {reason}",
         hint="give them more space, or ask for fewer",
     )
+
+
+def _refuse_unknown_cameras(path: Path, field: str, file: ScenarioFile, spec: RecordingSpec) -> None:
+    known = [camera.name for camera in file.cameras]
+    if unknown := [name for name in spec.cameras if name not in known]:
+        raise DataError(path, field=f"{field}.cameras", expected=f"some of {', '.join(known)}", got=", ".join(unknown))
 
 
 def _validated(values: dict[str, Any], path: Path, field: str, origins: list[int]) -> RecordingSpec:

@@ -492,6 +492,8 @@ class StreetSpec(FileModel):
         trees: share of the positions for trees, 9 m apart on each pavement, that have one.
         hedges: share of the fronts that are a garden behind a hedge, fence or wall instead of a house.
         wet: whether rain has darkened road, kerbs and pavement; no water stands on them that would mirror anything.
+        marker_posts: whether reflecting posts stand behind the kerbs, every 25 m.
+        gantries_at_m: gantries over the whole road, with lit signs.
         zebra_at_m: zebra crossings with lowered kerbs.
         side_streets: with rounded corners and a line to stop or give way at.
     """
@@ -509,6 +511,8 @@ class StreetSpec(FileModel):
     trees: Density = 0.4
     hedges: Density = 0.25
     wet: bool = False
+    marker_posts: bool = False
+    gantries_at_m: tuple[Along, ...] = ()
     zebra_at_m: tuple[Along, ...] = ()
     side_streets: tuple[SideStreetSpec, ...] = ()
 
@@ -570,6 +574,7 @@ class SeriesSpec(FileModel):
         count: recordings.
         values: name -> draw, for numbers that several fields share, as a speed and the bend that is driven with it.
         frames: as in a recording, and so are the fields below; each may hold draws.
+        cameras: those that record; all of the scenario's where nothing is said.
         host: how the ego vehicle drives.
         street: the static world.
         light: sun, clouds or night.
@@ -581,6 +586,7 @@ class SeriesSpec(FileModel):
     count: int = Field(ge=1, le=999)
     values: dict[str, Any] = Field(default_factory=dict)
     frames: Any = 30
+    cameras: Any = ()
     host: Any
     street: Any = Field(default_factory=dict)
     light: Any = Field(default_factory=dict)
@@ -610,7 +616,9 @@ class SeriesSpec(FileModel):
             repeats = _actors(node, sampler, f"actors.{k}")
             actors += repeats
             origins += [k] * len(repeats)
-        drawn = {key: sampler.drawn(getattr(self, key), key) for key in ("frames", "host", "street", "light")}
+        drawn = {
+            key: sampler.drawn(getattr(self, key), key) for key in ("frames", "cameras", "host", "street", "light")
+        }
         name = f"{self.name}-{index + 1:0{max(2, len(str(self.count)))}d}"
         return {"name": name, "about": self.about, **drawn, "actors": actors}, origins
 
@@ -637,6 +645,7 @@ class RecordingSpec(FileModel):
         name: of its folder.
         about: one line for the reader of the file.
         frames: images of each camera.
+        cameras: those of the scenario that record; all where nothing is said.
         host: how the ego vehicle drives.
         street: the static world.
         light: sun, clouds or night.
@@ -646,6 +655,7 @@ class RecordingSpec(FileModel):
     name: Name
     about: str = ""
     frames: int = Field(default=30, ge=1)
+    cameras: tuple[Name, ...] = ()
     host: EgoSpec
     street: StreetSpec = StreetSpec()
     light: LightSpec = LightSpec()
@@ -654,6 +664,7 @@ class RecordingSpec(FileModel):
     @model_validator(mode="after")
     def _names_once(self) -> RecordingSpec:
         refuse_twice([actor.name for actor in self.actors], "actors")
+        refuse_twice(list(self.cameras), "cameras")
         return self
 
 
@@ -682,6 +693,10 @@ class ScenarioHead(FileModel):
     def _cameras_once(self) -> ScenarioHead:
         refuse_twice([camera.name for camera in self.cameras], "cameras")
         return self
+
+    def cameras_of(self, spec: RecordingSpec) -> tuple[CameraSpec, ...]:
+        """Cameras that record a recording, in the scenario's order."""
+        return tuple(camera for camera in self.cameras if not spec.cameras or camera.name in spec.cameras)
 
 
 class Scenario(ScenarioHead):

@@ -197,7 +197,7 @@ def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | No
     for number, actor in enumerate(spec.actors):
         if (at := _first_overlap(movers[number], ego)) is not None:
             return number, f"{actor.name!r} inside the ego vehicle at {_seconds(times_ns[at])}"
-        for camera in head.cameras:
+        for camera in head.cameras_of(spec):
             if (at := _first_inside(camera, ego, movers[number], sizes_m[number])) is not None:
                 return number, f"the camera {camera.name!r} inside {actor.name!r} at {_seconds(times_ns[at])}"
     for one, other in combinations(range(len(movers)), 2):

@@ -18,7 +18,7 @@ Source:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -45,10 +45,10 @@ from benchmarks.ranking.sums import (
     BINS,
     CATEGORIES,
     FALSE_POSITIVES,
+    FALSE_SHARE,
     FIT_SLICES,
     FITS,
-    FRAME_METRICS,
-    OBJECT_METRICS,
+    IOU,
     REFERENCES,
     ROWS,
     SCORED,
@@ -93,15 +93,15 @@ class Agreement(AuditModel):
     Attributes:
         tau: Kendall's tau-b of the two orders of the predictions by IoU, in the row of false positives by their share;
             NaN where all are equal.
-        difference: by metric, mean absolute difference over the predictions that have the metric against both.
+        difference: mean absolute difference of that, over the predictions that have it against both.
         difference_real: the same over the real methods.
         by_kind: by kind of error, of `KINDS`; kinds without a mask are left out.
         tau_between: tau-b over the pairs of masks with errors of different kinds; NaN without such pairs.
     """
 
     tau: Estimate
-    difference: dict[str, Estimate]
-    difference_real: dict[str, Estimate]
+    difference: Estimate
+    difference_real: Estimate
     by_kind: dict[str, KindAgreement]
     tau_between: Ratio
 
@@ -158,7 +158,7 @@ class RankedRow(AuditModel):
         cases: object-frames; image-frames in the row of false positives.
         unknown_share: mean share of an object-frame's possible pixels that `surface-v1` leaves unknown; NaN without
             object-frames.
-        scores: metric -> reference -> prediction -> score.
+        scores: reference -> prediction -> IoU; share of false positives in their row.
         agreement: by lidar reference.
         checks: where the exact masks are among the predictions; none in the row of false positives.
     """
@@ -167,7 +167,7 @@ class RankedRow(AuditModel):
     recordings: int
     cases: int
     unknown_share: Ratio
-    scores: dict[str, dict[str, dict[str, Ratio]]]
+    scores: dict[str, dict[str, Ratio]]
     agreement: dict[str, Agreement]
     checks: tuple[Check, ...]
 
@@ -194,7 +194,7 @@ class RankingSummary(StoredAudit):
     def mean_difference(self, reference: str, *, real: bool) -> float:
         """Mean absolute difference of IoU over the kinds of motion that have object-frames; NaN without any."""
         found = [
-            (row.agreement[reference].difference_real if real else row.agreement[reference].difference)["iou"].value
+            (row.agreement[reference].difference_real if real else row.agreement[reference].difference).value
             for row in self.rows
             if row.name in CATEGORIES and row.cases
         ]
@@ -319,40 +319,33 @@ def draw_recordings(sums: Values) -> Values | None:
     return np.tensordot(times.astype(np.float64), sums, axes=1)
 
 
-def agreement(terms: Mapping[str, Values], *, reference: int, predictions: Sequence[Prediction]) -> Agreement:
+def agreement(terms: Values, *, reference: int, predictions: Sequence[Prediction]) -> Agreement:
     """Agreement of a reference with the last one.
 
     Args:
-        terms: by metric, of `read_terms`; the predictions are ranked by the first.
+        terms: of `read_terms`, of the metric by which the predictions are ranked.
         reference: index of the one to be compared.
         predictions: in the order of the terms.
     """
-    draws = {metric: draw_recordings(of_recording) for metric, of_recording in terms.items()}
-    first = next(iter(terms))
+    drawn, whole = draw_recordings(terms), terms.sum(axis=0)
 
-    def estimate(
-        statistic: Callable[[Values, Values], Values | float], metric: str, who: NDArray[np.bool_]
-    ) -> Estimate:
+    def estimate(statistic: Callable[[Values, Values], Values | float], who: NDArray[np.bool_]) -> Estimate:
         def compared(of: Values) -> Values:
             values = metric_values(of)[..., who]
             return np.asarray(statistic(values[..., reference, :], values[..., -1, :]))
 
-        drawn = draws[metric]
         interval = _interval(None if drawn is None else compared(drawn))
-        return Estimate(value=float(compared(terms[metric].sum(axis=0))), ci95=interval)
-
-    def differences(who: NDArray[np.bool_]) -> dict[str, Estimate]:
-        return {metric: estimate(mean_difference, metric, who) for metric in terms}
+        return Estimate(value=float(compared(whole)), ci95=interval)
 
     real = np.array([prediction.real for prediction in predictions])
     every = np.ones_like(real)
-    scores = metric_values(terms[first].sum(axis=0))
+    scores = metric_values(whole)
     kinds = [prediction.error for prediction in predictions]
     exact = _number(predictions, WrongMasks())
     return Agreement(
-        tau=estimate(_rank_correlations, first, every),
-        difference=differences(every),
-        difference_real=differences(real),
+        tau=estimate(_rank_correlations, every),
+        difference=estimate(mean_difference, every),
+        difference_real=estimate(mean_difference, real),
         by_kind={
             kind: _kind_agreement(scores[reference], scores[-1], of_kind, exact=exact)
             for kind in KINDS
@@ -394,29 +387,24 @@ def rank_row(name: str, scores: pd.DataFrame, predictions: Sequence[Prediction])
         predictions: in the order of the result.
     """
     own = scores[scores["slice"] == name]
-    metrics = FRAME_METRICS if name == FALSE_POSITIVES else OBJECT_METRICS
     names = [prediction.name for prediction in predictions]
-    terms = {metric: read_terms(own, definition, predictions) for metric, definition in metrics.items()}
-    values = {metric: metric_values(of_recording.sum(axis=0)) for metric, of_recording in terms.items()}
-    every = next(iter(terms.values()))  # of which each row is a case
+    terms = read_terms(own, FALSE_SHARE if name == FALSE_POSITIVES else IOU, predictions)
+    values = metric_values(terms.sum(axis=0))
     unknown = read_terms(own, UNKNOWN, predictions)[:, REFERENCES.index(SURFACE), 0].sum(axis=0)
     return RankedRow(
         name=name,
-        recordings=len(every),
-        cases=int(every[:, 0, 0, 1].sum()),
+        recordings=len(terms),
+        cases=int(terms[:, 0, 0, 1].sum()),
         unknown_share=float(metric_values(unknown)),
         scores={
-            metric: {
-                reference: dict(zip(names, by_prediction.tolist(), strict=True))
-                for reference, by_prediction in zip(REFERENCES, of_metric, strict=True)
-            }
-            for metric, of_metric in values.items()
+            reference: dict(zip(names, by_prediction.tolist(), strict=True))
+            for reference, by_prediction in zip(REFERENCES, values, strict=True)
         },
         agreement={
             reference: agreement(terms, reference=number, predictions=predictions)
             for number, reference in enumerate(REFERENCES[:-1])
         },
-        checks=() if name == FALSE_POSITIVES else tuple(_checks(values["iou"], predictions)),
+        checks=() if name == FALSE_POSITIVES else tuple(_checks(values, predictions)),
     )
 
 

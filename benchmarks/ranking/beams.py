@@ -31,7 +31,7 @@ from bench.records.recording import PointIndices
 from bench.reference import ReferenceFrame, Status
 from benchmarks.ranking.agreement import Estimate, agreement, metric_values, read_terms
 from benchmarks.ranking.predictions import Prediction
-from benchmarks.ranking.sums import EXACT, FITS, OBJECT_METRICS, SURFACE, RankingRows, RankingSums, predicted_images
+from benchmarks.ranking.sums import EXACT, FITS, IOU, SURFACE, RankingRows, RankingSums, predicted_images
 from benchmarks.ranking.wrong_masks import WrongMasks
 
 BEAMS = "beams.json"
@@ -204,7 +204,7 @@ def beams_rows(sums: Sequence[RankingSums], predictions: Sequence[Prediction]) -
 def _row(
     name: str, beams: int, fit: pd.Series[float], scores: pd.DataFrame, predictions: Sequence[Prediction]
 ) -> BeamsRow:
-    terms = read_terms(scores, OBJECT_METRICS["iou"], predictions, REFERENCES)
+    terms = read_terms(scores, IOU, predictions, REFERENCES)
     shares = {
         "in_core": (fit["core_px"] - fit["core_outside_px"], fit["mask_px"]),
         "left_out": (fit["left_out_px"], fit["mask_px"]),
@@ -220,7 +220,7 @@ def _row(
         object_frames=int(fit["object_frames"]),
         lost=int(fit["lost"]),
         **{share: float(metric_values(np.array(of))) for share, of in shares.items()},
-        tau=agreement({"iou": terms}, reference=0, predictions=predictions).tau if ranked else None,
+        tau=agreement(terms, reference=0, predictions=predictions).tau if ranked else None,
     )
 
 

@@ -44,7 +44,6 @@ MARKERS = dict(zip(LIDAR, ("o", "s", "^", "D"), strict=True))
 COLOURS = dict(zip(LIDAR, (figures.ORANGE, figures.SKY_BLUE, figures.GREEN, figures.VERMILION), strict=True))
 ERRORS = {OUTLINES: "outline errors", OBJECTS: "errors of whole objects or parts"}
 FILLS = {OUTLINES: "none", OBJECTS: "left"}  # of the markers; real methods are filled
-OTHERS = {"tpr": "TPR", "detection_rate_50": "Detection at 50 %"}
 
 
 def row_label(name: str) -> str:
@@ -119,8 +118,7 @@ def agreement_table(ranking: RankingSummary) -> Table:
     """Order and IoU, one line per row and lidar reference, with intervals."""
 
     def cells(row: RankedRow, found: Agreement) -> list[object]:
-        first = next(iter(found.difference))
-        return [_recordings(row), row.cases, found.tau, found.difference[first], found.difference_real[first]]
+        return [_recordings(row), row.cases, found.tau, found.difference, found.difference_real]
 
     numbers = [Column("Tau", tau_text), Column("All", _points), Column("Real methods", _points)]
     return Table(
@@ -134,22 +132,6 @@ def agreement_table(ranking: RankingSummary) -> Table:
     )
 
 
-def difference_table(ranking: RankingSummary) -> Table:
-    """The other metrics, one line per row and lidar reference."""
-    of_objects = ranking.model_copy(update={"rows": [row for row in ranking.rows if row.name != FALSE_POSITIVES]})
-    headings = [heading for name in OTHERS.values() for heading in (name, f"{name}, real methods")]
-    return Table(
-        title="Differences of the other metrics, in points",
-        columns=["Type", "Reference", *_in_percent(headings)],
-        rows=_agreements(
-            of_objects,
-            lambda _, found: [part[m].value for m in OTHERS for part in (found.difference, found.difference_real)],
-        ),
-        note="As above. TPR: over detected object-frames.",
-        words=2,
-    )
-
-
 def ceiling_table(ranking: RankingSummary) -> Table:
     """Scores of the exact masks, and the unknown share of the objects; one line per row."""
     exact = ranking.ceiling
@@ -158,7 +140,7 @@ def ceiling_table(ranking: RankingSummary) -> Table:
         columns=["Type", "Recordings", "Frames", *_in_percent([NAMES[name] for name in LIDAR] + ["Unknown share"])],
         rows=[
             [row_label(row.name), _recordings(row), row.cases,
-             *(row.scores["iou"][name][exact] if exact else None for name in LIDAR), row.unknown_share]
+             *(row.scores[name][exact] if exact else None for name in LIDAR), row.unknown_share]
             for row in ranking.rows
             if row.name != FALSE_POSITIVES
         ],
@@ -201,7 +183,7 @@ def check_table(ranking: RankingSummary) -> Table:
 
 def score_table(row: RankedRow) -> Table:
     """Every prediction's score in one row, the best by the exact masks first."""
-    scores = pd.DataFrame(_scores(row)).sort_values(EXACT, ascending=False, kind="stable")
+    scores = pd.DataFrame(row.scores).sort_values(EXACT, ascending=False, kind="stable")
     what = "area of false positives" if row.name == FALSE_POSITIVES else "IoU"
     return Table(
         title=f"{row_label(row.name)}: {what}, in percent",
@@ -209,11 +191,6 @@ def score_table(row: RankedRow) -> Table:
         rows=scores[[*REFERENCES]].reset_index(),
         note=f"{row.cases} frames of {row.recordings} recordings.",
     )
-
-
-def _scores(row: RankedRow) -> dict[str, dict[str, float]]:
-    """By reference and prediction, of the metric by which a row is ranked."""
-    return row.scores["false_positive_share" if row.name == FALSE_POSITIVES else "iou"]
 
 
 def _in_percent(headings: Iterable[str]) -> list[Column]:
@@ -248,13 +225,12 @@ def report(ranking: RankingSummary) -> Report:
             ),
             Code(f"{command(ranking)} --methods {methods}"),
             Picture("ranking.png", "Scores against lidar references over scores against exact masks"),
-            *sections((*ranking_tables(ranking), difference_table(ranking), *of_rows)),
+            *sections((*ranking_tables(ranking), *of_rows)),
         ],
         numbers=[
-            {"row": row.name, "metric": metric, "reference": reference, "prediction": name, "value": score}
+            {"row": row.name, "reference": reference, "prediction": name, "value": score}
             for row in ranking.rows
-            for metric, by_reference in row.scores.items()
-            for reference, scores in by_reference.items()
+            for reference, scores in row.scores.items()
             for name, score in scores.items()
         ],
     )
@@ -286,14 +262,14 @@ def draw_ranking(ranking: RankingSummary) -> Figure:
 
 
 def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
-    scores, limits = _scores(row), (-3.0, 103.0)
+    limits = (-3.0, 103.0)
     axes.plot(limits, limits, color=figures.GREY, linewidth=0.8, zorder=1)
     for reference in LIDAR:
         names: dict[str, list[str]] = {"full": [], "none": [], "left": []}
         for name in ranking.predictions:
             names["full" if name in ranking.real else FILLS[ranking.errors.get(name, OUTLINES)]].append(name)
         for fill, of_fill in names.items():
-            x, y = ([100 * scores[of][name] for name in of_fill] for of in (EXACT, reference))
+            x, y = ([100 * row.scores[of][name] for name in of_fill] for of in (EXACT, reference))
             axes.plot(
                 x, y, MARKERS[reference], color=COLOURS[reference], markersize=3.6, markeredgewidth=0.9, zorder=3,
                 fillstyle=fill, markerfacecoloralt="white", label=NAMES[reference] if fill == "full" else "_",

@@ -30,9 +30,8 @@ PAPER, SURFACE, EXACT = "paper-v1", "surface-v1", "exact"
 BINS = load_protocol(SURFACE).bins
 REFERENCES = (PAPER, "concave", "surface-patches", SURFACE, EXACT)  # the exact masks last
 
-# What is compared in the rows of object-frames, and in that of false positives; the first ranks the predictions.
-OBJECT_METRICS = {name: find_metric(name) for name in ("iou", "tpr", "detection_rate_50")}
-FRAME_METRICS = {"false_positive_share": find_metric("false_positive_coverage")}
+# What ranks the predictions in the rows of object-frames, and in that of false positives.
+IOU, FALSE_SHARE = find_metric("iou"), find_metric("false_positive_coverage")
 SCORED = ["reference", "prediction", "recording"]
 OF_OBJECT = ["category", "object_class", "unknown_px"]
 OBJECT_COLUMNS = [*SCORED, *OF_OBJECT, "tp", "fn", "fp"]
@@ -115,10 +114,9 @@ class RankingRows:
         frames = pd.DataFrame(self._frames, columns=FRAME_COLUMNS)
         slices = {CATEGORY: objects["category"], "object_class": objects["object_class"]}
         slices[ALL_MOVING] = pd.Series(ALL_MOVING, objects.index)
-        of_objects, of_frames = [*OBJECT_METRICS.values(), UNKNOWN], [*FRAME_METRICS.values()]
         parts = [
-            sum_metrics(objects, of_objects, slices, by=SCORED),
-            sum_metrics(frames, of_frames, {FRAMES: pd.Series(FALSE_POSITIVES, frames.index)}, by=SCORED),
+            sum_metrics(objects, [IOU, UNKNOWN], slices, by=SCORED),
+            sum_metrics(frames, [FALSE_SHARE], {FRAMES: pd.Series(FALSE_POSITIVES, frames.index)}, by=SCORED),
         ]
         return pd.concat(parts, ignore_index=True)
 

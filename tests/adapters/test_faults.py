@@ -63,7 +63,7 @@ FAULTS = [
     ("aimotive", BOX, '"ObjectId": 1', '"Object": 1', "ObjectId: expected a value, got nothing"),
     ("aimotive", BOX, '"Timestamp": "4', '"Timestamp": "soon', "Timestamp: expected a valid integer, got 'soon"),
     ("aimotive", BOX, '"Timestamp": "4', '"Timestamp": "1', "expected times that increase"),
-    ("aimotive", SENSORS, '"mei"', '"pinhole"', "M_FISHEYE_R.model: expected 'mei' or 'opencv_pinhole', got 'pinhole'"),
+    ("aimotive", SENSORS, '"mei"', '"pinhole"', "M_FISHEYE_R.model: expected 'mei', got 'pinhole'"),
     ("aimotive", SENSORS, '"xi"', '"x"', "M_FISHEYE_R.xi: expected a value, got nothing"),
     ("aimotive", SENSORS, "M_FISHEYE_R", "B_CAM", "M_FISHEYE_R: expected a calibration of this camera, got none"),
     ("woodscape", STATE, '"36.0"', '"fast"', "ego_speed: expected a valid number, got 'fast'"),

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.adapters.kitti_raw import CLASSES, kitti_raw_recordings
-from bench.adapters.tracklets import read_tracklets
+from bench.adapters.kitti_raw import CLASSES, kitti_raw_recordings, read_tracklets
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.recordings import COMPLETELY, NOT_ANNOTATED
@@ -74,14 +73,11 @@ def test_points_have_their_times_by_a_scanner_that_turns_to_the_left(root):
     assert (sweep.time_offset_ns[~left] <= 0).all()
 
 
-def test_a_drive_without_tracklets_is_not_annotated(root):
+def test_a_drive_without_tracklets_is_not_annotated_and_one_without_images_says_which_it_looked_for(root):
     assert opened(root).annotated == COMPLETELY
     (root / tiny.DATE / tiny.DRIVE / "tracklet_labels.xml").unlink()
     recording = opened(root)
     assert (recording.annotated, recording.tracks) == (NOT_ANNOTATED, ())
-
-
-def test_a_drive_without_images_says_which_it_looked_for(root):
     with pytest.raises(DataError, match=r"expected images of image_03, got none"):
         opened(root, cameras=["image_03"])
 

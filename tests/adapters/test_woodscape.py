@@ -76,13 +76,9 @@ def test_speed_is_in_kmh_and_yaw_rate_in_degrees(root, side, sign):
     assert np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]) == pytest.approx(sign * np.radians(9.0) * 0.03332)
 
 
-def edited(path, **values):
-    change_json(path, lambda content: content.update(values))
-
-
 def test_reverse_gear_goes_backwards(root):
     for folder in ("rgb_images", "previous_images"):
-        edited(root / "vehicle_data" / folder / "00000_FV.json", ego_gear="R")
+        change_json(root / "vehicle_data" / folder / "00000_FV.json", lambda content: content.update(ego_gear="R"))
     recording = opened(root)
     before = recording.images["FV"][0]
     assert recording.trajectory.velocity_vehicle_mps(before.timestamp_ns)[0] == pytest.approx(-10.0, rel=1e-4)
@@ -112,22 +108,18 @@ def test_protocols_of_polygons_ignore_masks(root):
     assert not reference.labels.any()
 
 
-def test_an_image_in_which_nothing_moves(root):
+def test_an_image_in_which_nothing_moves_and_half_the_size(root):
     assert reference_of(opened(root, 1)).objects == ()
-
-
-def test_half_the_size(root):
     reference = reference_of(opened(root, evaluated_size_px=[32, 24]))
     assert reference.labels.shape == (24, 32)
     assert [o.polygon_px for o in reference.objects][:1] == [24]
 
 
 CALIBRATION, VEHICLE = "calibration_data/calibration/00000_FV.json", "vehicle_data/rgb_images/00000_FV.json"
+PREVIOUS, MASK = "previous_images/00000_FV_prev.png", "motion_annotations/gtLabels/00000_FV.png"
 
 
-@pytest.mark.parametrize(
-    "file", ["previous_images/00000_FV_prev.png", "motion_annotations/gtLabels/00000_FV.png", VEHICLE, CALIBRATION]
-)
+@pytest.mark.parametrize("file", [PREVIOUS, MASK, VEHICLE, CALIBRATION])
 def test_a_missing_file_says_where_it_was_looked_for(root, file):
     (root / file).unlink()
     with pytest.raises(DataError, match=r"expected a file in .*, got none of this name"):
@@ -136,7 +128,7 @@ def test_a_missing_file_says_where_it_was_looked_for(root, file):
 
 
 def test_masks_that_cannot_be_used(root):
-    file = root / "motion_annotations/gtLabels/00000_FV.png"
+    file = root / MASK
     recording = opened(root)
     whole = file.read_bytes()
     file.write_bytes(whole[:-9])
@@ -150,47 +142,11 @@ def test_masks_that_cannot_be_used(root):
         reference_of(recording)
 
 
-def test_a_folder_that_is_not_the_data_set_and_annotations_apart(tmp_path, root):
-    with pytest.raises(DataError, match=r"rgb_images: expected images <index>_<camera>\.png"):
-        handles(tmp_path)
+def test_annotations_apart_are_refused_and_the_card_finds_the_pairs(tmp_path, root, monkeypatch):
     with pytest.raises(DataError, match=r"annotations: expected none: this data set has masks"):
         woodscape_recordings(root, options={}, card=tmp_path / "x.yaml", annotations=tmp_path)
-
-
-def test_the_card(root, monkeypatch):
     monkeypatch.setenv("WOODSCAPE_DATASET", str(root))
     assert [handle.name for handle in open_dataset(load_card("woodscape"))] == list(tiny.NAMES)
-
-
-CARS = [
-    {"indices": [None, 95], "body_polygons": {"FV": [[[0, 40], [20, 40], [20, 47], [0, 47]]]}},
-    {"indices": [96, None]},
-]
-
-
-def test_each_car_has_its_own_outlines_of_its_body(root):
-    body = opened(root, 0, cars=CARS).cameras["FV"].ego_body
-    assert body[40:44, :21].all()  # this car's
-    assert body[44:, :].all()  # of every car
-    assert not body[40:44, 22:].any()
-    for cars in (CARS, CARS[:1]):  # of a car without outlines, and of no car
-        mirror = opened(root, 1, cars=cars).cameras["MVR"].ego_body
-        assert mirror.tolist() == opened(root, 1).cameras["MVR"].ego_body.tolist()
-
-
-@pytest.mark.parametrize(
-    ("cars", "message"),
-    [
-        ([{"indices": [0, 10]}, {"indices": [10, 20]}], "options: expected cars whose indices do not overlap"),
-        ([{"indices": [0, 10]}, {}], "options: expected cars whose indices do not overlap"),
-        ([{"indices": [5, 4]}], r"options.cars.0.indices: expected first and last in order"),
-        ([{"indices": [-1, 4]}], r"options.cars.0.indices.0: expected greater than or equal to 0, got -1"),
-        ([{"body_polygons": {"LV": []}}], r"options.cars.0.body_polygons.LV"),
-    ],
-)
-def test_cars_that_cannot_be(root, cars, message):
-    with pytest.raises(DataError, match=message):
-        handles(root, cars=cars)
 
 
 @needs_real
@@ -219,10 +175,10 @@ def test_the_real_calibrations(name, height_m, looks):
 @pytest.mark.parametrize(
     ("file", "elsewhere"),
     [
-        ("previous_images/00000_FV_prev.png", "previous_images/00000_FV_PREV.png"),
-        ("previous_images/00000_FV_prev.png", "previous_images/previous_images/00000_FV_prev.png"),
+        (PREVIOUS, "previous_images/00000_FV_PREV.png"),
+        (PREVIOUS, "previous_images/previous_images/00000_FV_prev.png"),
         ("rgb_images/00000_FV.png", "rgb_images/rgb_images/00000_FV.png"),
-        ("motion_annotations/gtLabels/00000_FV.png", "motion_annotations/motion_annotations/gtLabels/00000_FV.png"),
+        (MASK, "motion_annotations/motion_annotations/gtLabels/00000_FV.png"),
         (CALIBRATION, "calibration/00000_FV.json"),
         (CALIBRATION, "calibration/calibration/00000_FV.json"),
         (VEHICLE, "vehicle_info/rgb_images/00000_FV.json"),

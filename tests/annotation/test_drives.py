@@ -122,7 +122,6 @@ def test_one_broken_drive_stops_no_other(card):
     [
         (("evaluate", "--reviews", "reviews"), "annotate propose"),
         (("propose", "--recording", "other"), "unknown split or recording"),
-        (("evaluate", "--merged", "elsewhere"), "--against"),
     ],
 )
 def test_a_mistake_is_one_line(card, monkeypatch, capsys, words, told):

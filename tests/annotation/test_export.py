@@ -21,7 +21,7 @@ from bench.annotation.formats.conversion import store_labels
 from bench.errors import OutputError
 from bench.harness import read_run
 from bench.recordings import open_native, read_annotations
-from bench.recordings.openlabel import NOT_REVIEWED
+from bench.recordings.annotations import NOT_REVIEWED
 from tests.support.commands import called_here, error_line
 from tests.support.reviews import DRIVE, decided, judge, proposed_from, stored
 

@@ -5,7 +5,6 @@ import sys
 
 import numpy as np
 import pytest
-from shapely import LineString, MultiPolygon, Polygon
 
 import bench
 from bench.errors import ShapeError, UsageError
@@ -16,43 +15,34 @@ LABELS = np.zeros((10, 20), dtype=np.int32)
 LABELS[2:6, 2:6] = 7
 MASK = np.zeros((10, 20), dtype=bool)
 MASK[2:4, 2:7] = True
-CORNERS = [(1.5, 1.5), (5.5, 1.5), (5.5, 5.5), (1.5, 5.5)]
-UPPER, LOWER = (Polygon([(1.5, v), (5.5, v), (5.5, v + 2), (1.5, v + 2)]) for v in (1.5, 3.5))
 HIDING = np.ma.masked_array(MASK, mask=MASK)
 
 
 @pytest.mark.parametrize(
     "reference",
     [
-        *(LABELS, LABELS.astype(np.uint8), LABELS > 0),
-        *([CORNERS], [np.array(CORNERS)], [Polygon(CORNERS)], [MultiPolygon([UPPER, LOWER])]),
+        LABELS,
+        LABELS.astype(np.uint8),
+        LABELS > 0,
     ],
-    ids=["labels", "uint8", "mask", "list", "array", "shapely", "parts"],
+    ids=["labels", "uint8", "mask"],
 )
 def test_every_form_of_a_reference_counts_the_same(reference):
     score = bench.score(reference, MASK)
     (row,) = score.objects[["tp", "fn", "fp"]].to_dict("records")
     assert row == {"tp": 8, "fn": 8, "fp": 2}
-    assert score.detection_rate == 1.0
+    assert score.metrics["detection_rate"] == 1.0
     assert score.tpr == score.metrics["tpr_all"] == 0.5
-    assert score.iou == score.iou_detected == 8 / 18
+    assert score.iou == score.metrics["iou_detected"] == 8 / 18
     assert score.false_positives == 2 / 200
     assert score.metrics["pixel_precision"] == 0.8
     assert score.metrics["detection_rate_50"] == 1.0
-
-
-def test_the_first_polygon_hides_the_others():
-    behind = np.array(CORNERS) + np.array([2, 0])
-    assert bench.score([CORNERS, behind], MASK).objects["tp"].tolist() == [8, 2]
-    assert bench.score([behind, CORNERS], MASK).objects["tp"].tolist() == [6, 4]
-    assert len(bench.score([CORNERS, CORNERS], MASK).objects) == 1
 
 
 def test_what_is_ignored_is_neither_right_nor_wrong_and_only_valid_pixels_count():
     beside = np.zeros_like(MASK)
     beside[:, 6] = True
     assert bench.score(LABELS, MASK, ignored=beside).false_positives == 0.0
-    assert bench.score(LABELS, MASK, ignored=[np.array(CORNERS) + np.array([4, 0])]).false_positives == 0.0
     left = np.zeros_like(MASK)
     left[:, :4] = True
     score = bench.score(LABELS, MASK, valid=left)
@@ -64,7 +54,7 @@ def test_scores_of_images_add_up_before_ratios_are_taken():
     nothing = np.zeros_like(MASK)
     both = bench.Score.of([bench.score(LABELS, MASK), bench.score(LABELS, nothing), bench.score(nothing, nothing)])
     assert both.iou == 8 / 18 / 2
-    assert both.iou_detected == 8 / 18
+    assert both.metrics["iou_detected"] == 8 / 18
     assert both.false_positives == pytest.approx(2 / 200 / 3)
     assert "iou=0.222" in repr(both)
     assert np.isnan(bench.score(nothing, MASK).iou)
@@ -76,32 +66,16 @@ def test_scores_of_images_add_up_before_ratios_are_taken():
     ("call", "message"),
     [
         (lambda: bench.score(LABELS, MASK.astype(float)), "for scores, pass scores > 0.5"),
-        (lambda: bench.score(LABELS[:5], MASK), r"reference: expected .*size \(10, 20\), got \(5, 20\)"),
-        (lambda: bench.score(LABELS.astype(float), MASK), "label image of integers"),
-        (lambda: bench.score([[(1, 2), (3, 4)]], MASK), r"reference\[0\]: expected a polygon"),
-        (lambda: bench.score(MASK.tolist(), MASK), r"passed as an array: numpy\.asarray"),
+        (lambda: bench.score(LABELS[:5], MASK), r"reference: expected .*size \(10, 20\) .*, got \(5, 20\)"),
+        (lambda: bench.score(LABELS.astype(float), MASK), "label image"),
+        (lambda: bench.score(LABELS, MASK, valid=MASK[:5]), "valid: expected an array of .* of bool"),
+        (lambda: bench.score(LABELS, MASK, ignored=LABELS), "ignored: expected an array of .* of bool"),
+        (lambda: bench.score(MASK[:0], MASK[:0]), r"mask: expected .*, got \(0, 20\)"),
+        (lambda: bench.score(LABELS, HIDING), "mask: expected .* got a masked"),
+        (lambda: bench.score(np.ma.masked_array(LABELS), MASK), "reference: .* got a masked"),
         (lambda: bench.interval([0.5, 50.0], ["a", "b"]), r"expected values in \[0, 1\]"),
-        (lambda: bench.interval([0.5], ["a", "b"]), "a recording for each value"),
-        (lambda: bench.score(LABELS, MASK, valid=MASK[:5]), "valid: expected a mask of bool"),
-        (lambda: bench.score(LABELS, MASK, ignored=LABELS), "ignored: expected a mask of bool"),
-        (lambda: bench.score(None, MASK), "reference: expected an array or a list of polygons"),
-        (lambda: bench.score(MASK[:0], MASK[:0]), r"mask: expected .* at least one pixel, got \(0, 20\)"),
-        (lambda: bench.score([], MASK[:, :0]), r"mask: expected .* at least one pixel, got \(10, 0\)"),
-        (lambda: bench.score(LABELS, HIDING), r"mask: expected .* got a masked one; pass values\.filled"),
-        (lambda: bench.score(np.ma.masked_array(LABELS), MASK), "reference: .* got a masked one"),
-        (lambda: bench.score(LABELS, MASK, ignored=HIDING), "ignored: .* got a masked one"),
-        (lambda: bench.score(LABELS, MASK, valid=HIDING), "valid: .* got a masked one"),
-        (lambda: bench.score([np.ma.masked_array(CORNERS)], MASK), r"reference\[0\]: .* got a masked one"),
-        (lambda: bench.score([CORNERS, Polygon()], MASK), r"reference\[1\]: .* got an empty one"),
-        (lambda: bench.score([MultiPolygon()], MASK), r"reference\[0\]: .* got an empty one"),
-        (lambda: bench.score([[(0, 0), (np.inf, 0), (5, 5)]], MASK), r"reference\[0\]: .* got NaN or infinity"),
-        (lambda: bench.score([Polygon([(0, 0), (np.inf, 0), (5, 5)])], MASK), r"reference\[0\]: .* NaN or infinity"),
-        (lambda: bench.score([LineString([(0, 0), (1, 1)])], MASK), r"reference\[0\]: expected numbers"),
-        (lambda: bench.score([[(1, 2), (3,)]], MASK), r"reference\[0\]: expected numbers"),
-        (lambda: bench.interval(np.ma.masked_array([0.5], mask=[1]), ["a"]), "values: .* got a masked one"),
-        (lambda: bench.interval([0.5], np.ma.masked_array(["a"])), "recordings: .* got a masked one"),
-        (lambda: bench.interval(["much"], ["a"]), "values: expected numbers"),
-        (lambda: bench.interval([0.5, 0.5], [None, 3]), "the name of a recording for each value, got None or NaN"),
+        (lambda: bench.interval([0.5, 0.5], [None, "a"]), "the name of a recording for each value, got None or NaN"),
+        (lambda: bench.interval([0.5], ["a", "b"]), "a recording for each value, got 2 for 1"),
     ],
 )
 def test_what_does_not_fit_is_refused(call, message):

@@ -4,7 +4,6 @@ Files that a command did not write are never replaced by its output; those that 
 """
 
 import ast
-import io
 import os
 import shutil
 import subprocess
@@ -16,7 +15,6 @@ import numpy as np
 import pytest
 
 import bench
-from bench.commands import console
 from tests.support.commands import call, error_line
 from tests.support.processes import files_of
 
@@ -96,7 +94,6 @@ TAKEN = {
     "compare": (("compare", "RUN", "OTHER", "--no-pictures", "--out", "OUT"), "compare.md"),
     "leaderboard": (("leaderboard", "RUNS", "--out", "OUT"), "index.html"),
     "leaderboard, stored": (("leaderboard", "RUNS", "--out", "OUT"), "leaderboard.json"),
-    "leaderboard, tables": (("leaderboard", "RUNS", "--out", "OUT"), "leaderboard.md"),
     "video": (("view", "CARD", "--recording", "crossing", "--video", "OUT/mine.mp4"), "mine.mp4"),
     "gate": (("gate", "RUN", "--baseline", "BASELINE", "--json", "OUT/mine.json"), "mine.json"),
     "gate, junit": (("gate", "RUN", "--baseline", "BASELINE", "--junit", "OUT/mine.xml"), "mine.xml"),
@@ -214,24 +211,6 @@ def test_a_reader_who_goes_away_changes_no_verdict(places):
     os.close(write)
     assert (ended.returncode, ended.stderr.count("\n")) == (3, 1)
     assert ended.stderr.startswith("error: nothing was judged"), "three recordings are too few"
-
-
-def test_letters_that_the_output_has_no_code_for_are_shown(monkeypatch):
-    written = io.BytesIO()
-    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
-    console.say("straße")
-    assert written.getvalue() == b"stra\\xdfe\n"
-
-
-def test_a_bug_keeps_its_traceback(monkeypatch, capsys):
-    def fail(_: object) -> None:
-        raise OSError("no file is named")
-
-    monkeypatch.setattr("bench.recordings.list_cards", fail)
-    assert call(monkeypatch, "list", "datasets") == 70
-    shown = capsys.readouterr().err
-    assert "no file is named" in shown
-    assert "Traceback" in shown
 
 
 # Who writes beside `bench.atomic`, and tells in one line what cannot be written.

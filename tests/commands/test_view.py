@@ -97,7 +97,7 @@ def test_without_the_viewer_the_message_says_what_to_install(monkeypatch, capsys
     assert not list(tmp_path.iterdir())
 
 
-def test_the_calibration_of_each_camera_without_annotations(monkeypatch, tmp_path):
+def test_the_calibration_of_each_camera_without_annotations_and_without_lidar(monkeypatch, tmp_path):
     """Where the lidar's wall meets the image's moves with a camera that is turned in the head alone."""
     root = drive.write_drive(tmp_path / "data" / "drive")
     (root / "annotations.json").unlink()
@@ -114,13 +114,7 @@ def test_the_calibration_of_each_camera_without_annotations(monkeypatch, tmp_pat
     height, width = differs.shape
     assert differs[: height // 2].mean() > 0.01  # lidar
     assert differs[height // 2 :, width // 2 :].mean() > 0.002  # horizon and road
-
-
-def test_the_calibration_without_lidar(monkeypatch, tmp_path):
-    root = drive.write_drive(tmp_path / "data" / "drive")
     shutil.rmtree(root / "lidar")
-    (root / "annotations.json").unlink()
-    (tmp_path / "card.yaml").write_text("name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\n")
     assert call(monkeypatch, "view", tmp_path / "card.yaml", "--calibration", "--out", tmp_path / "p") == 0
     assert len(list((tmp_path / "p").rglob("calibration.png"))) == 1
 

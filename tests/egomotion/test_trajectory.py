@@ -62,18 +62,14 @@ def test_nothing_is_invented_inside_a_gap():
         ([0, 5, 3], "timestamp_ns: expected times that increase, got 3 after 5 in row 3"),
     ],
 )
-def test_times_that_do_not_increase_are_refused(times_ns, message):
-    with pytest.raises(DataError) as caught:
+def test_times_that_do_not_increase_and_places_that_are_none_are_refused(times_ns, message):
+    with pytest.raises(DataError, match=message):
         straight(times_ns)
-    assert message in str(caught.value)
-
-
-def test_positions_must_be_finite():
     with pytest.raises(DataError, match="finite positions"):
         straight([0, STEP_NS], speed_mps=np.nan)
 
 
-@pytest.mark.parametrize("speed_mps", [8.0, -3.0])
+@pytest.mark.parametrize("speed_mps", [8.0, -3.0, 0.0])
 @pytest.mark.parametrize("rate_radps", [0.5, -1.2, 0.0])
 @pytest.mark.parametrize(
     "time_ns", [0, 1, 25_000_000, STEP_NS // 2, STEP_NS - 1, STEP_NS, 2 * STEP_NS, 2 * STEP_NS + 1]
@@ -110,10 +106,6 @@ def test_the_velocity_between_poses_is_that_of_the_path_there():
         velocity_world_mps = (after.translation_m - before.translation_m) / 2e-6
         seen = path.world_from_vehicle(time_ns).rotation.T @ velocity_world_mps
         assert path.velocity_vehicle_mps(time_ns) == pytest.approx(seen, rel=1e-5, abs=1e-5)
-
-
-def test_a_stationary_vehicle_has_no_velocity():
-    assert straight([0, STEP_NS, 2 * STEP_NS], speed_mps=0.0).velocity_vehicle_mps(STEP_NS // 2).tolist() == [0, 0, 0]
 
 
 def test_a_gap_says_nothing_of_the_velocity_at_its_ends():

@@ -108,10 +108,6 @@ def test_degrees_of_freedom_are_those_of_the_definition(counts: list[int], more:
     assert 1 - 1e-9 <= found <= len(counts) - 1 + 1e-9
 
 
-def test_recordings_of_equal_size_have_one_degree_less_than_they_are() -> None:
-    assert degrees_of_freedom(np.full(20, 1 / 20)) == pytest.approx(19)
-
-
 def test_one_large_recording_widens_the_interval() -> None:
     even, odd = interval([4, 6] * 5, [10] * 10), interval([400, 600] + [4, 6] * 4, [1000, 1000] + [10] * 8)
     assert even is not None

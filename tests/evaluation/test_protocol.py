@@ -86,36 +86,10 @@ def test_an_unknown_name_lists_the_known_ones() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "field"),
-    [
-        ({"colour": "red"}, "colour"),
-        ({"scoring": {"detection_levels": [2], "chance_lag_s": 1, "false_positive_component_px": 1}}, "levels.0"),
-        ({"bins": {"range_m": [0, 2, 2], "ego_speed_mps": [0], "points": [0]}}, "bins.range_m"),
-        ({"bins": {"range_m": [1, 2], "ego_speed_mps": [0], "points": [0]}}, "bins.range_m"),
-        ({"range_map": {"cell_m": 1.0, "min_object_frames": 0}}, "range_map.min_object_frames"),
-    ],
-)
-def test_a_fault_names_file_and_field(tmp_path: Path, change: dict[str, object], field: str) -> None:
-    file = write(tmp_path / "mine.yaml", content_of("paper-v1") | change)
-    with pytest.raises(
-        DataError, match=rf"mine\.yaml: .*{field}: expected [^;]*, got [^;]*(; [0-9]+ more faults in this file)?$"
-    ):
-        load_protocol(file)
-
-
-def test_a_fault_is_one_line_in_our_words(tmp_path: Path) -> None:
-    file = write(tmp_path / "mine.yaml", content_of("paper-v1") | {"version": "one", "colour": "red"})
-    with pytest.raises(DataError) as caught:
-        load_protocol(file)
-    line = (
-        "version: expected a valid integer, unable to parse string as an integer, got 'one'; 1 more faults in this file"
-    )
-    assert str(caught.value) == f"{file}: {line}"
-
-
-@pytest.mark.parametrize(
     ("part", "change", "field"),
     [
+        ("colour", "red", "colour"),
+        ("version", "one", "version: expected a valid integer, unable to parse string as an integer"),
         ("reference", {"range_limit_m": 1e5}, "reference.range_limit_m"),
         ("reference", {"min_points": 10**300}, "reference.min_points"),
         ("reference", {"motion": {"min_run_s": 1e300}}, "reference.motion.min_run_s"),
@@ -125,12 +99,16 @@ def test_a_fault_is_one_line_in_our_words(tmp_path: Path) -> None:
         ("reference", {"classes": ["pedestrian", "pedestrian"]}, "reference.classes"),
         ("scoring", {"chance_lag_s": 1e300}, "scoring.chance_lag_s"),
         ("scoring", {"detection_levels": [0.5, 0.5]}, "scoring.detection_levels"),
+        ("scoring", {"detection_levels": [2]}, "scoring.detection_levels.0"),
+        ("bins", {"range_m": [0, 2, 2]}, "bins.range_m"),
+        ("bins", {"range_m": [1, 2]}, "bins.range_m"),
+        ("range_map", {"min_object_frames": 0}, "range_map.min_object_frames"),
         ("range_map", {"cell_m": 1e-3}, "range maps of at most 1000 cells"),
     ],
 )
-def test_numbers_are_bounded_and_names_are_known_ones_each_once(tmp_path: Path, part, change, field) -> None:
+def test_a_fault_is_one_line_that_names_file_and_field(tmp_path: Path, part, change, field) -> None:
     file = write(tmp_path / "mine.yaml", {"based_on": "surface-v1", "name": "ours", part: change})
-    with pytest.raises(DataError, match=rf"mine\.yaml: .*{field}.*got "):
+    with pytest.raises(DataError, match=rf"mine\.yaml: .*{field}.*got .*$"):
         load_protocol(file)
 
 

@@ -87,12 +87,6 @@ def test_no_cases_are_nan_and_null() -> None:
     assert stored["categories"]["static_ego"]["iou"] == {"value": None, "ci95": None, "cases": 0, "recordings": 0}
 
 
-def test_a_run_of_nothing() -> None:
-    summary = summary_of(scored([]))
-    assert summary.objects.annotated == summary.images.images == 0
-    assert math.isnan(summary.false_positives.coverage.value)
-
-
 def test_a_summary_survives_its_file() -> None:
     summary = summary_of(random_run(5))
     text = summary.model_dump_json()
@@ -220,12 +214,6 @@ def test_bins_are_half_open() -> None:
         "[6, 8)": 0,
         "[8, inf)": 2,
     }
-
-
-def test_the_same_image_twice_is_our_own_mistake() -> None:
-    tables = scored([(reference_frame(picture("1.")), mask("x."))])
-    with pytest.raises(AssertionError, match="names each row once"):
-        summary_of(joined([tables, tables]))
 
 
 def test_a_metric_that_is_added_to_the_definitions_is_in_the_summary(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,8 +18,8 @@ from bench.evaluation import (
     write_sums,
 )
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.evaluation.rows import group_recordings, to_frame
-from bench.evaluation.sums import KEY, add_sums, sum_frames, sum_objects
+from bench.evaluation.rows import group_recordings
+from bench.evaluation.sums import KEY
 from bench.harness import open_tables
 from bench.harness.counts import StoredRows
 from bench.records.reference import Direction
@@ -32,10 +32,6 @@ Tables = tuple[Rows, Rows]
 
 def reduced(tables: Tables, rows_at_once: int | None = None) -> pd.DataFrame:
     return sum_run(*tables, protocol=PAPER, rows_at_once=rows_at_once)
-
-
-def sums_of(objects: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFrame:
-    return add_sums([sum_objects(objects, protocol=PAPER), sum_frames(frames, protocol=PAPER)])
 
 
 def in_order(sums: pd.DataFrame) -> pd.DataFrame:
@@ -100,14 +96,6 @@ def test_a_cause_that_a_recordings_images_do_not_name_has_none_of_its_pixels_but
     assert of_static["drive-0"][0] == of_static["drive-0"][1] > 0
 
 
-def test_sums_of_parts_are_the_sums_of_the_whole() -> None:
-    objects, frames = map(to_frame, random_run(3))
-    number = {f"drive-{k}": part for k, part in enumerate([0, 1, 2, 1, 0, 2])}
-    parts = [sums_of(*(rows[rows["recording"].map(number) == part] for rows in (objects, frames))) for part in range(3)]
-    assert_same(add_sums(parts), random_sums(3))
-    assert_same(add_sums([add_sums(parts[:2]), parts[2]]), add_sums(parts))
-
-
 def test_stored_rows_in_any_order_and_in_parts_give_the_same(tmp_path: Path) -> None:
     tables = random_run(3)
     assert_same(reduced((shuffled(tables[0], 1), shuffled(tables[1], 2)), 30), random_sums(3))
@@ -143,7 +131,7 @@ def test_a_table_of_sums_survives_its_file(tmp_path: Path) -> None:
 
 GOOD = "breakdown,slice,recording,metric,numerator,denominator\nframes,frames,NA,recall,1.0,2.0\n"
 
-NUMBERS = "each key once, with a numerator and a denominator from 0 to 1e+15, the numerator at most its denominator"
+NUMBERS = "each key once, with terms from 0 to 1e+15"
 
 
 @pytest.mark.parametrize(
@@ -152,19 +140,15 @@ NUMBERS = "each key once, with a numerator and a denominator from 0 to 1e+15, th
         ("", "expected a table of sums with the columns breakdown, slice"),
         ("a,b\n1,2\n", "got a, b"),
         (GOOD.replace("1.0", "one"), "expected a table of sums"),
-        *[(GOOD.replace("1.0", number), f"line 2: expected {NUMBERS}") for number in ("nan", "inf", "-1.0", "3.0")],
-        (GOOD.replace("2.0", "1e308"), f"line 2: expected {NUMBERS}"),
+        *[(GOOD.replace("1.0", number), f"line 2: expected {NUMBERS}") for number in ("nan", "inf", "-1.0", "1e308")],
         (GOOD.replace("recall", "recal"), "metric: expected known metrics, got 'recal'"),
         (GOOD + GOOD.splitlines()[1] + "\n", f"line 3: expected {NUMBERS}"),
-        (GOOD.replace("recall", "false_positive_components").replace("2.0", "0"), f"line 2: expected {NUMBERS}"),
     ],
 )
 def test_what_is_no_table_of_sums_is_refused(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "sums.csv"
     file.write_text(GOOD)
     assert read_sums(file).loc[0, "recording"] == "NA"
-    file.write_text(GOOD.replace("recall", "false_positive_components").replace("1.0", "9"))
-    assert read_sums(file).loc[0, "numerator"] == 9, "a mean may exceed one"
     file.write_text(text)
     with pytest.raises(DataError) as refused:
         read_sums(file)
@@ -216,12 +200,6 @@ def test_a_cell_with_few_object_frames_is_marked() -> None:
 def test_the_grid_grows_to_the_furthest_object() -> None:
     found = range_maps(placed((11.0, 0.0)), protocol=PAPER)
     assert found.maps[0].edges_m[-1] == 12.0
-
-
-def test_a_map_for_every_class_and_direction() -> None:
-    found = range_maps(random_run(1)[0], protocol=PAPER)
-    kinds = [(m.object_class, m.direction) for m in found.maps]
-    assert kinds == [(name, direction) for name in PAPER.reference.classes for direction in Direction]
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -29,6 +29,7 @@ def test_every_task_comes_back_once(name):
     done = list(EXECUTORS[name].compute(jobs.squared, NUMBERS))
     assert sorted(task for task, _ in done) == NUMBERS
     assert dict(done) == SQUARES
+    assert list(EXECUTORS[name].compute(jobs.squared, [])) == []
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -56,11 +57,6 @@ def test_a_pool_that_breaks_between_a_result_and_the_next_task_loses_none(monkey
     assert sorted(task for task, _ in done) == NUMBERS
     assert dict(done) == SQUARES
     assert len(pools) == 3
-
-
-@every_executor
-def test_no_task_is_no_work(name):
-    assert list(EXECUTORS[name].compute(jobs.squared, [])) == []
 
 
 @every_executor

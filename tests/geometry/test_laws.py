@@ -19,20 +19,14 @@ def close(a: RigidTransform, b: RigidTransform) -> None:
     np.testing.assert_allclose(a.matrix, b.matrix, atol=1e-9)
 
 
-@given(transforms, transforms, transforms)
-def test_composition_is_associative(a, b, c):
+@given(transforms, transforms, transforms, arrays(np.float64, (5, 3), elements=numbers))
+def test_group_axioms(a, b, c, points):
     close((a @ b) @ c, a @ (b @ c))
-
-
-@given(transforms)
-def test_inverse_undoes(a):
     close(a @ a.inverse(), RigidTransform.identity())
     close(a.inverse() @ a, RigidTransform.identity())
-
-
-@given(transforms, transforms, arrays(np.float64, (5, 3), elements=numbers))
-def test_apply_of_a_product_is_apply_twice(a, b, points):
     np.testing.assert_allclose((a @ b).apply(points), a.apply(b.apply(points)), atol=1e-9)
+    close(RigidTransform.from_quaternion(a.quaternion_wxyz, a.translation_m), a)
+    close(RigidTransform.from_matrix(a.matrix), a)
 
 
 @given(transforms, arrays(np.float64, (2, 4, 3), elements=numbers))
@@ -52,12 +46,6 @@ def test_rows_of_nan_stay_and_spoil_no_other():
         moved = RigidTransform.from_yaw(0.3, (1.0, 2.0, 3.0)).apply(points)
     assert np.isfinite(moved).all(axis=1).tolist() == [True, False, False, True]
     assert RigidTransform.identity().apply(np.empty((0, 3))).shape == (0, 3)
-
-
-@given(transforms)
-def test_quaternion_and_matrix_round_trip(a):
-    close(RigidTransform.from_quaternion(a.quaternion_wxyz, a.translation_m), a)
-    close(RigidTransform.from_matrix(a.matrix), a)
 
 
 def test_quarter_turn_to_the_left_by_hand():
@@ -113,15 +101,12 @@ def interpolate_poses(rotations_from, positions_from, rotations_to, positions_to
     return rotations_from * part, positions_from + rotations_from.apply(advance)
 
 
-def test_car_on_a_circle_stays_on_the_circle():
+def test_a_car_stays_on_its_circle_and_without_rotation_on_the_straight_line():
     # Radius 10 m, a quarter turn to the left: after a third of it the car has turned 30 degrees.
     start, end = one(Rotation.identity(), [0, 0, 0]), one(Rotation.from_euler("z", 90, degrees=True), [10, 10, 0])
     rotation, position = interpolate_poses(*start, *end, np.array([1 / 3]))
     np.testing.assert_allclose(position[0], [10 * np.sin(np.pi / 6), 10 * (1 - np.cos(np.pi / 6)), 0], atol=1e-12)
     np.testing.assert_allclose(rotation.as_euler("zyx", degrees=True)[0], [30, 0, 0], atol=1e-9)
-
-
-def test_without_rotation_it_is_the_straight_line():
     start, end = one(Rotation.identity(), [1, 2, 3]), one(Rotation.identity(), [3, 2, 1])
     _, position = interpolate_poses(*start, *end, np.array([0.25]))
     np.testing.assert_allclose(position[0], [1.5, 2.0, 2.5], atol=1e-15)
@@ -154,13 +139,17 @@ def test_road_below_a_level_camera():
     assert RoadPlane.below(RigidTransform(FORWARD, np.array([0, 0, 1.4])), ground_height_m=-0.1).height_m == 1.5
 
 
-def test_distance_along_a_ray_30_degrees_down():
-    road = RoadPlane(np.array([0.0, 1.0, 0.0]), 0.66)
-    down30 = np.array([0.0, np.sin(np.pi / 6), np.cos(np.pi / 6)])
-    assert road.distance_m(down30) == pytest.approx(1.32)
-    assert np.isinf(road.distance_m(np.array([0.0, 0.0, 1.0])))
-    assert np.isinf(road.distance_m(np.array([0.0, -1.0, 0.0])))
-    assert np.isinf(road.distance_m(np.array([0.0, 1e-320, 1.0])))  # a hair below the horizon
+@pytest.mark.parametrize(
+    ("ray", "distance_m"),
+    [
+        ([0.0, np.sin(np.pi / 6), np.cos(np.pi / 6)], 1.32),  # 30 degrees down
+        ([0.0, 0.0, 1.0], np.inf),
+        ([0.0, -1.0, 0.0], np.inf),
+        ([0.0, 1e-320, 1.0], np.inf),  # a hair below the horizon
+    ],
+)
+def test_distance_along_a_ray(ray, distance_m):
+    assert RoadPlane(np.array([0.0, 1.0, 0.0]), 0.66).distance_m(np.array(ray)) == pytest.approx(distance_m)
 
 
 @pytest.mark.parametrize(("down", "height_m"), [([0, 0, 0], 1.0), ([0, 1], 1.0), ([0, 1, 0], 0.0), ([0, 1, 0], -1.0)])
@@ -181,12 +170,9 @@ def test_cross_and_dot_are_numpys(a, b):
     np.testing.assert_allclose(dot(a, b), (a * b).sum(axis=-1), atol=1e-12)
 
 
-def test_small_angles_survive():
+def test_small_angles_survive_and_a_zero_vector_has_no_direction():
     a, b = np.array([0.0, 0.0, 1.0]), np.array([1e-9, 0.0, 1.0])
     assert abs(angle_between(a, b) - 1e-9) < 1e-20
     assert angle_between(a, -a) == np.pi
-
-
-def test_zero_vector_has_no_direction():
     assert np.isnan(normalise(np.zeros(3))).all()
     np.testing.assert_allclose(normalise(np.array([0.0, 3.0, 4.0])), [0, 0.6, 0.8])

@@ -1,17 +1,14 @@
 """The reference scored against itself is perfect, or the evaluation is wrong; exact masks are the ceiling."""
 
 import shutil
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
 from bench.errors import UsageError
-from bench.evaluation import load_protocol
-from bench.execution import ProcessExecutor, SerialExecutor
-from bench.harness import FramePipeline, build_scorable, read_run, read_tables, scorable_methods
-from bench.harness.exact import ExactMasks, ReferenceItself, moving_instances
+from bench.harness import FramePipeline, build_scorable, read_run, scorable_methods
+from bench.harness.exact import ReferenceItself, moving_instances
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card, open_dataset, read_truth
 from tests.support.commands import call
@@ -34,15 +31,6 @@ def test_the_reference_scores_perfectly(tiny_card, tmp_path, monkeypatch, protoc
     method = read_run(out).manifest.method
     assert method.name == "reference"
     assert method.settings == {"sees_the_reference": True}
-
-
-@pytest.mark.slow
-def test_regions_with_unknown_bands_are_the_same_in_one_process_and_in_two(tiny_card, tmp_path):
-    for name, executor in (("one", SerialExecutor()), ("two", ProcessExecutor(workers=2))):
-        score(tiny_card, tmp_path / name, method="reference", protocol=load_protocol("surface-v1"), executor=executor)
-    one, two = (read_tables(tmp_path / name / "surface-v1") for name in ("one", "two"))
-    assert one == two
-    assert read_run(tmp_path / "one").summary.all_moving.metric("unknown_share").value > 0
 
 
 def test_it_is_no_method(monkeypatch, tiny_card, capsys):
@@ -69,18 +57,8 @@ def test_the_exact_masks_are_the_pixels_of_what_moves(tiny_card):
     frame, ids, moving = truth_frame(tiny_card)
     assert moving
     assert np.array_equal(frame.segmentation.mask, np.isin(ids, moving))
-
-
-def test_where_nothing_moves_the_exact_masks_are_empty(tiny_card):
-    frame, _, _ = truth_frame(tiny_card)
-    handle = next(h for h in open_dataset(load_card(str(tiny_card))) if h.name == "crossing")
-    answer = ExactMasks().answer(handle.open(), frame.image, replace(frame.reference, objects=()))
-    assert not answer.mask.any()
-
-
-def test_cells_of_the_exact_masks_are_what_their_centres_show(tiny_card):
-    frame, ids, moving = truth_frame(tiny_card, cell_size_px=5)
-    assert np.array_equal(frame.segmentation.mask, np.isin(ids, moving)[2::5, 2::5])
+    cells, _, _ = truth_frame(tiny_card, cell_size_px=5)
+    assert np.array_equal(cells.segmentation.mask, np.isin(ids, moving)[2::5, 2::5]), "what their centres show"
 
 
 def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.harness.manifest import AnswersManifest, Aspect, differences, read_manifest, write_manifest
-from tests.support.manifests import manifest, method_of_run
+from tests.support.manifests import manifest
 
 PLAIN = manifest(reference="a" * 64, recordings={"x": "0"})
 
@@ -23,6 +23,7 @@ def changed(part: str, **changes: object):
         (changed("method", name="own"), "method 'own', was 'nothing'", True, True),
         (changed("method", settings={"a": {"b": 2}}), "a.b = 2, was None", True, True),
         (changed("method", asked={"a": {"b": 2}}), "a.b = 2, was None", True, True),
+        (changed("method", code_digest="2" * 64), "the method's own code, or files: digest 2222", True, True),
         (changed("protocol", digest="e" * 64), "protocol paper-v1 version 1 (eeeeeeeeeeee), was paper-v1", False, True),
         (changed("code", commit="c0ffee+"), "commit c0ffee with changed files, was version 0 of an", True, False),
         (changed("code", answers="e" * 64), "other code of version 0 of an unknown commit: digest", True, True),
@@ -49,13 +50,6 @@ def test_the_same_run_and_what_one_does_not_know_yet_differ_in_nothing():
 def test_settings_of_other_methods_are_not_compared():
     other = manifest(method="own", settings={"threshold": 1}, reference="a" * 64, recordings={"x": "0"})
     assert [found.aspect for found in differences(PLAIN, other)] == [Aspect.METHOD]
-
-
-def test_code_of_a_method_is_compared():
-    one, two = (PLAIN.model_copy(update={"method": method_of_run("nothing", code_digest=digit * 64)}) for digit in "12")
-    (found,) = differences(one, two)
-    assert found.aspect is Aspect.METHOD_CODE
-    assert "the method's own code, or files" in str(found)
 
 
 def test_a_manifest_is_read_as_it_was_written(tmp_path):

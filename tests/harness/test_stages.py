@@ -206,18 +206,23 @@ def test_a_method_is_asked_once_for_any_number_of_protocols(tiny_card, tmp_path,
     both = run_benchmark(replace(together, protocols=[PAPER, SURFACE]))
     assert len(asked) == 3 * (IMAGES + 1)
     assert [run.summary.provenance.images_asked for run in both] == [0, 0]
-    assert [run.label for run in both] == ["run", "run-surface-v1"]
+    assert [run.label for run in both] == ["run-paper-v1", "run"]
     for protocol in (PAPER, SURFACE):
         alone = bytes_of(tmp_path / protocol.name, protocol.name)
         assert bytes_of(tmp_path / "run", protocol.name) == alone
     assert np.isfinite(read_seconds(tmp_path / "run" / "answers")).sum() == IMAGES
 
 
-def test_a_second_run_computes_nothing_and_gives_the_same_bytes(stored, tiny_card, tmp_path):
+def test_a_second_run_computes_nothing_removes_what_is_half_written_and_gives_the_same_bytes(
+    stored, tiny_card, tmp_path
+):
     shutil.copytree(stored, tmp_path / "run")
     first = bytes_of(tmp_path / "run")
+    for place in ("answers", "paper-v1/counts"):
+        (tmp_path / "run" / place / "crossing" / temporary_name("front-00000001", ".parquet")).touch()
     assert score(tiny_card, tmp_path / "run").provenance.images_asked == 0
     assert bytes_of(tmp_path / "run") == first
+    assert not [file for file in (tmp_path / "run").rglob(".*") if is_temporary(file.name)]
     for file in (tmp_path / "run" / "answers" / "crossing").iterdir():
         file.unlink()
     assert score(tiny_card, tmp_path / "run").provenance.images_asked == 4
@@ -404,13 +409,3 @@ def test_answers_of_oracles_depend_on_the_protocol_and_lie_beside_its_counts(tin
         assert run.summary.false_positives.coverage.value == 0.0
     assert not (tmp_path / "run" / "answers").exists()
     assert read_run(tmp_path / "run").protocol.name == "paper-v1", "a run's folder stands for the usual protocol"
-
-
-def test_what_a_killed_process_left_half_written_is_removed(tiny_card, tmp_path):
-    score(tiny_card, tmp_path / "run", method="nothing")
-    before = bytes_of(tmp_path / "run")
-    for place in ("answers", "paper-v1/counts"):
-        (tmp_path / "run" / place / "crossing" / temporary_name("front-00000001", ".parquet")).touch()
-    score(tiny_card, tmp_path / "run", method="nothing")
-    assert bytes_of(tmp_path / "run") == before
-    assert not [file for file in (tmp_path / "run").rglob(".*") if is_temporary(file.name)]

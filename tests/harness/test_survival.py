@@ -14,17 +14,10 @@ from bench.errors import DataError
 from bench.execution import ProcessExecutor, SerialExecutor
 from bench.harness import read_tables
 from tests.support.processes import PATIENCE_S, files_of, pids, until
-from tests.support.runs import IMAGES, bytes_of
+from tests.support.runs import bytes_of
 from tests.support.troubled_runs import call, calm, command, environment, score  # noqa: F401
 
 pytestmark = pytest.mark.slow
-
-
-def test_a_worker_that_is_killed_costs_nothing(tiny_card, calm, tmp_path, trouble):  # noqa: F811
-    (trouble / "standing.kill_once").touch()
-    summary = score(tiny_card, tmp_path / "run", executor=ProcessExecutor(workers=2))
-    assert summary.failures == ()
-    assert bytes_of(tmp_path / "run") == bytes_of(calm)
 
 
 def test_a_task_that_always_ends_its_worker_is_named_and_the_rest_is_done(tiny_card, calm, tmp_path, trouble):  # noqa: F811
@@ -113,16 +106,3 @@ def test_a_second_run_in_a_folder_is_refused_and_does_not_harm_the_first(tiny_ca
         waits.unlink()
         assert first.wait(PATIENCE_S) == 0
     assert bytes_of(out) == bytes_of(calm)
-
-
-def test_an_interrupt_stops_a_run_within_seconds_and_the_same_command_ends_it(tiny_card, calm, tmp_path, trouble):  # noqa: F811
-    out, waits = tmp_path / "run", trouble / "standing.wait"
-    waits.touch()
-    program = subprocess.Popen(command(tiny_card, out, "--workers", 2), env=environment(), stdout=subprocess.DEVNULL)
-    until(lambda: bool(pids(trouble / "standing.wait-noted")), "the run in the middle of a task")
-    program.send_signal(signal.SIGINT)
-    assert program.wait(PATIENCE_S) == 130
-    waits.unlink()
-    assert call(tiny_card, out, "--workers", 1).returncode == 0
-    assert bytes_of(out) == bytes_of(calm)
-    assert score(tiny_card, out).images.evaluated == IMAGES

@@ -33,31 +33,21 @@ def test_a_wall_stays_a_wall_when_the_car_drives_at_it():
     interpolation_ns = interpolation_timestamps(times_ns)
     positions_m = np.zeros((len(interpolation_ns), 3))
     positions_m[:, 0] = 30.0 * interpolation_ns / 1e9
-    rotations = np.tile(np.eye(3), (len(interpolation_ns), 1, 1))
-    straight = deskew(
-        measured, times_ns, interpolation_ns=interpolation_ns, rotations=rotations, positions_m=positions_m
-    )
+    poses = {"rotations": np.tile(np.eye(3), (len(interpolation_ns), 1, 1)), "positions_m": positions_m}
+    straight = deskew(measured, times_ns, interpolation_ns=interpolation_ns, **poses)
     assert straight[:, 0] == pytest.approx(50.0, abs=1e-9)
 
 
 def test_a_turning_sensor_sees_a_point_stand_still():
+    def rotated(times_ns):
+        return Rotation.from_euler("z", (times_ns / 1e9)[:, None]).as_matrix()
+
     times_ns = np.linspace(0, SECOND_NS // 10, 21).astype(np.int64)
-
-    def rotated(angles_rad):
-        cosine, sine, zero = np.cos(angles_rad), np.sin(angles_rad), np.zeros(len(angles_rad))
-        rows = [cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + 1]
-        return np.stack(rows, axis=1).reshape(-1, 3, 3)
-
     point = np.array([20.0, 5.0, 1.0])
-    measured = np.einsum("nji,j->ni", rotated(times_ns / 1e9), point)
+    measured = np.einsum("nji,j->ni", rotated(times_ns), point)
     interpolation_ns = interpolation_timestamps(times_ns)
-    still = deskew(
-        measured,
-        times_ns,
-        interpolation_ns=interpolation_ns,
-        rotations=rotated(interpolation_ns / 1e9),
-        positions_m=np.zeros((len(interpolation_ns), 3)),
-    )
+    poses = {"rotations": rotated(interpolation_ns), "positions_m": np.zeros((len(interpolation_ns), 3))}
+    still = deskew(measured, times_ns, interpolation_ns=interpolation_ns, **poses)
     assert np.abs(still - point).max() < 3.2e-6 * np.linalg.norm(point)
 
 
@@ -98,16 +88,12 @@ def test_each_point_is_moved_by_the_blend_of_the_two_poses_around_its_time_in_wh
 def test_points_laid_out_by_component_are_moved_as_those_laid_out_by_point():
     rng = np.random.default_rng(3)
     points, times_ns = rng.uniform(-50, 50, (100, 3)), rng.permutation(100) * 300_000
-    interpolation_ns = interpolation_timestamps(times_ns)
-    rotations = Rotation.from_rotvec(rng.uniform(-1, 1, (len(interpolation_ns), 3))).as_matrix()
-    poses = {
-        "interpolation_ns": interpolation_ns,
-        "rotations": rotations,
-        "positions_m": rng.uniform(-9, 9, (len(interpolation_ns), 3)),
-    }
-    np.testing.assert_array_equal(
-        deskew(points, times_ns, **poses), deskew(np.asfortranarray(points), times_ns, **poses)
-    )
+    poses = {"interpolation_ns": interpolation_timestamps(times_ns)}
+    count = len(poses["interpolation_ns"])
+    poses["rotations"] = Rotation.from_rotvec(rng.uniform(-1, 1, (count, 3))).as_matrix()
+    poses["positions_m"] = rng.uniform(-9, 9, (count, 3))
+    moved = deskew(points, times_ns, **poses)
+    np.testing.assert_array_equal(moved, deskew(np.asfortranarray(points), times_ns, **poses))
 
 
 def sweep(**fields) -> LidarSweep:

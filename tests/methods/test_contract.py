@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from dataclasses import dataclass, replace
 
 import cv2
@@ -12,7 +11,7 @@ import pytest
 from bench.cameras import ray_grid
 from bench.errors import UnknownNameError, UsageError
 from bench.harness.exact import require_scorable
-from bench.methods import METHODS, FlowMethod, Method, build_method, describe_method, known_methods
+from bench.methods import METHODS, FlowMethod, Method, UnansweredImage, build_method, describe_method, known_methods
 from bench.records.segmentation import segmentation_fault
 from tests.support.board_scene import HEIGHT, STEP, WIDTH, crossing, frame
 
@@ -49,6 +48,8 @@ def test_contract(name):
 
 def test_methods_that_take_flow_agree_on_its_grid_and_its_unit():
     given, (width, height) = frame(*crossing()[:2], STEP), (643, 481)  # no multiple of any cell
+    found = build_method("spherical").segment(given)
+    assert found.mask_at(WIDTH - 3, HEIGHT - 2).shape == (HEIGHT - 2, WIDTH - 3)
     images = tuple(cv2.resize(image, (width, height)) for image in given.images)
     given = replace(
         given, images=images, camera=given.camera.scaled(width, height), valid=np.ones((height, width), dtype=bool)
@@ -65,25 +66,6 @@ def test_methods_that_take_flow_agree_on_its_grid_and_its_unit():
     difference_px = np.linalg.norm(flows[0] - flows[1], axis=-1)
     assert np.median(difference_px) < 0.2 * np.median(np.linalg.norm(flows[0], axis=-1))
     assert not isinstance(build_method("nothing"), FlowMethod)
-
-
-def test_mask_of_cells_at_a_size_that_is_no_multiple():
-    found = build_method("spherical").segment(frame(*crossing()[:2], STEP))
-    assert found.mask_at(WIDTH - 3, HEIGHT - 2).shape == (HEIGHT - 2, WIDTH - 3)
-
-
-def test_unknown_method_names_the_nearest():
-    assert set(METHODS) <= set(known_methods())
-    with pytest.raises(UnknownNameError, match="did you mean 'spherical'"):
-        build_method("sperical")
-
-
-def test_a_method_by_its_place():
-    assert build_method("bench.methods.baselines:Nothing").name == "nothing"
-    with pytest.raises(UsageError, match="No module named 'nowhere'"):
-        build_method("nowhere:Method")
-    with pytest.raises(UsageError, match="no attribute 'Nobody'"):
-        build_method("bench.methods.baselines:Nobody")
 
 
 class Bare(Method):
@@ -121,59 +103,11 @@ class Whole(Own):
         self.forgotten = forgotten
 
 
-def test_settings_are_the_parameters_of_the_constructor():
-    method = Own(level=7)
-    with pytest.raises(UsageError, match=r"attribute 'forgotten' .* set self\.forgotten, or write settings\(\)"):
-        method.settings()
-    method.forgotten = "x"
-    assert method.settings() == {"level": 7, "inner": {"scale": 0.5}, "forgotten": "x"}
-
-
-def test_a_parameter_that_the_constructor_does_not_take_is_refused():
-    with pytest.raises(UsageError, match="attribute 'forgotten'"):
-        build_method(f"{__name__}:Own")
-    place = f"{__name__}:Whole"
-    assert build_method(place, {"level": 4}).level == 4
-    with pytest.raises(UsageError, match=r"takes level, inner, forgotten; .*'levle'"):
-        build_method(place, {"levle": 4})
-
-
 class Annotated(Bare):
     name = "annotated"
 
     def __init__(self, threshold: float = 0.5, images: int | None = None, anything=None) -> None:
         self.threshold, self.images, self.anything = threshold, images, anything
-
-
-@pytest.mark.parametrize("bad", [{"threshold": "abc"}, {"threshold": None}, {"images": 2.5}, {"images": [1]}])
-def test_a_value_that_is_not_of_the_annotated_type_is_refused(bad):
-    ((parameter, value),) = bad.items()
-    with pytest.raises(UsageError, match=rf"expected a valid \w+ for {parameter}, got {re.escape(repr(value))}"):
-        build_method(f"{__name__}:Annotated", bad)
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_setting_that_is_no_finite_number_is_refused(value):
-    with pytest.raises(UsageError, match=r"threshold: expected finite numbers, .* got -?(nan|inf)"):
-        build_method(f"{__name__}:Annotated", {"threshold": value})
-
-
-def test_the_fields_of_a_data_class_are_checked_with_those_that_it_inherits():
-    with pytest.raises(UsageError, match="spherical: expected a valid number for threshold, got 'abc'"):
-        build_method("spherical", {"threshold": "abc"})
-
-
-def test_values_of_the_annotated_type_are_taken():
-    built = build_method(f"{__name__}:Annotated", {"threshold": 1, "images": None, "anything": "abc"})
-    assert (built.threshold, built.images, built.anything) == (1.0, None, "abc")
-
-
-def test_the_name_of_a_file_is_answered_by_how_its_method_is_named(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.py").touch()
-    for name in ("mine", "mine.py", "./mine.py"):
-        with pytest.raises(UnknownNameError, match=r"a method in it is mine:ITS_CLASS"):
-            build_method(name)
 
 
 class NoMethod:
@@ -188,16 +122,82 @@ class NoMethod:
         raise NotImplementedError
 
 
-def test_a_class_that_does_not_derive_from_method_is_refused():
-    for name in ("NoMethod", "test_contract"):
-        with pytest.raises(
-            UsageError, match=rf"derived from bench\.methods\.Method, got {name}.*class {name}\(Method\)"
-        ):
-            build_method(f"{__name__}:{name}")
-    with pytest.raises(UsageError, match="abstract class Method"):
-        build_method("bench.methods:Method")
-    with pytest.raises(UsageError, match="derived from bench"):
-        build_method("bench.harness.exact:ReferenceItself")
+@pytest.mark.parametrize("name", ["rigid-scene", "learned", "followed"])
+def test_without_ego_motion_a_method_that_needs_it_says_so(name):
+    given = replace(frame(*crossing()[:2], STEP), current_from_previous=())
+    with pytest.raises(UnansweredImage, match="ego-motion"):
+        build_method(name).segment(given)
+
+
+HERE = f"{__name__}:"
+NOT_DERIVED = r"derived from bench\.methods\.Method, got {0}.*class {0}\(Method\)"
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "error", "message"),
+    [
+        ("sperical", {}, UnknownNameError, "did you mean 'spherical'"),
+        ("nowhere:Method", {}, UsageError, "No module named 'nowhere'"),
+        ("bench.methods.baselines:Nobody", {}, UsageError, "no attribute 'Nobody'"),
+        (HERE + "NoMethod", {}, UsageError, NOT_DERIVED.format("NoMethod")),
+        (HERE + "test_contract", {}, UsageError, NOT_DERIVED.format("test_contract")),
+        ("bench.harness.exact:ReferenceItself", {}, UsageError, "derived from bench"),
+        ("bench.methods:Method", {}, UsageError, "abstract class Method"),
+        (HERE + "Own", {}, UsageError, r"attribute 'forgotten' .* set self\.forgotten, or write settings\(\)"),
+        (HERE + "Whole", {"levle": 4}, UsageError, r"takes level, inner, forgotten; .*'levle'"),
+        (HERE + "Annotated", {"threshold": "abc"}, UsageError, "a valid number for threshold, got 'abc'"),
+        (HERE + "Annotated", {"threshold": None}, UsageError, "a valid number for threshold, got None"),
+        (HERE + "Annotated", {"images": 2.5}, UsageError, "a valid integer for images, got 2.5"),
+        (HERE + "Annotated", {"images": [1]}, UsageError, r"a valid integer for images, got \[1\]"),
+        (HERE + "Annotated", {"threshold": math.nan}, UsageError, "expected finite numbers, .* got .*'threshold': nan"),
+        (HERE + "Annotated", {"threshold": -math.inf}, UsageError, "expected finite numbers, .*'threshold': -inf"),
+        # A field that a data class inherits.
+        ("spherical", {"threshold": "abc"}, UsageError, "expected a valid number for threshold, got 'abc'"),
+        ("spherical", {"threshold": 0}, UsageError, "thresholds > 0"),
+        ("spherical", {"treshold": 1}, UsageError, r"takes cell_size_px, .*, flow, flow_parameters"),
+        ("spherical-visual-odometry", {"weights": {"positive_height": 0.2, "anti_parallel": 0.2}}, UsageError,
+         r"positive_height and anti_parallel need the length of the translation.*scale=given"),
+        ("spherical-visual-odometry", {"weights": {"anti_parallel": 0.2}}, UsageError,
+         r"set weights\.anti_parallel=0, or"),
+        ("spherical-visual-odometry", {"scale": "wheel"}, UsageError,
+         "expected 'none' or 'given' for scale, got 'wheel'"),
+        ("rigid-scene", {"objects": {"floating": 1.5}}, UsageError, "floating"),
+        ("learned", {"threshold": 1}, UsageError, r"expected a number in \[0, 1\), got 1"),
+        ("followed", {"images": 0}, UsageError, "at least 1, got 0"),
+        ("followed", {"method": "no-method"}, UnknownNameError, "no-method"),
+        ("followed", {"method": "followed"}, UsageError, "not followed itself"),
+        *(
+            (name, {setting: value}, UsageError, f"{name}: expected")
+            for name, setting, bad in (
+                ("flow-magnitude", "threshold", (0, math.nan, math.inf)),
+                ("rotation-compensated-flow", "cell_size_px", (0,)),
+                ("frame-difference", "threshold_grey", (-1, 255, math.nan, math.inf)),
+                ("background-subtraction", "images", (0, 2.5, math.nan, math.inf)),
+                ("background-subtraction", "deviations", (-1, 0, math.nan, math.inf)),
+            )
+            for value in bad
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_built_is_refused(name, settings, error, message):
+    with pytest.raises(error, match=message):
+        build_method(name, settings)
+
+
+def test_a_method_by_its_place_takes_values_of_the_annotated_type():
+    assert set(METHODS) <= set(known_methods())
+    built = build_method(HERE + "Annotated", {"threshold": 1, "images": None, "anything": "abc"})
+    assert (built.threshold, built.images, built.anything) == (1.0, None, "abc")
+    whole = build_method(HERE + "Whole", {"level": 7, "forgotten": "x"})
+    assert whole.settings() == {"level": 7, "inner": {"scale": 0.5}, "forgotten": "x"}
+
+
+def test_the_name_of_a_file_is_answered_by_how_its_method_is_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").touch()
+    for name in ("mine", "mine.py", "./mine.py"):
+        with pytest.raises(UnknownNameError, match=r"a method in it is mine:ITS_CLASS"):
+            build_method(name)
 
 
 class _SilentError(Exception):
@@ -219,14 +219,10 @@ UNFIT = {
     "reads_images": (("reads_images", None), "reads_images: expected a valid boolean, got None"),
     "files": (("files", [None]), r"files: expected a valid string, got \[None\]"),
     "one file": (("files", "weights"), "files: expected .* not allowed as a Sequence value, got 'weights'"),
-    "numpy": (
-        ("settings", lambda: {"a": {"b": np.float64(1)}}),
-        r"settings\(\): a\.b: expected finite .*float64",
-    ),
-    "array": (("settings", lambda: {"a": [np.zeros(1)]}), r"settings\(\): a\[0\]: expected finite numbers, .*ndarray"),
-    "number as name": (("settings", lambda: {1: 2}), r"settings\(\): 1: expected finite numbers"),
-    "none": (("settings", lambda: None), r"settings\(\): expected a dictionary by name, got None"),
-    "list": (("settings", lambda: [1]), r"settings\(\): expected a dictionary by name, got \[1\]"),
+    "numpy": (("settings", lambda: {"a": np.float32(1)}), r"settings\(\): expected finite numbers, .*float32"),
+    "array": (("settings", lambda: {"a": [np.zeros(1)]}), r"settings\(\): expected finite numbers, .*ndarray"),
+    "number as name": (("settings", lambda: {1: 2}), r"settings\(\): expected a valid string, got {1: 2}"),
+    "none": (("settings", lambda: None), r"settings\(\): expected a valid dictionary, got None"),
     "raises": (("settings", _raise), r"class Unfit: settings\(\): _SilentError: its message cannot be read"),
 }
 

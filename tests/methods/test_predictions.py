@@ -10,7 +10,7 @@ import pytest
 from bench.errors import DataError
 from bench.methods.predictions import PredictedMotion, PredictionIndex
 from bench.methods.predictions.maps import ImageSizes, Prediction
-from bench.methods.predictions.pairing import ImageKey, named_images
+from bench.methods.predictions.pairing import ImageKey, NamedImage, named_images
 from bench.recordings import Exclusion, ImageRef, RecordingHandle, load_card, open_dataset
 from tests.hostile.files import png
 from tests.support.board_scene import STEP, crossing, frame
@@ -154,13 +154,11 @@ def test_a_map_that_fits_the_stored_size_only_goes_by_way_of_it(scale):
 def test_half_of_a_block_moves_and_a_score_at_the_threshold_does_not(tmp_path, values, threshold, moving):
     assert cv2.imwrite(str(tmp_path / "a.png"), np.tile(values, (4, 6)))
     are_scores = threshold is not None
-    file = Prediction(root=tmp_path, files=(tmp_path / "a.png",), sizes=SIZES, are_scores=are_scores)
+    if are_scores:
+        (tmp_path / "predictions.yaml").write_text("sixteen_bits: score")
     given = replace(frame(*crossing()[:2], STEP), recording="drive", camera_name="front")
-    key = ImageKey("drive", "front", given.timestamps_ns[-1])
-    index = PredictionIndex(
-        form="score" if are_scores else "mask", predictions={key: file}, usable=frozenset({key}), faults=(),
-        unscored=0, elsewhere=0, largest=1.0, digest="",
-    )  # fmt: skip
+    key, index = ImageKey("drive", "front", given.timestamps_ns[-1]), PredictionIndex(tmp_path)
+    index.take(NamedImage(key=key, places=("a",), sizes=SIZES, is_scored=True, is_annotated=True))
     method = PredictedMotion(name="masks", folder=str(tmp_path), dataset="tiny", threshold=threshold)
     method.use(index)
     found = method.segment(given)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import BrownConradyCamera, PinholeCamera
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.methods import UnansweredImage, build_method
+from bench.methods import build_method
 from bench.methods.rigid_scene.candidates import floating, own_effects, upright
 from bench.methods.rigid_scene.evidence import (
     CELL,
@@ -24,7 +24,7 @@ from bench.methods.rigid_scene.evidence import (
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene, at_every_pixel
 from tests.methods.worlds import FORWARD, TwoViews, pitched_down
-from tests.support.board_scene import CAMERA, LOOK, ROAD, STEP, crossing, frame, render, texture
+from tests.support.board_scene import CAMERA, LOOK, ROAD, STEP, crossing, drive, frame, render, texture
 
 PINHOLE = PinholeCamera(width=320, height=240, focal=(150.0, 150.0), principal_point=(159.5, 119.5))
 
@@ -229,19 +229,10 @@ def test_what_crosses_is_found_and_what_stands_is_not():
     assert still.mean() < 0.002
 
 
-def three_images(shade, *, board=False):
+def shaded(shade, *, board_m=None):
     """Three images of a camera that drives on, below a shade that it carries along, and what moves in the last."""
-    step = np.array([0.12, 0.0, 0.0])
-    rendered = [render(k * step, np.array([3.0, -0.9 + 0.3 * k, 0.0]) if board else None) for k in range(3)]
-    images = tuple(np.rint(image * shade).astype(np.uint8) for image, _ in rendered)
-    given = frame(*images[1:], step)
-    three = replace(
-        given,
-        images=images,
-        timestamps_ns=(0, 66_666_667, 133_333_334),
-        current_from_previous=2 * given.current_from_previous,
-    )
-    return three, rendered[-1][1]
+    given, boards = drive(range(3), board_m, 0.3, step=np.array([0.12, 0.0, 0.0]))
+    return replace(given, images=tuple(np.rint(image * shade).astype(np.uint8) for image in given.images)), boards[-1]
 
 
 def test_the_own_shadow_is_no_object_and_what_crosses_it_is_one():
@@ -251,10 +242,10 @@ def test_the_own_shadow_is_no_object_and_what_crosses_it_is_one():
     def found(given, *, own_effects):
         return build_method("rigid-scene", {"own_effects": own_effects}).segment(given).mask
 
-    given, _ = three_images(shade)
+    given, _ = shaded(shade)
     assert found(given, own_effects=False).mean() > 0.02
     assert found(given, own_effects=True).mean() < 0.002
-    crossed, board = three_images(shade, board=True)
+    crossed, board = shaded(shade, board_m=(3.0, -0.9, 0.0))
     assert found(crossed, own_effects=True)[board].mean() > 0.9 * found(crossed, own_effects=False)[board].mean() > 0.5
 
 
@@ -297,14 +288,6 @@ def test_switches_change_the_answer_and_an_older_image_may_be_there():
     wide = other  # without outlines it holds what the body has just uncovered, too
     assert (whole & ~truth).sum() < 0.7 * (wide & ~truth).sum()
     assert (whole & truth).sum() > 0.9 * (wide & truth).sum()
-
-
-def test_without_ego_motion_it_says_so():
-    given = replace(frame(*crossing()[:2], STEP), current_from_previous=())
-    with pytest.raises(UnansweredImage, match="ego-motion"):
-        build_method("rigid-scene").segment(given)
-    with pytest.raises(UsageError, match="floating"):
-        build_method("rigid-scene", {"objects": {"floating": 1.5}})
 
 
 def test_the_papers_method_takes_the_first_guess_and_the_refined_motion():

@@ -56,9 +56,13 @@ def test_unknown_options_are_refused_before_anything_is_opened(card, tmp_path):
         open_dataset(load_card(card_of(tmp_path, card.content.adapter, options)))
 
 
-def test_a_package_adds_an_adapter(tmp_path, monkeypatch):
-    point = EntryPoint(name="mine", value="bench.recordings.native:native_recordings", group="fisheye_bench.adapters")
+def add_adapter(monkeypatch, value):
+    point = EntryPoint(name="mine", value=value, group="fisheye_bench.adapters")
     monkeypatch.setattr(plug_ins, "installed_points", lambda group: [point] if group == point.group else [])
+
+
+def test_a_package_adds_an_adapter(tmp_path, monkeypatch):
+    add_adapter(monkeypatch, "bench.recordings.native:native_recordings")
     native(tmp_path / "data")
     (handle,) = open_dataset(load_card(write_card(tmp_path, adapter="mine")))
     assert handle.open().name == "drive"
@@ -66,8 +70,7 @@ def test_a_package_adds_an_adapter(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("value", ["no_such_module_of_anybody:listing", "bench.recordings:no_such_name", "bench"])
 def test_a_package_whose_adapter_cannot_be_imported_is_one_clear_line(tmp_path, monkeypatch, value):
-    point = EntryPoint(name="mine", value=value, group="fisheye_bench.adapters")
-    monkeypatch.setattr(plug_ins, "installed_points", lambda group: [point] if group == point.group else [])
+    add_adapter(monkeypatch, value)
     native(tmp_path / "data")
     with pytest.raises(UsageError, match="adapter 'mine': expected a function "):
         open_dataset(load_card(write_card(tmp_path, adapter="mine")))

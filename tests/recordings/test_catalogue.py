@@ -96,12 +96,6 @@ def test_an_exclusion_that_leaves_nothing_out_is_refused_on_opening(tmp_path, da
     assert b.open().name == "b"
 
 
-@pytest.mark.parametrize("limits", [{"frames": [5, 3]}, {"timestamps_ns": [tiny.TIMES_NS[2], tiny.TIMES_NS[1]]}])
-def test_limits_of_an_exclusion_are_in_order(tmp_path, data, limits):
-    with pytest.raises(DataError, match=r"exclusions\.0\..*: expected first and last in order"):
-        load_card(card_file(tmp_path, exclusions=[{"recording": "a", "reason": "rain"} | limits]))
-
-
 def test_a_split_is_never_taken_for_a_recording(tmp_path, data):
     card = load_card(card_file(tmp_path, splits={"a": ["b"]}))
     for split in ("a", "b", None):
@@ -131,9 +125,7 @@ def test_annotations_may_lie_apart(tmp_path, data):
 
 def test_annotations_that_stand_in_for_nothing_are_refused(tmp_path, data):
     card = load_card(card_file(tmp_path, annotations="labels"))
-    with pytest.raises(
-        DataError, match=r"drives\.yaml: annotations: expected a folder.*labels, which is missing; the path"
-    ):
+    with pytest.raises(DataError, match=r"yaml: annotations: expected a folder.*labels, which is missing; the path"):
         open_dataset(card)
     (tmp_path / "labels").mkdir()
     assert names(open_dataset(card)) == ["a", "b"]
@@ -147,19 +139,15 @@ def test_annotations_that_stand_in_for_nothing_are_refused(tmp_path, data):
 def test_a_variable_in_the_root(tmp_path, data, monkeypatch):
     card = load_card(card_file(tmp_path, root="${DRIVES_HOME}/data", how_to_get="ask Ada"))
     monkeypatch.delenv("DRIVES_HOME", raising=False)
-    with pytest.raises(
-        DataError,
-        match=r"drives\.yaml: root: expected a folder, got the variable DRIVES_HOME.*export DRIVES.*; ask Ada",
-    ):
+    told = r"drives\.yaml: root: expected a folder, got the variable DRIVES_HOME.*export DRIVES.*; ask Ada"
+    with pytest.raises(DataError, match=told):
         open_dataset(card)
     monkeypatch.setenv("DRIVES_HOME", str(tmp_path))
     assert names(open_dataset(card)) == ["a", "b"]
 
 
 def test_data_that_is_not_there_says_how_to_get_it(tmp_path):
-    with pytest.raises(
-        DataError, match=r"root: expected a folder with the data, got .*data, which is missing; ask Ada"
-    ):
+    with pytest.raises(DataError, match=r"root: expected a folder with the data, got .*, which is missing; ask Ada"):
         open_dataset(load_card(card_file(tmp_path, how_to_get="ask Ada")))
     (tmp_path / "data").mkdir()
     with pytest.raises(DataError, match="expected recordings of the adapter 'native', got none"):
@@ -173,6 +161,7 @@ FAULTS = [
     ({"splits": {}}, "expected at least one split"),
     ({"splits": {"all": ["a", "b", "a"]}}, "expected each recording once in the split 'all'"),
     ({"exclusions": [{"recording": "a"}]}, "exclusions.0.reason: expected a value, got nothing"),
+    ({"exclusions": [{"recording": "a", "reason": "x", "frames": [5, 3]}]}, "expected first and last in order"),
 ]
 
 
@@ -193,14 +182,6 @@ def test_what_a_card_names_must_exist(tmp_path, data):
         open_dataset(load_card(card_file(tmp_path, exclusions=[{"recording": "c", "reason": "x"}])))
 
 
-@pytest.mark.parametrize("text", ["[1, 2", "- a\n- b\n", "!!python/object/apply:os.getcwd []"])
-def test_yaml_that_is_no_card_is_refused(tmp_path, text):
-    path = tmp_path / "drives.yaml"
-    path.write_text(text)
-    with pytest.raises(DataError, match=r"drives\.yaml: expected"):
-        load_card(path)
-
-
 def test_cards_are_found_by_name(tmp_path):
     card_file(tmp_path, name="drives", title="Two drives")
     (tmp_path / "demo.scenario.yaml").write_text("seed: 1\n")
@@ -210,6 +191,10 @@ def test_cards_are_found_by_name(tmp_path):
         load_card("drive", folder=tmp_path)
     with pytest.raises(DataError, match=r"none\.yaml: expected a readable card"):
         load_card(tmp_path / "none.yaml")
+    for text in ("[1, 2", "- a\n- b\n", "!!python/object/apply:os.getcwd []"):
+        (tmp_path / "drives.yaml").write_text(text)
+        with pytest.raises(DataError, match=r"drives\.yaml: expected"):
+            load_card(tmp_path / "drives.yaml")
 
 
 @pytest.mark.parametrize("card", list_cards(REPOSITORY / "datasets"), ids=lambda card: card.name)

@@ -52,51 +52,39 @@ def told(trajectory, **errors):
     return true, camera, motion
 
 
-def turn_deg(transform):
-    return np.rad2deg(Rotation.from_matrix(transform.rotation).as_rotvec())
-
-
 def test_no_error_changes_nothing():
     true, camera, motion = told(drive())
     assert camera is MOUNTED
     assert np.array_equal(motion.matrix, true.matrix)
+    assert true.translation_m == pytest.approx([0, 0, -1.0])  # at 10 m/s the previous camera lies 1 m behind, along -z
 
 
-def test_speed_scales_the_path():
-    true, _, motion = told(drive(speed_mps=10.0), speed_scale_percent=20.0)
-    # At 10 m/s the previous camera lies 1 m behind, along -z; 20 % more is 1.2 m.
-    assert true.translation_m == pytest.approx([0, 0, -1.0])
-    assert motion.translation_m == pytest.approx([0, 0, -1.2])
-    assert turn_deg(motion) == pytest.approx([0, 0, 0], abs=1e-9)
+COSINE, SINE = np.cos(np.deg2rad(30)), 0.5
+# 2 degrees to the left in 0.1 s is a turn of the previous frame by 2 degrees about the camera's y (down), and a camera
+# 2 m ahead of the origin swings 2 sin(2 deg) m to the left: the previous one lies on the right.
+SWUNG = [2 * np.sin(np.deg2rad(2)), 0, 2 * np.cos(np.deg2rad(2)) - 2]
+ERRORS = [  # of what, the ego's speed and yaw rate, and the turn and the translation that the method is told of
+    ({"speed_scale_percent": 20.0}, (10.0, 0.0), [0, 0, 0], [0, 0, -1.2]),
+    ({"yaw_rate_bias_degps": 20.0}, (0.0, 0.0), [0, 2.0, 0], SWUNG),
+    ({"yaw_rate_bias_degps": 20.0}, (0.0, np.deg2rad(-20)), [0, 0, 0], [0, 0, 0]),  # adds to the true one
+    (
+        {"pitch_deg": 30.0},
+        (10.0, 0.0),
+        [0, 0, 0],
+        [0, SINE, -COSINE],
+    ),  # believed to look down: the motion has a part along y
+    ({"pitch_rate_degps": -5.0}, (10.0, 0.0), [-0.5, 0, 0], [0, 0, -1.0]),
+]
 
 
-def test_yaw_rate_turns_about_the_vehicle_origin():
-    _, _, motion = told(drive(speed_mps=0.0), yaw_rate_bias_degps=20.0)
-    # 2 degrees to the left in 0.1 s is a turn of the previous frame by 2 degrees about the camera's y (down), and a
-    # camera 2 m ahead of the origin swings 2 sin(2 deg) m to the left: the previous one lies on the right.
-    assert turn_deg(motion) == pytest.approx([0, 2.0, 0], abs=1e-9)
-    assert motion.translation_m == pytest.approx([2 * np.sin(np.deg2rad(2)), 0, 2 * np.cos(np.deg2rad(2)) - 2])
-
-
-def test_yaw_rate_adds_to_the_true_one():
-    _, _, motion = told(drive(speed_mps=0.0, yaw_rate_radps=np.deg2rad(-20)), yaw_rate_bias_degps=20.0)
-    assert turn_deg(motion) == pytest.approx([0, 0, 0], abs=1e-9)
-
-
-def test_pitch_turns_mounting_road_and_motion_together():
-    _, camera, motion = told(drive(speed_mps=10.0), pitch_deg=30.0)
-    # Believed to look 30 degrees down: the road is nearer to the optical axis, the motion has a part along y.
-    assert camera.road.down == pytest.approx([0, np.cos(np.deg2rad(30)), 0.5])
-    assert camera.road.height_m == MOUNTED.road.height_m
-    assert motion.translation_m == pytest.approx([0, 0.5, -np.cos(np.deg2rad(30))])
-    assert camera.model == LENS
-
-
-def test_pitch_rate_turns_the_previous_image_only():
-    _, camera, motion = told(drive(speed_mps=10.0), pitch_rate_degps=-5.0)
-    assert turn_deg(motion) == pytest.approx([-0.5, 0, 0], abs=1e-9)
-    assert motion.translation_m == pytest.approx([0, 0, -1.0])
-    assert camera.road.down == pytest.approx(MOUNTED.road.down)
+@pytest.mark.parametrize(("errors", "ego", "turn_deg", "translation_m"), ERRORS)
+def test_errors_change_what_a_method_is_told_of_the_motion(errors, ego, turn_deg, translation_m):
+    _, camera, motion = told(drive(*ego), **errors)
+    assert np.rad2deg(Rotation.from_matrix(motion.rotation).as_rotvec()) == pytest.approx(turn_deg, abs=1e-9)
+    assert motion.translation_m == pytest.approx(translation_m, abs=1e-9)
+    down = [0, COSINE, SINE] if "pitch_deg" in errors else MOUNTED.road.down
+    assert camera.road.down == pytest.approx(down)
+    assert (camera.road.height_m, camera.model) == (MOUNTED.road.height_m, LENS)
 
 
 def test_time_offset_reads_the_motion_elsewhere():

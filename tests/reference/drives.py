@@ -21,11 +21,12 @@ from bench.recordings import (
     SweepRef,
     Track,
 )
-from bench.records.reference import pixels_object
+from bench.records.reference import Limb, pixels_object
 from bench.reference import (
     Category,
     IgnoreReason,
     MotionSettings,
+    OutlineErrors,
     ReferenceBuilder,
     ReferenceFrame,
     ReferenceObject,
@@ -58,6 +59,8 @@ SETTINGS = ReferenceSettings(
     ),
 )
 
+LEGS = (Limb(joint=0.53, end=0.0, speed=2.0),)
+ERRORS = OutlineErrors(range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limbs={"pedestrian": LEGS})
 LENS = RadialPolynomialCamera(
     width=640, height=480, coefficients=(170.0, -16.0, 24.0, -3.6), principal_point=(319.5, 239.5), max_angle_rad=1.7
 )
@@ -93,8 +96,8 @@ class Box:
     """A box that moves with constant velocity and yaw rate in the world."""
 
     def __init__(self, place_m, size_m, velocity_mps, yaw_rate_radps=0.0, yaw_rad=0.0):
-        self.place_m, self.size_m = np.asarray(place_m, float), np.asarray(size_m, float)
-        self.velocity_mps, self.yaw_rate_radps, self.yaw_rad = np.asarray(velocity_mps, float), yaw_rate_radps, yaw_rad
+        self.place_m, self.size_m, self.velocity_mps = (np.asarray(v, float) for v in (place_m, size_m, velocity_mps))
+        self.yaw_rate_radps, self.yaw_rad = yaw_rate_radps, yaw_rad
 
     def world_from_box(self, time_ns: int) -> RigidTransform:
         seconds = time_ns / 1e9
@@ -132,9 +135,7 @@ def sweep_of(boxes, trajectory: Trajectory, reference_ns: int, points_each=400, 
     rng = np.random.default_rng(reference_ns % 1000 + 1)
     rows, offsets = [], []
     for box in boxes:
-        offset_ns = (
-            np.linspace(-50 * MS, 50 * MS, points_each).astype(np.int64) if timed else np.zeros(points_each, np.int64)
-        )
+        offset_ns = np.linspace(-50 * MS, 50 * MS, points_each).astype(np.int64) * timed
         rotations, positions_m, _ = trajectory.at(reference_ns + offset_ns)
         points_world = box.points_world(box.skin(points_each), reference_ns + offset_ns)
         rows.append(LIDAR.inverse().apply(np.einsum("nji,nj->ni", rotations, points_world - positions_m)))
@@ -160,7 +161,6 @@ def drive(
     recording = Recording(
         name="drive",
         root=Path("drive"),
-        licence="none",
         frame_interval_ns=66_666_667,
         cameras={"front": camera()},
         images={"front": tuple(ImageRef(camera="front", timestamp_ns=t, path=Path(f"{t}.png")) for t in exposures_ns)},

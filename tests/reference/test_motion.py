@@ -10,6 +10,7 @@ from tests.reference.drives import MS, SETTINGS, Box, circle, drive
 MOTION = SETTINGS.motion
 
 
+@pytest.mark.parametrize("turned", [False, True], ids=["along x", "along y"])
 @pytest.mark.parametrize(
     ("velocity", "ego", "category"),
     [
@@ -28,76 +29,68 @@ MOTION = SETTINGS.motion
         ((2, 0), (-1, 0), Category.APPROACHING),  # reversing towards what follows
     ],
 )
-def test_category_of_a_moving_object(velocity, ego, category):
-    assert categorise(np.array([*velocity, 0.0]), np.array([*ego, 0.0]), MOTION) is category
+def test_category_of_a_moving_object(velocity, ego, category, turned):
+    vectors = [np.array([-y, x, 0.0] if turned else [x, y, 0.0], dtype=float) for x, y in (velocity, ego)]
+    assert categorise(*vectors, MOTION) is category
 
 
-def test_category_does_not_depend_on_the_axes():
-    turn = np.array([[0, -1.0], [1, 0]])
-    for velocity in ((3, 2.9), (-3, 1), (0.1, 2), (6, 1)):
-        straight = categorise(np.array([*velocity, 0.0]), np.array([4.0, 0, 0]), MOTION)
-        turned = categorise(np.array([*(turn @ velocity), 0.0]), np.array([*(turn @ (4.0, 0)), 0.0]), MOTION)
-        assert straight is turned
+@pytest.mark.parametrize(
+    ("velocity", "ego_mps", "direction"),
+    [
+        ((5.0, 1.0, 0), 5.0, Direction.LATERAL),
+        ((0.0, 1.0, 0), 5.0, Direction.LONGITUDINAL),
+        ((0.0, 1.0, 0), 0.0, Direction.LATERAL),
+    ],
+)
+def test_direction_is_of_the_relative_velocity(velocity, ego_mps, direction):
+    assert relative_direction(np.array(velocity), np.array([ego_mps, 0.0, 0.0])) is direction
 
 
-def test_direction_is_of_the_relative_velocity():
-    ego = np.array([5.0, 0, 0])
-    assert relative_direction(np.array([5.0, 1.0, 0]), ego) is Direction.LATERAL
-    assert relative_direction(np.array([0.0, 1.0, 0]), ego) is Direction.LONGITUDINAL
-    assert relative_direction(np.array([0.0, 1.0, 0]), np.zeros(3)) is Direction.LATERAL
+@pytest.mark.parametrize(
+    ("speeds_mps", "moving"),
+    [
+        # Starts by 0.3; once moving it stays so above 0.2, once static it needs 0.4.
+        ([0.3, 0.25, 0.2, 0.25], [True] * 4),
+        ([0.25, 0.35, 0.35, 0.39], [False] * 4),
+        ([1, 1, 1, 0.19, 0.3, 0.3, 0.3], [True] * 3 + [False] * 4),
+        ([0, 0, 0, 0.4, 0.3, 0.3, 0.3], [False] * 3 + [True] * 4),
+        ([1, 1, 1, 0, 1, 1, 1], [True] * 7),  # 100 ms, under the 200 ms of a run
+        ([0, 0, 0, 1, 1, 0, 0, 0], [False] * 3 + [True] * 2 + [False] * 3),  # 200 ms are enough
+        ([1, 0, 0, 0, 0], [True] + [False] * 4),  # cut off by the start, not short
+        ([1, np.nan, np.nan, 0.25], [True] * 4),  # unknown keeps the state
+        ([np.nan, np.nan], [False] * 2),
+    ],
+)
+def test_hysteresis_and_short_runs_by_hand(speeds_mps, moving):
+    times_ns = np.arange(len(speeds_mps), dtype=np.int64) * 100 * MS
+    assert moving_states(times_ns, np.array(speeds_mps, dtype=float), MOTION).tolist() == moving
 
 
-def states(speeds, step_ms=100):
-    times_ns = np.arange(len(speeds), dtype=np.int64) * step_ms * MS
-    return moving_states(times_ns, np.array(speeds, dtype=float), MOTION).tolist()
-
-
-def test_hysteresis_by_hand():
-    # Starts by 0.3; once moving it stays so above 0.2, once static it needs 0.4.
-    assert states([0.3, 0.25, 0.2, 0.25]) == [True] * 4
-    assert states([0.25, 0.35, 0.35, 0.39]) == [False] * 4
-    assert states([1, 1, 1, 0.19, 0.3, 0.3, 0.3]) == [True] * 3 + [False] * 4
-    assert states([0, 0, 0, 0.4, 0.3, 0.3, 0.3]) == [False] * 3 + [True] * 4
-
-
-def test_short_runs_are_noise():
-    assert states([1, 1, 1, 0, 1, 1, 1]) == [True] * 7  # 100 ms, under the 200 ms of a run
-    assert states([0, 0, 0, 1, 1, 0, 0, 0]) == [False] * 3 + [True] * 2 + [False] * 3  # 200 ms are enough
-    assert states([1, 0, 0, 0, 0]) == [True] + [False] * 4  # cut off by the start, not short
-
-
-def test_unknown_speed_keeps_the_state():
-    assert states([1, np.nan, np.nan, 0.25]) == [True] * 4
-    assert states([np.nan, np.nan]) == [False] * 2
+def track_of(speeds_mps, trajectory, velocity=(0.0, 0.0, 0.0)):
+    """A car in ten states, a tenth of a second apart, annotated with these speeds along x."""
+    box = Box((9, 2, 0.75), (4, 1.8, 1.5), velocity)
+    track = drive([box], trajectory, state_ns=range(0, 1000 * MS, 100 * MS)).tracks[0]
+    for state, speed_mps in zip(track.states, speeds_mps, strict=True):
+        state.velocity_mps[0] = speed_mps
+    return track
 
 
 def test_velocity_is_found_from_positions_where_it_is_not_annotated():
     trajectory = circle(6.0, 0.3)
-    box = Box((9, 2, 0.75), (4, 1.8, 1.5), (2.0, 1.0, 0.0))
-    recording = drive([box], trajectory, state_ns=range(0, 1000 * MS, 100 * MS))
-    track = recording.tracks[0]
-    for state in track.states:
-        state.velocity_mps[:] = np.nan
-    motion = track_motion(track, trajectory, MOTION)
+    motion = track_motion(track_of([np.nan] * 10, trajectory, (2.0, 1.0, 0.0)), trajectory, MOTION)
     np.testing.assert_allclose(motion.velocity_world_mps, np.tile([2.0, 1.0, 0.0], (10, 1)), atol=1e-9)
     assert motion.moving.all()
 
 
 def test_smoothing_removes_jitter_but_the_points_use_the_annotation_itself():
-    trajectory = circle(0.0, 0.0)
-    box = Box((9, 2, 0.75), (4, 1.8, 1.5), (0.0, 0.0, 0.0))
-    track = drive([box], trajectory, state_ns=range(0, 1000 * MS, 100 * MS)).tracks[0]
-    for index, state in enumerate(track.states):
-        state.velocity_mps[0] = 0.6 if index % 2 else -0.6  # a parked car whose box shivers
-    motion = track_motion(track, trajectory, MOTION)
+    """A parked car whose box shivers."""
+    still = circle(0.0, 0.0)
+    motion = track_motion(track_of([-0.6, 0.6] * 5, still), still, MOTION)
     assert not motion.moving.any()
     assert np.abs(motion.velocity_world_mps[:, 0]).min() == pytest.approx(0.6)
 
 
 def test_smoothing_takes_as_much_from_before_as_from_after_both_ends_of_the_window_included():
-    trajectory = circle(0.0, 0.0)
-    box = Box((9, 2, 0.75), (4, 1.8, 1.5), (0.0, 0.0, 0.0))
-    track = drive([box], trajectory, state_ns=range(0, 1000 * MS, 100 * MS)).tracks[0]
-    track.states[5].velocity_mps[0] = 1.0
-    motion = track_motion(track, trajectory, replace(MOTION, smoothing_ns=400 * MS))
+    still = circle(0.0, 0.0)
+    motion = track_motion(track_of(np.eye(10)[5], still), still, replace(MOTION, smoothing_ns=400 * MS))
     np.testing.assert_allclose(motion.smooth_world_mps[:, 0], [0, 0, 0, 0.2, 0.2, 0.2, 0.2, 0.2, 0, 0])

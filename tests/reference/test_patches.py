@@ -28,31 +28,18 @@ def scan(shape, *, steps_deg, distance_m=6.0, phase=(0.3, 0.6), jitter_rad=0.0, 
     rng = np.random.default_rng(seed)
     azimuth = azimuth + jitter_rad * rng.standard_normal(azimuth.shape)
     elevation = elevation + jitter_rad * rng.standard_normal(elevation.shape)
-    points = np.column_stack(
-        [
-            np.full(len(azimuth), distance_m),
-            distance_m * np.tan(azimuth),
-            distance_m * np.tan(elevation) / np.cos(azimuth),
-        ]
-    )
+    across_m, up_m = distance_m * np.tan(azimuth), distance_m * np.tan(elevation) / np.cos(azimuth)
+    points = np.column_stack([np.full(len(azimuth), distance_m), across_m, up_m])
     return points[shapely.contains_xy(shape, points[:, 1], points[:, 2])]
 
 
 def patches_of(points):
-    """Corners of the patches, (3, 4, N) m, lidar frame."""
-    grid = find_grid(points)
-    assert grid is not None
-    return surface_patches(points, world_from_sensor=np.eye(3), grid=grid).corners
-
-
-def union_of(corners):
-    """Patches, (3, 4, N) m, in the shape's own plane, (y, z) m."""
-    return shapely.union_all(shapely.polygons(corners[1:].T))
+    return surface_patches(points, world_from_sensor=np.eye(3), grid=find_grid(points))
 
 
 def silhouette_of(points):
     """The union of the patches in the shape's own plane, (y, z) m."""
-    return union_of(patches_of(points))
+    return shapely.union_all(shapely.polygons(patches_of(points).corners[1:].T))
 
 
 def iou(one, other):
@@ -70,8 +57,7 @@ def test_steps_between_columns_and_rows_are_found_from_the_points(name):
     grid = find_grid(scan(shapely.box(-1.5, -1.5, 1.5, 1.5), steps_deg=SENSORS[name], jitter_rad=0.02 * column))
     assert grid.column_step_rad == pytest.approx(column, rel=0.06)
     assert np.median(grid.row_step_rad) == pytest.approx(row, rel=0.06)
-    inner = (grid.neighbours >= 0).all(axis=0)
-    assert inner.mean() > 0.5
+    assert (grid.neighbours >= 0).all(axis=0).mean() > 0.5
 
 
 def test_rows_that_lie_close_at_the_horizon_and_far_apart_below_leave_no_stripes():
@@ -117,19 +103,18 @@ def test_two_surfaces_one_behind_the_other_are_not_joined():
     """Seen along x they touch; a patch from one to the other would hang in the air between them."""
     near = scan(shapely.box(-0.5, -0.5, 0.0, 0.5), steps_deg=SENSORS["hdl-64e"], distance_m=6.0)
     far = scan(shapely.box(0.0, -0.6, 0.6, 0.6), steps_deg=SENSORS["hdl-64e"], distance_m=8.0)
-    depths = patches_of(np.vstack([near, far]))[0]
+    depths = patches_of(np.vstack([near, far])).corners[0]
     assert np.abs(depths - np.round(depths)).max() < 0.05
 
 
 def test_the_order_of_points_and_a_turn_of_the_sensor_do_not_matter():
     points = scan(ELLIPSE, steps_deg=SENSORS["hdl-64e"], jitter_rad=1e-4)
     area = silhouette_of(points).area
-    assert silhouette_of(np.random.default_rng(2).permutation(points)).area == pytest.approx(
-        area, rel=0.005
-    )  # other returns tell the step
+    shuffled = np.random.default_rng(2).permutation(points)
+    assert silhouette_of(shuffled).area == pytest.approx(area, rel=0.005)  # other returns tell the step
     backwards = np.diag([-1.0, -1.0, 1.0])  # the cluster now lies across the jump of the azimuth
-    turned = surface_patches(points, world_from_sensor=backwards, grid=find_grid(points @ backwards))
-    assert union_of(turned.corners).area == pytest.approx(area, rel=0.01)
+    turned = surface_patches(points, world_from_sensor=backwards, grid=find_grid(points @ backwards)).corners
+    assert shapely.union_all(shapely.polygons(turned[1:].T)).area == pytest.approx(area, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -142,8 +127,7 @@ def test_returns_that_do_not_lie_beside_each_other_have_no_grid(points):
 def test_ends_move_by_the_spacing_of_the_beams_along_rows_and_columns():
     """A wall under a lidar with wide rows: its ends differ by direction, and neighbours hold what lies between."""
     points = scan(shapely.box(-0.5, -0.5, 0.5, 0.5), steps_deg=SENSORS["32 rows"])
-    patches = surface_patches(points, world_from_sensor=np.eye(3), grid=find_grid(points))
-    corners, layer = patches.layers(np.zeros(len(points)), solid=True)
+    corners, layer = patches_of(points).layers(np.zeros(len(points)), solid=True)
     half, least, most = (corners[1:, :, np.isin(layer, extent)].min(axis=(1, 2)) for extent in (LIKELY, LEAST, MOST))
     moved_m = 6.0 * np.radians([0.2, 1.33]) / 12**0.5
     assert least - half == pytest.approx(moved_m, rel=0.02)
@@ -161,13 +145,12 @@ def test_patches_reach_the_ground_and_the_ends_of_the_lidars_field_only_where_it
     low = patch - [0, 0, 0.26]
 
     def extended(*patches, grounded_m=0.05, top_m=-np.inf):
-        """(N, 4, 3), from and to."""
         cut_off = CutOff(grounded_m=np.full(2, grounded_m), bottom_m=0.0, top_m=np.broadcast_to(top_m, 2))
         return cut_off.restored(np.array(patches).T).T
 
     bumper, shoe = extended(patch, low)
     np.testing.assert_array_equal(bumper, patch)  # the lidar saw the road below it
     np.testing.assert_allclose(shoe[:, 2], [0.24, 0.24, 0.0, 0.0])
-    found = extended(patch, patch, grounded_m=np.inf, top_m=[-np.inf, 1.8])
-    np.testing.assert_allclose(found[..., 2], [[0.5, 0.5, 0, 0], [1.8, 1.8, 0, 0]])
-    np.testing.assert_array_equal(found[..., :2], [patch[:, :2]] * 2)
+    cut = extended(patch, patch, grounded_m=np.inf, top_m=[-np.inf, 1.8])
+    np.testing.assert_allclose(cut[..., 2], [[0.5, 0.5, 0, 0], [1.8, 1.8, 0, 0]])
+    np.testing.assert_array_equal(cut[..., :2], [patch[:, :2]] * 2)

@@ -8,10 +8,10 @@ import shapely
 
 from bench.cameras import PinholeCamera, ray_grid
 from bench.geometry import RigidTransform
-from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices, Track
+from bench.recordings import Cuboid, GroundPolygon, PointIndices
 from bench.reference import IgnoreReason, Status
 from bench.reference.silhouette import convex_parts, silhouette
-from tests.reference.drives import LENS, MOUNT, MS, Box, circle, drive, reference_of, with_settings
+from tests.reference.drives import LENS, MOUNT, MS, Box, circle, drive, reference_of, with_settings, with_state
 from tests.support.lenses import LENSES
 
 SMALL = {name: lens.scaled(160, round(lens.height * 160 / lens.width)) for name, lens in LENSES.items()}
@@ -31,7 +31,7 @@ def met_by_rays(lens, camera_from_object, low_m, high_m) -> np.ndarray:
     return (leave >= np.maximum(enter, 0.0)) & np.isfinite(rays).all(axis=-1)
 
 
-def shown(shape, lens, camera_from_vehicle=TURNED) -> np.ndarray:
+def shown(shape, lens=LENS, camera_from_vehicle=TURNED) -> np.ndarray:
     """The whole image of what `silhouette` finds in its window."""
     window, covered = silhouette(camera_from_vehicle.apply(convex_parts(shape)), lens)
     whole = np.zeros((lens.height, lens.width), dtype=bool)
@@ -39,11 +39,10 @@ def shown(shape, lens, camera_from_vehicle=TURNED) -> np.ndarray:
     return whole
 
 
-def neighbours(mask) -> np.ndarray:
-    """(9, H, W): every pixel and those around it; False beyond the image."""
-    height, width = mask.shape
-    wide = np.pad(mask, 1)
-    return np.stack([wide[i : i + height, j : j + width] for i in range(3) for j in range(3)])
+def at_border(mask) -> np.ndarray:
+    """Pixels with a neighbour that is not in the mask, which is nowhere beyond the image."""
+    (height, width), wide = mask.shape, np.pad(mask, 1)
+    return ~np.all([wide[i : i + height, j : j + width] for i in range(3) for j in range(3)], axis=0)
 
 
 def cuboids(count, seed):
@@ -66,28 +65,40 @@ def test_every_pixel_that_sees_the_box_is_in_its_outline_and_no_other(name):
         np.testing.assert_array_equal(shown(shape, lens), expected)
         areas.append(expected.sum())
         seen = ray_grid(lens).valid
-        cut += bool((expected & ~neighbours(seen).all(axis=0)).any() and (seen & ~expected).any())
+        cut += bool((expected & at_border(seen)).any() and (seen & ~expected).any())
     assert np.count_nonzero(areas) > 20
     assert cut > 10  # by the border of the field or of the image
 
 
-@pytest.mark.parametrize("size_m", [(0.0, 0.0, 0.0), (9.0, 0.0, 0.0), (1e-200, 1e-200, 1e-200)])
-def test_what_has_no_extent_across_the_line_of_sight_covers_nothing(size_m):
-    shape = Cuboid(vehicle_from_object=RigidTransform.from_yaw(0.0, (9.0, 0.0, 0.0)), size_m=np.array(size_m))
-    assert not shown(shape, LENS).any()
+def upright(outline, bottom_m=-1.0, top_m=1.0):
+    return GroundPolygon(outline_m=np.array(outline, dtype=float), bottom_m=bottom_m, top_m=top_m)
+
+
+def ahead(x_m, size_m):
+    return Cuboid(vehicle_from_object=RigidTransform.from_yaw(0.0, (x_m, 0.0, 0.0)), size_m=np.array(size_m))
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        ahead(9.0, (0.0, 0.0, 0.0)),
+        ahead(9.0, (9.0, 0.0, 0.0)),
+        ahead(9.0, (1e-200, 1e-200, 1e-200)),
+        upright([[2, 0], [3, 0], [4, 0]]),
+        upright([[2, 0], [2, 0], [2, 0]]),
+    ],
+)
+def test_what_has_no_extent_across_the_line_of_sight_covers_nothing(shape):
+    assert not shown(shape).any()
 
 
 def test_a_box_of_absurd_size_fills_the_half_that_it_stands_in():
-    shape = Cuboid(
-        vehicle_from_object=RigidTransform.from_yaw(0.0, (0.5e200 + 1.0, 0.0, 0.0)), size_m=np.full(3, 1e200)
-    )
-    assert shown(shape, LENS)[ray_grid(LENS).rays_camera[..., 2] > 0.01].all()
+    assert shown(ahead(0.5e200 + 1.0, (1e200, 1e200, 1e200)))[ray_grid(LENS).rays_camera[..., 2] > 0.01].all()
 
 
 def test_a_corner_of_walls_is_not_filled():
     """An outline like an L: exactly the pixels of its two arms."""
-    outline = np.array([[2.0, -3.0], [6.0, -3.0], [6.0, -2.0], [3.0, -2.0], [3.0, 3.0], [2.0, 3.0]])
-    shape = GroundPolygon(outline_m=outline, bottom_m=-1.0, top_m=0.43)
+    shape = upright([[2.0, -3.0], [6.0, -3.0], [6.0, -2.0], [3.0, -2.0], [3.0, 3.0], [2.0, 3.0]], top_m=0.43)
     arms = (((2.0, -3.0, -1.0), (6.0, -2.0, 0.43)), ((2.0, -3.0, -1.0), (3.0, 3.0, 0.43)))
     for lens in SMALL.values():
         for camera_from_vehicle in (TURNED, TURNED @ RigidTransform.from_yaw(0.4, (-6.0, -1.0, -2.0))):
@@ -95,31 +106,25 @@ def test_a_corner_of_walls_is_not_filled():
             np.testing.assert_array_equal(shown(shape, lens, camera_from_vehicle), np.any(expected, axis=0))
 
 
-@pytest.mark.parametrize("outline", [[[2, 0], [3, 0], [4, 0]], [[2, 0], [2, 0], [2, 0]]])
-def test_an_outline_without_area_covers_nothing(outline):
-    shape = GroundPolygon(outline_m=np.array(outline, dtype=float), bottom_m=0.0, top_m=1.0)
-    assert not shown(shape, LENS).any()
-
-
 def test_an_outline_that_crosses_itself_covers_what_it_encloses():
-    bow = GroundPolygon(
-        outline_m=np.array([[4.0, -1.0], [4.0, 1.0], [6.0, -1.0], [6.0, 1.0]]), bottom_m=-1.0, top_m=1.0
-    )
-    found = shown(bow, LENS)
-    whole = shown(replace(bow, outline_m=bow.outline_m[[0, 1, 3, 2]]), LENS)
-    assert 0 < found.sum() < whole.sum() * 1.001
-    assert not (found & ~whole).any()
+    corners = [[4.0, -1.0], [4.0, 1.0], [6.0, -1.0], [6.0, 1.0]]
+    bow, whole = shown(upright(corners)), shown(upright([corners[i] for i in (0, 1, 3, 2)]))
+    assert 0 < bow.sum() < whole.sum() * 1.001
+    assert not (bow & ~whole).any()
 
 
-FEW_POINTS = with_settings(min_points=10_000)
 HOST = circle(8.0, 0.5)
 
 
-def ignored_region(box, *, exposure_ns, track=None):
+def ignored_as(box, exposure_ns, **annotated):
+    """The reference of a box of too few points, and the pixels that show it."""
     recording = drive([box], HOST, exposures_ns=(exposure_ns,))
-    if track is not None:
-        recording = replace(recording, tracks=(track,))
-    return reference_of(recording, FEW_POINTS), HOST.world_from_vehicle(exposure_ns) @ MOUNT
+    frame = reference_of(with_state(recording, **annotated), with_settings(min_points=10_000))
+    assert [(item.status, item.reason) for item in frame.objects] == [(Status.IGNORED, IgnoreReason.FEW_POINTS)]
+    camera_from_world = (HOST.world_from_vehicle(exposure_ns) @ MOUNT).inverse()
+    camera_from_box = camera_from_world @ box.world_from_box(exposure_ns)
+    expected = met_by_rays(LENS, camera_from_box, -box.size_m / 2, box.size_m / 2) & frame.valid
+    return frame, expected, camera_from_box
 
 
 @pytest.mark.parametrize("yaw_rate_radps", [0.0, 1.5, -0.7])
@@ -128,14 +133,11 @@ def test_a_car_without_points_is_ignored_where_it_is_at_exposure(exposure_ms, ya
     """Beside the camera, cut by the field's border and the image's, turning, from a turning host."""
     for place_m in ((5.0, 2.0, 0.75), (4.0, -2.2, 0.75), (7.0, 0.5, 0.75), (3.0, 2.0, 0.75)):
         box = Box(place_m, (4.5, 1.8, 1.5), (3.0, -2.0, 0.0), yaw_rate_radps=yaw_rate_radps, yaw_rad=0.3)
-        frame, world_from_camera = ignored_region(box, exposure_ns=exposure_ms * MS)
-        (found,) = frame.objects
-        assert (found.status, found.reason) == (Status.IGNORED, IgnoreReason.FEW_POINTS)
-        camera_from_box = world_from_camera.inverse() @ box.world_from_box(exposure_ms * MS)
-        expected = met_by_rays(LENS, camera_from_box, -box.size_m / 2, box.size_m / 2) & frame.valid
+        frame, expected, _ = ignored_as(box, exposure_ms * MS)
         np.testing.assert_array_equal(frame.ignored, expected)
-        assert found.polygon_px == expected.sum() > 3000
-        drawn = shapely.contains_xy(found.polygon, *np.meshgrid(np.arange(640), np.arange(480)))
+        (item,) = frame.objects
+        assert item.polygon_px == expected.sum() > 3000
+        drawn = shapely.contains_xy(item.polygon, *np.meshgrid(np.arange(640), np.arange(480)))
         np.testing.assert_array_equal(drawn & frame.valid, expected)
 
 
@@ -143,16 +145,7 @@ def test_a_ground_outline_turns_as_the_car_does():
     box = Box((6.0, 1.5, 0.75), (4.5, 1.8, 1.5), (3.0, -2.0, 0.0), yaw_rate_radps=1.5, yaw_rad=0.3)
     corners = np.array([[1, 1, -1], [-1, 1, -1], [-1, -1, -1], [1, -1, -1]]) * box.size_m / 2
     outline_m = box.world_from_box(0).apply(corners)[:, :2]  # the vehicle stands in the world's origin at 0
-    state = ObjectState(
-        timestamp_ns=0,
-        shape=GroundPolygon(outline_m=outline_m, bottom_m=0.0, top_m=1.5),
-        velocity_mps=box.velocity_mps,
-        yaw_rate_radps=box.yaw_rate_radps,
-    )
-    track = Track(track_id="car", object_class="vehicle", states=(state,))
-    frame, world_from_camera = ignored_region(box, exposure_ns=80 * MS, track=track)
-    camera_from_box = world_from_camera.inverse() @ box.world_from_box(80 * MS)
-    expected = met_by_rays(LENS, camera_from_box, -box.size_m / 2, box.size_m / 2) & frame.valid
+    frame, expected, _ = ignored_as(box, 80 * MS, shape=upright(outline_m, 0.0, 1.5))
     assert (frame.ignored ^ expected).sum() <= 2
     assert expected.sum() > 3000
 
@@ -160,13 +153,8 @@ def test_a_ground_outline_turns_as_the_car_does():
 def test_few_points_named_one_by_one_are_ignored_within_their_hull():
     box = Box((6.0, 1.5, 0.75), (4.5, 1.8, 1.5), (3.0, -2.0, 0.0))
     named = PointIndices(indices=np.arange(0, 400, 9), sweep_timestamp_ns=0)
-    state = ObjectState(timestamp_ns=0, shape=named, velocity_mps=box.velocity_mps)
-    track = Track(track_id="car", object_class="vehicle", states=(state,))
-    frame, world_from_camera = ignored_region(box, exposure_ns=20 * MS, track=track)
-    points = box.world_from_box(20 * MS).apply(box.skin(400)[::9])
-    pixels, _ = LENS.project(world_from_camera.inverse().apply(points))
-    hull = shapely.MultiPoint(pixels).convex_hull
+    frame, _, camera_from_box = ignored_as(box, 20 * MS, shape=named)
+    hull = shapely.MultiPoint(LENS.project(camera_from_box.apply(box.skin(400)[::9]))[0]).convex_hull
     expected = shapely.contains_xy(hull, *np.meshgrid(np.arange(640), np.arange(480))) & frame.valid
-    assert frame.objects[0].reason is IgnoreReason.FEW_POINTS
     assert (frame.ignored ^ expected).sum() < 0.02 * expected.sum()
     assert expected.sum() > 3000

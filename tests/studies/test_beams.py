@@ -8,17 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.errors import DataError, UsageError
+from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.harness import build_scorable
 from bench.lidar import LidarSweep
 from bench.recordings import Recording, load_card, open_dataset
 from bench.records.recording import PointIndices, SweepRef
 from bench.reference.grid import Grid, find_grid
-from benchmarks.ranking.__main__ import main, whole_numbers
-from benchmarks.ranking.beams import BeamsSummary, count_beams, run_beams, with_beams
-from benchmarks.ranking.beams_report import beams_table, draw_beams
-from benchmarks.ranking.predictions import parse_predictions
+from benchmarks.ranking.__main__ import main
+from benchmarks.ranking.beams import BeamsSummary, count_beams, with_beams
+from benchmarks.ranking.beams_report import beams_table
 from tests.reporting.printed import texts
 from tests.support.runs import run_one
 
@@ -94,14 +93,18 @@ def test_what_cannot_be_thinned_is_refused(drive):
         with_beams(before(drive), 17, of=RINGS)
 
 
-def thinned(card: Path, out: Path, beams: str = "32,8,1", methods: str = "", **options: object) -> BeamsSummary:
-    ranked = parse_predictions(methods) if methods else ()
-    return run_beams(load_card(card), beams=whole_numbers(beams), predictions=ranked, out=out, **options)  # type: ignore[arg-type]
-
-
 @pytest.fixture(scope="module")
 def found(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> BeamsSummary:
-    return thinned(tiny_card, tmp_path_factory.mktemp("beams"))
+    out = tmp_path_factory.mktemp("beams")
+    words = (tiny_card, "--beams", "32,8,1", "--methods", "truth,truth:grow_px=30", "--workers", 1, "--out", out)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("sys.argv", ["ranking", *map(str, words)])
+        main()
+    found = BeamsSummary.model_validate_json((out / "beams.json").read_bytes())
+    text = (out / "beams.md").read_text()
+    assert all(f"| {' | '.join(row)} |" in text for row in texts(beams_table(found)))
+    assert all((out / f"beams.{suffix}").stat().st_size > 100 for suffix in ("csv", "png", "svg"))
+    return found
 
 
 def rows_of(found: BeamsSummary, name: str = "all") -> list:
@@ -126,45 +129,8 @@ def test_the_whole_sensor_comes_first_and_scores_exact_masks_as_a_run_does(found
 def test_fewer_beams_tell_less(found):
     whole, half, eighth, single = rows_of(found)
     assert whole.in_core > half.in_core > eighth.in_core
+    assert {row.object_frames + row.lost for row in (half, eighth, single)} == {whole.object_frames}
     assert whole.unknown_share < half.unknown_share < eighth.unknown_share
     assert whole.ceiling > eighth.ceiling > 0.5
+    assert [row.tau.value for row in (whole, half)] == pytest.approx([1, 1])
     assert single.lost > eighth.lost  # one ring gives hardly an object ten returns
-
-
-def test_every_object_frame_of_the_whole_sensor_is_told_or_lost(found):
-    names = list(dict.fromkeys(row.object_class for row in found.rows))
-    for name in names:
-        whole, *fewer = rows_of(found, name)
-        assert {row.object_frames + row.lost for row in fewer} == {whole.object_frames}
-    of_classes = [rows_of(found, name) for name in names[1:]]
-    for every, *rows in zip(rows_of(found), *of_classes, strict=True):
-        assert (every.object_frames, every.lost) == tuple(
-            sum(getattr(row, name) for row in rows) for name in ("object_frames", "lost")
-        )
-
-
-def test_methods_are_ranked_beside_the_exact_masks(tiny_card, tmp_path):
-    found = thinned(tiny_card, tmp_path, "16", "truth,truth:grow_px=30,nothing", recordings=1)
-    assert found.predictions == ("truth", "truth:grow_px=30", "nothing")
-    assert [row.tau.value for row in rows_of(found)] == pytest.approx([1, 1])
-    assert [row[-1] for row in texts(beams_table(found))[:2]] == ["1.00", "1.00"]
-    assert [axes.get_title() for axes in draw_beams(found).axes][-1] == "Kendall's tau"
-    with pytest.raises(UsageError, match="expected different methods"):
-        thinned(tiny_card, tmp_path, "16", "nothing,nothing")
-
-
-def test_the_command_prints_the_table_and_leaves_the_files(monkeypatch, capsys, tiny_card, tmp_path):
-    words = (tiny_card, "--beams", "16", "--recordings", 1, "--workers", 1, "--out", tmp_path)
-    monkeypatch.setattr("sys.argv", ["ranking", *map(str, words)])
-    main()
-    shown = capsys.readouterr().out
-    assert "The reference surface-v1 by fewer beams" in shown
-    assert "\u2026" not in shown  # no cell is cut
-    for name in ("beams.json", "beams.md", "beams.csv", "beams.png", "beams.svg"):
-        assert (tmp_path / name).stat().st_size > 100
-        assert str(tmp_path / name) in shown
-    found = BeamsSummary.model_validate_json((tmp_path / "beams.json").read_bytes())
-    text = (tmp_path / "beams.md").read_text()
-    table = beams_table(found)
-    assert table.title in text
-    assert all(f"| {' | '.join(row)} |" in text for row in texts(table))

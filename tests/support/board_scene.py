@@ -104,14 +104,15 @@ def crossing():
     return previous, current, mask
 
 
-def drive(numbers, board_m, sideways_m):
-    """Images of a camera that goes on by `STEP`, on which a board crosses, and the board in each of them.
+def drive(numbers, board_m, sideways_m, step=STEP):
+    """Images of a camera that goes on by a step, on which a board crosses, and the board in each of them.
 
-    Image 0 is taken at the origin, with the board at `board_m`; image by image it moves to the left by `sideways_m`.
+    Image 0 is taken at the origin, with the board at `board_m`, if there is one; image by image it moves to the left by
+    `sideways_m`.
     """
-    start, step = np.array(board_m), np.array([0.0, sideways_m, 0.0])
-    rendered = [render(STEP * number, start + step * number) for number in numbers]
-    given = frame(rendered[-2][0], rendered[-1][0], STEP)
+    places = [None if board_m is None else np.add(board_m, [0.0, sideways_m * number, 0.0]) for number in numbers]
+    rendered = [render(step * number, place) for number, place in zip(numbers, places, strict=True)]
+    given = frame(rendered[-2][0], rendered[-1][0], step)
     found = replace(
         given,
         images=tuple(image for image, _ in rendered),

@@ -50,10 +50,7 @@ def described(recording: Recording) -> dict:
         sweep = ref.read()
         points = (imu_from_vehicle @ recording.vehicle_from_lidar).apply(sweep.points_lidar.astype(np.float64))
         features = {"timestamps": (sweep.times_ns + 500) // 1000}
-        if sweep.intensity is not None:
-            features["intensity"] = np.rint(sweep.intensity * 255).astype(np.uint8)
-        if sweep.ring is not None:
-            features["channel"] = sweep.ring
+        features["intensity"] = np.zeros(len(points), dtype=np.uint8)
         sweeps.append((micro(sweep.times_ns.min()), micro(sweep.times_ns.max()), points.astype(np.float32), features))
     boxes: dict[int, list] = {}
     for track in recording.tracks:

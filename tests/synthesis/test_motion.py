@@ -23,17 +23,13 @@ def test_ego_vehicle_drives_a_quarter_circle() -> None:
     assert end.positions_m[0] == pytest.approx([radius_m, radius_m, 0.0], abs=1e-6)
     assert end.rotations[0] == pytest.approx(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]))
     assert end.distances_m[0] == pytest.approx(10.0)
-
-
-def test_ego_vehicle_stands_at_the_origin_at_time_zero() -> None:
-    path = driven_path(
-        times_s=[0, 1], speeds_mps=[-1, -3], yaw_rates_radps=[0.1, 0], first_ns=-SECOND_NS, last_ns=SECOND_NS
-    )
+    # In reverse it comes from ahead, and stands at the origin at time 0.
+    path = drive([0, 1], [-1, -3], [0.1, 0])
     poses = path.at([-SECOND_NS, 0, SECOND_NS])
     assert poses.positions_m[1] == pytest.approx([0, 0, 0], abs=1e-12)
     assert poses.rotations[1] == pytest.approx(np.eye(3), abs=1e-12)
     assert poses.distances_m == pytest.approx([1.0, 0.0, -2.0])
-    assert poses.positions_m[0, 0] > 0  # in reverse it comes from ahead
+    assert poses.positions_m[0, 0] > 0
 
 
 def test_actor_velocity_is_the_change_of_its_place() -> None:
@@ -104,12 +100,8 @@ def test_braking_dips_the_nose_and_accelerating_lifts_it() -> None:
         assert (nose[2] < tail[2]) == lower
         # 2 m/s^2 at 0.3 degrees for each, over the 4.6 m between them.
         assert abs(nose[2] - tail[2]) == pytest.approx(4.6 * np.sin(np.radians(0.6)), rel=0.01)
-
-
-def test_in_reverse_braking_dips_the_tail() -> None:
-    ego = sprung(drive([0, 2], [-4.0, 0.0]))
-    forward_world = ego.at([int(1.9 * SECOND_NS)]).rotations[0, :, 0]
-    assert forward_world[2] > 0.005
+    reversing = sprung(drive([0, 2], [-4.0, 0.0])).at([int(1.9 * SECOND_NS)])
+    assert reversing.rotations[0, 2, 0] > 0.005  # braking in reverse dips the tail
 
 
 def test_a_left_bend_rolls_the_body_to_the_right() -> None:
@@ -142,13 +134,10 @@ def test_a_rigid_car_follows_its_path_exactly() -> None:
     poses, expected = rigid.at(times_ns), path.at(times_ns)
     assert np.array_equal(poses.rotations, expected.rotations)
     assert np.array_equal(poses.positions_m, expected.positions_m)
-
-
-def test_steady_driving_on_a_smooth_road_is_level() -> None:
-    path = drive([0.0], 12.0)
-    poses = sprung(path).at([0, 3 * SECOND_NS])
-    assert poses.rotations == pytest.approx(path.at([0, 3 * SECOND_NS]).rotations, abs=1e-12)
-    assert poses.positions_m == pytest.approx(path.at([0, 3 * SECOND_NS]).positions_m, abs=1e-12)
+    steady = drive([0.0], 12.0)  # on a smooth road a car on springs is level, too
+    poses, expected = sprung(steady).at(times_ns), steady.at(times_ns)
+    assert poses.rotations == pytest.approx(expected.rotations, abs=1e-12)
+    assert poses.positions_m == pytest.approx(expected.positions_m, abs=1e-12)
 
 
 def test_roughness_is_that_of_its_class() -> None:

@@ -89,21 +89,6 @@ def test_interrupted_run_leaves_whole_recordings_and_resumes(
     assert sorted(path.name for path in out.iterdir()) == ["crossing", "reversing"]
 
 
-def test_only_what_changed_is_rendered_again_and_former_recordings_go(
-    scenario_file: Path, tmp_path: Path, quick: list[str]
-) -> None:
-    out = tmp_path / "out"
-    synthesize(scenario_file, out, workers=1)
-    before = contents(out / "crossing")
-    scenario_file.write_text(scenario_file.read_text().replace("speed_kmh: [5]", "speed_kmh: [6]"))
-    synthesize(scenario_file, out, workers=1)
-    assert quick == ["crossing", "reversing", "reversing"]
-    assert contents(out / "crossing") == before
-    scenario_file.write_text(scenario_file.read_text().split("  - name: reversing")[0])
-    synthesize(scenario_file, out, workers=1)
-    assert sorted(path.name for path in out.iterdir()) == ["crossing"]
-
-
 def test_second_run_into_the_same_folder_waits_for_the_first_and_renders_nothing(
     scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -139,13 +124,18 @@ def test_stale_recordings_are_never_taken_for_fresh_ones(
 ) -> None:  # fmt: skip
     out = tmp_path / "out"
     synthesize(scenario_file, out, workers=1)
+    before = contents(out / "crossing")
     change(scenario_file, out, monkeypatch)
     quick.clear()
     synthesize(scenario_file, out, workers=1)
-    assert "reversing" in quick
+    assert quick == (["crossing", "reversing"] if production.GENERATOR_VERSION < 0 else ["reversing"])
+    assert contents(out / "crossing") == before or "crossing" in quick
     fresh = tmp_path / "fresh"
     synthesize(scenario_file, fresh, workers=1)
     assert contents(out) == contents(fresh)
+    scenario_file.write_text(scenario_file.read_text().split("  - name: reversing")[0])
+    synthesize(scenario_file, out, workers=1)
+    assert sorted(path.name for path in out.iterdir()) == ["crossing"]
 
 
 OWN: dict[str, Callable[[Path], object]] = {
@@ -192,11 +182,6 @@ def test_copies_and_edited_recordings_that_the_scenario_does_not_have_stay(
     assert quick == ["crossing", "reversing"]
 
 
-def test_no_workers_are_refused(scenario_file: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="workers"):
-        synthesize(scenario_file, tmp_path / "out", workers=0)
-
-
 def test_what_is_wanted_alone_is_rendered(scenario_file: Path, tmp_path: Path, quick: list[str]) -> None:
     first, second = [spec.name for spec in read_scenario(scenario_file).recordings][:2]
     assert synthesize(scenario_file, tmp_path / "out", only=[second]) == [tmp_path / "out" / second]
@@ -204,3 +189,5 @@ def test_what_is_wanted_alone_is_rendered(scenario_file: Path, tmp_path: Path, q
     synthesize(scenario_file, tmp_path / "out")
     assert quick[1:] == [spec.name for spec in read_scenario(scenario_file).recordings if spec.name != second]
     assert (tmp_path / "out" / first).is_dir()
+    with pytest.raises(UsageError, match="workers"):
+        synthesize(scenario_file, tmp_path / "out", workers=0)

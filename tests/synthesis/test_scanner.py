@@ -148,21 +148,18 @@ def test_dark_surfaces_return_fewer_pulses_from_near_too_the_more_they_are_tilte
     assert shares[1] < 0.05
 
 
-def test_panes_return_few_pulses_and_gloss_paint_all_of_them() -> None:
+def test_panes_return_few_pulses_gloss_paint_all_of_them_and_the_sky_none() -> None:
     pane, black = (Surface(albedo=0.05, contrast=contrast, mirror=0.04) for contrast in (0.25, 0.07))
     assert 0.1 < share_returned(pane, 6.0, pane_returns=0.2) < 0.2
     assert share_returned(pane, 6.0, pane_returns=0.0) == 0.0
     assert share_returned(black, 6.0, weakest_return_per_m2=5e-6) > 0.999
+    assert share_returned(Surface(albedo=0.9, contrast=0.0, sky=True), 10.0) == 0.0
 
 
 def test_windows_of_cars_and_houses_are_panes() -> None:
     street = build_world(StreetSpec(), np.random.default_rng(0)).mesh.surfaces
     for surfaces in (make_body("car", np.random.default_rng(0)).mesh.surfaces, street):
         assert 0.0 < _are_panes(surfaces).mean() < 0.4
-
-
-def test_the_sky_returns_nothing() -> None:
-    assert len(scan(scanner(wall(10.0, Surface(albedo=0.9, contrast=0.0, sky=True)), ego())).points_lidar) == 0
 
 
 def test_intensity_tells_albedo_and_incidence() -> None:

@@ -107,27 +107,39 @@ def headlight(inverse_depth: float) -> Lamps:
     return NO_LAMPS._replace(lamp_from_world=np.stack([AHEAD, AHEAD]), inverse_depth=pictures, headlights=1)
 
 
-def test_below_a_street_lamp_six_metres_up() -> None:
-    # 1200 cd / (6 m)^2 = 33.3 lux, and 15 lux are white.
-    assert lit([(0.0, 0.0, 0.0)], UP, street((0.0, 0.0, 6.0)))[0] == pytest.approx(33.333 / 15, rel=1e-4)
+POST, BEAM = street((0.0, 0.0, 6.0)), headlight(0.0)
 
 
-def test_beside_a_street_lamp() -> None:
-    # 6 m aside and 6 m below, the square of the distance is 72 m^2; the cosine of 45 degrees counts on the ground, and
-    # once more below the lamp.
-    light = lit([(6.0, 0.0, 0.0)], UP, street((0.0, 0.0, 6.0)))[0]
-    assert light == pytest.approx(1200 / 72 / 2 / 15, rel=1e-4)
+@pytest.mark.parametrize(
+    ("spot_m", "normal", "lamps", "expected"),
+    [
+        # Below a street lamp: 1200 cd / (6 m)^2 = 33.3 lux, and 15 lux are white.
+        ((0.0, 0.0, 0.0), UP, POST, 33.333 / 15),
+        # 6 m aside, too, the square of the distance is 72 m^2; the cosine of 45 degrees counts on the ground, and once
+        # more below the lamp.
+        ((6.0, 0.0, 0.0), UP, POST, 1200 / 72 / 2 / 15),
+        # Above it, and turned away.
+        ((1.0, 0.0, 7.0), TOWARDS, POST, 0.0),
+        ((1.0, 0.0, 0.0), TOWARDS, POST, 0.0),
+        # Straight ahead at the cut-off the whole 20,000 cd of a headlight arrive, at 10 m of them 200 lux.
+        ((0.0, 10.0 * float(CUT_OFF), 10.0), TOWARDS, BEAM, 20_000 / 100 / 15),
+        ((0.0, 10.0 * float(CUT_OFF), 10.0), TOWARDS, BEAM, float(HEADLIGHT) / 100),
+        ((0.0, -1.0, 10.0), TOWARDS, BEAM, float(HEADLIGHT * ABOVE) * 10 / 101**1.5),
+        # Behind it, and hidden.
+        ((0.0, 0.1, -10.0), UP, BEAM, 0.0),
+        ((0.0, 0.1, 10.0), TOWARDS, headlight(1 / 5), 0.0),
+    ],
+)
+def test_light_of_a_lamp(
+    spot_m: tuple[float, float, float], normal: tuple[float, float, float], lamps: Lamps, expected: float
+) -> None:
+    assert lit([spot_m], normal, lamps)[0] == pytest.approx(expected, rel=2e-3)
 
 
 def test_light_of_several_lamps_adds_up() -> None:
     places = [(0.0, 0.0, 6.0), (10.0, 3.0, 5.0), (-4.0, -8.0, 7.0)]
     alone = [lit([(1.0, 2.0, 0.0)], UP, street(place))[0] for place in places]
     assert lit([(1.0, 2.0, 0.0)], UP, street(*places))[0] == pytest.approx(sum(alone), rel=1e-6)
-
-
-def test_a_lamp_lights_nothing_above_it_or_turned_away() -> None:
-    assert lit([(1.0, 0.0, 7.0)], (0.0, 0.0, -1.0), street((0.0, 0.0, 6.0)))[0] == 0.0
-    assert lit([(1.0, 0.0, 0.0)], (0.0, 0.0, -1.0), street((0.0, 0.0, 6.0)))[0] == 0.0
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 33, PIXELS])
@@ -139,22 +151,7 @@ def test_a_spot_has_its_light_whatever_spots_are_beside_it(count: int) -> None:
     assert np.array_equal(together, [lit([spot], TOWARDS, lamps)[0] for spot in spots])
 
 
-def test_at_the_cut_off_of_a_headlight() -> None:
-    # Straight ahead at the cut-off the whole 20,000 cd arrive, at 10 m of them 200 lux.
-    down = 10.0 * float(CUT_OFF)
-    light = lit([(0.0, down, 10.0)], TOWARDS, headlight(0.0))[0]
-    assert light == pytest.approx(20_000 / 100 / 15, rel=2e-3)
-    assert light == pytest.approx(float(HEADLIGHT) / 100, rel=2e-3)
-
-
-def test_above_the_cut_off_little_is_left() -> None:
-    light = lit([(0.0, -1.0, 10.0)], TOWARDS, headlight(0.0))[0]
-    assert light == pytest.approx(float(HEADLIGHT * ABOVE) * 10 / 101**1.5, rel=1e-2)
-
-
-def test_a_headlight_lights_neither_what_is_behind_it_nor_what_is_hidden() -> None:
-    assert lit([(0.0, 0.1, -10.0)], UP, headlight(0.0))[0] == 0.0
-    assert lit([(0.0, 0.1, 10.0)], TOWARDS, headlight(1 / 5))[0] == 0.0
+def test_what_a_headlight_meets_is_lit() -> None:
     assert lit([(0.0, 0.1, 10.0)], TOWARDS, headlight(1 / 10))[0] > 1.0
 
 
@@ -186,17 +183,11 @@ def test_levels_lie_on_each_other() -> None:
         assert np.abs(shift_texels).max() < 0.05
 
 
-def test_texture_has_no_seam() -> None:
+def test_texture_has_no_seam_and_turns_smooth_with_distance() -> None:
     atlas = texture_atlas(3)
-    u = np.array([-1e-5, 1e-5, 1 - 1e-5, 2 + 1e-5], dtype=np.float32)
-    v = np.full_like(u, 0.3)
+    seam = np.array([-1e-5, 1e-5, 1 - 1e-5, 2 + 1e-5], dtype=np.float32)
     for level in range(LEVELS - 1):
-        values = sample(atlas, u, v, np.full_like(u, level))
-        assert np.ptp(values) < 0.05
-
-
-def test_texture_turns_smooth_with_distance() -> None:
-    atlas = texture_atlas(3)
+        assert np.ptp(sample(atlas, seam, np.full_like(seam, 0.3), np.full_like(seam, level))) < 0.05
     u, v = np.random.default_rng(0).random((2, 10_000), dtype=np.float32)
     spreads = [sample(atlas, u, v, np.full_like(u, level)).std() for level in range(LEVELS)]
     assert spreads[0] == pytest.approx(1.0, abs=0.15)

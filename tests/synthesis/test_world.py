@@ -62,11 +62,16 @@ def test_obstacles_keep_clear_of_ways_and_of_each_other(world: World) -> None:
     assert sum(shapely.intersection(a, b).area for a, b in combinations(world.obstacles, 2)) == 0
 
 
-def test_nothing_stands_where_someone_walks(world: World, kind: str) -> None:
+def test_the_ground_has_no_holes_and_is_clear_where_someone_walks_and_drives(world: World, kind: str) -> None:
+    _, height_m = seen_from_above(world.mesh, grid((-60.0, 120.0), (-60.0, 60.0), 1.7), from_m=100.0)
+    assert height_m.min() > -0.06
     # From below the crowns and eaves that one may walk under.
     _, height_m = seen_from_above(world.mesh, grid((8.1, 10.9), (-24.9, 24.9)), from_m=1.9)
     assert height_m.max() <= max(SPECS[kind].kerb_m, 0.0) + 0.01
     assert height_m.min() > -0.06
+    hits, height_m = seen_from_above(world.mesh, grid((-6.0, 5.0), (-1.1, 1.1)), from_m=1.9)
+    assert np.abs(height_m).max() < FLAT_M
+    assert hits.normals[:, 2].min() > 0.99
 
 
 def test_what_stands_out_is_an_obstacle(world: World, kind: str) -> None:
@@ -77,17 +82,6 @@ def test_what_stands_out_is_an_obstacle(world: World, kind: str) -> None:
     # Twigs, awnings and bulges stick out a little, lamp heads and crowns are higher than the rays begin.
     assert len(high) > 30
     assert np.quantile(away_m, 0.98) < 0.3
-
-
-def test_road_before_the_ego_vehicle_is_flat_and_looks_up(world: World) -> None:
-    hits, height_m = seen_from_above(world.mesh, grid((-6.0, 5.0), (-1.1, 1.1)), from_m=1.9)
-    assert np.abs(height_m).max() < FLAT_M
-    assert hits.normals[:, 2].min() > 0.99
-
-
-def test_the_ground_has_no_holes(world: World) -> None:
-    _, height_m = seen_from_above(world.mesh, grid((-60.0, 120.0), (-60.0, 60.0), 1.7), from_m=100.0)
-    assert height_m.min() > -0.06
 
 
 def test_pavement_lies_a_kerb_above_the_road() -> None:
@@ -146,6 +140,24 @@ def test_an_avenue_has_as_many_lanes_on_both_sides_of_its_rail() -> None:
     _, rail_m = seen_from_above(mesh, grid((0, 40), (left_m + 0.9, left_m + 2.1), 0.04), from_m=3.0)
     assert max(np.abs(own_m).max(), np.abs(opposite_m).max()) < FLAT_M
     assert rail_m.max() == pytest.approx(0.75, abs=0.06)
+
+
+def test_a_gantry_spans_the_whole_road_above_the_traffic_and_posts_mark_its_edges() -> None:
+    plain = StreetSpec(kind="avenue", lanes_left=1, trees=0.0, hedges=0.0, buildings=False)
+    fast = plain.model_copy(update={"gantries_at_m": (20.0,), "marker_posts": True})
+    bare, built = (build_world(spec, named_rng(0, "fast")) for spec in (plain, fast))
+    added_m = built.mesh.corners_m[: len(built.mesh.corners_m)]
+    known = {row.tobytes() for row in bare.mesh.corners_m}
+    added_m = np.array([row for row in added_m if row.tobytes() not in known])
+    over = np.abs(added_m[..., 0] - 20.0).max(axis=1) < 1.0
+    high_m = added_m[over & (added_m[..., 2].min(axis=1) > 5.5)]
+    assert np.ptp(high_m[..., 1]) > 4 * plain.lane_width_m  # both carriageways
+    posts_m = added_m[~over]
+    assert posts_m[..., 2].max() == pytest.approx(1.0 + plain.kerb_m, abs=0.05)
+    beside = [
+        shapely.distance(shapely.Point(*corner[:2]), shapely.box(-40, -1.625, 100, 1.625)) for corner in posts_m[:, 0]
+    ]
+    assert min(beside) > 0.3
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_another_world(kind: str, world: World) -> None:

@@ -13,11 +13,10 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings, open_native
-from bench.validation import Depth, report, validate_recording
-from bench.validation.fits import box_fit
-from bench.validation.fits.box_fit import BoxFit
-from bench.validation.fits.cameras import check_cameras
-from bench.validation.fits.static_world import check_static_world
+from bench.validation import Depth, box_fit, report, validate_recording
+from bench.validation.box_fit import BoxFit
+from bench.validation.cameras import check_cameras
+from bench.validation.static_world import check_static_world
 from tests.support.tiny import HEIGHT, OUTLINE_M, VEHICLE_FROM_LIDAR, WIDTH, front_camera
 
 START_NS = 1_700_000_000_000_000_000
@@ -124,7 +123,6 @@ def write_drive(root: Path, margin_m: float = 0.0) -> Path:
     writer = RecordingWriter(root)
     writer.header(
         name=root.name,
-        licence="Apache-2.0",
         frame_interval_ns=IMAGE_NS,
         cameras={"front": front_camera()},
         vehicle_from_lidar=VEHICLE_FROM_LIDAR,

@@ -14,14 +14,13 @@ from scipy.spatial.transform import Rotation
 
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep
-from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
+from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track, load_card, open_dataset
 from bench.recordings.native import open_native
-from bench.validation import Depth, Severity, findings
-from bench.validation.fits import box_fit
-from bench.validation.quick import boxes
-from bench.validation.quick.boxes import check_boxes
-from bench.validation.quick.sensors import ImageOrder, seen_road
+from bench.validation import Depth, Severity, box_fit, boxes, findings, validate_dataset
+from bench.validation.boxes import check_boxes
+from bench.validation.sensors import ImageOrder, seen_road
 from tests.support import tiny
+from tests.support.cards import write_card
 from tests.support.clouds import pcd_of
 from tests.support.planting import (
     change_boxes,
@@ -77,6 +76,11 @@ def head(change):
     return lambda root: change_head(root, change)
 
 
+def road_at(height_m):
+    """Height of the road as the calibration has it; the rays of the drive meet it at 0."""
+    return head(lambda head: head["vehicle"].update(ground_height_m=height_m))
+
+
 def together(*plants):
     def plant(root):
         for each in plants:
@@ -87,6 +91,14 @@ def together(*plants):
 
 def text_of(finding):
     return f"{finding.file} {finding.field} {finding.expected} {finding.got} {finding.hint} {finding.times} times"
+
+
+def plant_and_compare(root, plant, told, text, *, returns=False):
+    plant(root)
+    looked = found(root, returns=returns)
+    assert {(finding.check, finding.severity.value) for finding in looked} == told
+    for part in text.split(" & ") if text else ():
+        assert any(re.search(part, text_of(finding)) for finding in looked), looked
 
 
 @pytest.mark.parametrize("depth", [Depth.SAMPLED, pytest.param(Depth.DEEP, marks=pytest.mark.slow)])
@@ -291,14 +303,16 @@ UPSIDE_DOWN = drive.quaternion_wxyz(tiny.FRONT, Rotation.from_euler("z", 180, de
         (frames(unknown_category), {("file", ERROR)}, "sideways"),
         (key_twice, {("key-twice", ERROR)}, "'walker'"),
         (head(lambda head: head.update(annotated="none")), {("annotated", WARNING)}, "4 objects, which nothing uses"),
+        (together(lambda root: images(root)[2].write_bytes(b"\x89PNG\r\n\x1a\n"), sweep_of(lambda points: points[:0]),
+                  lambda root: sweep_files(root)[5].write_bytes(b"PK")),
+         {("image", ERROR), ("sweep", ERROR), ("empty-sweep", ERROR)}, ""),  # files are read one by one
+        (road_at(-0.08), {("road-height", WARNING)}, r"at -0.08 m.* [+-]0.0[01] m in the vehicle's lane.* 16 times"),
+        (road_at(-0.03), set(), ""),  # within suspension travel
+        (road_at(0.03), set(), ""),
     ],
 )  # fmt: skip
 def test_a_fault_is_told_and_nothing_else(root, plant, told, text):
-    plant(root)
-    looked = found(root)
-    assert {(finding.check, finding.severity.value) for finding in looked} == told
-    for part in text.split(" & ") if text else ():
-        assert any(re.search(part, text_of(finding)) for finding in looked), looked
+    plant_and_compare(root, plant, told, text)
 
 
 @pytest.mark.parametrize(
@@ -350,10 +364,7 @@ def test_a_fault_is_told_and_nothing_else(root, plant, told, text):
     ],
 )  # fmt: skip
 def test_a_fault_that_returns_could_see_is_told_and_nothing_else(root, plant, told, text):
-    plant(root)
-    looked = found(root, returns=True)
-    assert {(finding.check, finding.severity.value) for finding in looked} == told
-    assert any(re.search(text, text_of(finding)) for finding in looked)
+    plant_and_compare(root, plant, told, text, returns=True)
 
 
 def arriving(time_ns):
@@ -405,6 +416,8 @@ def bus(**columns):
     ("plant", "severity", "check", "text"),
     [
         (bus(speed_mps="120"), ERROR, "ego-speed", "at most 75 m/s up to 120 m/s"),
+        (bus(yaw_rate_radps="11.5"), ERROR, "ego-turn", "yaw rate"),
+        (bus(yaw_rate_radps="11.5"), WARNING, "object-jump", "may follow from the ego-motion: correct that"),
         (retimed("images/front", arriving), WARNING, "irregular-times", "images of front"),
         (copied(3, 4, sweep_files), ERROR, "same-sweep", ""),
         (packed_sweeps, WARNING, "not-read", r"lidar/\*.*gz .*5 that are passed over: no .npz or .bin.* 5 times"),
@@ -470,33 +483,6 @@ def test_between_plain_walls_the_lidar_cannot_tell_the_speed(monkeypatch, tmp_pa
     assert "ego-motion-unit" not in {finding.check for finding in found(corridor, static_world=True)}
 
 
-@pytest.mark.slow
-def test_degrees_per_second(root):
-    change_bus(root, lambda row: row.update(yaw_rate_radps=str(np.degrees(drive.TURN_RADPS))))
-    cause, *others = found(root, static_world=True, returns=True)
-    assert (cause.check, cause.severity) == ("ego-turn", Severity.ERROR)
-    (following,) = (cause.following for cause in findings.causes() if cause.name == "the ego-motion")
-    labels = [finding for finding in others if finding.check in following]
-    assert labels
-    assert {(finding.severity, finding.hint) for finding in labels} == {
-        (Severity.WARNING, "may follow from the ego-motion: correct that, validate again")
-    }
-
-
-def test_a_road_that_the_calibration_puts_8_cm_off(root):
-    change_head(root, lambda head: head["vehicle"].update(ground_height_m=-0.08))
-    (told,) = [finding for finding in found(root) if finding.check == "road-height"]
-    assert (told.severity, told.times) == (Severity.WARNING, drive.SWEEPS)
-    assert told.expected.startswith("the road at -0.08 m")
-    assert float(told.got.split()[0]) == pytest.approx(0.0, abs=0.01)  # where the rays of the drive meet it
-
-
-@pytest.mark.parametrize("ground_height_m", [-0.03, 0.03])
-def test_a_road_3_cm_off_is_within_suspension_travel(root, ground_height_m):
-    change_head(root, lambda head: head["vehicle"].update(ground_height_m=ground_height_m))
-    assert found(root) == []
-
-
 def test_neither_pavements_nor_scatter_nor_the_car_ahead_move_the_lane():
     rng = np.random.default_rng(3)
     x, y = rng.uniform(-13, 13, (2, 40_000))
@@ -508,18 +494,13 @@ def test_neither_pavements_nor_scatter_nor_the_car_ahead_move_the_lane():
     assert abs(road.height_m + 0.04) > 0.05  # the lowest points of all cells tell less
 
 
-def test_a_lane_that_is_not_seen_has_no_height():
-    x, y = np.random.default_rng(3).uniform(-13, 13, (2, 40_000))
-    beside = np.abs(y) > 1.5
-    assert np.isnan(seen_road(np.column_stack([x, y, 0.0 * x])[beside]).lane_height_m)
-
-
-def test_a_lane_that_leads_over_a_kerb_tells_no_height():
+def test_a_lane_that_is_not_seen_or_leads_over_a_kerb_tells_no_height():
     """A plane through the road ahead and the pavement behind a kerb would lie below the road at the vehicle."""
     x, y = (grid.ravel() for grid in np.meshgrid(np.arange(2.6, 13.0, 0.2), np.arange(-6.0, 6.0, 0.2)))
-    kerb = np.where(x > 5.0 + y, 0.12, 0.0)
-    assert seen_road(np.column_stack([x, y, 0.0 * x])).lane_height_m == pytest.approx(0.0, abs=0.005)
-    assert np.isnan(seen_road(np.column_stack([x, y, kerb])).lane_height_m)
+    flat = np.column_stack([x, y, 0.0 * x])
+    assert seen_road(flat).lane_height_m == pytest.approx(0.0, abs=0.005)
+    assert np.isnan(seen_road(flat[np.abs(y) > 1.5]).lane_height_m)
+    assert np.isnan(seen_road(flat + np.outer(np.where(x > 5.0 + y, 0.12, 0.0), [0, 0, 1])).lane_height_m)
 
 
 # ---------------------------------------------------------------- boxes
@@ -596,18 +577,6 @@ def test_point_indices_beyond_the_sweep(root):
     assert [finding.check for finding in told] == ["point-indices", "point-indices"]
 
 
-# ---------------------------------------------------------------- files that do not open
-
-
-def test_images_and_sweeps_are_read_file_by_file(root):
-    image, sweep = images(root)[2], sweep_files(root)[3]
-    image.write_bytes(b"\x89PNG\r\n\x1a\n")
-    change_sweep(sweep, with_points(lambda points: points[:0]))
-    sweep_files(root)[5].write_bytes(b"PK")
-    told = {finding.file for finding in found(root)}
-    assert {str(image), str(sweep), str(sweep_files(root)[5])} <= told
-
-
 @pytest.mark.parametrize("bits", [10, 12])
 def test_bits_that_are_read_as_sixteen(root, bits):
     for number, path in enumerate(images(root)):
@@ -617,3 +586,15 @@ def test_bits_that_are_read_as_sixteen(root, bits):
     assert [finding.severity for finding in told] == ([Severity.WARNING] if bits == 12 else [])
     change_head(root, lambda head: head["cameras"]["front"].update(white_level=2**bits - 1))
     assert found(root) == []
+
+
+def test_the_same_drive_under_two_names_is_found_by_its_content(tmp_path):
+    for name in ("a", "b", "other"):
+        tiny.write_recording(tmp_path / "data" / name)
+    changed = RecordingWriter(tmp_path / "data" / "other")
+    changed.image("front", tiny.TIMES_NS[1], np.zeros((tiny.HEIGHT, tiny.WIDTH), dtype=np.uint8))
+    report = validate_dataset("x", open_dataset(load_card(write_card(tmp_path))))
+    same = {of.name: [f.got for f in of.findings if f.check == "same-drive"] for of in report.recordings}
+    assert same == {"a": [], "b": ["the images and the sweep of 'a' in the middle of it"], "other": []}
+    (alone,) = validate_dataset("x", open_dataset(load_card(write_card(tmp_path)), "a")).recordings
+    assert "same-drive" not in [finding.check for finding in alone.findings]

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from bench.adapters.rosbag.messages import (
     HEADER_BYTES,
@@ -32,7 +32,7 @@ from bench.atomic import path_inside, refuse_escape
 from bench.errors import DataError
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
-from bench.recordings.validation import LATEST_NS, validated
+from bench.recordings.validation import LATEST_NS, ForeignModel, validated
 from bench.times import SECOND_NS
 
 METADATA = "metadata.yaml"
@@ -44,28 +44,22 @@ LONGEST_JUMP_S = 10.0  # a delay from stamp to recording that differs by more is
 Clock = Literal["header", "bag"]
 
 
-class _Described(BaseModel):
-    """A part of `metadata.yaml`; other keys are ignored."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True)
-
-
-class _TopicName(_Described):
+class _TopicName(ForeignModel):
     name: str
 
 
-class _TopicCount(_Described):
+class _TopicCount(ForeignModel):
     topic_metadata: _TopicName
     message_count: Annotated[int, Field(ge=0)]
 
 
-class _Information(_Described):
+class _Information(ForeignModel):
     relative_file_paths: tuple[str, ...]
     topics_with_message_count: tuple[_TopicCount, ...] = ()
     compression_mode: str | None = None
 
 
-class _Metadata(_Described):
+class _Metadata(ForeignModel):
     rosbag2_bagfile_information: _Information
 
 

@@ -13,7 +13,7 @@ import struct
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from io import SEEK_END, BytesIO
 from pathlib import Path
@@ -248,7 +248,7 @@ def read_message(file: Path, position: Position) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class StoredMessage:
-    """A message in a bag; a `bench.records.recording.StoredPart`.
+    """A message in a bag; a `bench.records.recording.StoredPart`. Its `repr` is what decides how it is decoded.
 
     Attributes:
         container: the file that holds it.
@@ -256,8 +256,8 @@ class StoredMessage:
         topic: that it was sent on.
     """
 
-    container: Path
-    position: Position
+    container: Path = field(repr=False)
+    position: Position = field(repr=False)
     topic: Topic
 
     def payload(self) -> bytes:
@@ -266,11 +266,7 @@ class StoredMessage:
 
     def content(self) -> bytes:
         """Bytes of the message, after everything that decides how they are decoded."""
-        return repr((self.topic, *self.decoding())).encode() + self.payload()
-
-    def decoding(self) -> tuple[Any, ...]:
-        """Everything else that decides how the message is decoded."""
-        return ()
+        return repr(self).encode() + self.payload()
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from bench.adapters.rosbag.messages import full_name
 from bench.atomic import MOST_LINK_LEVELS, path_inside
-from bench.lidar.fields import TimeOrigin, TimeUnit
+from bench.lidar.fields import TimeUnit
 from bench.plain_yaml import parse_yaml
 from bench.recordings.files import read_text
 from bench.recordings.images import MOST_WHITE
@@ -32,7 +32,6 @@ class RosbagOptions(FileModel):
         evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
             stored.
         follow_links: how many levels below `root` links to folders are followed; 1 for bags in `root` itself.
-        licence: of the data.
     """
 
     rig: str = "rig.yaml"
@@ -40,7 +39,6 @@ class RosbagOptions(FileModel):
     accept_losses: bool = False
     evaluated_size_px: EvaluatedSize = None
     follow_links: int = Field(default=1, ge=0, le=MOST_LINK_LEVELS)
-    licence: str = ""
 
 
 class MountedRig(FileModel):
@@ -93,8 +91,6 @@ class LidarRig(MountedRig):
         time_offset_ns: added to the stamp, and with it to the times of the points.
         time_field: the field with times of points; null for the first of the usual names.
         time_unit: its unit; null for the one by which a sweep lasts 10 ms to a second.
-        time_from: whether it counts from the message's stamp or from the start of a clock; null for what fits.
-        full_intensity: value of the intensity that is 1; null for 1, 255 or 65535, the first that none exceeds.
         drop_origin: leave out points at the lidar itself, which some drivers store for lost returns.
     """
 
@@ -102,8 +98,6 @@ class LidarRig(MountedRig):
     time_offset_ns: OffsetNs = 0
     time_field: str | None = None
     time_unit: TimeUnit | None = None
-    time_from: TimeOrigin | None = None
-    full_intensity: float | None = Field(default=None, gt=0)
     drop_origin: bool = False
 
 

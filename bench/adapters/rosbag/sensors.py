@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import override
 
 from bench.adapters.rosbag.messages import COMPRESSED_IMAGE, StoredMessage, decode, header_stamp_ns
 from bench.adapters.rosbag.rig import LidarRig
@@ -63,11 +62,7 @@ class BagImage(StoredMessage):
 
     size_px: tuple[int, int]
     white_level: int
-    name: Path
-
-    @override
-    def decoding(self) -> tuple[Any, ...]:
-        return self.size_px, self.white_level
+    name: Path = field(repr=False)
 
     def pixels(self, *, colour: bool) -> NDArray[np.uint8]:
         """Decode it: (height, width) uint8 grey or (height, width, 3) uint8 BGR.
@@ -141,7 +136,7 @@ class BagImage(StoredMessage):
 
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # as PointField numbers them
 MOST_POINTS = 10_000_000
-TIME_HINT = "set time_unit and time_from of the lidar in the rig file"
+TIME_HINT = "set time_unit of the lidar in the rig file"
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,10 +148,6 @@ class BagSweep(StoredMessage):
     """
 
     rig: LidarRig
-
-    @override
-    def decoding(self) -> tuple[Any, ...]:
-        return (self.rig,)
 
     def __call__(self, name: Path, timestamp_ns: int) -> LidarSweep:
         """Decode it.
@@ -193,18 +184,15 @@ def cloud_sweep(message: Any, timestamp_ns: int, *, stamp_ns: int, rig: LidarRig
         DataError: fields that are missing or do not fit the data, or times that are none of this sweep.
     """
     rows = _structured(message, name)
-    fields = {field: rows[field] for field in rows.dtype.names or ()}
-    points = np.stack([fields.pop(axis) for axis in "xyz"], axis=-1)
+    fields = {key: rows[key].astype(rows[key].dtype.newbyteorder("=")) for key in rows.dtype.names or ()}
     return sweep_of(
-        points.astype(points.dtype.newbyteorder("="), copy=False),
-        {field: values.astype(values.dtype.newbyteorder("=")) for field, values in fields.items()},
+        np.stack([fields.pop(axis) for axis in "xyz"], axis=-1),
+        fields,
         timestamp_ns,
         name=name,
         stamp_ns=stamp_ns,
         time_field=rig.time_field,
         time_unit=rig.time_unit,
-        time_from=rig.time_from,
-        full_intensity=rig.full_intensity,
         drop_origin=rig.drop_origin,
         time_hint=TIME_HINT,
     )

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,8 +32,8 @@ from bench.annotation.formats.conversion import (
 )
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings import ObjectState, Recording, openlabel
-from bench.recordings.annotations import annotation_document
+from bench.recordings import Recording
+from bench.recordings.annotations import COORDINATE_SYSTEM, annotation_document
 from bench.recordings.validation import LATEST_NS, FileModel, Measured, read_json
 
 FILE = "openlabel.json"
@@ -109,14 +108,30 @@ class OpenLabelFormat(LabelFormat):
             lost += _not_read(item.object_data)
         names = [item.name for item in content.objects.values()]
         distinct = all(names) and len(set(names)) == len(names)
+        unseen = set(content.objects)
         observations = []
-        for uid, cuboid, system, time_ns, field in _cuboids(content, times_ns, lost, file):
-            system_field = f"{field}.coordinate_system"
-            vehicle_from_system = vehicle_from_tool(system, time_ns, recording, options, file, system_field)
-            state = _box(cuboid, vehicle_from_system, time_ns, file, field)
-            item = content.objects[uid]
-            observations.append(Observation(track=item.name if distinct else uid, label=item.type, state=state))
-        told = [f"{count} {what}" for what, count in lost.items()]
+        shown_objects = ((n, uid, shown) for n, frame in content.frames.items() for uid, shown in frame.objects.items())
+        for number, uid, shown in shown_objects:
+            field = f"openlabel.frames.{number}.objects.{uid}"
+            if (item := content.objects.get(uid)) is None:
+                expected = "an object listed under openlabel.objects"
+                raise DataError(file, field=field, expected=expected, got=repr(uid))
+            lost += _not_read(shown.object_data)
+            for cuboid in shown.object_data.cuboid[:1]:
+                unseen.discard(uid)
+                system = cuboid.coordinate_system or shown.coordinate_system or item.coordinate_system or ""
+                field += ".object_data.cuboid"
+                vehicle_from_system = vehicle_from_tool(
+                    system, times_ns[number], recording, options, file, f"{field}.coordinate_system"
+                )
+                box = vehicle_from_system @ _pose(cuboid, file, field)
+                if box.rotation[2, 2] < UPRIGHT:
+                    got = f"one at {np.degrees(np.arccos(box.rotation[2, 2])):.0f} degrees"
+                    raise DataError(file, field=f"{field}.val", expected="a box whose z points up", got=got)
+                state = box_state(times_ns[number], box, cuboid.val[-3:])
+                observations.append(Observation(track=item.name if distinct else uid, label=item.type, state=state))
+        lost["objects without any cuboid in a frame, left out"] = len(unseen)
+        told = [f"{count} {what}" for what, count in (+lost).items()]
         return ToolLabels(observations=observations, timestamps_ns=list(times_ns.values()), lost=told)
 
     def write(self, recording: Recording) -> tuple[Files, list[str]]:
@@ -128,9 +143,9 @@ class OpenLabelFormat(LabelFormat):
             part["objects"] = {uids[name]: item for name, item in part["objects"].items()}
         w, *xyz = recording.vehicle_from_lidar.quaternion_wxyz.tolist()
         pose = {"quaternion": [*xyz, w], "translation": recording.vehicle_from_lidar.translation_m.tolist()}
-        vehicle, systems = openlabel.COORDINATE_SYSTEM, root["coordinate_systems"]
-        systems[vehicle]["children"] = ["lidar"]
-        systems["lidar"] = {"type": "sensor_cs", "parent": vehicle, "children": [], "pose_wrt_parent": pose}
+        systems = root["coordinate_systems"]
+        systems[COORDINATE_SYSTEM]["children"] = ["lidar"]
+        systems["lidar"] = {"type": "sensor_cs", "parent": COORDINATE_SYSTEM, "children": [], "pose_wrt_parent": pose}
         if root["frames"]:
             root["frame_intervals"] = [{"frame_start": 0, "frame_end": len(root["frames"]) - 1}]
         return {FILE: (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()}, []
@@ -152,26 +167,6 @@ def _frame_times(content: _Root, recording: Recording, options: LabelOptions, fi
     return dict(zip(stamps, times_ns, strict=True))
 
 
-def _cuboids(
-    content: _Root, times_ns: dict[str, int], lost: Counter[str], file: Path
-) -> Iterator[tuple[str, _Cuboid, str, int, str]]:
-    """The object, the cuboid, its system of coordinates, its time and its field; counts what is not read in `lost`."""
-    unseen = set(content.objects)
-    for number, frame in content.frames.items():
-        for uid, shown in frame.objects.items():
-            field = f"openlabel.frames.{number}.objects.{uid}"
-            if uid not in content.objects:
-                expected = "an object listed under openlabel.objects"
-                raise DataError(file, field=field, expected=expected, got=repr(uid))
-            lost += _not_read(shown.object_data)
-            for cuboid in shown.object_data.cuboid[:1]:
-                system = cuboid.coordinate_system or shown.coordinate_system or content.objects[uid].coordinate_system
-                unseen.discard(uid)
-                yield uid, cuboid, system or "", times_ns[number], f"{field}.object_data.cuboid"
-    if unseen:
-        lost["objects without any cuboid in a frame, left out"] += len(unseen)
-
-
 def _not_read(data: _ObjectData) -> Counter[str]:
     counts = {f"{kind[:40]}: no field for them": len(entries) for kind, entries in (data.model_extra or {}).items()}
     counts["further cuboids of an object at one time"] = max(len(data.cuboid) - 1, 0)
@@ -179,9 +174,11 @@ def _not_read(data: _ObjectData) -> Counter[str]:
     return Counter(counts | {"cuboids with attributes: no field for them": len(attributes)})
 
 
-def _box(cuboid: _Cuboid, vehicle_from_tool: RigidTransform, time_ns: int, file: Path, field: str) -> ObjectState:
-    """A box in the vehicle frame: nine values turn about the fixed x, y and z in turn, ten have a quaternion."""
+def _pose(cuboid: _Cuboid, file: Path, field: str) -> RigidTransform:
+    """A box in its system: nine values turn about the fixed x, y and z in turn, ten have a quaternion."""
     numbers = np.array(cuboid.val)
+    if min(size_m := cuboid.val[-3:]) <= 0:
+        raise DataError(file, field=f"{field}.val", expected="sizes above 0", got=str(size_m))
     if len(numbers) == EULER_VALUES:
         rotation = Rotation.from_euler("xyz", numbers[3:6])
     elif abs(np.linalg.norm(numbers[3:7]) - 1.0) < UNIT_ERROR:
@@ -189,10 +186,4 @@ def _box(cuboid: _Cuboid, vehicle_from_tool: RigidTransform, time_ns: int, file:
     else:
         expected, got = "a quaternion x, y, z, w of length 1", str(list(cuboid.val[3:7]))
         raise DataError(file, field=f"{field}.val", expected=expected, got=got)
-    box = vehicle_from_tool @ RigidTransform(rotation.as_matrix(), numbers[:3])
-    if box.rotation[2, 2] < UPRIGHT:
-        got = f"one at {np.degrees(np.arccos(box.rotation[2, 2])):.0f} degrees"
-        raise DataError(file, field=f"{field}.val", expected="a box whose z points up", got=got)
-    if min(size_m := cuboid.val[-3:]) <= 0:
-        raise DataError(file, field=f"{field}.val", expected="sizes above 0", got=str(size_m))
-    return box_state(time_ns, box, size_m)
+    return RigidTransform(rotation.as_matrix(), numbers[:3])

@@ -1,6 +1,6 @@
 """What CVAT writes as "KITTI Raw Format": `tracklet_labels.xml` and `frame_list.txt`.
 
-CVAT keeps the tags of KITTI's raw tracklets (`bench.adapters.tracklets`) and changes their meaning: the place
+CVAT keeps the tags of KITTI's raw tracklets (`bench.adapters.kitti_raw`) and changes their meaning: the place
 is the middle of the box, w lies along x, h along y and l along z, and the three angles turn about the box's own x, y
 and z in turn. Gaps of a track are filled with copies that are outside of the image with unset occlusion. CVAT carries
 an object's id in an attribute `id`, where the task's labels have one, and names its frames in `frame_list.txt` beside
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.tracklets import (
+from bench.adapters.kitti_raw import (
     CUT_OFF,
     ID_ATTRIBUTE,
     LABELLED,

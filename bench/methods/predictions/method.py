@@ -149,24 +149,16 @@ def refuse_faults(method: PredictedMotion, index: PredictionIndex) -> None:
 
 def write_report(file: Path, card: DatasetCard, method: PredictedMotion, index: PredictionIndex) -> None:
     """Write how a folder of predictions fits a data set, as `predictions.json`: counts, and all faults by kind."""
-    faults = {
-        kind.value: [{"place": fault.place, "reason": fault.reason} for fault in index.of_kind(kind)]
-        for kind in FaultKind
-    }
+    told = ("form", "digest", "expected", "unscored", "elsewhere", "largest")
     content = {
         "schema_version": SCHEMA_VERSION,
         "dataset": card.name,
-        "split": method.split,
-        "folder": method.folder,
-        "form": index.form,
-        "digest": index.digest,
-        "expected": index.expected,
+        **{name: getattr(method, name) for name in ("split", "folder", "threshold", "missing")},
+        **{name: getattr(index, name) for name in told},
         "usable": len(index.usable),
-        "unscored": index.unscored,
-        "elsewhere": index.elsewhere,
-        "largest": index.largest,
-        "threshold": method.threshold,
-        "missing_policy": method.missing,
-        "faults": faults,
+        "faults": {
+            kind.value: [{"place": fault.place, "reason": fault.reason} for fault in index.of_kind(kind)]
+            for kind in FaultKind
+        },
     }
     write_text(file, json.dumps(content, indent=1, ensure_ascii=False) + "\n")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -81,40 +81,6 @@ class ImageKey(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PredictionIndex:
-    """A folder of predictions, gone through.
-
-    Attributes:
-        form: of all predictions, as the folder says.
-        predictions: of all images that will be scored; one without files is missing.
-        usable: images whose prediction can be read.
-        faults: all that is wrong, by kind and place.
-        unscored: predictions of images that are not scored: first ones, those after a gap, excluded ones.
-        elsewhere: files of recordings that are not of the split, excluded, or cannot be opened.
-        largest: value of all usable predictions, in [0, 1].
-        digest: SHA-256 over the usable predictions' images and the content of their files.
-    """
-
-    form: Literal["mask", "score"]
-    predictions: Mapping[ImageKey, Prediction]
-    usable: frozenset[ImageKey]
-    faults: tuple[Fault, ...]
-    unscored: int
-    elsewhere: int
-    largest: float
-    digest: str
-
-    @property
-    def expected(self) -> int:
-        """Images that need a prediction."""
-        return len(self.predictions)
-
-    def of_kind(self, kind: FaultKind) -> tuple[Fault, ...]:
-        """The faults of a kind."""
-        return tuple(fault for fault in self.faults if fault.kind is kind)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class NamedImage:
     """An image and where its prediction may lie.
 
@@ -169,24 +135,33 @@ def named_images(handle: RecordingHandle, *, alone: bool) -> Iterator[NamedImage
             )
 
 
-class Pairing:
-    """The files of a folder, taken image by image.
+class PredictionIndex:
+    """A folder of predictions, from which images take theirs one by one.
 
     Args:
         root: the folder; hidden files are passed over, links to folders not followed.
+
+    Attributes:
+        form: "mask" or "score", of all predictions, as the folder says.
+        predictions: of all images that will be scored; one without files is missing.
+        usable: SHA-256 of the file of each image whose prediction can be read.
+        faults: all that is wrong.
+        unscored: predictions of images that are not scored: first ones, those after a gap, excluded ones.
+        elsewhere: files of recordings that are not of the split, excluded, or cannot be opened.
+        largest: value of all usable predictions, in [0, 1].
 
     Raises:
         DataError: there is no such folder, or its statement is none.
     """
 
     def __init__(self, root: Path) -> None:
-        self._root, self._statement = root, read_statement(root)
+        self._root = root
+        self.form = read_statement(root).sixteen_bits or "mask"
+        self.predictions: dict[ImageKey, Prediction] = {}
+        self.usable: dict[ImageKey, str] = {}
+        self.faults: list[Fault] = []
+        self.unscored, self.elsewhere, self.largest = 0, 0, 0.0
         self._files = defaultdict[str, list[Path]](list)  # by place, without the suffix; those that are not yet taken
-        self._faults: list[Fault] = []
-        self._predictions: dict[ImageKey, Prediction] = {}
-        self._usable: set[ImageKey] = set()
-        self._unscored, self._largest, self._digest = 0, 0.0, hashlib.sha256()
-        self.is_annotated = False
         for path in sorted(root.rglob("*")):
             place = path.relative_to(root)
             is_hidden = any(part.startswith(".") for part in place.parts)
@@ -195,33 +170,45 @@ class Pairing:
             if path.suffix.lower() == ".png":
                 self._files[place.with_suffix("").as_posix()].append(path)
             else:
-                self._fault(FaultKind.EXTRA, place.as_posix(), "no .png")
+                self._fault(FaultKind.EXTRA, path, "no .png")
+
+    @property
+    def expected(self) -> int:
+        """Images that need a prediction."""
+        return len(self.predictions)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over the usable predictions' images and the content of their files."""
+        lines = (f"{key}:{digest}\n" for key, digest in self.usable.items())
+        return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+    def of_kind(self, kind: FaultKind) -> list[Fault]:
+        """The faults of a kind, by place."""
+        return sorted((fault for fault in self.faults if fault.kind is kind), key=lambda fault: fault.place)
 
     def take(self, image: NamedImage) -> None:
         """Take and read the prediction of an image."""
-        self.is_annotated |= image.is_annotated
         files = tuple(file for place in image.places for file in self._files.pop(place, ()))
         if not image.is_scored:
-            self._unscored += bool(files)
+            self.unscored += bool(files)
             return
-        are_scores = self._statement.sixteen_bits == "score"
-        prediction = Prediction(root=self._root, files=files, sizes=image.sizes, are_scores=are_scores)
-        self._predictions[image.key] = prediction
+        prediction = Prediction(root=self._root, files=files, sizes=image.sizes, are_scores=self.form == "score")
+        self.predictions[image.key] = prediction
         try:
             content = prediction.content()
-            self._largest = max(self._largest, float(prediction.values(content).max()))
+            self.largest = max(self.largest, float(prediction.values(content).max()))
         except DataError as error:
             reason = f"expected {error.expected}, got {error.got}" + (f"; {error.hint}" if error.hint else "")
             if len(files) == 1:
-                self._fault(FaultKind.UNUSABLE, self._relative(files[0]), reason)
+                self._fault(FaultKind.UNUSABLE, files[0], reason)
             else:
-                self._fault(FaultKind.TWICE if files else FaultKind.MISSING, str(image.key), reason)
+                self._fault(FaultKind.TWICE if files else FaultKind.MISSING, image.key, reason)
         else:
-            self._usable.add(image.key)
-            self._digest.update(f"{image.key}:{hashlib.sha256(content).hexdigest()}\n".encode())
+            self.usable[image.key] = hashlib.sha256(content).hexdigest()
 
-    def index(self, *, others: Collection[str]) -> PredictionIndex:
-        """All that was found; files of no image are faults, those of other recordings are counted.
+    def close(self, *, others: Collection[str]) -> None:
+        """Tell files that no image took: those of other recordings are counted, the rest are faults.
 
         Args:
             others: recordings of the data set that are not scored.
@@ -229,38 +216,25 @@ class Pairing:
         Raises:
             DataError: nothing names an image that is scored.
         """
-        elsewhere = 0
         for place, files in self._files.items():
             if any(place.startswith(f"{name}/") for name in others):
-                elsewhere += len(files)
+                self.elsewhere += len(files)
                 continue
             for file in files:
-                reason = "its recording, camera and name are of no image of the data set"
-                self._fault(FaultKind.EXTRA, self._relative(file), reason)
-        if not any(prediction.files for prediction in self._predictions.values()):
-            extra = [fault.place for fault in self._faults if fault.kind is FaultKind.EXTRA]
-            got = f"{len(extra)} files and none of them does, the first {min(extra)}" if extra else "no file that does"
-            expected = "predictions that name images that are scored"
-            if self._predictions:
-                expected += f", such as {next(iter(self._predictions))}.png"
-            raise DataError(self._root, expected=expected, got=got)
-        order = list(FaultKind)
-        return PredictionIndex(
-            form=self._statement.sixteen_bits or "mask",
-            predictions=self._predictions,
-            usable=frozenset(self._usable),
-            faults=tuple(sorted(self._faults, key=lambda fault: (order.index(fault.kind), fault.place))),
-            unscored=self._unscored,
-            elsewhere=elsewhere,
-            largest=self._largest,
-            digest=self._digest.hexdigest(),
-        )
+                self._fault(FaultKind.EXTRA, file, "its recording, camera and name are of no image of the data set")
+        if not any(prediction.files for prediction in self.predictions.values()):
+            extra = self.of_kind(FaultKind.EXTRA)
+            got = (
+                f"{len(extra)} files and none of them does, the first {extra[0].place}"
+                if extra
+                else "no file that does"
+            )
+            example = f", such as {next(iter(self.predictions))}.png" if self.predictions else ""
+            raise DataError(self._root, expected=f"predictions that name images that are scored{example}", got=got)
 
-    def _relative(self, file: Path) -> str:
-        return file.relative_to(self._root).as_posix()
-
-    def _fault(self, kind: FaultKind, place: str, reason: str) -> None:
-        self._faults.append(Fault(kind=kind, place=place, reason=reason))
+    def _fault(self, kind: FaultKind, place: Path | ImageKey, reason: str) -> None:
+        shown = place.relative_to(self._root).as_posix() if isinstance(place, Path) else str(place)
+        self.faults.append(Fault(kind=kind, place=shown, reason=reason))
 
 
 def index_predictions(
@@ -282,10 +256,9 @@ def index_predictions(
         DataError: no such folder, no recording can be opened, no image is annotated, or nothing in the folder names an
             image that is scored.
     """
-    pairing = Pairing(root)
-    handles = open_dataset(card, split)
+    index, handles = PredictionIndex(root), open_dataset(card, split)
     everywhere = {handle.name for handle in open_dataset(card)} | {e.recording for e in card.content.exclusions}
-    opened, unopened, images = set[str](), None, list[NamedImage]()
+    opened, unopened, is_annotated = set[str](), None, False
     for number, handle in enumerate(handles):
         try:
             images = list(named_images(handle, alone=len(everywhere) == 1))
@@ -293,13 +266,15 @@ def index_predictions(
             unopened = unopened or error
             continue  # the run lists it; its files count as of elsewhere
         opened.add(handle.name)
+        is_annotated |= any(image.is_annotated for image in images)
         for done, image in enumerate(images, start=1):
-            pairing.take(image)
+            index.take(image)
             if progress is not None:
                 progress(number + done / len(images), len(handles))
     if not opened and unopened is not None:
         raise unopened  # else its predictions would be told to name nothing
-    if opened and not pairing.is_annotated:
+    if opened and not is_annotated:
         hint = "annotate some first (annotations/README.md)"
         raise DataError(card.file, field="annotations", expected="an annotated image", got="none", hint=hint)
-    return pairing.index(others=everywhere - opened)
+    index.close(others=everywhere - opened)
+    return index

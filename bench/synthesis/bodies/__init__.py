@@ -12,8 +12,10 @@ from bench.synthesis.bodies.dog import dog
 from bench.synthesis.bodies.people import Stature, pedestrian, with_pram
 from bench.synthesis.bodies.riders import RACING, ROADSTER, SCOOTER, UPRIGHT, cyclist, motorcyclist
 from bench.synthesis.bodies.vehicles import (
+    ARTICULATED_LORRY,
     BUS,
     CITY_CAR,
+    COACH,
     ESTATE,
     HATCHBACK,
     LORRY,
@@ -21,6 +23,7 @@ from bench.synthesis.bodies.vehicles import (
     PICKUP,
     SALOON,
     SUV,
+    TANKER,
     VAN,
     vehicle,
 )
@@ -37,6 +40,9 @@ BODIES: dict[str, tuple[str, Builder]] = {
     "minibus": ("vehicle", partial(vehicle, MINIBUS)),
     "lorry": ("vehicle", partial(vehicle, LORRY)),
     "bus": ("vehicle", partial(vehicle, BUS)),
+    "coach": ("vehicle", partial(vehicle, COACH)),
+    "articulated_lorry": ("vehicle", partial(vehicle, ARTICULATED_LORRY)),
+    "tanker": ("vehicle", partial(vehicle, TANKER)),
     "pickup": ("vehicle", partial(vehicle, PICKUP)),
     "cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.75), UPRIGHT)),
     "tall_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.88), UPRIGHT)),

@@ -6,7 +6,7 @@ x = 0 halfway along the vehicle. Outlines are after common models of each class.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -472,4 +472,76 @@ BUS = Vehicle(
     cabin=Cabin(belt_m=(-5.92, 5.92, 1.26, 1.14), roof_m=(-5.86, 5.76, 1.20, 2.98),
                 panes=tuple((0.02 + 0.12 * k, 0.13 + 0.12 * k) for k in range(8))),
     tyre_m=(0.48, 0.28), plate_m=0.62, handles_x_m=(),
+)  # fmt: skip
+
+
+TRACTOR_M = 3.5  # from a lorry's place to that of the same cab before a long trailer
+
+
+def _long_lorry(load: Extras) -> Vehicle:
+    """An articulated lorry of 13.6 m: the lorry's cab before a trailer."""
+    hull, cabin = LORRY.hull, LORRY.cabin
+    ahead = replace(
+        hull,
+        top_xz_m=tuple((x + TRACTOR_M, z) for x, z in hull.top_xz_m),
+        plan_xy_m=tuple((x + TRACTOR_M, y) for x, y in hull.plan_xy_m),
+        axles_x_m=(-5.3, -4.1, -2.9, 2.6, hull.axles_x_m[1] + TRACTOR_M),
+        seams_x_m=tuple(x + TRACTOR_M for x in hull.seams_x_m),
+        headlamps_x_m=(hull.headlamps_x_m[0] + TRACTOR_M, hull.headlamps_x_m[1] + TRACTOR_M),
+        tail_lamps_x_m=(hull.tail_lamps_x_m[0] + TRACTOR_M, hull.tail_lamps_x_m[1] + TRACTOR_M),
+    )
+    belt, roof = (
+        (rear + TRACTOR_M, front + TRACTOR_M, half, z) for rear, front, half, z in (cabin.belt_m, cabin.roof_m)
+    )
+    return replace(
+        LORRY, hull=ahead, cabin=replace(cabin, belt_m=belt, roof_m=roof), handles_x_m=(1.78 + TRACTOR_M,), extras=load
+    )
+
+
+def _chassis() -> list[Mesh]:
+    """Frame, guards against running under, and rear lamps of a trailer."""
+    return [
+        box([11.4, 0.9, 0.25], [-1.0, 0, 0.95], UNDERSIDE),
+        *(box([4.0, 0.06, 0.12], [0.2, s * 1.18, z], STEEL) for s in (-1, 1) for z in (0.55, 0.85)),
+        box([0.10, 2.4, 0.16], [-6.75, 0, 0.55], PLASTIC),
+        *(box([0.06, 0.35, 0.16], [-6.8, s * 0.95, 0.75], TAIL_LAMP) for s in (-1, 1)),
+        *(box([3.6, 0.34, 0.06], [-4.1, s * 1.04, 1.03], PLASTIC) for s in (-1, 1)),
+    ]
+
+
+def _tank(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
+    """A tank of polished or painted metal: smooth, round and long; hoses and a walkway."""
+    polished = Surface(albedo=float(rng.uniform(0.45, 0.7)), contrast=0.03, mirror=float(rng.choice([0.05, 0.15, 0.3])))
+    skin = polished if rng.random() < 0.6 else paint
+    return [
+        *_chassis(),
+        tube([-6.7, 0, 2.25], [4.3, 0, 2.25], 1.2, skin, sides=48),
+        box([10.0, 0.5, 0.08], [-1.2, 0, 3.46], STEEL),
+        *(tube([-5.5, s * 1.12, 1.2], [0.8, s * 1.12, 1.2], 0.09, RUBBER, sides=8) for s in (-1, 1)),
+        *(box([0.06, 2.42, 2.44], [x, 0, 2.25], STEEL) for x in (-3.2, 0.6) if rng.random() < 0.5),
+    ]
+
+
+def _trailer(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
+    """A box or a curtain of one colour, with lettering or none."""
+    side = Surface(albedo=float(rng.choice([0.08, 0.3, 0.55, 0.75])), contrast=0.05, texel_m=0.02)
+    skin = side if rng.random() < 0.7 else paint
+    parts = [*_chassis(), box([11.2, 2.48, 2.85], [-1.15, 0, 2.55], skin)]
+    if rng.random() < 0.5:
+        lettering = Surface(albedo=0.75 if skin.albedo < 0.3 else 0.1, contrast=0.5, texel_m=0.05)
+        parts.append(box([float(rng.uniform(2, 6)), 2.49, 0.8], [float(rng.uniform(-3, 1)), 0, 2.8], lettering))
+    return parts
+
+
+TANKER = _long_lorry(_tank)
+ARTICULATED_LORRY = _long_lorry(_trailer)
+COACH = Vehicle(
+    hull=Hull(
+        top_xz_m=((-6.35, 1.50), (-6.30, 1.62), (6.26, 1.62), (6.35, 1.50)),
+        plan_xy_m=((-6.35, 1.18), (-6.25, 1.27), (6.05, 1.27), (6.26, 1.20), (6.35, 1.02)), ground_m=0.32,
+        axles_x_m=(-3.9, -2.6, 3.6), wheel_radius_m=0.50, seams_x_m=(-1.5, 0.4, 2.3, 4.8, 5.7),
+        headlamps_x_m=(6.05, 6.30), tail_lamps_x_m=(-6.30, -6.15),
+    ),
+    cabin=Cabin(belt_m=(-6.30, 6.32, 1.26, 1.58), roof_m=(-6.24, 5.95, 1.18, 3.55), panes=((0.03, 0.97),)),
+    tyre_m=(0.50, 0.30), plate_m=0.62, handles_x_m=(),
 )  # fmt: skip

@@ -16,7 +16,16 @@ from bench.synthesis.mesh import COLUMN_OF, Mesh, Surface, box, joined, quads
 from bench.synthesis.scenario import StreetSpec
 from bench.synthesis.world.plan import Plan, Site, drawn_plan, ground, kerbs, laid_stones, paving
 from bench.synthesis.world.road_surface import markings, wear
-from bench.synthesis.world.roadside import fronts, guard_rails, lamps, parked_cars, roadsides, street_furniture, trees
+from bench.synthesis.world.roadside import (
+    fast_road,
+    fronts,
+    guard_rails,
+    lamps,
+    parked_cars,
+    roadsides,
+    street_furniture,
+    trees,
+)
 from bench.synthesis.world.solids import (
     GRASS,
     LEAVES,
@@ -112,7 +121,7 @@ def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence
     Returns:
         World: the mesh, and the footprints of what is solid.
     """
-    plans, surfaces, wears, paints, stones, slabs, far, cars, lit, grown, put, built = rng.spawn(12)
+    plans, surfaces, wears, paints, stones, slabs, far, cars, lit, grown, put, built, fast = rng.spawn(13)
     plan, site = drawn_plan(spec, plans), Site(keep_clear)
     asphalt, paved = drawn_asphalt(surfaces), drawn_slabs(surfaces)
     meshes = surroundings(plan, far)
@@ -122,6 +131,7 @@ def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence
     meshes += [_darkened(mesh) for mesh in porous] if spec.wet else porous
     meshes += markings(plan, paints)
     meshes += guard_rails(plan, site)
+    meshes += fast_road(plan, site, fast)
     meshes += parked_cars(plan, site, cars)
     sides, forms = roadsides(plan), drawn_trees(grown)
     for side in sides:

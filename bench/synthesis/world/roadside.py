@@ -24,10 +24,12 @@ from bench.synthesis.world.structures import (
     building,
     bush,
     fence,
+    gantry,
     globe_lamp,
     guard_rail,
     hedge,
     lamp_post,
+    marker_post,
     wall,
 )
 
@@ -147,6 +149,7 @@ NEAR_M = 18.0  # from where ego vehicle and actors drive: within it leaves and t
 NARROW_M = 1.6  # pavements below this are too narrow for trees
 PIECE_M = 4.0  # of hedges, walls and rails, each of which may be left out
 RAIL_M = 0.45  # of a guard rail behind the kerb
+MARKER_STEP_M, MARKER_M = 25.0, 0.6  # of marker posts, and behind the kerb
 SUNK_M = 0.05  # houses reach into the ground, which slopes a little between pavement and verge
 
 
@@ -323,3 +326,21 @@ def guard_rails(plan: Plan, site: Site) -> Iterator[Mesh]:
             area = footprint(at, [-PIECE_M / 2 + 0.01, -0.09], [PIECE_M / 2 - 0.01, 0.12])
             if plan.road.disjoint(area) and site.claim(area):
                 yield rail.moved(at)
+
+
+def fast_road(plan: Plan, site: Site, rng: np.random.Generator) -> Iterator[Mesh]:
+    """Marker posts behind both kerbs, and gantries over the whole road."""
+    lane, section, post = plan.lane, plan.section, marker_post()
+    low_m, high_m = section.right_kerb_m - MARKER_M, section.left_kerb_m + MARKER_M
+    steps_m = np.arange(lane.begin_m + 2.0, lane.end_m, MARKER_STEP_M) if plan.spec.marker_posts else ()
+    for along_m in steps_m:
+        for left_m, yaw_rad in ((low_m, np.pi), (high_m, 0.0)):
+            at = lane.pose(float(along_m), left_m, plan.spec.kerb_m, yaw_rad=yaw_rad)
+            if site.claim(spot(at, 0.1)):
+                yield post.moved(at)
+    for along_m in plan.spec.gantries_at_m:
+        span_m = high_m - low_m + 2 * MARKER_M
+        at = lane.pose(along_m, high_m + MARKER_M, 0.0, yaw_rad=np.pi)  # its x against the traffic, its y to the right
+        feet = [at, lane.pose(along_m, low_m - MARKER_M, 0.0)]
+        if all(site.claim(spot(foot, 0.3)) for foot in feet):
+            yield gantry(span_m, plan.spec.lanes_left + 1 + plan.spec.lanes_right, rng).moved(at)

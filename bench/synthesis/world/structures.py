@@ -8,7 +8,7 @@ front: x along the front, to the right for who looks at it from the street; y in
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,6 +160,41 @@ def lamp_post(height_m: float, reach_m: float) -> Mesh:
             boxes([[0.0, head_y - 0.25, height_m - 0.10]], [0.22, 0.5, 0.03], LAMP_LENS),
         ]
     )
+
+
+def marker_post() -> Mesh:
+    """A post of white plastic at the edge of a fast road, with a black band and a reflector that faces the traffic."""
+    return joined(
+        [
+            boxes([[0.0, 0.0, 0.48]], [0.06, 0.12, 1.06], SIGN_WHITE),
+            boxes([[0.0, 0.0, 0.86]], [0.064, 0.124, 0.2], tinted(DARK_STEEL, 0.5)),
+            boxes([[0.03, 0.0, 0.86]], [0.02, 0.05, 0.16], LIT_ADVERT),
+        ]
+    )
+
+
+GANTRY_M = 5.6  # clear height; 4.7 m are the least on European motorways
+
+
+def gantry(span_m: float, lanes: int, rng: np.random.Generator) -> Mesh:
+    """A gantry across a road along y, from 0 to `span_m`, with a direction sign and lit signs over its lanes.
+
+    Its signs face x, against the traffic.
+    """
+    beam_m = GANTRY_M + 0.5
+    parts = [
+        boxes([[0.0, y, beam_m / 2] for y in (0.0, span_m)], [0.35, 0.35, beam_m + 0.3], STEEL),
+        boxes([[0.0, span_m / 2, z] for z in (GANTRY_M + 0.1, GANTRY_M + 0.9)], [0.25, span_m, 0.18], STEEL),
+        boxes([[0.2, span_m * rng.uniform(0.3, 0.6), beam_m + 0.4]], [0.1, 4.0, 2.4], SIGN_BLUE),
+    ]
+    for lane in range(lanes):
+        y = span_m * (lane + 0.5) / lanes
+        parts.append(boxes([[0.3, y, GANTRY_M + 0.5]], [0.12, 1.2, 1.2], tinted(DARK_STEEL, 0.4)))
+        rows, columns = np.divmod(np.flatnonzero(rng.random(16) < 0.45), 4)
+        lit = np.stack([np.full(len(rows), 0.37), y + 0.25 * (columns - 1.5), GANTRY_M + 0.5 + 0.25 * (rows - 1.5)], 1)
+        if len(lit):
+            parts.append(boxes(lit, [0.02, 0.14, 0.14], replace(LIT_ADVERT, glow=0.05)))
+    return joined(parts)
 
 
 def sign(rng: np.random.Generator) -> Mesh:

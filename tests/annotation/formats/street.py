@@ -108,7 +108,6 @@ def recording(root: Path, *, names: tuple[str, ...] | None = None) -> Recording:
     return Recording(
         name="street",
         root=root,
-        licence="CC0-1.0",
         frame_interval_ns=STEP_NS,
         cameras={},
         images={},

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.adapters.tracklets import DEEPEST, read_tracklets
+from bench.adapters.kitti_raw import DEEPEST, read_tracklets
 from bench.annotation.formats import LabelOptions, import_labels, label_format
 from bench.errors import DataError
 from bench.geometry import RigidTransform

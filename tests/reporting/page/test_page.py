@@ -14,7 +14,7 @@ from tests.support.counts import change_table
 from tests.support.stored_files import change_manifest
 
 SECTIONS = [
-    "glance", "results", "splits", "recordings", "around", "plane", "threshold", "causes", "worst", "frames",
+    "glance", "results", "splits", "recordings", "around", "threshold", "causes", "worst", "frames",
     "origin", "ledger",
 ]  # fmt: skip
 
@@ -80,7 +80,7 @@ def test_the_same_bytes_twice(tiny_run, tiny_page, tmp_path):
 @pytest.mark.slow
 def test_figures_for_papers_are_vectors(tiny_run):
     files = {file.name: file.read_bytes() for file in write_figures(tiny_run)}
-    names = ("range_map", "threshold_sweep", "missed-0", "false-0")
+    names = ("range_map", "threshold_sweep")
     assert set(files) == {f"{name}.{kind}" for name in names for kind in ("pdf", "png")}
     assert all(content.startswith(b"%PDF") for name, content in files.items() if name.endswith(".pdf"))
 
@@ -127,16 +127,6 @@ def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     assert "<img" not in text
     assert sections(text) == SECTIONS
     assert '<article class="box" id="crossing-0">' in text
-
-
-@pytest.mark.usefixtures("without_charts")
-def test_a_run_without_maps_of_the_image_plane_still_makes_a_page(tiny_run, tmp_path):
-    run = shutil.copytree(tiny_run, tmp_path / "run")
-    for file in run.rglob("*.map.parquet"):
-        file.unlink()
-    text = write_page(run, pictures=False).file.read_text()
-    assert "holds no maps of the image plane" in text
-    assert sections(text) == SECTIONS
 
 
 @pytest.mark.usefixtures("without_charts")

@@ -1,0 +1,235 @@
+"""Files of KITTI's data sets: times of frames, turns of the laser scanner, and the poses of KITTI-360."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bench.egomotion import Trajectory
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.lidar import LidarSweep, read_sweep
+from bench.recordings.files import numbers, read_text
+from bench.recordings.validation import located
+from bench.times import SECOND_NS
+
+STAMP = re.compile(r"(19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d\.\d{1,9}", re.ASCII)  # other years do not fit int64
+LARGEST_FRAME = 10_000_000
+LONGEST_GAP_NS, STATIONARY_M = SECOND_NS, 0.5
+TURN_OVER = np.diag([1.0, -1.0, -1.0])  # from y right, z down to y left, z up
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameClock:
+    """Times of the frames. Cameras, scanner and poses share a frame number and thereby an instant.
+
+    Attributes:
+        file: the `timestamps.txt` it comes from.
+        times_ns: by frame number.
+        interval_ns: median time between frames, also one turn of the scanner.
+    """
+
+    file: Path
+    times_ns: dict[int, int]
+    interval_ns: int
+
+    def at(self, frame: int, *, file: Path) -> int:
+        """Time of a frame.
+
+        Args:
+            frame: number.
+            file: what has the number, for the message.
+
+        Raises:
+            DataError: the clock does not know the frame.
+        """
+        if frame not in self.times_ns:
+            raise DataError(file, expected=f"a line for frame {frame} in {self.file}", got="none")
+        return self.times_ns[frame]
+
+
+def read_clock(file: Path, frames: list[int]) -> FrameClock:
+    """Read a `timestamps.txt`.
+
+    Line n is of frame n - 1. Where the first frames of a drive were cut off together with their lines, the file has as
+    many lines as there are images and they belong together in order.
+
+    Args:
+        file: lines `YYYY-MM-DD hh:mm:ss.nnnnnnnnn`.
+        frames: numbers of the images beside it, increasing.
+
+    Raises:
+        DataError: a line that is no time, times that do not increase, or fewer lines than images.
+    """
+    lines = read_text(file).rstrip().splitlines()
+    numbered = _frame_numbers(file, len(lines), frames)
+    times_ns = [_stamp_ns(line, row, file) for row, line in enumerate(lines, start=1)]
+    steps_ns = np.diff(times_ns)
+    for row in np.flatnonzero(steps_ns <= 0):
+        got = lines[row + 1].strip()[:40]
+        raise DataError(file, field=f"line {row + 2}", expected="times that increase", got=got)
+    return FrameClock(
+        file=file, times_ns=dict(zip(numbered, times_ns, strict=True)), interval_ns=int(np.median(steps_ns))
+    )
+
+
+def _frame_numbers(file: Path, lines: int, frames: list[int]) -> list[int]:
+    if lines < 2:
+        raise DataError(file, expected="two times at least", got=str(lines))
+    if not frames or frames[-1] < lines:
+        return list(range(lines))
+    if len(frames) != lines:
+        raise DataError(file, expected=f"a line for each frame up to {frames[-1]}", got=f"{lines} lines")
+    return frames
+
+
+def _stamp_ns(line: str, row: int, file: Path) -> int:
+    """Time of a line, counted from 1, of `timestamps.txt`.
+
+    Raises:
+        DataError: it is none.
+    """
+    try:
+        if STAMP.fullmatch(line.strip()) is None:
+            raise ValueError
+        return int(np.datetime64(line.strip(), "ns").astype(np.int64))
+    except ValueError:
+        expected = "a time YYYY-MM-DD hh:mm:ss.nnnnnnnnn"
+        raise DataError(file, field=f"line {row}", expected=expected, got=repr(line.strip()[:40])) from None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drive:
+    """Motion of the car.
+
+    Attributes:
+        trajectory: of the vehicle frame, in a world with z up that begins near the first pose.
+        world_from_global: from the world of the data set, which all sequences share.
+    """
+
+    trajectory: Trajectory
+    world_from_global: RigidTransform
+
+
+def read_poses(file: Path, clock: FrameClock) -> dict[int, RigidTransform]:
+    """Read `poses.txt`.
+
+    Args:
+        file: lines of frame number and 3 x 4 matrix.
+        clock: times of frames.
+
+    Returns:
+        Frame -> global world from IMU, increasing.
+
+    Raises:
+        DataError: missing, too large, empty, not UTF-8, a line that is no pose, or frames that do not increase or have
+            no time.
+    """
+    poses: dict[int, RigidTransform] = {}
+    before = -1
+    for row, line in enumerate(read_text(file).rstrip().splitlines(), start=1):
+        if not line.strip():
+            continue
+        number, *matrix = numbers(line.split(), 13, file=file, field=f"line {row}")
+        if number != round(number) or not 0 <= number <= LARGEST_FRAME:
+            raise DataError(file, field=f"line {row}", expected="a whole frame number", got=f"{number:g}")
+        frame = int(number)
+        with located(file, f"row {row}"):
+            poses[frame] = RigidTransform.from_matrix(np.array(matrix).reshape(3, 4))
+        clock.at(frame, file=file)
+        if frame <= before:
+            got = f"{frame} after {before}"
+            raise DataError(file, field=f"line {row}", expected="frames that increase", got=got)
+        before = frame
+    return poses
+
+
+def drive_through(
+    poses: Mapping[int, RigidTransform], clock: FrameClock, vehicle_from_imu: RigidTransform, *, file: Path
+) -> Drive:
+    """The drive through the poses of frames.
+
+    Poses are missing where the car had moved too little since the last one (kitti360Scripts #96, #102). Gaps of over a
+    second in which it moved by half a metre or less are filled: the car is put evenly between the poses around. Others
+    stay open, and frames within them have no ego-motion.
+
+    Args:
+        poses: frame -> global world from IMU, increasing.
+        clock: times of frames.
+        vehicle_from_imu: mounting of the IMU.
+        file: of the poses, for messages.
+
+    Raises:
+        DataError: fewer than two poses.
+    """
+    imu_from_vehicle = vehicle_from_imu.inverse()
+    world_from_global = _levelled(next(iter(poses.values())) @ imu_from_vehicle)
+    vehicles = [world_from_global @ pose @ imu_from_vehicle for pose in poses.values()]
+    sparse = Trajectory(
+        source=str(file),
+        timestamps_ns=np.array([clock.times_ns[frame] for frame in poses], dtype=np.int64),
+        rotations=Rotation.from_matrix(np.stack([pose.rotation for pose in vehicles])),
+        positions_m=np.stack([pose.translation_m for pose in vehicles]),
+        max_gap_ns=LONGEST_GAP_NS,
+    )
+    return Drive(trajectory=_stationary_filled(sparse, clock), world_from_global=world_from_global)
+
+
+def _levelled(global_from_vehicle: RigidTransform) -> RigidTransform:
+    """Shift the first pose near to the origin and turn z up, whichever way the global world has it."""
+    upright = np.eye(3) if global_from_vehicle.rotation[2, 2] > 0 else TURN_OVER
+    return RigidTransform(upright, -upright @ global_from_vehicle.translation_m)
+
+
+def _stationary_filled(sparse: Trajectory, clock: FrameClock) -> Trajectory:
+    """Add poses at the frames of gaps in which the car was stationary or crept."""
+    known_ns = sparse.timestamps_ns
+    wide = np.diff(known_ns) > sparse.max_gap_ns
+    near = np.linalg.norm(np.diff(sparse.positions_m, axis=0), axis=1) <= STATIONARY_M
+    clock_ns = np.fromiter(clock.times_ns.values(), dtype=np.int64)
+    left = np.searchsorted(known_ns, clock_ns, side="right") - 1
+    inside = (left >= 0) & (left < len(known_ns) - 1) & ~np.isin(clock_ns, known_ns)
+    inside[inside] = (wide & near)[left[inside]]
+    if not inside.any():
+        return sparse
+    between = replace(sparse, max_gap_ns=int(known_ns[-1] - known_ns[0]))
+    times_ns = np.union1d(known_ns, clock_ns[inside])
+    rotations, positions_m, _ = between.at(times_ns)
+    return replace(sparse, timestamps_ns=times_ns, rotations=Rotation.from_matrix(rotations), positions_m=positions_m)
+
+
+LARGEST_BYTES = 64_000_000  # four million points; a turn of this scanner has about 120,000
+
+
+def read_turn(path: Path, timestamp_ns: int, *, period_ns: int, to_the_left: bool = False) -> LidarSweep:
+    """Read one turn and give each point its time by its azimuth.
+
+    The scanner passes straight ahead when the cameras are triggered, at the time of the frame. KITTI-360's turns
+    clockwise seen from above: a point at azimuth a, positive to the left, was measured a/(2 pi) of a turn earlier. That
+    of the raw drives turns to the left: later. Points just left and just right of straight back are the first and the
+    last of the turn.
+
+    Args:
+        path: `.bin` file of float32 x, y, z, intensity, velodyne frame, as measured (not motion-compensated).
+        timestamp_ns: of the frame.
+        period_ns: duration of a turn.
+        to_the_left: the scanner turns counter-clockwise seen from above.
+
+    Raises:
+        DataError: missing, too large, cut short, empty, or points that are not finite.
+
+    Source:
+        Deskewing in kitti360Scripts (`curlVelodyneData`): a point is moved by its azimuth's share of the motion between
+        the poses of the frame and of the one before.
+    """
+    if path.is_file() and path.stat().st_size > LARGEST_BYTES:
+        raise DataError(path, expected=f"at most {LARGEST_BYTES} bytes", got=str(path.stat().st_size))
+    sweep = read_sweep(path, timestamp_ns, bin_columns=("x", "y", "z", "intensity"))
+    points = sweep.points_lidar
+    turn = np.arctan2(points[:, 1].astype(np.float64), points[:, 0].astype(np.float64)) / (2 * np.pi)
+    return replace(sweep, time_offset_ns=np.rint((turn if to_the_left else -turn) * period_ns).astype(np.int64))

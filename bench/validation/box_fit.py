@@ -1,0 +1,466 @@
+"""Boxes against lidar returns: boxes that are empty, too tight, elsewhere, in another frame or at another time.
+
+Mistakes are tried over all boxes of the drive: where the share of returns inside (`box_returns`) rises clearly for most
+objects if all boxes are read in another way, that mistake is named. What only one object has is reported for it. And
+returns that move without a box: what the drive itself shows to be missing.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from bench.errors import DataError
+from bench.geometry import RigidTransform
+from bench.lidar import LidarSweep
+from bench.recordings import NOT_ANNOTATED, Cuboid, PointIndices, Recording, Track
+from bench.times import SECOND_NS
+from bench.validation.box_returns import MARGINS_M, Beams, Boxes, BoxPath, Near, returns_held
+from bench.validation.drive import box_of, object_field
+from bench.validation.findings import Finding, Severity, new_finding
+from bench.validation.readings import BoxChange, Reading, box_readings
+
+if TYPE_CHECKING:
+    from bench.annotation.proposals import Proposal
+
+Array = NDArray[np.float64]
+
+NEAR_NS = 60_000_000  # of a state to a sweep
+FAR_M = 40.0
+SLACK_M = 0.25  # around the box in which points are looked for
+LEAST_RETURNS = 40  # of an object in all its sweeps
+LEAST_BEAMS = 12
+LEAST_POINTS = 10  # just outside of a box that is too tight; as many the protocols ask for inside
+TIGHT = 0.1  # of those, as many as may be inside
+OUTSIDE_M = 0.1  # how far outside of the box points count as the object's
+MOST_TIGHT = 0.1  # of the states of an object that are looked at
+MOST_EMPTY = 0.5  # of the states of an object that are looked at
+LEAST_STATES = 3
+ALL_TIGHT, HELD = 0.9, 0.98  # shares of the returns within the largest margin: too few inside, and enough
+MOST_BOXES = 200  # looked at in a sweep, 1 ms each
+MOST_TRIED = 6  # of those in a sweep, in every reading, 20 ms each
+
+LATE_MS = np.arange(-200, 201, 10)
+GROWN_M = np.arange(1, 8) / 10  # each of length, width and height
+QUARTER_M = 0.25
+STEPS_M = np.arange(-4, 5) * QUARTER_M
+SHIFTS_M = np.stack(np.meshgrid(STEPS_M, STEPS_M, indexing="ij"), axis=-1).reshape(-1, 2)
+CLEARLY, FITS = 0.15, 0.6  # how much more of the returns another reading holds, and how many
+SLIGHTLY = 0.05  # so much more tells of centimetres and milliseconds
+AS_WELL = 0.02  # a share that differs by less is no difference
+LEAST_LATE_MS = 20
+# Rows of an object's counts: as stated, at other times, larger, shifted, then in the readings.
+_ENDS = 1 + np.cumsum([0, len(LATE_MS), 3 * len(GROWN_M), len(SHIFTS_M)])
+LATE, GROWN, SHIFTED = (slice(int(first), int(last)) for first, last in itertools.pairwise(_ENDS))
+READ = int(_ENDS[-1])
+
+
+@dataclass(slots=True, kw_only=True)
+class _Tally:
+    """Counts of an object in all sweeps that were looked at.
+
+    Attributes:
+        track: the object.
+        path: its boxes.
+        counts: (readings, 3), see `Near.counts`.
+        held: (11,), see `returns_held`.
+        tried: sweeps near it.
+        looked: those in which it is seen, or should be.
+        empty: of those, without a return in the box.
+        empty_ns: time of the first.
+        beams: through the empty boxes.
+        points: returns in the boxes.
+        tight_ns: times at which returns lie just outside.
+        in_tight: returns inside then, at most.
+        wrong_indices: times at which its point indices name no points, and why.
+    """
+
+    track: Track
+    path: BoxPath
+    counts: Array
+    held: Array = field(default_factory=lambda: np.zeros(len(MARGINS_M)))
+    tried: int = 0
+    looked: int = 0
+    empty: int = 0
+    empty_ns: int | None = None
+    beams: int = 0
+    points: int = 0
+    tight_ns: list[int] = field(default_factory=list)
+    in_tight: int = 0
+    wrong_indices: list[tuple[int, str]] = field(default_factory=list)
+
+
+class BoxFit:
+    """Takes sweeps in turn, and counts returns in and around the boxes near them, in every reading.
+
+    In sweeps with more boxes than `MOST_BOXES` those are looked at that were looked at least so far.
+
+    Args:
+        recording: the drive.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._readings = tuple(box_readings(recording))
+        rows = READ + len(self._readings)
+        self._tallies = [
+            _Tally(track=track, path=BoxPath.of(track, recording), counts=np.zeros((rows, 3)))
+            for track in recording.tracks
+        ]
+        self._left_out = 0
+
+    def add(self, sweep: LidarSweep) -> None:
+        """Look at the states near a sweep."""
+        try:
+            beams = Beams(sweep, self._recording)
+        except LookupError:
+            return
+        near = []
+        for tally in self._tallies:
+            away_ns = np.abs(tally.path.times_ns - sweep.timestamp_ns)
+            if not len(away_ns) or away_ns.min() > NEAR_NS:
+                continue
+            i = int(np.argmin(away_ns))
+            box, shape = tally.path.boxes[i], tally.track.states[i].shape
+            if isinstance(shape, PointIndices):
+                _look_at_indices(tally, shape, sweep)
+            elif box is not None and float(np.hypot(*box.vehicle_from_object.translation_m[:2])) < FAR_M:
+                near.append((tally, i, box))
+        self._left_out += max(len(near) - MOST_BOXES, 0)
+        near.sort(key=lambda entry: entry[0].tried)
+        for number, (tally, i, box) in enumerate(near[:MOST_BOXES]):
+            self._look_at(tally, i, box, beams, in_every_reading=number < MOST_TRIED)
+
+    def _look_at(self, tally: _Tally, i: int, box: Cuboid, beams: Beams, *, in_every_reading: bool) -> None:
+        tally.tried += 1
+        path, time_ns = tally.path, int(tally.path.times_ns[i])
+        rotations, positions_m, valid = self._recording.trajectory.at(path.times_ns[i : i + 1])
+        if not valid[0]:
+            return
+        world_from_vehicle = RigidTransform(rotations[0], positions_m[0])
+
+        def near(place: Cuboid, reach_m: float) -> Near:
+            return beams.near(
+                place,
+                time_ns=time_ns,
+                vehicle_from_world=world_from_vehicle.inverse(),
+                velocity_mps=path.over_ground_mps[i],
+                reach_m=reach_m,
+            )
+
+        relative, opaque = path.relative_mps[i], tally.track.object_class == "vehicle"
+        reach_m = min(0.8 + max(float(box.size_m.max()) / 2, 0.2 * float(np.linalg.norm(relative))), 4.0)
+        around = near(box, reach_m)
+        _look_inside(tally, box, around, time_ns)
+        if in_every_reading:
+            read = [reading.undo(box, world_from_vehicle) for reading in self._readings]
+            beside = [other for other, reading in zip(read, self._readings, strict=True) if not reading.elsewhere]
+            counts = [around.counts(_tried(box, relative, beside), opaque=opaque)]
+            counts += [near(other, 0.5).counts(Boxes.of([other]), opaque=opaque) for other in read[len(beside) :]]
+            tally.counts += np.concatenate(counts)
+
+    def findings(self) -> Iterator[Finding]:
+        """Findings about all boxes, else object by object."""
+        if self._left_out:
+            got = f"more; in {self._left_out} boxes no points were looked for"
+            yield new_finding("crowded-boxes: returns", got, field="cuboid", times=self._left_out, most=MOST_BOXES)
+        sweeps_ns = {sweep.timestamp_ns for sweep in self._recording.sweeps}
+        for tally in self._tallies:
+            yield from _index_findings(tally, sweeps_ns)
+        of_all = self._of_all()
+        if of_all is not None:
+            yield of_all
+            return
+        yield from tight_boxes(np.array([tally.held for tally in self._tallies]).reshape(-1, len(MARGINS_M)))
+        for tally in self._tallies:
+            finding = self._of_one(tally)
+            if finding is not None:
+                yield finding
+
+    def _of_all(self) -> Finding | None:
+        """The mistake that fits all boxes best, with all that fit as well."""
+        counts = np.array([tally.counts for tally in self._tallies]).reshape(-1, READ + len(self._readings), 3)
+        shares = _share(counts)
+        held = counts[:, :, 0]
+        told = np.maximum(held, held[:, :1]) >= LEAST_RETURNS  # by objects that neither finds, nothing is told
+        objects = told.sum(axis=0)
+        share, stated = ((values * told).sum(axis=0) / np.maximum(objects, 1) for values in (shares, shares[:, :1]))
+        gains, better = share - stated, (shares - shares[:, :1] > SLIGHTLY) & told
+        fits = (share > FITS) & (gains > SLIGHTLY) & (better.sum(axis=0) > objects / 2)
+        read = np.where(fits & (gains > CLEARLY), share, 0.0)[READ:]
+        mistakes = [
+            *([(float(read.max()), _read_finding(self._readings[int(np.argmax(read))]))] if read.any() else []),
+            *_late(share[LATE], fits[LATE]),
+            *_grown(share[GROWN], fits[GROWN]),
+        ]
+        if not mistakes:
+            return None
+        best, first = max(mistakes, key=lambda mistake: mistake[0])
+        others = [other for as_good, other in mistakes if other is not first and as_good > best - AS_WELL]
+        row = int(np.argmax(np.where(fits, share, 0.0)))
+        return replace(
+            first,
+            got=f"{stated[row]:.0%} of the points around {objects[row]} objects inside; {best:.0%} {first.got}"
+            + "".join(f"; as many {other.got}" for other in others),
+            hint="; or ".join([first.hint, *(other.hint for other in others)]),
+            times=int(objects[row]),
+        )
+
+    def _of_one(self, tally: _Tally) -> Finding | None:
+        counts, usual = tally.counts, _empty_or_tight(tally)
+        if max(counts[0, 0], counts[0, 2]) < LEAST_RETURNS:  # a hidden one may have its neighbour's returns around it
+            return usual
+        share = _share(counts)
+        shifted, read = share[SHIFTED], share[READ:][[not reading.elsewhere for reading in self._readings]]
+        now = f"{share[0]:.0%} of the points around it inside"
+        if read.max() - max(share[0], shifted.max()) > CLEARLY and read.max() > FITS:
+            told = _read_finding(self._readings[int(np.argmax(read))])
+            return replace(told, field=object_field(tally.track), got=f"{now}; {read.max():.0%} {told.got}")
+        fitting = SHIFTS_M[shifted > shifted.max() - AS_WELL]
+        shift_m = fitting[np.argmin(np.abs(fitting).sum(axis=1))]
+        least_m = QUARTER_M if usual is not None and usual.check == "tight-box" else 0.0
+        if shifted.max() - max(share[0], FITS - CLEARLY) > CLEARLY and np.abs(shift_m).max() > least_m:
+            got = f"{now}; {shifted.max():.0%} if it were {' and '.join(_ways(shift_m))}"
+            return new_finding("box-place", got, field=object_field(tally.track))
+        return usual
+
+
+def _tried(box: Cuboid, relative_mps: NDArray[np.floating], read: list[Cuboid]) -> Boxes:
+    """The box as stated, at other times, larger, shifted, and in the readings near its place."""
+    pose = box.vehicle_from_object
+    along, grown = np.zeros((READ, 3)), np.zeros((READ, 3))
+    along[LATE] = LATE_MS[:, None] / 1000 * relative_mps
+    along[SHIFTED] = SHIFTS_M @ pose.rotation[:, :2].T
+    grown[GROWN] = (np.eye(3)[:, None] * GROWN_M[:, None]).reshape(-1, 3)
+    others = Boxes.of(read)
+    return Boxes(
+        rotations=np.concatenate([np.repeat(pose.rotation[None], READ, axis=0), others.rotations]),
+        centres_m=np.concatenate([pose.translation_m + along, others.centres_m]),
+        sizes_m=np.concatenate([box.size_m + grown, others.sizes_m]),
+    )
+
+
+def _share(counts: Array) -> Array:
+    return np.asarray(counts[..., 0] / np.maximum(counts.sum(axis=-1), 1.0))
+
+
+def _ways(shift_m: Array) -> Iterator[str]:
+    for way_m, forth, back in zip(shift_m, ("ahead", "to its left"), ("behind", "to its right"), strict=True):
+        if way_m:
+            yield f"{abs(way_m):.2f} m farther {forth if way_m > 0 else back}"
+
+
+def _late(share: Array, fits: NDArray[np.bool_]) -> Iterator[tuple[float, Finding]]:
+    """Lateness of all boxes with its interval: all that fits about as well."""
+    fitting = LATE_MS[share > share.max() - AS_WELL]
+    low, high = int(fitting[0]), int(fitting[-1])
+    if not fits.any() or (low < LEAST_LATE_MS and high > -LEAST_LATE_MS):
+        return
+    middle, (least, most) = abs(low + high) // 2, sorted((abs(low), abs(high)))
+    word, change, other = ("late", "subtract {} ms from", "early") if low > 0 else ("early", "add {} ms to", "late")
+    got, change = f"if boxes are {middle} ms {word} ({least} to {most} ms)", change.format(middle)
+    hint = (
+        f"{change} the annotations' times, or take them from the sweep that was annotated; or the clock of the sweeps "
+        f"is as much {other}, if images or ego-motion disagree with it alike"
+    )
+    yield float(share.max()), new_finding("box-time", got, field="timestamp", hint=hint)
+
+
+def _grown(share: Array, fits: NDArray[np.bool_]) -> Iterator[tuple[float, Finding]]:
+    """Length, width or height that lacks some."""
+    sides = share.reshape(3, -1)
+    side = int(np.argmax(sides.max(axis=1)))
+    if not fits.any():
+        return
+    name, by_m = ("length", "width", "height")[side], GROWN_M[np.argmax(sides[side] > sides[side].max() - AS_WELL)]
+    got, hint = f"if the {name} is too short by {by_m:.1f} m", f"add {by_m:.1f} m to the {name}"
+    yield float(sides.max()), new_finding("box-short", got, field="cuboid, sizes", hint=hint)
+
+
+def _read_finding(reading: Reading[BoxChange]) -> Finding:
+    return new_finding("box-reading", f"as if {reading.description}", field=reading.field, hint=reading.hint)
+
+
+def _look_inside(tally: _Tally, box: Cuboid, near: Near, time_ns: int) -> None:
+    outside_m = near.depths_m(box)
+    tally.held += returns_held(outside_m)
+    points = int((outside_m < SLACK_M).sum())
+    beams = 0 if points else int(near.counts(Boxes.of([box]), opaque=True)[0, 2])
+    if not points and beams < LEAST_BEAMS:
+        return
+    tally.looked += 1
+    tally.points += points
+    in_box, just_outside = int((outside_m <= 0.0).sum()), int(((outside_m > 0.0) & (outside_m < OUTSIDE_M)).sum())
+    if just_outside >= LEAST_POINTS and in_box <= TIGHT * just_outside:
+        tally.tight_ns.append(time_ns)
+        tally.in_tight = max(tally.in_tight, in_box)
+    if not points:
+        tally.empty += 1
+        tally.beams += beams
+        tally.empty_ns = time_ns if tally.empty_ns is None else tally.empty_ns
+
+
+def _empty_or_tight(tally: _Tally) -> Finding | None:
+    field, times = object_field(tally.track), len(tally.tight_ns)
+    if tally.empty and tally.empty > MOST_EMPTY * tally.looked:
+        sure = tally.points == 0 and tally.looked >= min(LEAST_STATES, len(tally.track.states))
+        severity = Severity.ERROR if sure else Severity.WARNING
+        got = f"none in {tally.empty} of {tally.looked} sweeps, with {tally.beams} beams through it"
+        times, first_ns = tally.empty, tally.empty_ns
+        return new_finding("empty-box", got, field=field, severity=severity, times=times, timestamp_ns=first_ns)
+    if times > MOST_TIGHT * tally.looked:
+        got = f"{f'at most {tally.in_tight}' if tally.in_tight else '0'} points in {times} of {tally.looked} sweeps "
+        got += f"that see it, and more within {100 * OUTSIDE_M:.0f} cm outside"
+        first_ns = tally.tight_ns[0]
+        return new_finding("tight-box", got, field=field, times=times, timestamp_ns=first_ns, least=LEAST_POINTS)
+    return None
+
+
+def tight_boxes(held: Array) -> Iterator[Finding]:
+    """The finding that boxes leave out returns of their objects by centimetres, with the margin that holds them.
+
+    None where half of the objects have their returns inside, or where even the largest margin seems too small.
+
+    Args:
+        held: (objects, 11) float64, sums of `returns_held`.
+    """
+    told = held[held[:, -1] >= LEAST_RETURNS]
+    shares = np.median(told / told[:, -1:], axis=0) if len(told) else np.ones(len(MARGINS_M))
+    fitting = int(np.argmax(shares >= HELD))
+    if shares[0] < ALL_TIGHT and fitting < len(MARGINS_M) - 1:
+        margin_cm = round(100 * MARGINS_M[fitting])
+        got = (
+            f"{shares[0]:.0%} of them inside, median of {len(told)} objects; {shares[fitting]:.0%} with {margin_cm} cm "
+        )
+        got += "more on each side"
+        hint = f"make the boxes {2 * margin_cm} cm longer and wider and {margin_cm} cm higher, or score with "
+        hint += f"shape_margin_m: {MARGINS_M[fitting]:.2f} (surface-v1 has 0.05)"
+        widest_cm = 100 * MARGINS_M[-1]
+        yield new_finding("tight-boxes", got, field="cuboid, sizes", hint=hint, times=len(told), margin_cm=widest_cm)
+
+
+def _look_at_indices(tally: _Tally, shape: PointIndices, sweep: LidarSweep) -> None:
+    if shape.sweep_timestamp_ns != sweep.timestamp_ns or not len(shape.indices):
+        return
+    largest, points = int(shape.indices.max()), sweep.rows_stored
+    if largest >= points or int(shape.indices.min()) < 0:
+        tally.wrong_indices.append((sweep.timestamp_ns, f"row {largest} of a sweep of {points} points"))
+    elif len(np.unique(shape.indices)) < len(shape.indices):
+        tally.wrong_indices.append((sweep.timestamp_ns, "rows named twice"))
+
+
+def _index_findings(tally: _Tally, sweeps_ns: set[int]) -> Iterator[Finding]:
+    lost = [
+        (state.timestamp_ns, "a time at which there is no sweep")
+        for state in tally.track.states
+        if isinstance(state.shape, PointIndices) and state.shape.sweep_timestamp_ns not in sweeps_ns
+    ]
+    for wrong in filter(None, (lost, tally.wrong_indices)):
+        (time_ns, got), field = wrong[0], f"object {tally.track.track_id!r}"
+        yield new_finding("point-indices", got, field=field, times=len(wrong), timestamp_ns=time_ns)
+
+
+# ---------------------------------------------------------------- what has no box
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unboxed:
+    """Limits from which proposals count as objects that lack a box.
+
+    Attributes:
+        sweeps: that are looked at, in the middle of the drive: 0.1 s each.
+        near_m: of the object to the vehicle's origin; proposals further away are less sure.
+        least_mps: of its median speed; a tree in the wind is slower.
+        least_sweeps: in which it moves without a box.
+        state_ns: of an annotated state to a sweep.
+        around_m: a box so far from the object is its own, if misplaced.
+    """
+
+    sweeps: int = 40
+    near_m: float = 15.0
+    least_mps: float = 1.0
+    least_sweeps: int = 8
+    state_ns: int = 300_000_000
+    around_m: float = 1.0
+
+
+UNBOXED = Unboxed()
+HARMLESS = {"fragments joined", "seen from one end", "top not seen"}  # doubts about a box, not its being there
+
+
+def check_unboxed(recording: Recording) -> Iterator[Finding]:
+    """Objects that surely move and have no box in most sweeps."""
+    if recording.annotated == NOT_ANNOTATED or not recording.sweeps:
+        return
+    from bench.annotation.proposals import propose  # compiled loops: most of a second, which other commands need not
+
+    first = max((len(recording.sweeps) - UNBOXED.sweeps) // 2, 0)
+    proposals: tuple[Proposal, ...] = ()
+    with suppress(DataError):  # reported by the check of the sweeps
+        proposals = propose(replace(recording, sweeps=recording.sweeps[first : first + UNBOXED.sweeps]))
+    unboxed = []
+    for proposal in proposals:
+        rows = _moving_near(proposal, recording)
+        without = rows[[not _has_box(proposal, int(row), recording) for row in rows]]
+        sure = all(reason in HARMLESS for reason, _ in proposal.doubts)
+        if sure and len(without) > max(UNBOXED.least_sweeps - 1, len(rows) / 2):
+            unboxed.append((proposal, without))
+    if unboxed:
+        proposal, without = max(unboxed, key=lambda entry: len(entry[1]))
+        more = f"; {len(unboxed) - 1} more objects like that" if len(unboxed) > 1 else ""
+        got, first_ns = _described(proposal, without, recording) + more, int(proposal.timestamps_ns[without[0]])
+        yield new_finding("object-without-box", got, field="objects", times=len(unboxed), timestamp_ns=first_ns)
+
+
+def _described(proposal: Proposal, without: NDArray[np.intp], recording: Recording) -> str:
+    x, y, _ = _place_vehicle(proposal, int(without[len(without) // 2]), recording)
+    speed_mps = float(np.median(np.hypot(*proposal.velocity_mps[without].T)))
+    length_m, width_m, _ = proposal.size_m
+    place = f"{abs(x):.0f} m {'ahead' if x > 0 else 'behind'}, {abs(y):.0f} m to the {'left' if y > 0 else 'right'}"
+    size = f"{length_m:.1f} m x {width_m:.1f} m of returns that move at {speed_mps:.1f} m/s"
+    return f"{size} without a box in {len(without)} sweeps ({place})"
+
+
+def _moving_near(proposal: Proposal, recording: Recording) -> NDArray[np.intp]:
+    """Indices of the proposal's states at which it moves nearby, when and where the recording is annotated."""
+    left_out = shapely.union_all([shapely.Polygon(outline) for outline in recording.annotated.left_out_m])
+    rows = [
+        row
+        for row, time_ns in enumerate(proposal.timestamps_ns)
+        if np.hypot(*proposal.velocity_mps[row]) > UNBOXED.least_mps
+        and recording.annotated.covers(int(time_ns))
+        and np.hypot(*(place_m := _place_vehicle(proposal, row, recording))[:2]) < UNBOXED.near_m
+        and not left_out.intersects(shapely.Point(place_m[:2]))
+    ]
+    return np.array(rows, dtype=np.intp)
+
+
+def _has_box(proposal: Proposal, row: int, recording: Recording) -> bool:
+    """The middle of the object is in or near an annotated box, seen from above, moved to the time of the sweep."""
+    time_ns = int(proposal.timestamps_ns[row])
+    for track in recording.tracks:
+        state = track.state_near(time_ns, within_ns=UNBOXED.state_ns)
+        if state is None:
+            continue
+        box = box_of(state.shape)
+        if box is None:
+            return True  # point indices: which object has them is not looked at
+        moved_m = proposal.velocity_mps[row] * (time_ns - state.timestamp_ns) / SECOND_NS
+        then_m = proposal.centres_m[row] - np.append(moved_m, 0.0)
+        world_from_vehicle = recording.trajectory.world_from_vehicle(state.timestamp_ns)
+        local = (world_from_vehicle @ box.vehicle_from_object).inverse().apply(then_m)
+        if (np.abs(local[:2]) < np.maximum(box.size_m, proposal.size_m.min())[:2] / 2 + UNBOXED.around_m).all():
+            return True
+    return False
+
+
+def _place_vehicle(proposal: Proposal, row: int, recording: Recording) -> NDArray[np.float64]:
+    world_from_vehicle = recording.trajectory.world_from_vehicle(int(proposal.timestamps_ns[row]))
+    return world_from_vehicle.inverse().apply(proposal.centres_m[row])
