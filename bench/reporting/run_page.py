@@ -577,7 +577,7 @@ def _sections(run: StoredRun, worst: WorstCases, *, pictures: bool) -> Iterator[
         yield section(name="threshold", title="Other thresholds", blocks=[
             Paragraph("What other thresholds of the motion likelihood would give: more found on the way up, more "
                       f"wrongly marked on the way right. The dot is the run as it was scored. {over_all}".rstrip()),
-            charts["threshold_sweep"].drawing()])  # fmt: skip
+            Group(look="charts", blocks=[charts["threshold_sweep"].drawing()])])  # fmt: skip
     if causes := _cause_table(metrics):
         yield section(name="causes", title="Causes of the false marks", count=f"{len(causes.rows)} causes", blocks=[
             Paragraph("Every falsely marked pixel is counted for the part of the method that contributes most to "
