@@ -182,7 +182,7 @@ def evaluate_proposals(
     """
     from bench.annotation import proposal_scores, worst_tracks
     from bench.annotation.drives import evaluate_drives, merge_drives
-    from bench.reporting.proposal_scores import write_proposal_scores
+    from bench.reporting.findings import write_proposal_scores
 
     if merged is not None and against is None:
         raise UsageError("merged: expected a second reviewer's folder, got none; name it with --against")
@@ -202,7 +202,7 @@ def evaluate_proposals(
 
 def show_scores(scores: ProposalScores) -> None:
     """Print the tables and the files."""
-    from bench.reporting.proposal_scores import scores_tables
+    from bench.reporting.findings import scores_tables
 
     print_blocks(scores_tables(scores.table, scores.minutes, scores.worst))
     for file in scores.files:

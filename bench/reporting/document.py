@@ -86,7 +86,7 @@ class Column:
 
 
 Heads = Column | Cell | str
-Tags = Mapping[str, str]  # what filters of a page find a row or a picture by; "" is found by no choice
+Tags = Mapping[str, str]  # what filters of a page find a row or a group by; "" is found by no choice
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -171,7 +171,6 @@ class Picture:
     address: str
     text: str
     caption: str = ""
-    tags: Tags = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +181,7 @@ class Drawing:
     caption: str = ""
 
 
-Look = Literal["section", "folded", "box", "charts", "pairs", "boxes", "strip", ""]
+Look = Literal["section", "folded", "box", "charts", "pairs", "boxes", ""]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,10 +192,9 @@ class Group:
         title: above them; of what is folded the line that opens it.
         blocks: they.
         look: on a page: "section" folds on a phone and is in the navigation, "folded" opens by its title, "box" has a
-            frame, "charts", "pairs" and "boxes" stand side by side, "strip" in one row that moves sideways.
+            frame, "charts", "pairs" and "boxes" stand side by side.
         name: to which links lead.
         count: behind the title of a section.
-        backdrop: of a strip, address of an image behind each of its pictures.
         tags: by which a page's filters find it.
     """
 
@@ -205,13 +203,12 @@ class Group:
     look: Look = ""
     name: str = ""
     count: str = ""
-    backdrop: str = ""
     tags: Tags = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A filter of a page: hides the rows, pictures and groups whose tag is another; what has no such tag stays.
+    """A filter of a page: hides the rows and groups whose tag is another; what has no such tag stays.
 
     Two choices of one tag show what either chooses.
     """

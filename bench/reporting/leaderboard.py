@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
+from itertools import groupby
 from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
@@ -22,7 +23,7 @@ from bench.evaluation import Metric, find_metric, load_protocol
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness.answers import read_seconds
 from bench.harness.digests import short_digest
-from bench.harness.manifest import ANSWERS_MANIFEST, MANIFEST, PREDICTIONS_DIGEST, Manifest, differences
+from bench.harness.manifest import ANSWERS_MANIFEST, MANIFEST, PREDICTIONS_DIGEST, Manifest
 from bench.harness.stored import SUMMARY, StoredRun, read_run, reference_digest, refuse_unscored
 from bench.harness.verify import is_verified
 from bench.methods import known_methods
@@ -204,11 +205,18 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     """
     sound, damaged = read_runs(folder)
     groups: list[RankedGroup] = []
-    for runs in _grouped(sorted(sound, key=_data_and_rules), _of_same_rules):
+    for _, of_same_rules in groupby(sorted(sound, key=_data_and_rules), key=_data_and_rules):
+        runs = list(of_same_rules)
         if len({reference_of(run) for run in runs}) > 1:
             runs = _readable(runs, damaged)
-        runs.sort(key=lambda run: (-run.summary.images.evaluated, run.label))
-        groups += [rank_runs(alike) for alike in _grouped(runs, in_one_table)]
+        tables: list[list[StoredRun]] = []
+        for run in sorted(runs, key=lambda run: (-run.summary.images.evaluated, run.label)):
+            table = next((table for table in tables if in_one_table(table, run)), None)
+            if table is None:
+                tables.append([run])
+            else:
+                table.append(run)
+        groups += map(rank_runs, tables)
     most: dict[str, int] = {}
     for group in groups:
         most[group.dataset] = max(group.cases[ALL_MOVING][1], most.get(group.dataset, 0))
@@ -261,24 +269,6 @@ def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list
 
 def _data_and_rules(run: StoredRun) -> tuple[str, str, str]:
     return run.manifest.dataset.name, run.manifest.dataset.split or "", run.manifest.protocol.digest
-
-
-def _of_same_rules(group: Sequence[StoredRun], run: StoredRun) -> bool:
-    return all(difference.comparable for difference in differences(group[0].manifest, run.manifest))
-
-
-def _grouped(
-    runs: Iterable[StoredRun], belongs: Callable[[Sequence[StoredRun], StoredRun], bool]
-) -> list[list[StoredRun]]:
-    """Each run in the first group to which it belongs, else in one of its own."""
-    groups: list[list[StoredRun]] = []
-    for run in runs:
-        group = next((group for group in groups if belongs(group, run)), None)
-        if group is None:
-            groups.append([run])
-        else:
-            group.append(run)
-    return groups
 
 
 def rank_runs(runs: Sequence[StoredRun]) -> RankedGroup:

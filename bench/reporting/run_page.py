@@ -45,7 +45,7 @@ from bench.reporting.document import (
     Table,
     to_page,
 )
-from bench.reporting.figures import Chart, draw_charts, figure_uri
+from bench.reporting.figures import draw_charts, figure_uri
 from bench.reporting.formats import (
     LABELS,
     LARGE_FALSE,
@@ -68,7 +68,6 @@ from bench.reporting.run_tables import (
     threshold_free_line,
 )
 
-LISTED_RECORDINGS = 200
 WORST = 3  # of each kind
 EXAMPLES = 2  # pictures that a reader sees first
 LEAST_OBJECT_FRAMES = 10  # of fewer nothing is said
@@ -430,7 +429,7 @@ def _view_command(run: StoredRun) -> str:
 
 
 def _recording_table(run: StoredRun) -> Table:
-    """The recordings with the lowest IoU first, those without object-frames last; at most `LISTED_RECORDINGS`."""
+    """The recordings with the lowest IoU first, those without object-frames last."""
     values, cases = recording_values(run.sums)
     table = values[["iou", "tpr_all", "false_positive_coverage"]].assign(
         object_frames=cases["iou"], images=cases["false_positive_coverage"]
@@ -438,13 +437,11 @@ def _recording_table(run: StoredRun) -> Table:
     table = table.reset_index().sort_values(["iou", "recording"], ignore_index=True)
     shares = [Column(heading, percent) for heading in ("IoU, all", "TPR, all", "wrongly marked")]
     counts = [Column(heading, "{:.0f}".format) for heading in ("object-frames", "images")]
-    shown = f", {LISTED_RECORDINGS} of {len(table)}" if len(table) > LISTED_RECORDINGS else ""
     return Table(
-        title=f"By recording, over all its object-frames, the lowest IoU first{shown}",
+        title="By recording, over all its object-frames, the lowest IoU first",
         columns=["recording", *shares, *counts],
         rows=[
-            [Cell(name, link=f"#recording={quote(name)}"), *values]
-            for name, *values in table[:LISTED_RECORDINGS].itertuples(index=False)
+            [Cell(name, link=f"#recording={quote(name)}"), *values] for name, *values in table.itertuples(index=False)
         ],
     )
 
@@ -574,12 +571,13 @@ def _sections(run: StoredRun, worst: WorstCases, *, pictures: bool) -> Iterator[
     yield section(name="around", title="Around the ego vehicle", blocks=[
         Paragraph("The ground seen from above, the ego vehicle in the middle driving upwards: yellow cells mark places "
                   "where objects were found, dark ones where they were missed; hatched cells hold too few to say."),
-        charts["around"][0].drawing()])  # fmt: skip
+        charts["range_map"].drawing()])  # fmt: skip
     over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
-    yield _chart_section("threshold", "Other thresholds", charts["threshold"],
-        "The run holds no likelihoods: its method gives masks only.",
-        "What other thresholds of the motion likelihood would give: more found on the way up, more wrongly marked "
-        f"on the way right. The dot is the run as it was scored. {over_all}".rstrip())  # fmt: skip
+    if "threshold_sweep" in charts:
+        yield section(name="threshold", title="Other thresholds", blocks=[
+            Paragraph("What other thresholds of the motion likelihood would give: more found on the way up, more "
+                      f"wrongly marked on the way right. The dot is the run as it was scored. {over_all}".rstrip()),
+            Group(look="charts", blocks=[charts["threshold_sweep"].drawing()])])  # fmt: skip
     if causes := _cause_table(metrics):
         yield section(name="causes", title="Causes of the false marks", count=f"{len(causes.rows)} causes", blocks=[
             Paragraph("Every falsely marked pixel is counted for the part of the method that contributes most to "
@@ -605,9 +603,3 @@ def _sections(run: StoredRun, worst: WorstCases, *, pictures: bool) -> Iterator[
 
 def _folded(title: str, lines: Sequence[str]) -> list[Group]:
     return [Group(look="folded", title=title, blocks=[Items(lines)])] if lines else []
-
-
-def _chart_section(name: str, title: str, charts: Sequence[Chart], none: str, about: str) -> Group:
-    shown: Block = Group(look="charts", blocks=[chart.drawing() for chart in charts])
-    blocks = [Paragraph(about), shown if charts else Paragraph(none, "warn")]
-    return Group(look="section", name=name, title=title, count=counted(len(charts), "chart"), blocks=blocks)

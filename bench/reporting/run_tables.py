@@ -300,15 +300,10 @@ METHOD_ONLY = "Injected errors reach the method only: the reference keeps the tr
 def sweep_table(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Table:
     """A row a value, over all moving objects."""
     headings = [find_metric(name).label for name in formats.headline_metrics(next(iter(runs.values())))]
+    counts = ["Images", "Object-frames", "Recordings"]
     return Table(
         title=title,
-        columns=[
-            setting,
-            "Images",
-            "Object-frames",
-            "Recordings",
-            *(Column(text, formats.metric_cell) for text in headings),
-        ],
+        columns=[setting, *counts, *(Column(text, formats.metric_cell) for text in headings)],
         rows=[
             [value, *_sweep_counts(summary).values(), *formats.headline_metrics(summary).values()]
             for value, summary in runs.items()
@@ -331,12 +326,8 @@ def sweep_report(setting: str, runs: Mapping[str, RunSummary], *, title: str, no
 
 
 def _sweep_counts(summary: RunSummary) -> dict[str, int]:
-    moving = summary.all_moving
-    return {
-        "images": summary.images.evaluated,
-        "object_frames": moving.object_frames,
-        "recordings": moving.recordings,
-    }
+    moving, images = summary.all_moving, summary.images.evaluated
+    return {"images": images, "object_frames": moving.object_frames, "recordings": moving.recordings}
 
 
 def write_sweep(

@@ -11,7 +11,7 @@ from bench.reporting.compare import report as report_comparison
 from bench.reporting.document import Choice, Filters, Table, to_page
 from bench.reporting.leaderboard import read_leaderboard, write_leaderboard
 from tests.reporting.compare.runs import drawn, write_run
-from tests.reporting.test_proposal_scores import written
+from tests.reporting.test_findings import written
 from tests.support.browser import accessibility_faults, opened
 
 pytestmark = pytest.mark.slow

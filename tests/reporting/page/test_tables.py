@@ -1,12 +1,10 @@
 """The top of a run's page: its tiles, the kinds of motion in one table, statements read off the tables."""
 
 import math
-import re
 
 import pytest
 
 from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
-from bench.reporting.document import to_html
 from bench.reporting.formats import percent
 from bench.reporting.run_page import (
     breakdown_table,
@@ -93,21 +91,9 @@ def test_what_was_not_scored_is_said():
     assert told(none) == [("warn", "No object-frame was evaluated: there is nothing to say of moving objects.")]
 
 
-def cells(rows):
-    """What the page shows of IoU, by row."""
-    table = breakdown_table("camera", rows)
-    lines = [re.findall(r"<td class=\"metric.*?</td>|<td.*?</td>", line, re.DOTALL)
-             for line in to_html([table]).split("<tr>")[2:]]  # fmt: skip
-    return {name: line[0] for name, line in zip(rows, lines, strict=True)}
-
-
-def test_the_lowest_of_a_table_is_marked_and_cells_without_cases_have_no_bar():
+def test_cells_without_cases_have_no_bar():
     rows = {"a": object_figures(0.9), "b": object_figures(0.2), "c": object_figures(math.nan)}
-    shown = cells(rows)
-    assert [name for name, cell in shown.items() if "lowest" in cell] == ["b"]
-    assert not any("lowest" in cell for cell in cells(rows | {"b": without_intervals(rows["b"])}).values())
-    assert "(0 cases)" in shown["c"]
-    assert "meter" not in shown["c"]
-    assert "--v:40.5%" in shown["a"]
-    assert "--l:35.5%;width:10.0%" in shown["a"]
-    assert "[35.5, 45.5]" in shown["a"]
+    ious = {name: cells[1] for name, cells in zip(rows, breakdown_table("camera", rows).cells(), strict=True)}
+    assert (ious["c"].below, ious["c"].bar) == (("(0 cases)",), None)
+    assert ious["a"].below == ("[35.5, 45.5]",)
+    assert (ious["a"].bar.share, *ious["a"].bar.interval) == pytest.approx((0.405, 0.355, 0.455))
