@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 RUNS = Path("reports/runs")
 PROTOCOLS = "surface-v1,paper-v1"  # that a run is scored by where none is named
 PURPOSES = {"paper-v1": "the paper's rules", "surface-v1": "the rules of the leaderboard"}
-LEADERBOARD = Path("reports/leaderboard/leaderboard.json")  # as `make leaderboard` wrote it; else the one that ships
 READ_FIRST = ("summary.json", "table.md")
 RunFolder = Annotated[str | Path | None, typer.Option(metavar="FOLDER"), TEXT]
 
@@ -200,6 +199,10 @@ def run(
         UnknownNameError: no data set, method, protocol, split or input error of this name.
         UsageError: settings that the method does not take, or beside an object; an input error that is no number.
         DataError: nothing of the data set could be used, or `out` holds another run.
+
+    Examples:
+        fisheye-bench run demo
+        fisheye-bench run tiny --method my_method:MyMethod --set threshold=0.5 --protocol surface-v1
     """
     from bench.harness import Part, score_part
 
@@ -318,7 +321,7 @@ def score(
     def write(stored: StoredRun) -> None:
         if finish is not None:
             finish(stored)
-        files, missing = [stored.folder / READ_FIRST[0], *write_report_files(stored)[1]], list[str]()
+        files, missing = [stored.folder / READ_FIRST[0], *write_report_files(stored)], list[str]()
         if pictures:
             from bench.reporting.frame_pictures import write_example_pictures  # matplotlib, which no table needs
 
@@ -374,7 +377,7 @@ def print_runs(first: Run) -> int:
         told = manifest.title if purpose is None else f"{manifest.title}, {purpose}"
         rows = run_tables.table_rows(summary, beside_paper=run_tables.is_rendered(manifest.dataset.card))
         beside = "; beside the paper" if any(row.paper for row in rows) else ""
-        console.print_blocks(run_tables.terminal_report(rows, title=f"{told}{beside}, in percent"))
+        console.print_blocks([run_tables.results_table(rows, title=f"{told}{beside}, in percent", short=True)])
         for line in run_tables.total_lines(summary, run.stored.protocol):
             console.note(line)
     console.print_blocks([Paragraph(run_tables.legend(rows), "dim")])
@@ -385,21 +388,8 @@ def print_runs(first: Run) -> int:
         console.note_files(run.files)
     for remark in dict.fromkeys(remark for run in runs for remark in run.remarks):
         console.say(remark, style="yellow")
-    _print_best(first.manifest)
     console.say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(first.folder)])}")
     return console.FAILURES if failures else 0
-
-
-def _print_best(run: Manifest) -> None:
-    """Print the best score of a leaderboard on the data set of a run, or that it is of another version."""
-    from bench.recordings.cards import shipped_folder
-    from bench.reporting.leaderboard import best_line, read_stored
-
-    board = LEADERBOARD if LEADERBOARD.is_file() else shipped_folder("leaderboard") / LEADERBOARD.name
-    if best := best_line(board, dataset=run.dataset.name, beside=run.protocol.name):
-        console.say(best)
-    elif board.is_file() and read_stored(board) is None:
-        console.note(f"{board}: of another version, so no best score is shown; `leaderboard` writes it anew")
 
 
 def _print_failures(run: Run, failures: Sequence[str]) -> None:
