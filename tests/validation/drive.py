@@ -123,6 +123,7 @@ def write_drive(root: Path, margin_m: float = 0.0) -> Path:
     writer = RecordingWriter(root)
     writer.header(
         name=root.name,
+        licence="Apache-2.0",
         frame_interval_ns=IMAGE_NS,
         cameras={"front": front_camera()},
         vehicle_from_lidar=VEHICLE_FROM_LIDAR,
