@@ -97,7 +97,7 @@ release-check: $(INSTALLED_RELEASE) ## build dist/, check it, then score and gat
 	$(FRESH)/venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt dist/*.whl
 	cd $(FRESH) && PATH="$(CURDIR)/$(FRESH)/venv/bin:$$PATH" && unset PYTHONPATH && fisheye-bench --version --verbose && \
 		fisheye-bench run demo --protocol paper-v1,surface-v1 --out run && \
-		fisheye-bench gate run --tolerances rendered-v1 && \
+		fisheye-bench gate run/paper-v1 --tolerances rendered-v1 && \
 		fisheye-bench gate run/surface-v1 --tolerances rendered-v1
 	rm -rf $(FRESH)
 

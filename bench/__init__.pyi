@@ -19,9 +19,9 @@ from bench.commands.leaderboard import leaderboard as leaderboard
 from bench.commands.reference import export_reference as export_reference
 from bench.commands.report import RunPage as RunPage
 from bench.commands.report import report as report
+from bench.commands.run import Run as Run
+from bench.commands.run import load_run as load_run
 from bench.commands.run import run as run
-from bench.commands.runs import Run as Run
-from bench.commands.runs import load_run as load_run
 from bench.commands.sweep import Sweep as Sweep
 from bench.commands.sweep import sweep as sweep
 from bench.commands.validate import validate as validate

@@ -12,22 +12,15 @@ from packaging.specifiers import SpecifierSet
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = """
-import json
 import os
 import sys
-from bench.evaluation import load_protocol
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
-from bench.reporting.leaderboard import best_line
 card = load_card("demo")
 assert card.file.is_relative_to(sys.argv[1]), card.file
 assert card.scenario.is_file()
 assert card.address == "demo", "the same on each machine"
 assert (shipped_folder("baselines") / "demo" / "sums.csv").is_file()
-board = shipped_folder("leaderboard") / "leaderboard.json"
-(best,) = (best for best in json.loads(board.read_bytes())["best"] if best["dataset"] == "demo")
-today = best["protocol_digest"] == load_protocol("surface-v1").digest
-assert (best_line(board, dataset="demo") is not None) == today, "told only where it compares with scores of today"
 print(card.root)
 os.environ["FISHEYE_BENCH_DATA"] = "mine"
 print(card.root)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from bench.errors import DataError, UsageError
+from bench.errors import DataError
 from bench.execution import FailedTask, TaskExecutor
 from bench.harness.digests import digest_of, digest_recording
 from bench.harness.manifest import CodeOfRun
@@ -51,10 +51,7 @@ def audit_sources(card: DatasetCard, *, split: str | None, recordings: int | Non
 
     Raises:
         DataError: the data set or its scenario cannot be read.
-        UsageError: fewer than one recording asked for.
     """
-    if recordings is not None and recordings < 1:
-        raise UsageError(f"--recordings: expected at least 1, got {recordings}")
     every = open_dataset(card, split)
     count = len(every) if recordings is None else min(recordings, len(every))
     handles = [every[k * len(every) // count] for k in range(count)]

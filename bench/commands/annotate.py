@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bench.commands.command import PATH, TEXT, Place, Words, command_line, print_nothing
-from bench.commands.console import FAILURES, print_blocks, print_failures, say
-from bench.commands.options import Dataset, Workers, group
-from bench.commands.progress import Report, progress_bar, resumable
+from bench.commands.command import TEXT, Flag, Place, Words, add_command, group
+from bench.commands.console import FAILURES, Report, print_blocks, print_failures, progress_bar, resumable, say
+from bench.commands.options import Dataset, Workers, as_card, as_executor, rendered_card
 from bench.errors import UnknownNameError, UsageError
 
 if TYPE_CHECKING:
@@ -27,9 +26,6 @@ if TYPE_CHECKING:
 
 app = group("Propose and review moving objects in drives without labels; convert labels of other tools.")
 
-Reviews = Annotated[
-    Place, typer.Option(help="Folder of reviews; default: the card's annotations, or annotations/<data set>."), PATH
-]
 FORMATS = "boxes, openlabel, cvat or semantickitti"
 LEFT_OUT = "none"
 UNITS_NS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
@@ -39,29 +35,15 @@ def _pairs(option: str, *, name_may_lack: bool = False) -> Words:
     """TOOL=OURS of an option that may be repeated; OURS is None where it is "none"."""
 
     def parse(texts: list[str] | None) -> dict[str, str | None]:
-        pairs: dict[str, str | None] = {}
-        for text in texts or ():
-            name, _, ours = text.rpartition("=")
-            if not name and not name_may_lack:
-                raise UsageError(f"{option}: expected TOOL'S=OURS, got {text!r}")
-            if name in pairs:
-                raise UsageError(f"{option} {name}: expected once, got twice")
-            pairs[name] = None if ours == LEFT_OUT else ours
-        return pairs
+        pairs = [text.rpartition("=") for text in texts or ()]
+        for name, _, ours in pairs:
+            if not (name or name_may_lack):
+                raise UsageError(f"{option}: expected TOOL'S=OURS, got {ours!r}")
+        return {name: None if ours == LEFT_OUT else ours for name, _, ours in pairs}
 
     return Words(list[str] | None, parse)
 
 
-Classes = Annotated[
-    Mapping[str, str | None] | None,
-    typer.Option(
-        "--class",
-        metavar="TOOL=OURS",
-        help="Map a class of the tool to ours; =unclear leaves it unscored, =none drops it; repeatable.",
-    ),
-    _pairs("--class"),
-]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace other labels that are there; a copy stays.")]
 Chosen = Annotated[str | None, typer.Option("--recording", help="Recordings, separated by commas; default: all.")]
 
 
@@ -120,7 +102,7 @@ def propose(
     *,
     split: Chosen = None,
     workers: Workers = 1,
-    reviews: Reviews = None,
+    reviews: Place = None,
     progress: Report | None = None,
 ) -> Proposals:
     """Propose moving objects in drives without labels, from sweeps, ego-motion and calibration.
@@ -131,15 +113,17 @@ def propose(
         dataset: card, by path or by name.
         split: of the data set, or recordings with commas in between.
         workers: processes, or an executor.
-        reviews: their folder.
+        reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
         progress: called with the recordings done and their number.
 
     Raises:
         UnknownNameError: no data set or split of this name.
         OutputError: a file cannot be written.
+
+    Examples:
+        fisheye-bench annotate propose my-data
     """
     from bench.annotation.drives import propose_drives
-    from bench.commands.data import as_executor
 
     executor = as_executor(workers)
     card, handles, folder = _open_drives(dataset, split, reviews, executor)
@@ -169,15 +153,10 @@ def evaluate_proposals(
     *,
     split: Chosen = None,
     workers: Workers = 1,
-    reviews: Reviews = None,
-    against: Annotated[
-        Place,
-        typer.Option(help="Another reviewer's folder of reviews, to compare with in place of the annotations."),
-        PATH,
-    ] = None,
-    out: Annotated[
-        Place, typer.Option(help="Folder of evaluate.html, .md and .csv files; default: none."), PATH
-    ] = None,
+    reviews: Place = None,
+    against: Place = None,
+    merged: Place = None,
+    out: Place = None,
     progress: Report | None = None,
 ) -> ProposalScores:
     """Compare proposals with existing annotations: recall, false tracks, classes, boxes, speeds, worst tracks.
@@ -186,21 +165,27 @@ def evaluate_proposals(
         dataset: card, by path or by name.
         split: of the data set, or recordings with commas in between.
         workers: processes, or an executor.
-        reviews: their folder.
-        against: another reviewer's folder, to compare with in place of the annotations.
-        out: folder of the report.
+        reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
+        against: another reviewer's folder of reviews, to compare with in place of the annotations.
+        merged: with --against: folder of both reviews as one; where they differ, tracks are undecided.
+        out: folder of evaluate.html, .md and .csv files; default: none.
         progress: called with the recordings done and their number.
 
     Raises:
         UnknownNameError: no data set or split of this name.
         DataError: proposals that are missing or damaged.
-        UsageError: a recording without annotations.
+        UsageError: a recording without annotations, or `merged` without `against`.
+        OutputError: a merged review is there already.
+
+    Examples:
+        fisheye-bench annotate evaluate demo --out my-evaluation
     """
     from bench.annotation import proposal_scores, worst_tracks
-    from bench.annotation.drives import evaluate_drives
-    from bench.commands.data import as_executor
-    from bench.reporting.proposal_scores import write_proposal_scores
+    from bench.annotation.drives import evaluate_drives, merge_drives
+    from bench.reporting.findings import write_proposal_scores
 
+    if merged is not None and against is None:
+        raise UsageError("merged: expected a second reviewer's folder, got none; name it with --against")
     other = None if against is None else Path(against)
     executor = as_executor(workers)
     card, handles, folder = _open_drives(dataset, split, reviews, executor)
@@ -208,6 +193,8 @@ def evaluate_proposals(
         frames, minutes = evaluate_drives(handles, folder, against=other, executor=executor, progress=report)
     table, worst = proposal_scores(frames, minutes=minutes), worst_tracks(frames)
     names, files = [handle.name for handle in handles], list[Path]()
+    if other is not None and merged is not None:
+        files += merge_drives(names, folder, other, Path(merged))
     if out is not None:
         files += write_proposal_scores(Path(out), table, minutes, worst=worst, dataset=card.name, recordings=names)
     return ProposalScores(table=table, minutes=minutes, worst=worst, files=tuple(files))
@@ -215,7 +202,7 @@ def evaluate_proposals(
 
 def show_scores(scores: ProposalScores) -> None:
     """Print the tables and the files."""
-    from bench.reporting.proposal_scores import scores_tables
+    from bench.reporting.findings import scores_tables
 
     print_blocks(scores_tables(scores.table, scores.minutes, scores.worst))
     for file in scores.files:
@@ -224,59 +211,51 @@ def show_scores(scores: ProposalScores) -> None:
 
 def import_labels(
     format_name: Annotated[str, typer.Argument(metavar="FORMAT", help=f"Format of the files: {FORMATS}.")],
-    source: Annotated[str | Path, typer.Argument(help="File or folder of the tool."), Words(Path)],
+    source: Annotated[str | Path, typer.Argument(), Words(Path)],
     dataset: Annotated[
         str | Path | DatasetCard, typer.Option(help="Data-set card: a path, or a name of `list datasets`."), TEXT
     ],
-    recording: Annotated[str, typer.Option(help="Name of the recording.")],
+    recording: Annotated[str, typer.Option()],
     *,
-    out: Annotated[
-        Place, typer.Option(help="Folder of annotation files; default: the card's, or annotations/<data set>."), PATH
+    out: Place = None,
+    classes: Annotated[
+        Mapping[str, str | None] | None, typer.Option("--class", metavar="TOOL=OURS"), _pairs("--class")
     ] = None,
-    classes: Classes = None,
     frames: Annotated[
-        Mapping[str, str] | None,
-        typer.Option(
-            "--frame",
-            metavar="TOOL=OURS",
-            help="Map a coordinate system of the tool to vehicle, lidar or world; without TOOL= for boxes that name "
-            "none; repeatable.",
-        ),
-        _pairs("--frame", name_may_lack=True),
+        Mapping[str, str] | None, typer.Option("--frame", metavar="TOOL=OURS"), _pairs("--frame", name_may_lack=True)
     ] = None,
-    first_frame: Annotated[
-        int | None,
-        typer.Option(help="Number of the first sweep, where frames are counted; default: frames are named as sweeps."),
-    ] = None,
-    time_unit: Annotated[
-        Literal["ns", "us", "ms", "s"], typer.Option(help="Unit of times that do not state it.")
-    ] = "ns",
-    overwrite: Overwrite = False,
+    first_frame: Annotated[int | None, typer.Option()] = None,
+    time_unit: Annotated[Literal["ns", "us", "ms", "s"], typer.Option()] = "ns",
+    overwrite: Flag = False,
 ) -> ConvertedLabels:
     """Convert a tool's labels to <recording>.json; list what was read and what was lost.
 
     Args:
         format_name: of the tool's files, such as "boxes".
-        source: the tool's file or folder.
+        source: file or folder of the tool.
         dataset: card, by path or name.
-        recording: name.
-        out: folder of annotation files; None for the card's annotations, or `annotations/<data set>`.
-        classes: the tool's class -> ours, "unclear", or None to leave its objects out.
-        frames: the tool's frame -> "vehicle", "lidar" or "world"; "" for boxes that name none.
-        first_frame: number of the first sweep, where the tool counts frames.
-        time_unit: of times that do not say it.
-        overwrite: replace other annotations that are there, and keep a copy of them.
+        recording: name of the recording.
+        out: folder of annotation files; default: the card's, or annotations/<data set>.
+        classes: map a class of the tool to ours; =unclear leaves it unscored, =none (from Python None) drops it;
+            repeatable.
+        frames: map a coordinate system of the tool to vehicle, lidar or world; without TOOL= (from Python "") for boxes
+            that name none; repeatable.
+        first_frame: number of the first sweep, where frames are counted; default: frames are named as sweeps.
+        time_unit: unit of times that do not state it.
+        overwrite: replace other labels that are there; a copy stays.
 
     Raises:
         UnknownNameError: no such format, data set or recording.
         UsageError: a class or frame that is none of ours.
         DataError: files that the format refuses, an object of two classes, or twice at one time.
         OutputError: other annotations are there, or they cannot be written.
+
+    Examples:
+        fisheye-bench annotate import boxes boxes.csv --dataset my-data --recording drive-1 --class Tram=vehicle
     """
     from bench.annotation.formats import LabelOptions, label_format
     from bench.annotation.formats import import_labels as read_labels
     from bench.annotation.formats.conversion import store_labels
-    from bench.commands.data import as_card
     from bench.recordings.writing import annotation_text
 
     label_format(format_name)  # an unknown name is told before anything is opened
@@ -294,43 +273,36 @@ def import_labels(
 
 def export_labels(
     dataset: Dataset,
-    out: Annotated[
-        str | Path,
-        typer.Option(help="Folder of <recording>.json; with --format, a folder per recording."),
-        Words(Path),
-    ],
+    out: Annotated[str | Path, typer.Option(), Words(Path)],
     *,
     split: Chosen = None,
-    reviews: Reviews = None,
-    unreviewed: Annotated[
-        bool, typer.Option("--unreviewed", help="Write what was proposed and not rejected; results then say so.")
-    ] = False,
-    format_name: Annotated[
-        str | None, typer.Option("--format", help="Write files of a tool instead: boxes, openlabel or cvat.")
-    ] = None,
-    annotated: Annotated[
-        bool,
-        typer.Option("--annotated", help="With --format: write the annotations of the data set instead of reviews."),
-    ] = False,
-    overwrite: Overwrite = False,
+    reviews: Place = None,
+    unreviewed: Flag = False,
+    format_name: Annotated[str | None, typer.Option("--format")] = None,
+    annotated: Flag = False,
+    overwrite: Flag = False,
 ) -> tuple[ConvertedLabels, ...]:
     """Write accepted tracks as annotations; refuse drives with undecided tracks or unwatched sweeps.
 
     Args:
         dataset: as of `propose`.
-        out: folder of the annotation files, <recording>.json; of a tool's files, each recording gets a folder in it.
+        out: folder of <recording>.json; with --format, a folder per recording.
         split: as of `propose`.
-        reviews: as of `propose`.
-        unreviewed: write what was proposed and not rejected instead; whatever uses it says so.
-        format_name: of a tool's files; None for annotation files.
-        annotated: write the annotations of the data set instead of reviews; asks for a format.
-        overwrite: replace other labels that are there, and keep a copy of them.
+        reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
+        unreviewed: write what was proposed and not rejected; results then say so.
+        format_name: write files of a tool instead: boxes, openlabel or cvat.
+        annotated: with --format: write the annotations of the data set instead of reviews.
+        overwrite: replace other labels that are there; a copy stays.
 
     Raises:
         UnknownNameError: no data set, split or format of this name.
         UsageError: annotations without a format, or a format that is only read.
         DataError: a review is missing, damaged or of another drive, or leaves something undecided or not watched.
         OutputError: other labels are there, or they cannot be written.
+
+    Examples:
+        fisheye-bench annotate export my-data --out annotations/my-data
+        fisheye-bench annotate export my-data --out labels --format boxes --annotated
     """
     from bench.annotation.formats import LabelSet, label_format
     from bench.annotation.formats.conversion import store_labels
@@ -405,7 +377,6 @@ def _open_drives(
     dataset: str | Path | DatasetCard, split: str | None, reviews: Place, executor: TaskExecutor | None = None
 ) -> tuple[DatasetCard, tuple[RecordingHandle, ...], Path]:
     """The card of a data set, its recordings, rendered where they are missing, and the folder of their reviews."""
-    from bench.commands.data import rendered_card
     from bench.recordings import open_dataset
 
     card = rendered_card(dataset, split, executor=executor)
@@ -432,14 +403,25 @@ def _reviewed(card: DatasetCard, name: str, folder: Path, *, unreviewed: bool) -
 def review(
     dataset: Dataset,
     recording: Chosen = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any free one.")] = 0,
-    reviews: Reviews = None,
-    reviewer: Annotated[str, typer.Option(envvar="USER", help="Your name in the log of decisions.")] = "reviewer",
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in your browser.")] = True,
+    port: Annotated[int, typer.Option(min=0, max=65535)] = 0,
+    reviews: Place = None,
+    reviewer: Annotated[str, typer.Option(envvar="USER")] = "reviewer",
+    browser: Flag = True,
 ) -> None:
     """Review proposals in your browser: accept, reject, correct, draw; end with Ctrl-C.
 
     Each decision is stored at once. Nothing leaves this machine.
+
+    Args:
+        dataset: card, by path or by name.
+        recording: of the data set.
+        port: port to listen on; 0 for any free one.
+        reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
+        reviewer: your name in the log of decisions.
+        browser: open the page in your browser.
+
+    Examples:
+        fisheye-bench annotate review my-data --recording drive-1
     """
     import webbrowser
 
@@ -485,8 +467,8 @@ def _print_labels(written: ConvertedLabels) -> None:
     say(str(written.place))
 
 
-app.command("propose")(command_line(propose, show_proposals))
-app.command("evaluate")(command_line(evaluate_proposals, show_scores))
-app.command("review")(command_line(review, print_nothing))
-app.command("import")(command_line(import_labels, show_labels))
-app.command("export")(command_line(export_labels, show_labels))
+add_command(app, "propose", propose, show_proposals)
+add_command(app, "evaluate", evaluate_proposals, show_scores)
+add_command(app, "review", review)
+add_command(app, "import", import_labels, show_labels)
+add_command(app, "export", export_labels, show_labels)

@@ -5,23 +5,24 @@ from __future__ import annotations
 import atexit
 import errno
 import gc
+import os
+import platform
 import sys
 import warnings
+from collections.abc import Iterator
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 import bench
-from bench.commands.command import command_line, print_nothing
+from bench.commands.command import Commands, add_command, print_nothing
 from bench.commands.console import QUIET, VERBOSE, Verbosity, be_silent, say, take_verbosity, verbosity
-from bench.commands.examples import epilog
-from bench.commands.options import Commands
 from bench.errors import DISK_FULL, BenchError, UsageError
 
 EXIT_USER = 2  # usage or data error
-EXIT_UNFIT = 1  # something is wrong with the installation
 EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h; 1, Python's own, would be a verdict of the gate
 
 # Panels of the help; each command is in the module of its name.
@@ -33,6 +34,10 @@ COMMANDS = {
 }
 
 DOCUMENTATION = "https://github.com/fisheye-bench/fisheye-bench/tree/main/docs"
+
+# What a report of a problem names: variables of the environment, and packages that may be missing or stand in the way.
+SETTINGS = ("FISHEYE_BENCH_", "OMP_", "OPENBLAS_", "MKL_", "NUMBA_", "OPENCV_", "PYTHON")
+OPTIONAL = ("distributed", "rerun-sdk", "onnxruntime", "torch", "opencv-python", "opencv-contrib-python")
 
 app = typer.Typer(
     name="fisheye-bench",
@@ -47,13 +52,10 @@ for panel, names in COMMANDS.items():
     for name in names:
         module = import_module(f"bench.commands.{name}")
         if hasattr(module, "app"):
-            for command in module.app.registered_commands:
-                command.epilog = epilog(f"{name} {command.name}")
             app.add_typer(module.app, name=name, rich_help_panel=panel)
         else:
             function = getattr(module, "command", None) or getattr(module, name)
-            called = command_line(function, getattr(module, "show", print_nothing))
-            app.command(name, epilog=epilog(name), rich_help_panel=panel)(called)
+            add_command(app, name, function, getattr(module, "show", print_nothing), panel=panel)
 
 
 def main() -> None:
@@ -105,10 +107,37 @@ def _print_version(wanted: bool) -> None:
         return
     say(f"fisheye-bench {bench.__version__}")
     if verbosity() is Verbosity.VERBOSE:
-        from bench.commands.installation import print_installation
-
-        raise typer.Exit(0 if print_installation() else EXIT_UNFIT)
+        for name, value in _installation():
+            say(f"{name + ':':<13}{value}")
     raise typer.Exit
+
+
+def _installation() -> Iterator[tuple[str, str]]:
+    """What a report of a problem has to say about machine and installation."""
+    from bench.execution import usable_cores
+    from bench.harness.digests import library_versions
+    from bench.harness.manifest import package_commit
+    from bench.lidar.cloud_files import open3d
+
+    yield "commit", package_commit() or "unknown"
+    yield "system", f"{platform.platform()}, {usable_cores()} of {os.cpu_count()} cores"
+    yield "Python", f"{platform.python_version()} ({platform.python_implementation()})"
+    yield "libraries", ", ".join(f"{name} {number}" for name, number in library_versions().items())
+    yield "optional", ", ".join(f"{name} {_version(name)}" for name in OPTIONAL)
+    try:
+        open3d()
+        yield "open3d", "loads"
+    except BenchError as error:  # it links against libraries that slim systems lack
+        yield "open3d", f"does not load, so that compressed point clouds cannot be read: {error}"
+    chosen = sorted(name for name in os.environ if name.startswith(SETTINGS))
+    yield "environment", ", ".join(f"{name}={os.environ[name]}" for name in chosen) or "no variable of ours is set"
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 @app.callback()
@@ -120,7 +149,7 @@ def global_options(
             "--version",
             is_eager=True,
             callback=_print_version,
-            help="Print the version and exit; with -v also libraries, cores, memory, optional parts and faults.",
+            help="Print the version and exit; with -v also libraries, cores, optional parts and settings.",
         ),
     ] = False,
     verbose: Annotated[

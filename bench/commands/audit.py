@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.commands import options
-from bench.commands.command import PATH, Place
-from bench.commands.console import FAILURES, note, print_blocks, print_failures, say
-from bench.commands.progress import Report, interruptible, progress_bar
+from bench.commands import console, options
+from bench.commands.command import Flag, Place
+from bench.commands.console import Report
 from bench.errors import UsageError
 
 if TYPE_CHECKING:
     from bench.audit import AuditSummary
     from bench.recordings import DatasetCard
-    from bench.reporting.document import Table
 
 AUDITS = Path("reports/audit")
 LEFT = "nothing of the audit is stored, and the same command begins it again"
@@ -30,16 +28,12 @@ class Audit:
     Attributes:
         folder: where it is stored.
         summary: all that was found, as it is stored in JSON; `failures` says what could not be used.
-        tables: of it, for people.
         files: that were written, pictures included.
-        remarks: what was left out, and why.
     """
 
     folder: Path
     summary: AuditSummary
-    tables: tuple[Table, ...]
     files: tuple[Path, ...]
-    remarks: tuple[str, ...] = ()
 
 
 def audit_reference(
@@ -47,14 +41,12 @@ def audit_reference(
     method: options.MethodName = "spherical",
     *,
     settings: options.Settings = None,
-    protocol: options.ProtocolName = "paper-v1",
+    protocol: options.Protocol = "paper-v1",
     split: options.Split = None,
-    out: Annotated[Place, typer.Option(help="Folder of the audit; default: reports/audit/<data set>."), PATH] = None,
-    recordings: Annotated[
-        int | None, typer.Option(help="Number of recordings, spread over the split; default: all.")
-    ] = None,
+    out: Place = None,
+    recordings: Annotated[int | None, typer.Option()] = None,
     workers: options.Workers = 1,
-    pictures: Annotated[bool, typer.Option(help="Draw why cells are missed and falsely marked.")] = True,
+    pictures: Flag = True,
     progress: Report | None = None,
 ) -> Audit:
     """Compare lidar polygons with exact masks of a rendered data set, and find why a method errs.
@@ -67,32 +59,39 @@ def audit_reference(
         settings: parameters of a method that is given by name.
         protocol: of the reference, by name or file.
         split: of the data set.
-        out: None for the default.
-        recordings: None for all.
+        out: folder of the audit; default: reports/audit/<data set>.
+        recordings: number of recordings, spread over the split; default: all.
         workers: processes, or an executor.
-        pictures: False for tables alone.
+        pictures: draw why cells are missed and falsely marked.
         progress: called with the recordings done and their number.
 
     Raises:
         UnknownNameError: no data set, method, protocol or split of this name.
         UsageError: settings that the method does not take, or beside an object; fewer than one recording.
         DataError: nothing of the data set could be audited, above all where it has no rendered masks.
+
+    Examples:
+        fisheye-bench audit demo
     """
     from bench.atomic import output_folder
     from bench.audit import AUDIT, audit_sources, run_audit
-    from bench.commands.data import as_card, as_executor, rendered_card
     from bench.evaluation import load_protocol
     from bench.methods import FlowMethod, build_method
-    from bench.reporting.audit import audit_tables, write_cause_pictures, write_tables
+    from bench.reporting.audit import write_cause_pictures, write_tables
 
+    if recordings is not None and recordings < 1:
+        raise UsageError(f"--recordings: expected at least 1, got {recordings}")
     if settings and not isinstance(method, str):
         raise UsageError("settings: expected none beside a method that is built already")
-    card, executor = as_card(dataset), as_executor(workers)
+    card, executor = options.as_card(dataset), options.as_executor(workers)
     built = build_method(method, settings) if isinstance(method, str) else method
     rules, folder = load_protocol(protocol), audit_folder(card, out)
     with output_folder(folder):
-        rendered_card(card, split, executor=executor)
-        with interruptible(LEFT), progress_bar(f"auditing {card.name}", "recordings", progress) as report:
+        options.rendered_card(card, split, executor=executor)
+        with (
+            console.interruptible(LEFT),
+            console.progress_bar(f"auditing {card.name}", "recordings", progress) as report,
+        ):
             found, rows = run_audit(
                 card,
                 method=built,
@@ -107,8 +106,7 @@ def audit_reference(
     if pictures and isinstance(built, FlowMethod):
         sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
         files += write_cause_pictures(folder, rows.tables["misses"], sources=sources, method=built, protocol=rules)
-    remarks = (f"without exact flow: {found.left_out}",) if found.left_out else ()
-    return Audit(folder=folder, summary=found, tables=audit_tables(found), files=tuple(files), remarks=remarks)
+    return Audit(folder=folder, summary=found, files=tuple(files))
 
 
 def audit_folder(card: DatasetCard, out: str | Path | None) -> Path:
@@ -116,18 +114,18 @@ def audit_folder(card: DatasetCard, out: str | Path | None) -> Path:
     return AUDITS / card.name if out is None else Path(out)
 
 
-def show(found: Audit) -> int:
+def show(audit: Audit) -> int:
     """Print the tables, the cost, failures and files."""
+    from bench.reporting.audit import audit_tables
 
-    print_blocks(found.tables)
-    summary, made = found.summary, found.summary.provenance
-    say(f"{made.images} images of {summary.recordings} recordings in {made.seconds:.1f} s")
-    for remark in found.remarks:
-        say(remark)
-    print_failures(summary.failures, all_in="audit.json")
-    for file in found.files:
-        note(str(file))
-    return FAILURES if summary.failures else 0
+    summary, made = audit.summary, audit.summary.provenance
+    console.print_blocks(audit_tables(summary))
+    console.say(f"{made.images} images of {summary.recordings} recordings in {made.seconds:.1f} s")
+    if summary.left_out:
+        console.say(f"without exact flow: {summary.left_out}")
+    console.print_failures(summary.failures, all_in="audit.json")
+    console.note_files(audit.files)
+    return console.FAILURES if summary.failures else 0
 
 
 command = audit_reference  # `bench.audit` is a package

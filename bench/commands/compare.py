@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.commands.command import TEXT, Words
-from bench.commands.console import note_files, print_blocks, say
-from bench.commands.progress import Report, progress_bar
+from bench.commands.command import TEXT, Flag, Words
+from bench.commands.console import Report, note_files, print_blocks, progress_bar, say
+from bench.commands.run import Run, run_folder
 
 if TYPE_CHECKING:
-    from bench.commands.runs import Run
     from bench.reporting.compare import RunComparison
 
 USUAL = Path("reports/runs/compare-<run>-<run>")
@@ -34,38 +33,35 @@ class Comparison:
 
 
 def compare(
-    *runs: Annotated[
-        str | Path | Run, typer.Argument(help="Folders of stored runs; each is compared with the first."), TEXT
-    ],
-    out: Annotated[
-        str | Path | None,
-        typer.Option(help="Folder; default: reports/runs/compare-<run>-<run>.", show_default=False),
-        Words(Path, default=USUAL),
-    ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the images that changed most; needs the data set.")] = True,
+    *runs: Annotated[str | Path | Run, typer.Argument(), TEXT],
+    out: Annotated[str | Path | None, typer.Option(show_default=False), Words(Path, default=USUAL)] = None,
+    pictures: Flag = True,
     progress: Report | None = None,
 ) -> Comparison:
     """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the largest.
 
     Args:
-        runs: two or more, stored or by their folders.
-        out: folder of the report; None writes none.
-        pictures: into the report.
+        runs: stored runs or their folders, two or more; each is compared with the first. The folder of a run stands
+            for its results by surface-v1.
+        out: folder of the report; default: reports/runs/compare-<run>-<run>; from Python none.
+        pictures: draw the images that changed most; needs the data set.
         progress: called with the pictures done and their number, for each pair anew.
 
     Raises:
         DataError: a run is missing or damaged.
         UsageError: fewer than two runs, or runs that do not compare, as of other data or by another protocol.
+
+    Examples:
+        fisheye-bench compare reports/runs/demo-spherical reports/runs/demo-frame-difference
     """
-    from bench.commands.runs import run_folder
-    from bench.harness.stored import results_folder, run_name
+    from bench.harness.stored import run_name
     from bench.reporting.compare import compare_runs, read_comparable, write_comparison
 
     folders = [run_folder(run) for run in runs]
     if out is None:
         return Comparison(pairs=tuple(compare_runs(read_comparable(folders))))
     if out == USUAL:
-        out = USUAL.with_name(f"compare-{'-'.join(run_name(results_folder(folder)) for folder in folders)}")
+        out = USUAL.with_name(f"compare-{'-'.join(map(run_name, folders))}")
     with progress_bar("drawing what changed", "pictures", progress) as drawn:
         pairs, files = write_comparison(folders, Path(out), pictures=pictures, progress=drawn)
     return Comparison(pairs=tuple(pairs), files=files)

@@ -1,4 +1,4 @@
-"""The terminal: the only place that prints, and how much of it the user wants to read.
+"""The terminal: the only place that prints, how much of it the user wants to read, and how far long work is.
 
 Much of what is printed comes from outside: names, titles, failures. Here it is made harmless, whoever prints it: each
 text is one line of visible characters, which no terminal and no CI server takes for a command.
@@ -8,14 +8,20 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from enum import IntEnum
 from io import TextIOWrapper
 from pathlib import Path
+from time import monotonic
+from types import FrameType
 from typing import IO, TYPE_CHECKING
 
+import typer
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -29,11 +35,16 @@ FAILURES = 2  # exit status where single images, units or recordings could not b
 TABLE_COLUMNS = 110  # of tables that go into a file or a log
 SHOWN_FAILURES = 10
 SHOWN_FILES, MOST_FILES = 4, 6
+FIRST_LINE_S = 10.0  # without a terminal: a line of progress after so long, then each a tenth of the time so far later
+INTERRUPTED, ENDED = 130, 143  # exit statuses, as shells report SIGINT and SIGTERM
 
 VERBOSE, QUIET = ("-v", "--verbose"), ("-q", "--quiet")
 
 # GitHub reads "::error::" at the start of a line, and "##[error]" anywhere; Azure reads "##vso[...]".
 _COMMAND = re.compile(r":(?=:[A-Za-z])|#(?=#[\w.-]*\[)")
+
+
+Report = Callable[[float, int], None]  # takes the amount done, fractions allowed, and the total; 0 while not known
 
 
 class Verbosity(IntEnum):
@@ -104,12 +115,6 @@ def print_blocks(blocks: Iterable[Block]) -> None:
         _print(part, wrap=not isinstance(part, Text) or part.style == "dim")
 
 
-def note_blocks(blocks: Iterable[Block]) -> None:
-    """Print blocks that are no result, as `note`."""
-    if verbosity() >= Verbosity.USUAL:
-        print_blocks(blocks)
-
-
 def write_out(document: str) -> None:
     """Print a text of several lines that the program makes, as JSON; strings in it stay what they are."""
     for line in document.splitlines():
@@ -144,6 +149,81 @@ def note_files(files: Iterable[Path]) -> None:
         note(str(file))
     if rest := paths[len(shown) :]:
         note(f"and {counted(len(rest), 'more file')} in {os.path.commonpath([file.parent for file in rest]) or '.'}")
+
+
+@contextmanager
+def progress_bar(title: str, unit: str, progress: Report | None = None) -> Iterator[Report]:
+    """A bar on the error stream; where that is no terminal, a line now and then of what takes long.
+
+    Args:
+        title: what goes on.
+        unit: of what is counted.
+        progress: of a program, which takes the place of the bar.
+
+    Yields:
+        Takes the amount done, fractions allowed, and the total; 0 while that is not known.
+    """
+    terminal = Console(stderr=True)
+    if progress is not None:
+        yield progress
+    elif verbosity() < Verbosity.USUAL:
+        yield lambda *_: None
+    elif not terminal.is_terminal:
+        yield _lines(title, unit)
+    else:
+        of_all, left = MofNCompleteColumn(), TimeRemainingColumn()
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(), of_all, TextColumn(unit))
+        with Progress(*columns, TimeElapsedColumn(), TextColumn("left"), left, console=terminal) as bar:
+            task = bar.add_task(harmless(title), total=None)
+            yield lambda done, total: bar.update(task, completed=done, total=total or None)
+
+
+def _lines(title: str, unit: str) -> Report:
+    """Reports progress as "scoring: 120/580 images after 20 s"."""
+    started, last_s = monotonic(), 0.0
+
+    def report(done: float, total: int) -> None:
+        nonlocal last_s
+        elapsed_s = monotonic() - started
+        if elapsed_s - last_s >= max(FIRST_LINE_S, elapsed_s / 10):
+            last_s = elapsed_s
+            say(f"{title}: {int(done)}/{total} {unit} after {elapsed_s:.0f} s", to_errors=True)
+
+    return report
+
+
+def resumable(folder: object) -> AbstractContextManager[None]:
+    """End in one line when the block, which stores what is done in a folder, is interrupted."""
+    return interruptible(f"what is done is in {folder}, and the same command goes on from there")
+
+
+@contextmanager
+def interruptible(left: str) -> Iterator[None]:
+    """End in one line when the user, or the system that shuts down, ends the block.
+
+    Args:
+        left: what there is then, and how to go on.
+    """
+    if verbosity() is Verbosity.SILENT:  # a program has its own way to end
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    except KeyboardInterrupt as reason:
+        how, status = ("ended", ENDED) if isinstance(reason, _Ended) else ("interrupted", INTERRUPTED)
+        say(f"{how}; {left}")
+        raise typer.Exit(status) from None
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+class _Ended(KeyboardInterrupt):
+    """SIGTERM came."""
+
+
+def _terminate(_: int, __: FrameType | None) -> None:
+    raise _Ended
 
 
 def _print(shown: Table | Text, *, to_errors: bool = False, wrap: bool = False) -> None:

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.commands.command import TEXT
+from bench.commands.command import TEXT, Flag, Place
 from bench.commands.console import annotate, note, print_blocks, say
-from bench.commands.options import StoredRun
+from bench.commands.run import NamedRun, Run
 from bench.errors import BenchError, UsageError
 
 if TYPE_CHECKING:
-    from bench.commands.runs import Run
     from bench.gate import Verdict
 
 FAILED, NO_VERDICT = 1, 3  # exit statuses
@@ -26,24 +25,12 @@ class MissingBaselineError(UsageError):
 
 
 def judge(
-    run: StoredRun,
-    baseline: Annotated[
-        str | Path | Run | None,
-        typer.Option(
-            "--baseline",
-            help="Folder of a baseline or run; default: reports/baselines/<data set>[-<protocol>], without the "
-            "protocol for paper-v1, else the shipped one.",
-        ),
-        TEXT,
-    ] = None,
+    run: NamedRun,
+    baseline: Annotated[str | Path | Run | None, typer.Option(), TEXT] = None,
     *,
-    tolerances: Annotated[str | Path, typer.Option(help="default-v1, rendered-v1, or a YAML file."), TEXT] = (
-        "default-v1"
-    ),
-    update: Annotated[
-        bool, typer.Option("--update", help="Store the run as the baseline, and print what changes by it.")
-    ] = False,
-    allow_dirty: Annotated[bool, typer.Option("--allow-dirty", help="With --update: accept uncommitted code.")] = False,
+    tolerances: Annotated[str | Path, typer.Option(), TEXT] = "default-v1",
+    update: Flag = False,
+    allow_dirty: Flag = False,
 ) -> Verdict:
     """Judge a run against a baseline; exit status 0 passed, 1 a regression, 2 usage or data error, 3 no verdict.
 
@@ -51,11 +38,11 @@ def judge(
 
     Args:
         run: stored, or its folder.
-        baseline: folder of a baseline, or another run; None for `reports/baselines/<data set>`, with -<protocol>
-            behind the name unless that is paper-v1, or the one that ships with the package.
-        tolerances: by name or file.
-        update: store the run as the baseline, the shipped one aside.
-        allow_dirty: with `update`, also of changed, uncommitted code.
+        baseline: folder of a baseline or run; default: reports/baselines/<data set>[-<protocol>], without the protocol
+            for paper-v1, else the shipped one.
+        tolerances: rules: default-v1, rendered-v1, or a YAML file.
+        update: store the run as the baseline, and print what changes by it.
+        allow_dirty: with --update: accept uncommitted code.
 
     Returns:
         The verdict: `passed` is True only where something was judged and nothing failed, `why_none` says why there is
@@ -65,14 +52,17 @@ def judge(
     Raises:
         UnknownNameError: no tolerances of this name.
         UsageError, DataError: with `update`, a run that makes no baseline.
+
+    Examples:
+        fisheye-bench gate reports/runs/demo-spherical --junit gate.xml
+        fisheye-bench gate reports/runs/demo-spherical --update
     """
-    from bench.commands.runs import run_folder
     from bench.gate import Verdict, find_baseline, load_tolerances, read_baseline, read_run_sums, write_baseline
     from bench.gate import judge as judge_sums
     from bench.gate.judge import judgeable
 
-    rules, scored, folder = load_tolerances(tolerances), None, run_folder(run)
-    place = Path() if baseline is None else run_folder(baseline)
+    rules, scored = load_tolerances(tolerances), None
+    folder, place = (named.folder if isinstance(named, Run) else Path(named or "") for named in (run, baseline))
     try:
         scored = read_run_sums(folder)
         place = find_baseline(scored.manifest, own=update) if baseline is None else place
@@ -94,12 +84,20 @@ def judge(
 def show(
     verdict: Verdict,
     *,
-    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.")] = None,
-    json: Annotated[Path | None, typer.Option(help="Write the verdict as JSON to this file.")] = None,
-    github: Annotated[bool, typer.Option("--github", help="Print GitHub annotations.")] = False,
-    whole: Annotated[bool, typer.Option("--all", help="List all rows, including those of breakdowns.")] = False,
+    junit: Place = None,
+    json: Place = None,
+    github: Flag = False,
+    whole: Annotated[bool, typer.Option("--all")] = False,
 ) -> int:
-    """Print the verdict, hand it to the CI server, and return the exit status."""
+    """Print the verdict, hand it to the CI server, and return the exit status.
+
+    Args:
+        verdict: of a run.
+        junit: write JUnit XML to this file.
+        json: write the verdict as JSON to this file.
+        github: print GitHub annotations.
+        whole: list all rows, including those of breakdowns.
+    """
     from bench.reporting.verdict import append_summary, to_annotations, write_verdict
 
     if verdict.refusal is None:
@@ -112,11 +110,10 @@ def show(
     missing = isinstance(verdict.refusal, MissingBaselineError)
     if verdict.stored:
         assert verdict.run is not None
-        if verdict.refusal is not None:
-            replaced = (
-                "the first baseline of this name" if missing else f"REPLACES WITHOUT COMPARING: {verdict.refusal}"
-            )
-            say(replaced, style="" if missing else "bold red")
+        if missing:
+            say("the first baseline of this name")
+        elif verdict.refusal is not None:
+            say(f"REPLACES WITHOUT COMPARING: {verdict.refusal}", style="bold red")
         elif verdict.judged and not verdict.passed:
             say("the new baseline accepts what failed by the one before it", style="bold red")
         say(f"{verdict.baseline_folder}: {verdict.run.title}, {verdict.run.code.text}")

@@ -10,7 +10,7 @@ import typer
 
 from bench.commands.command import PATH, Place
 from bench.commands.console import FAILURES, note_files, print_blocks, say
-from bench.commands.runs import RUNS
+from bench.commands.run import RUNS
 
 if TYPE_CHECKING:
     from bench.reporting.leaderboard import Leaderboard
@@ -30,20 +30,21 @@ class LeaderboardReport:
 
 
 def leaderboard(
-    folder: Annotated[str | Path, typer.Argument(help="Folder with runs at any depth."), PATH] = RUNS,
-    *,
-    out: Annotated[Place, typer.Option(help="Also write a page and tables into this folder."), PATH] = None,
+    folder: Annotated[str | Path, typer.Argument(), PATH] = RUNS, *, out: Place = None
 ) -> LeaderboardReport:
     """Rank the runs of a folder, one table for each group of comparable runs.
 
     Rows that ship with the package stand beside those that compare.
 
     Args:
-        folder: holds runs.
-        out: None to write none.
+        folder: folder with runs at any depth.
+        out: also write a page and tables into this folder.
 
     Raises:
         DataError: there is no folder, or no run in it.
+
+    Examples:
+        fisheye-bench leaderboard reports/runs --out my-page
     """
     from bench.recordings.cards import shipped_folder
     from bench.reporting.leaderboard import read_leaderboard, with_shipped, write_leaderboard

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bench.commands.console import note, print_blocks, write_out
+from bench.commands.console import print_blocks, write_out
 from bench.errors import UsageError
 from bench.plain_text import counted
 
@@ -17,26 +18,29 @@ What = Literal["datasets", "methods", "protocols", "formats"]
 
 
 def command(
-    what: Annotated[
-        What | None,
-        typer.Argument(metavar="datasets|methods|protocols|formats", help="Which list; default: all."),
-    ] = None,
-    schema: Annotated[
-        str | None,
-        typer.Option(metavar="KIND", help="Print the JSON Schema of a kind of file; `list formats` names the kinds."),
-    ] = None,
+    what: Annotated[What | None, typer.Argument(metavar="datasets|methods|protocols|formats")] = None,
+    schema: Annotated[str | None, typer.Option(metavar="KIND")] = None,
 ) -> None:
-    """List the data sets, methods, protocols and formats that commands accept by name."""
+    """List the data sets, methods, protocols and formats that commands accept by name.
+
+    Args:
+        what: which list; default: all.
+        schema: print the JSON Schema of a kind of file; `list formats` names the kinds.
+
+    Examples:
+        fisheye-bench list methods
+        fisheye-bench list --schema card
+    """
     if schema is not None:
         if what is not None:
             raise UsageError(f"--schema: expected no list beside it, got {what}")
-        _print_schema(schema)
+        from bench.commands.schemas import json_schema
+
+        write_out(json.dumps(json_schema(schema), indent=1, ensure_ascii=False))
         return
     lists = {"datasets": _datasets, "methods": _methods, "protocols": _protocols, "formats": _formats}
     for name in lists if what is None else (what,):
         print_blocks(lists[name]())
-        if name == "datasets":
-            _note_folders()
 
 
 def _datasets() -> list[Table]:
@@ -44,20 +48,13 @@ def _datasets() -> list[Table]:
     from bench.recordings.cards import card_folders
     from bench.reporting.document import Table
 
-    cards = {card.file.stem: card for place in reversed(card_folders()) for card in list_cards(place)}
+    folders = {place: list_cards(place) for place in card_folders()}
+    cards = {card.file.stem: card for place in reversed(folders) for card in folders[place]}
     rows = [[name, cards[name].content.adapter, cards[name].content.licence, cards[name].content.title]
             for name in sorted(cards)]  # fmt: skip
-    return [Table(title="Data sets", columns=["name", "adapter", "licence", "what it is"], rows=rows, words=4)]
-
-
-def _note_folders() -> None:
-    from bench.recordings import list_cards
-    from bench.recordings.cards import OWN_DATA, card_folders, data_folder
-
-    for place in card_folders():
-        note(f"{place}: {counted(len(list_cards(place)), 'card')}")
-    if (data := data_folder()) is not None:
-        note(f"{data}: what the cards of the package render ({OWN_DATA} names another folder)")
+    found = "; ".join(f"{place}: {counted(len(of_place), 'card')}" for place, of_place in folders.items())
+    columns = ["name", "adapter", "licence", "what it is"]
+    return [Table(title="Data sets", columns=columns, rows=rows, words=4, note=found)]
 
 
 def _methods() -> list[Table]:
@@ -100,11 +97,3 @@ def _formats() -> list[Table]:
         Table(title="Labels: annotate import, export", columns=heads, rows=labels, words=2),
         Table(title="Files: --schema", columns=heads, rows=schemas, words=2),
     ]
-
-
-def _print_schema(kind: str) -> None:
-    import json
-
-    from bench.commands.schemas import json_schema
-
-    write_out(json.dumps(json_schema(kind), indent=1, ensure_ascii=False))

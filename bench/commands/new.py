@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import keyword
 import re
 from importlib import resources
@@ -12,8 +11,8 @@ from typing import Annotated
 
 import typer
 
+from bench.commands.command import add_command, group
 from bench.commands.console import say
-from bench.commands.options import group
 from bench.errors import OutputError, UsageError
 
 app = group("Write a method, a data set or an adapter to start from.")
@@ -37,40 +36,39 @@ FILES = {
     },
 }
 THEN = {
-    "method": """\
-it runs as it is; then change `segment`:
-  fisheye-bench run tiny --method my_method:MyMethod     12 images; rendered first, within a minute
-  fisheye-bench run demo --method my_method:MyMethod     20 drives
-  pytest test_my_method.py""",
-    "data": """\
-it runs as it is; then put your own readers into the program, and title, licence and caveats into the card:
-  python write_my_data.py
-  fisheye-bench validate my-data
-  fisheye-bench run my-data""",
-    "format": """\
-it runs as it is; then change the layout that it reads:
-  cd my-format && python example.py
-  pytest test_my_format.py     tries the contract
-  pip install -e .     so that cards may name it
-  fisheye-bench run my-format.yaml --method nothing""",
+    "method": ("fisheye-bench run tiny --method my_method:MyMethod", "pytest test_my_method.py"),
+    "data": ("python write_my_data.py", "fisheye-bench validate my-data", "fisheye-bench run my-data"),
+    "format": (
+        "cd my-format && python example.py && pytest test_my_format.py",
+        "pip install -e . && fisheye-bench run my-format.yaml --method nothing",
+    ),
 }
 
 
-@app.command("method")
 def new_method(name: NewName) -> None:
-    """Write NAME.py with a working method, and a test."""
+    """Write NAME.py with a working method, and a test.
+
+    Examples:
+        fisheye-bench new method my-method
+    """
     _write("method", name)
 
 
-@app.command("dataset")
 def new_dataset(name: NewName) -> None:
-    """Write datasets/NAME.yaml, a program that writes an example recording, and a test."""
+    """Write datasets/NAME.yaml, a program that writes an example recording, and a test.
+
+    Examples:
+        fisheye-bench new dataset my-data
+    """
     _write("data", name)
 
 
-@app.command("adapter")
 def new_adapter(name: NewName) -> None:
-    """Write NAME/: an adapter as a package, an example of its layout, a card, and a test."""
+    """Write NAME/: an adapter as a package, an example of its layout, a card, and a test.
+
+    Examples:
+        fisheye-bench new adapter my-format
+    """
     _write("format", name)
 
 
@@ -96,26 +94,25 @@ def _write(stem: str, name: str) -> None:
     folder = resources.files("bench.commands") / "templates"
     texts = {file: (folder / f"{template}.txt").read_text("utf-8") for template, file in FILES[stem].items()}
     named = {f"my-{stem}": dashed, f"my_{stem}": module, f"My{stem.title()}": kind}
-    taken = {word for file, text in texts.items() if file.endswith(".py") for word in _imported(text)}
-    if {kind, module.lower()} & (taken - named.keys()):
+    imports = [line for text in texts.values() for line in text.splitlines() if "import " in line]
+    if {kind, module.lower()} & ({word for line in imports for word in re.findall(r"\w+", line)} - named.keys()):
         raise UsageError(f"{name!r} names something that the new files import; take another one")
 
-    def in_users_words(text: str) -> str:
+    def renamed(text: str) -> str:
         return re.sub("|".join(named), lambda word: named[word[0]], text)
 
-    written = {Path(in_users_words(file)): in_users_words(text) for file, text in texts.items()}
+    written = {Path(renamed(file)): renamed(text) for file, text in texts.items()}
     for place in written:
         if place.exists():
             raise OutputError(place, got="a file that is there already", hint="take another name, or move it away")
     for place, text in written.items():
         write_text(place, text)
         say(str(place))
-    for line in in_users_words(THEN[stem]).splitlines():
-        say(line)
+    say("they run as they are; next:")
+    for line in THEN[stem]:
+        say(f"  {renamed(line)}")
 
 
-def _imported(text: str) -> set[str]:
-    """Names that a module imports, and the modules that it imports them from."""
-    imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
-    names = {alias.asname or alias.name for node in imports for alias in node.names}
-    return names | {node.module for node in imports if isinstance(node, ast.ImportFrom) and node.module}
+add_command(app, "method", new_method)
+add_command(app, "dataset", new_dataset)
+add_command(app, "adapter", new_adapter)

@@ -1,45 +1,30 @@
-"""Options and arguments that several commands share, as typer reads them."""
+"""Options and arguments that several commands share, and what the names in them stand for.
+
+What a scenario renders is rendered first, with a bar.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from typer.core import TyperGroup
 
 from bench.commands.command import TEXT, Words
+from bench.commands.console import Report, detail, interruptible, note, progress_bar
 from bench.errors import UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from concurrent.futures import Executor
 
-    from bench.commands.runs import Run
     from bench.execution import TaskExecutor
     from bench.methods import Method
     from bench.recordings import DatasetCard
-
-
-class Commands(TyperGroup):
-    """A group whose help says in whole sentences what each command does."""
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """List the commands by panels, each with the first paragraph of its help."""
-        panels: dict[str, list[tuple[str, str]]] = {}
-        for name in self.list_commands(ctx):
-            command: Any = self.get_command(ctx, name)
-            text = " ".join((command.help or "").split("\n\n")[0].split())
-            panels.setdefault(command.rich_help_panel or "Commands", []).append((name, text))
-        for panel, rows in panels.items():
-            with formatter.section(panel):
-                formatter.write_dl(rows)
-
-
-def group(help_text: str) -> typer.Typer:
-    """A group of commands, without commands."""
-    return typer.Typer(cls=Commands, help=help_text, no_args_is_help=True, rich_markup_mode=None)
 
 
 def worker_processes(count: int | None) -> TaskExecutor:
@@ -84,9 +69,7 @@ def _settings(option: str) -> Words:
 
 
 Dataset = Annotated[
-    "str | Path | DatasetCard",
-    typer.Argument(help="Data-set card: a path, or a name of `list datasets`."),
-    TEXT,
+    "str | Path | DatasetCard", typer.Argument(help="Data-set card: a path, or a name of `list datasets`."), TEXT
 ]
 MethodName = Annotated[
     "str | Method", typer.Option("--method", help="Method: a name of `list methods`, or module:Class."), TEXT
@@ -105,26 +88,16 @@ InputErrors = Annotated[
     ),
     _settings("--input-error"),
 ]
-ProtocolName = Annotated[
-    "str | Path",
-    typer.Option("--protocol", help="paper-v1, surface-v1, extended-v1, masks-v1, or a YAML file."),
-    TEXT,
-]
+RULES = "paper-v1, surface-v1, extended-v1, masks-v1, or a YAML file"
+Protocol = Annotated["str | Path", typer.Option(help=f"{RULES}."), TEXT]
 Protocols = Annotated[
-    "str | Path",
-    typer.Option(
-        "--protocol",
-        help="paper-v1, surface-v1, extended-v1, masks-v1, or a YAML file; several, separated by commas, "
-        "run the method once.",
-    ),
-    TEXT,
+    "str | Path", typer.Option("--protocol", help=f"{RULES}; several, separated by commas, run the method once."), TEXT
 ]
 Split = Annotated[
     str | None,
     typer.Option(
-        "--split",
         help="A split of the data set, or recordings separated by commas; append [:50] for the first 50 images "
-        "of each camera; default: everything.",
+        "of each camera; default: everything."
     ),
 ]
 Workers = Annotated[
@@ -135,6 +108,66 @@ Workers = Annotated[
     ),
     Words(str | None, _executor, default=None),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a different run in the folder.")]
-Pictures = Annotated[bool, typer.Option(help="Draw an example image of every category.")]
-StoredRun = Annotated["str | Path | Run", typer.Argument(help="Folder of a run, or of one protocol in it."), TEXT]
+
+
+def as_card(dataset: str | Path | DatasetCard) -> DatasetCard:
+    """The card of a data set, read where it is not given itself.
+
+    Raises:
+        UnknownNameError: no card of this name.
+        DataError: it cannot be read.
+    """
+    from bench.recordings import DatasetCard, load_card
+
+    return dataset if isinstance(dataset, DatasetCard) else load_card(dataset)
+
+
+def as_executor(workers: int | Executor | TaskExecutor) -> TaskExecutor:
+    """The executor of so many processes: one computes in this process; or the one that is given."""
+    from concurrent.futures import Executor
+
+    from bench.execution import FuturesExecutor, local_executor
+
+    if isinstance(workers, Executor):
+        return FuturesExecutor(pool=workers, workers=getattr(workers, "_max_workers", 0))
+    return local_executor(workers) if isinstance(workers, int) else workers
+
+
+@contextmanager
+def rendering(scenario: Path, out: Path) -> Iterator[Report]:
+    """A progress bar for rendering, and what is left when that is interrupted."""
+    left = f"the recordings that are done are in {out}, and the same command goes on from there"
+    with interruptible(left), progress_bar(f"rendering {scenario.stem}", "recordings") as report:
+        yield report
+
+
+def rendered_card(
+    dataset: str | Path | DatasetCard,
+    split: str | None = None,
+    *,
+    executor: TaskExecutor | None = None,
+    as_it_is: bool = False,
+) -> DatasetCard:
+    """The card of a data set, of which what its scenario asks for in a split is rendered where it is not there yet.
+
+    Args:
+        dataset: card, by path or by a name that `fisheye-bench list` shows.
+        split: of the data set; None for all of it.
+        executor: of what is done with the data; as many of its workers render. None for one process per core.
+        as_it_is: render nothing where the data have a folder, however much of them is in it.
+
+    Raises:
+        UnknownNameError: no card or split of this name.
+        DataError: the card or its scenario cannot be used.
+    """
+    from bench.harness.datasets import render_if_missing
+
+    card = as_card(dataset)
+    detail(f"card {card.file}, root {card.content.root}")
+    if card.scenario is not None and not (as_it_is and card.root.is_dir()):
+        with rendering(card.scenario, card.root) as report:
+            workers = 0 if executor is None else executor.workers
+            count = render_if_missing(card, split, workers=workers or None, progress=report)
+        if count:
+            note(f"{counted(count, 'recording')} in {card.root}")
+    return card

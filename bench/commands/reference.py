@@ -8,21 +8,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH, command_line
-from bench.commands.console import FAILURES, note, say
-from bench.commands.progress import Report, progress_bar
+from bench.commands.command import PATH, add_command, group
+from bench.commands.console import FAILURES, Report, note, progress_bar, say
 
 if TYPE_CHECKING:
     from bench.harness.reference_export import ReferenceExport
 
-app = options.group("Export the reference as label images and JSON, to train and score with other tools.")
+app = group("Export the reference as label images and JSON, to train and score with other tools.")
 
 
 def export_reference(
     dataset: options.Dataset,
-    out: Annotated[str | Path, typer.Option(help="Folder, new or empty."), PATH],
+    out: Annotated[str | Path, typer.Option(), PATH],
     *,
-    protocol: options.ProtocolName = "surface-v1",
+    protocol: options.Protocol = "surface-v1",
     split: options.Split = None,
     workers: options.Workers = 1,
     progress: Report | None = None,
@@ -31,7 +30,7 @@ def export_reference(
 
     Args:
         dataset: card, by path or by name.
-        out: written whole or not at all; `bench.harness.reference_export` says which files.
+        out: folder, new or empty, written whole or not at all; `bench.harness.reference_export` says which files.
         protocol: by name or file.
         split: of the data set, or recordings with commas in between.
         workers: processes, or an executor, that compute the recordings.
@@ -43,15 +42,17 @@ def export_reference(
     Raises:
         UnknownNameError: no data set, protocol or split of this name.
         DataError: the folder holds something, or a recording cannot be opened.
+
+    Examples:
+        fisheye-bench reference export demo --out my-references
     """
     from bench.atomic import refuse_filled
-    from bench.commands.data import as_executor, rendered_card
     from bench.evaluation import load_protocol
     from bench.harness.reference_export import export_references
 
-    executor, rules = as_executor(workers), load_protocol(protocol)
+    executor, rules = options.as_executor(workers), load_protocol(protocol)
     refuse_filled(Path(out))
-    card = rendered_card(dataset, split, executor=executor)
+    card = options.rendered_card(dataset, split, executor=executor)
     with progress_bar(f"exporting the reference of {card.name}", "recordings", progress) as report:
         return export_references(card, protocol=rules, out=Path(out), split=split, executor=executor, progress=report)
 
@@ -64,4 +65,4 @@ def show(export: ReferenceExport) -> int:
     return FAILURES if export.problems else 0
 
 
-app.command("export")(command_line(export_reference, show))
+add_command(app, "export", export_reference, show)

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from bench.commands import options
-from bench.commands.command import PATH, Place
-from bench.commands.console import note_files, say
-from bench.commands.progress import Report, progress_bar
+from bench.commands.command import Flag, Place
+from bench.commands.console import Report, note_files, progress_bar, say
+from bench.commands.run import NamedRun, run_folder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,27 +23,21 @@ class RunPage:
     problems: tuple[str, ...]
 
 
-def report(
-    run: options.StoredRun,
-    *,
-    out: Annotated[
-        Place, typer.Option(help="File to write; default: index.html in the protocol's folder."), PATH
-    ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the worst images; needs the data set.")] = True,
-    progress: Report | None = None,
-) -> RunPage:
+def report(run: NamedRun, *, out: Place = None, pictures: Flag = True, progress: Report | None = None) -> RunPage:
     """Write an HTML page of a run that opens offline: metrics, charts, worst cases.
 
     Args:
         run: stored, or its folder.
-        out: None for the default.
-        pictures: False where the data set is not there.
+        out: file to write; default: index.html in the protocol's folder.
+        pictures: draw the worst images; needs the data set.
         progress: called with the pictures done and their number.
 
     Raises:
         DataError: a run is missing or damaged.
+
+    Examples:
+        fisheye-bench report reports/runs/demo-spherical
     """
-    from bench.commands.runs import run_folder
     from bench.reporting.figures import write_figures
     from bench.reporting.run_page import write_page
 

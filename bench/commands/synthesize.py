@@ -8,18 +8,25 @@ from typing import Annotated
 import typer
 
 from bench.commands.console import note
+from bench.commands.options import rendering
 from bench.plain_text import counted
 
 
 def synthesize(
-    scenario: Annotated[Path, typer.Argument(help="A scenario file.")],
-    out: Annotated[Path, typer.Option(help="Folder of the recordings.")],
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Number of worker processes; default: one per core.")
-    ] = None,
+    scenario: Annotated[Path, typer.Argument()],
+    out: Annotated[Path, typer.Option()],
+    workers: Annotated[int | None, typer.Option(min=1)] = None,
 ) -> None:
-    """Render a scenario into recordings; up-to-date recordings stay."""
-    from bench.commands.data import rendering
+    """Render a scenario into recordings; up-to-date recordings stay.
+
+    Args:
+        scenario: a scenario file.
+        out: folder of the recordings.
+        workers: number of worker processes; default: one per core.
+
+    Examples:
+        fisheye-bench synthesize datasets/tiny.scenario.yaml --out my-drives
+    """
     from bench.synthesis import synthesize as render
 
     with rendering(scenario, out) as report:

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from bench.commands.console import print_blocks, say
-from bench.commands.options import Dataset, Split
-from bench.commands.progress import Report, progress_bar
+from bench.commands.command import Flag, Place
+from bench.commands.console import Report, print_blocks, progress_bar, say
+from bench.commands.options import Dataset, Split, rendered_card
 
 if TYPE_CHECKING:
     from bench.validation import ValidationReport
 
 
 def validate(
-    dataset: Dataset,
-    *,
-    split: Split = None,
-    deep: Annotated[bool, typer.Option("--deep", help="Read every image and sweep instead of a sample.")] = False,
-    progress: Report | None = None,
+    dataset: Dataset, *, split: Split = None, deep: Flag = False, progress: Report | None = None
 ) -> ValidationReport:
     """List what looks wrong in a data set; exit status 0 nothing, 1 something, 2 usage or data error.
 
@@ -29,7 +22,7 @@ def validate(
     Args:
         dataset: card, by path or by a name that `fisheye-bench list` shows.
         split: of the data set, or recordings with commas in between; None for all of it.
-        deep: read every image and sweep, not a sample.
+        deep: read every image and sweep instead of a sample.
         progress: called with the recordings done, fractions allowed, and their number.
 
     Returns:
@@ -38,29 +31,33 @@ def validate(
     Raises:
         UnknownNameError: no data set, split or recording of this name.
         DataError: the card cannot be used; what is wrong with a recording is a finding.
+
+    Examples:
+        fisheye-bench validate my-data --deep --json findings.json
     """
-    from bench.commands.data import rendered_card
     from bench.recordings import open_dataset
-    from bench.validation import Depth, validate_dataset
+    from bench.validation import validate_dataset
 
     card = rendered_card(dataset, split, as_it_is=True)
-    depth = Depth.DEEP if deep else Depth.SAMPLED
     with progress_bar(f"validating {card.name}", "recordings", progress) as report:
-        return validate_dataset(card.name, open_dataset(card, split), depth=depth, progress=report)
+        return validate_dataset(card.name, open_dataset(card, split), deep=deep, progress=report)
 
 
-def show(
-    report: ValidationReport,
-    *,
-    errors_only: Annotated[bool, typer.Option("--errors-only", help="Exit with 0 if there are only warnings.")] = False,
-    json: Annotated[Path | None, typer.Option(help="Write all findings as JSON to this file.")] = None,
-) -> int:
-    """Print the findings; 1 where there are some."""
+def show(report: ValidationReport, *, errors_only: Flag = False, json: Place = None) -> int:
+    """Print the findings; 1 where there are some.
+
+    Args:
+        report: the findings.
+        errors_only: exit with 0 if there are only warnings.
+        json: write all findings as JSON to this file.
+    """
+    from pathlib import Path
+
     from bench.atomic import write_output
     from bench.reporting.findings import findings_report
 
     print_blocks(findings_report(report))
     if json is not None:
-        write_output(json, report.as_json())
+        write_output(Path(json), report.as_json())
         say(str(json))
     return 1 if (report.errors if errors_only else report.findings) else 0

@@ -9,8 +9,8 @@ import typer
 
 from bench.commands import options
 from bench.commands.command import TEXT
-from bench.commands.console import note, say
-from bench.commands.progress import Report, progress_bar
+from bench.commands.console import Report, note, progress_bar, say
+from bench.commands.run import NamedRun, load_run, run_folder
 from bench.errors import UsageError
 from bench.plain_text import counted
 
@@ -20,12 +20,8 @@ if TYPE_CHECKING:
 
 
 def verify(
-    run: options.StoredRun,
-    dataset: Annotated[
-        str | Path | DatasetCard | None,
-        typer.Option("--data", metavar="CARD", help="Your copy of the data; default: the shipped card of this name."),
-        TEXT,
-    ] = None,
+    run: NamedRun,
+    dataset: Annotated[str | Path | DatasetCard | None, typer.Option("--data", metavar="CARD"), TEXT] = None,
     *,
     workers: options.Workers = 1,
     progress: Report | None = None,
@@ -36,7 +32,7 @@ def verify(
 
     Args:
         run: stored, or its folder.
-        dataset: card, by path or by name; None for the one of the run's name that ships with the package.
+        dataset: your copy of the data; default: the shipped card of this name.
         workers: processes, or an executor, that count.
         progress: called with the images done and their number.
 
@@ -48,15 +44,16 @@ def verify(
         UnknownNameError: no data set of this name.
         UsageError: no `dataset`, and the run is of none that ships.
         DataError: a file of the run or of the data is missing or damaged.
+
+    Examples:
+        fisheye-bench verify reports/runs/demo-spherical
     """
-    from bench.commands.data import as_executor, rendered_card
-    from bench.commands.runs import load_run, run_folder
     from bench.harness.verify import verify_run
 
-    folder, executor = run_folder(run), as_executor(workers)
+    folder, executor = run_folder(run), options.as_executor(workers)
     card = card_to_verify(folder, dataset)
     note(f"data: card {card.file}, root {card.root}")
-    card = rendered_card(card, load_run(folder).manifest.dataset.split, executor=executor)
+    card = options.rendered_card(card, load_run(folder).manifest.dataset.split, executor=executor)
     with progress_bar(f"counting {folder.name} again", "images", progress) as report:
         return verify_run(folder, card, executor=executor, progress=report)
 
@@ -73,13 +70,11 @@ def card_to_verify(run: Path, dataset: str | Path | DatasetCard | None) -> Datas
         UsageError: no `dataset`, and the run is of none that ships.
         DataError: the card cannot be read.
     """
-    from bench.commands.data import as_card
-    from bench.commands.runs import load_run
     from bench.recordings import list_cards
     from bench.recordings.cards import shipped_folder
 
     if dataset is not None:
-        return as_card(dataset)
+        return options.as_card(dataset)
     name = load_run(run).manifest.dataset.name
     shipped = {card.name: card for card in list_cards(shipped_folder())}
     if name not in shipped:
@@ -90,10 +85,10 @@ def card_to_verify(run: Path, dataset: str | Path | DatasetCard | None) -> Datas
     return shipped[name]
 
 
-def show(found: Verification) -> int:
+def show(verification: Verification) -> int:
     """Print what differs; 1 where something does."""
-    for line in found.differences:
+    for line in verification.differences:
         say(f"differs: {line}", style="red")
-    if not found.differences:
-        say(f"equal: the run holds what its answers score, {counted(found.images, 'image')} counted again")
-    return 1 if found.differences else 0
+    if not verification.differences:
+        say(f"equal: the run holds what its answers score, {counted(verification.images, 'image')} counted again")
+    return 1 if verification.differences else 0

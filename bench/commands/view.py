@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH, TEXT, Place
-from bench.commands.console import note_files, say
-from bench.commands.progress import Report, progress_bar
+from bench.commands.command import TEXT, Flag, Place
+from bench.commands.console import Report, note_files, progress_bar, say
 from bench.errors import UnknownNameError, UsageError
 
 if TYPE_CHECKING:
@@ -42,63 +41,34 @@ class View:
 def view(
     dataset: options.Dataset,
     *,
-    recording: Annotated[str | None, typer.Option(help="Name of the recording; default: the first.")] = None,
-    camera: Annotated[
-        str | None, typer.Option(help="Name of the camera; default: the first, with --calibration each.")
-    ] = None,
-    frame: Annotated[
-        int | str | None,
-        typer.Option(
-            metavar="N|FIRST:LAST[:STEP]",
-            help="Index of an image, or of several, the last one included; default: the middle one; of films all.",
-        ),
-        TEXT,
-    ] = None,
-    time_ns: Annotated[int | None, typer.Option(help="The image nearest to this time, in ns.")] = None,
-    method: Annotated[
-        str | Scorable | None,
-        typer.Option(help="Also draw what this method finds: a name, or module:Class; default: none."),
-        TEXT,
-    ] = None,
+    recording: Annotated[str | None, typer.Option()] = None,
+    camera: Annotated[str | None, typer.Option()] = None,
+    frame: Annotated[int | str | None, typer.Option(metavar="N|FIRST:LAST[:STEP]"), TEXT] = None,
+    time_ns: Annotated[int | None, typer.Option()] = None,
+    method: Annotated[str | Scorable | None, typer.Option(), TEXT] = None,
     settings: options.Settings = None,
-    protocol: options.ProtocolName = "paper-v1",
-    out: Annotated[
-        Place,
-        typer.Option(
-            help="Folder of pictures; default: reports/runs/view/<camera>/<image>; none with --video or --rrd."
-        ),
-        PATH,
-    ] = None,
-    video: Annotated[
-        Place, typer.Option(help="Write a video (.mp4, .webm, .avi) of right and wrong areas."), PATH
-    ] = None,
-    rrd: Annotated[
-        Place, typer.Option(help="Write a log for the rerun viewer (extra `viewer`), with lidar and boxes."), PATH
-    ] = None,
-    calibration: Annotated[
-        bool,
-        typer.Option(
-            "--calibration",
-            help="Draw lidar, road grid, lens and predicted flow onto the images of each camera; without a method.",
-        ),
-    ] = False,
+    protocol: options.Protocol = "paper-v1",
+    out: Place = None,
+    video: Place = None,
+    rrd: Place = None,
+    calibration: Flag = False,
     progress: Report | None = None,
 ) -> View:
     """Draw images with reference and lidar points, with --method also what it finds; or a video or viewer log.
 
     Args:
         dataset: card, by path or by name.
-        recording: name.
-        camera: name.
-        frame: index of the image, "FIRST:LAST" or "FIRST:LAST:STEP"; of a video or log None is for all.
-        time_ns: of an image, in place of an index.
-        method: by name, as "module:Class", or an object; None for the reference alone.
+        recording: name of the recording; default: the first.
+        camera: name of the camera; default: the first, with --calibration each.
+        frame: index of an image, or of several, the last one included; default: the middle one; of films all.
+        time_ns: the image nearest to this time, in ns.
+        method: also draw what this method finds: a name, or module:Class; default: none.
         settings: parameters of a method that is given by name.
         protocol: of the reference, by name or file.
-        out: folder of pictures.
-        video: file; None for none.
-        rrd: file; None for none.
-        calibration: in place of reference and method.
+        out: folder of pictures; default: reports/runs/view/<camera>/<image>; none with --video or --rrd.
+        video: write a video (.mp4, .webm) of right and wrong areas.
+        rrd: write a log for the rerun viewer (extra `viewer`), with lidar and boxes.
+        calibration: draw lidar, road grid, lens and predicted flow onto the images of each camera; without a method.
         progress: called with the images that are drawn, and their number.
 
     Raises:
@@ -106,6 +76,10 @@ def view(
         UsageError: two choices of frames, or one that does not exist or cannot be scored; a suffix or codec that is
             missing; settings without the name of a method; a video of calibration.
         DataError: an image or sweep that cannot be read.
+
+    Examples:
+        fisheye-bench view demo --method spherical --frame 20
+        fisheye-bench view demo --recording crossing-car --frame 10:40 --video crossing.mp4
     """
     from bench.evaluation import load_protocol
     from bench.harness import FramePipeline, build_scorable
@@ -142,13 +116,7 @@ def view(
         indices = chosen_frames(pipeline.images, history=asked.history, span=span, time_ns=time_ns, all_else=filmed)
         if filmed:
             files += write_film(
-                pipeline,
-                indices,
-                video=film,
-                rrd=log,
-                made_by=made,
-                with_method=built is not None,
-                progress=report,
+                pipeline, indices, video=film, rrd=log, made_by=made, with_method=built is not None, progress=report
             )
         if filmed and pictures is None:
             return View(files=tuple(files))
@@ -161,12 +129,15 @@ def _open(dataset: str | Path | DatasetCard, recording: str | None, camera: str 
 
     Raises:
         UnknownNameError: no such recording or camera.
+        UsageError: the name of a split.
     """
-    from bench.commands.data import rendered_card
     from bench.harness.datasets import Dataset
     from bench.recordings import open_dataset
 
-    card = rendered_card(dataset, recording)
+    card = options.as_card(dataset)
+    if recording in card.splits:
+        raise UsageError(f"--recording: expected one recording, got the split {recording!r}")
+    options.rendered_card(card, recording)
     data = Dataset(card=card, handles=open_dataset(card, recording))
     if recording is not None and data.names != (recording,):
         raise UnknownNameError("recording", recording, data.names)

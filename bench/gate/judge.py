@@ -29,8 +29,8 @@ from bench.evaluation.sums import ALL_MOVING, FRAMES, TERMS, name_slice
 from bench.gate.baseline import RunSums
 from bench.gate.tolerances import Tolerances, void_rules
 from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict, changes
-from bench.harness.manifest import Aspect, differences
-from bench.plain_text import listed
+from bench.harness.manifest import Aspect, Difference, differences
+from bench.plain_text import counted, listed
 
 LISTED = 4  # differences that a message lists
 WORST = 3  # recordings that are named
@@ -60,7 +60,8 @@ def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict
     Raises:
         UsageError: another data set, split or protocol.
     """
-    for difference in differences(baseline.manifest, run.manifest):
+    found = differences(baseline.manifest, run.manifest)
+    for difference in found:
         if not difference.comparable:
             raise UsageError(
                 f"the baseline is of {difference.aspect} {difference.before}, the run of {difference.after}: they do "
@@ -72,20 +73,20 @@ def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict
         baseline=baseline.manifest,
         run=run.manifest,
         tolerances=tolerances.title,
-        changes=changes(baseline.manifest, run.manifest),
-        checks=data_checks(baseline, run, pairs, compared, tolerances=tolerances),
+        changes=changes(found),
+        checks=data_checks(run, found, pairs, compared, tolerances=tolerances),
         rows=judge_changes(compared, tolerances=tolerances, worst=worst_recordings(pairs)),
     )
 
 
 def data_checks(
-    baseline: RunSums, run: RunSums, pairs: pd.DataFrame, changes: pd.DataFrame, *, tolerances: Tolerances
+    run: RunSums, found: Sequence[Difference], pairs: pd.DataFrame, changes: pd.DataFrame, *, tolerances: Tolerances
 ) -> tuple[Check, ...]:
     """Check run against baseline, the same checks in the order of cause and effect.
 
     Args:
-        baseline: what it is judged by.
         run: the newer one.
+        found: in what its manifest differs from that of the baseline.
         pairs: sums of both, as `pair_sums` gives them.
         changes: of the metrics, as `compare_pairs` gives them.
         tolerances: the rules.
@@ -93,11 +94,10 @@ def data_checks(
     Returns:
         Always the same checks, one more where nobody reviewed the annotations, and one where rules apply to nothing.
     """
-    texts: dict[Aspect, list[str]] = {}
-    for difference in differences(baseline.manifest, run.manifest):
-        texts.setdefault(difference.aspect, []).append(difference.text)
-    other_data, other_reference = (texts.get(aspect, []) for aspect in (Aspect.DATA, Aspect.REFERENCE))
-    method = [text for what in (Aspect.METHOD, Aspect.SETTINGS, Aspect.METHOD_CODE) for text in texts.get(what, [])]
+    other_data, other_reference, method = (
+        [difference.text for difference in found if difference.aspect in aspects]
+        for aspects in ((Aspect.DATA,), (Aspect.REFERENCE,), (Aspect.METHOD, Aspect.SETTINGS, Aspect.METHOD_CODE))
+    )
     rendered = tolerances.changed_data == "report"
     if rendered and other_data and other_reference and (small := small_difference(pairs)):
         other_reference, of_reference = [small], Outcome.SUSPECT
@@ -136,8 +136,8 @@ def _count_differences(pairs: pd.DataFrame) -> Iterator[str]:
     """
     terms = [f"{term}{side}" for term in TERMS for side in SIDES]
     of_all = pairs["breakdown"].isin([ALL_MOVING, STATUS])
-    counted = (pairs["metric"] == "tracks") | ((pairs["breakdown"] == STATUS) & pairs["metric"].isin(COUNTS))
-    chosen = [pairs[counted & of_all], pairs[counted & ~of_all]]
+    decided = (pairs["metric"] == "tracks") | ((pairs["breakdown"] == STATUS) & pairs["metric"].isin(COUNTS))
+    chosen = [pairs[decided & of_all], pairs[decided & ~of_all]]
     for row in [row for part in chosen for row in _records(part.groupby(SLICE)[terms].sum().astype(int))]:
         for unit, term in _UNITS[row["metric"]]:
             was, now = (row[f"{term}{side}"] for side in SIDES)
@@ -267,10 +267,10 @@ def judgeable(run: RunSums, *, tolerances: Tolerances) -> str:
     """How much a run can judge as a baseline: "67 of 238 metrics can be judged", and why none of them."""
     rows = judge(run, run, tolerances=tolerances).rows
     judged = sum(row.outcome is not Outcome.NOT_JUDGED for row in rows)
-    counted = f"{judged} of {len(rows)} metrics can be judged"
+    told = f"{judged} of {len(rows)} metrics can be judged"
     if judged or not rows:
-        return counted
-    return f"{counted}: {max(rows, key=lambda row: (row.allowed >= 0, row.cases_before)).reason}"
+        return told
+    return f"{told}: {max(rows, key=lambda row: (row.allowed >= 0, row.cases_before)).reason}"
 
 
 def _why_suspect(row: Mapping[Any, Any]) -> str:
@@ -291,8 +291,7 @@ def _why_not_judged(row: Mapping[Any, Any], tolerances: Tolerances) -> str:
     unit = "frames" if find_metric(row["metric"]).over == IMAGE_FRAMES else "cases"  # cases of some are pixels
     cases, recordings = min(row[f"{unit}{side}"] for side in SIDES), row["recordings"]
     if cases < tolerances.min_cases:
-        return f"{cases} {'case' if cases == 1 else 'cases'}, {tolerances.min_cases} are needed"
+        return f"{counted(cases, 'case')}, {tolerances.min_cases} are needed"
     if recordings < tolerances.min_recordings:
-        unit = "recording" if recordings == 1 else "recordings"
-        return f"cases of both in {recordings} {unit}, {tolerances.min_recordings} are needed"
+        return f"cases of both in {counted(recordings, 'recording')}, {tolerances.min_recordings} are needed"
     return ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from importlib import resources
 from pathlib import Path
@@ -17,7 +16,6 @@ from bench.evaluation import find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.plain_yaml import known_rules, read_rules
 from bench.recordings.validation import FileModel, validated
-from bench.records.reference import Category
 
 DEFAULT = "default-v1"
 
@@ -29,24 +27,8 @@ def _metric(name: str) -> str:
         raise ValueError(f"a metric: {error}") from error
 
 
-def _slice_pattern(pattern: str) -> str:
-    breakdown, equals, _ = pattern.partition("=")
-    known = BREAKDOWNS if equals else WHOLE
-    if not any(fnmatchcase(name, breakdown.replace("[", "[[]")) for name in known):
-        hints = get_close_matches(breakdown.lower().replace("-", "_").replace(" ", "_"), known, n=1)
-        told = f", did you mean {hints[0]!r}" if hints else f", known: {', '.join(known)}"
-        raise ValueError(f"a slice, or a pattern that fits some: {pattern!r} fits none{told}")
-    return pattern
-
-
-WHOLE = ("all_moving", "frames", *map(str, Category))
-BREAKDOWNS = (
-    *("object_class", "range_m", "speed_mps", "class_and_speed", "ego_speed_mps", "camera", "points"),
-    "category",
-)
 NotNegative = Annotated[float, Field(ge=0)]
 MetricName = Annotated[str, AfterValidator(_metric)]
-SlicePattern = Annotated[str, AfterValidator(_slice_pattern)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +93,7 @@ class Tolerances(FileModel):
     min_cases: Annotated[int, Field(ge=1)]
     min_recordings: Annotated[int, Field(ge=FEWEST_RECORDINGS)]
     metrics: Overrides = Field(default_factory=dict)
-    slices: dict[SlicePattern, Overrides] = Field(default_factory=dict)
+    slices: dict[str, Overrides] = Field(default_factory=dict)
 
     @property
     def title(self) -> str:

@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
 from bench.errors import BenchError
 from bench.evaluation import PairedChange, find_metric, headlines
 from bench.evaluation.sums import ALL_MOVING, FRAMES
-from bench.harness.manifest import Aspect, Manifest, differences
+from bench.harness.manifest import Aspect, Difference, Manifest
 
 NOTHING_JUDGED = (
     "nothing was judged; a verdict needs metrics that decide, with cases in enough recordings, in baseline and run"
 )
 OF_ITSELF = ("method", "settings", "protocol", "code", "data", "reference")  # what may change, in the order of telling
+NOTED = ("reference_digest", "annotations", "tolerances")  # checks that are told where they fail nothing
 _TOLD_AS = {Aspect.METHOD_CODE: "code", Aspect.INPUT_ERRORS: "data"}
 
 
@@ -109,25 +111,12 @@ class Row(PairedChange):
         return self.worsening / self.allowed if self.allowed > 0 else math.copysign(math.inf, self.worsening)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Change:
-    """Something that is not as in the baseline.
-
-    Attributes:
-        what: one of `OF_ITSELF`.
-        text: what it is and what it was, one line.
-    """
-
-    what: str
-    text: str
-
-
-def changes(baseline: Manifest, run: Manifest) -> tuple[Change, ...]:
-    """List what changed, in the order of `OF_ITSELF`; what is not named is as it was."""
+def changes(found: Iterable[Difference]) -> dict[str, str]:
+    """What it is and what it was of all that changed, by what changed, in the order of `OF_ITSELF`."""
     texts: dict[str, list[str]] = {}
-    for difference in differences(baseline, run):
+    for difference in found:
         texts.setdefault(_TOLD_AS.get(difference.aspect, str(difference.aspect)), []).append(difference.text)
-    return tuple(Change(what=what, text="; ".join(texts[what])) for what in OF_ITSELF if what in texts)
+    return {what: "; ".join(texts[what]) for what in OF_ITSELF if what in texts}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,7 +127,7 @@ class Verdict:
         baseline: manifest of the baseline; None where the two were not compared.
         run: manifest of the run; None where it cannot be read.
         tolerances: name of the rules.
-        changes: what is not as in the baseline beside the scores.
+        changes: what is not as in the baseline beside the scores, one line each, by what it is.
         checks: that both measured the same things, in a fixed order.
         rows: those of `compare_sums`, in its order.
         refusal: why run and baseline were not compared; None where they were.
@@ -150,7 +139,7 @@ class Verdict:
     baseline: Manifest | None
     run: Manifest | None
     tolerances: str
-    changes: tuple[Change, ...] = ()
+    changes: Mapping[str, str] = field(default_factory=dict)
     checks: tuple[Check, ...] = ()
     rows: tuple[Row, ...] = ()
     refusal: BenchError | None = None
@@ -191,14 +180,12 @@ class Verdict:
     @property
     def subject(self) -> str:
         """One line: what was judged, and by which rules."""
-        run = f"{self.method} on {self.dataset} by {self.protocol}, " if self.run else ""
-        return f"{run}tolerances {self.tolerances}"
+        return ", ".join([*([self.run.title] if self.run else []), f"tolerances {self.tolerances}"])
 
     @property
     def unchanged(self) -> tuple[str, ...]:
         """Aspects that are as in the baseline; settings of another method are no settings of this one."""
-        changed = {change.what for change in self.changes}
-        changed |= {"settings"} if "method" in changed else set()
+        changed = {*self.changes, *(["settings"] if "method" in self.changes else [])}
         return tuple(what for what in OF_ITSELF if what not in changed)
 
     @property
@@ -325,14 +312,12 @@ def change_lines(verdict: Verdict) -> list[str]:
     if verdict.refusal:
         return []
     told = {check.name.removesuffix("_digest") for check in verdict.failed_checks}
-    noted = [
-        check.message
-        for check in verdict.checks
-        if check.name in {"reference_digest", "annotations"} and check.outcome is Outcome.SUSPECT
+    suspect = [check for check in verdict.checks if check.outcome is Outcome.SUSPECT and check.name in NOTED]
+    return [
+        *(f"changed: {what}: {text}" for what, text in verdict.changes.items() if what not in told),
+        *(f"note: {check.message}" for check in suspect),
+        f"as in the baseline: {', '.join(verdict.unchanged) or 'nothing'}",
     ]
-    changed = [f"changed: {change.what}: {change.text}" for change in verdict.changes if change.what not in told]
-    unchanged = ", ".join(verdict.unchanged) or "nothing"
-    return [*changed, *(f"note: {message}" for message in noted), f"as in the baseline: {unchanged}"]
 
 
 def worst_line(verdict: Verdict) -> str:

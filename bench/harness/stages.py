@@ -34,7 +34,7 @@ class Provenance(BaseModel):
         seconds: wall time.
         images: scored images.
         images_asked: of which the method was asked; the answers of the others were stored.
-        workers: processes.
+        workers: how many; 0 where the executor does not tell.
         peak_memory_mb: largest resident size of a process.
     """
 

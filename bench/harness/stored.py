@@ -52,7 +52,7 @@ from bench.recordings.validation import read_json
 
 SUMMARY, SUMS, PROTOCOL = "summary.json", "sums.csv", "protocol.json"
 PREDICTIONS = "predictions.json"  # of runs of predictions from disk
-USUAL_PROTOCOL = "paper-v1"
+USUAL_PROTOCOL = "surface-v1"  # by which methods are compared
 RESULT_FILES = (
     *(ANSWERS, COUNTS, MANIFEST, SUMMARY, SUMS, PROTOCOL, PREDICTIONS),
     *("table.*", "index.html", "figures", "pictures"),
@@ -201,7 +201,7 @@ def find_answer(answers: Path, recording: str, camera: str, timestamp_ns: int) -
 
 
 def results_folder(folder: Path) -> Path:
-    """The folder of results that a folder stands for: itself, or of a run that by paper-v1, or its only one.
+    """The folder of results that a folder stands for: itself, or of a run that by surface-v1, or its only one.
 
     Raises:
         DataError: there are none, or several others.
@@ -221,10 +221,10 @@ def results_folder(folder: Path) -> Path:
 
 
 def run_name(results: Path) -> str:
-    """Name of a run, with that of the protocol behind it unless that is the usual one."""
+    """Name of a run, with that of the protocol behind it unless the run's folder stands for these results."""
     place = results.resolve()
-    run = place.parent.name
-    return run if place.name == USUAL_PROTOCOL else f"{run}-{place.name}"
+    alone = place.name == USUAL_PROTOCOL or len([*place.parent.glob(f"*/{COUNTS}")]) <= 1
+    return place.parent.name if alone else f"{place.parent.name}-{place.name}"
 
 
 def read_run(folder: Path, *, label: str | None = None) -> StoredRun:

@@ -6,14 +6,12 @@ and its numbers are a CSV. A figure is one of matplotlib on its own Agg canvas. 
 equal input gives equal bytes.
 
 - `document` (blocks, reports and their writers; `page.html.j2`, `page.css` and `page.js` make the one page of all),
-  `formats` (how values and intervals are written everywhere), `canvas` (colours, figures, what is drawn on axes);
-- `run_tables` (a run in tables and lines), `charts` (its charts), `run_page` (its page), of `glance` (what to know
-  first), `worst_cases` and `object_table`;
-- `compare` and `compare_page` (runs against each other), `leaderboard` and `leaderboard_page` (all runs of a folder),
-  `verdict` (of the gate), `sweep` (one setting through many values);
-- `findings` (what is wrong with data or predictions), `audit_tables`, `proposal_scores` (against annotations);
+  `formats` (how values and intervals are written everywhere), `figures` (colours, figures, the charts);
+- `run_tables` (a run in tables and lines, and a sweep), `run_page` (its page, with the worst cases);
+- `compare` (runs against each other), `leaderboard` (all runs of a folder), `verdict` (of the gate);
+- `findings` (what is wrong with data, predictions and proposals), `audit` (its tables and pictures);
 - `frame` (the one drawing of an image, as one or several methods were scored on it), `frame_pictures` (what a method
-  saw, lidar clusters, the frames that show a run), `film` (video, log), `calibration`, `audit_pictures`.
+  saw, lidar clusters, the frames that show a run), `film` (video, log, calibration).
 
 Images are (H, W) grey or (H, W, 3) BGR uint8, pixels (u, v) with the centre of the first pixel at (0, 0). Pictures of
 the ground are in the vehicle frame, x forward up and y left to the left.

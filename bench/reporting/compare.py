@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
@@ -27,37 +27,15 @@ from bench.evaluation import changes_in_parts, compare_sums, find_metric, headli
 from bench.evaluation.comparison import SIGNIFICANCE, SLICE, excludes_no_change
 from bench.evaluation.definitions import false_share, image_metrics, object_metrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.rows import (
-    EVALUATED,
-    IMAGE,
-    CommonImages,
-    group_recordings,
-    merge_rows,
-    pick,
-)
+from bench.evaluation.rows import EVALUATED, IMAGE, CommonImages, group_recordings, merge_rows, pick
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, recording_values
 from bench.harness import FramePipeline, ProcessedFrame, StoredRun, read_run
 from bench.harness.digests import short_digest
 from bench.harness.manifest import Aspect, Manifest, all_settings, differences
 from bench.harness.stages import Progress
-from bench.harness.stored import REFERENCE_OF_FRAMES, REFERENCE_OF_OBJECTS, reference_digest, refuse_unscored
+from bench.harness.stored import reference_digest, refuse_unscored
 from bench.reporting import formats
-from bench.reporting.document import (
-    Bar,
-    Block,
-    Cell,
-    Choice,
-    Column,
-    Filters,
-    Group,
-    Heads,
-    Paragraph,
-    Picture,
-    Report,
-    Style,
-    Table,
-    Tags,
-)
+from bench.reporting.document import Bar, Block, Cell, Column, Group, Heads, Paragraph, Picture, Report, Style, Table
 
 
 def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
@@ -115,10 +93,7 @@ def common_images(runs: Sequence[StoredRun]) -> CommonImages:
 
 
 def on_common_images(runs: Sequence[StoredRun]) -> tuple[list[StoredRun], str]:
-    """Restrict runs to the images that all of them scored: their rows, summed again; not their summary.
-
-    Args:
-        runs: that compare.
+    """Restrict runs that compare to the images that all of them scored: their rows, summed again; not their summary.
 
     Returns:
         runs: on these images.
@@ -130,16 +105,13 @@ def on_common_images(runs: Sequence[StoredRun]) -> tuple[list[StoredRun], str]:
     return [replace(run, images=images) for run in runs], _digest(runs[0], images)
 
 
-def why_apart(runs: Sequence[StoredRun], other: StoredRun) -> str:
-    """Say why a run stands in no table with others: too few images in common, or another reference on them; or ""."""
+def in_one_table(runs: Sequence[StoredRun], other: StoredRun) -> bool:
+    """Whether a run stands in one table with others: enough images in common, and the same reference on them."""
     if any(reference_of(run) == reference_of(other) for run in runs):
-        return ""
+        return True
     images = common_images([*runs, other])
-    common, scored = images.count(), max(run.summary.images.evaluated for run in (*runs, other))
-    if not common or common < LEAST_COMMON * scored:
-        return f"only {common} images are common, of {scored} that one of the runs scored"
-    same = _digest(runs[0], images) == _digest(other, images)
-    return "" if same else f"the reference changed on the {common} images that all scored"
+    scored = max(run.summary.images.evaluated for run in (*runs, other))
+    return images.count() >= max(LEAST_COMMON * scored, 1) and _digest(runs[0], images) == _digest(other, images)
 
 
 def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, StoredRun, int]:
@@ -164,8 +136,10 @@ def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRu
             scored = [run.summary.images.evaluated for run in (before, after)]
             raise UsageError(f"{refused}no image was scored by both; the first has {scored[0]}, the second {scored[1]}")
         if _digest(before, images) != _digest(after, images):
-            differ = "; ".join(_reference_differences(before, after, images))
-            raise UsageError(f"{refused}their references differ on the {common} images that both scored: {differ}")
+            raise UsageError(
+                f"{refused}their references differ on the {common} images that both scored: annotations, other data or "
+                "the code that builds references changed; run both again, on the same data with one version"
+            )
     (before, after), _ = on_common_images([before, after])
     return before, after, common
 
@@ -174,29 +148,6 @@ def _digest(run: StoredRun, images: CommonImages) -> str:
     """Of the reference on some images of a run."""
     on_images = replace(run, images=images)
     return reference_digest(on_images.objects, on_images.frames)
-
-
-def _reference_differences(one: StoredRun, two: StoredRun, images: CommonImages) -> Iterator[str]:
-    """Say how many objects, or else images, only one of the runs has as they are, each with its first example."""
-    runs = [replace(run, images=images) for run in (one, two)]
-    tables = (
-        ("object-frames", [run.objects for run in runs], REFERENCE_OF_OBJECTS),
-        ("images", [run.frames for run in runs], REFERENCE_OF_FRAMES),
-    )
-    for unit, sources, columns in tables:
-        alone: dict[str, list[pd.DataFrame]] = {"left_only": [], "right_only": []}
-        for group in group_recordings(images.recordings()):
-            rows = [source.read(group, columns).astype(object) for source in sources]
-            both = merge_rows(*rows, on=columns, how="outer")
-            for side, found in alone.items():
-                found.append(both[both["side"] == side].drop(columns="side"))
-        for which, found in zip(("first", "second"), alone.values(), strict=True):
-            if count := sum(map(len, found)):
-                first = next(rows.iloc[0] for rows in found if len(rows))
-                told = ", ".join(f"{name} {value}" for name, value in first.items() if not pd.isna(value))
-                yield f"{count} {unit} as only the {which} has them, the first: {told}"
-        if any(map(len, alone["left_only"] + alone["right_only"])):
-            return
 
 
 class Shown(StrEnum):
@@ -444,12 +395,12 @@ def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) ->
     scored = f": {before.label} scored {images[0]}, {after.label} {images[1]}" if len(set(images)) > 1 else ""
     notes = [f"Compared on the {images[2]} images that both scored{scored}."]
     notes += dict.fromkeys(run.summary.unreviewed for run in (before, after) if run.summary.unreviewed)
-    found = differences(before.manifest, after.manifest)
-    if any(difference.aspect is Aspect.DATA for difference in found):
+    changed = differences(before.manifest, after.manifest)
+    if any(difference.aspect is Aspect.DATA for difference in changed):
         notes.append(
             "The files of the data set changed between the runs, though the reference on these images did not."
         )
-    if code := [str(difference) for difference in found if difference.aspect in (Aspect.CODE, Aspect.METHOD_CODE)]:
+    if code := [str(difference) for difference in changed if difference.aspect in (Aspect.CODE, Aspect.METHOD_CODE)]:
         notes.append(f"Made by different code: {'; '.join(code)}.")
     return tuple(notes)
 
@@ -467,9 +418,10 @@ NOTE = (
 )
 _TERMINAL_NOTE = (
     "Differences in percentage points, with 95 % intervals by recording, in pairs; p: corrected over the rows of a "
-    f"metric; a verdict needs {FEWEST_RECORDINGS} recordings (recs). All metrics: compare.html."
+    f"metric; a verdict needs {FEWEST_RECORDINGS} recordings (recs). All metrics: compare.csv."
 )
 STYLES: dict[str, Style] = {Shown.BETTER: "good", Shown.WORSE: "bad"}
+FIRST_PICTURES = 4  # that a reader sees before the tables
 
 
 def p_text(p_value: float) -> str:
@@ -479,24 +431,17 @@ def p_text(p_value: float) -> str:
     return "<0.001" if p_value < 0.001 else f"{p_value:.3f}"
 
 
-def _bound(ratio: float) -> str:
-    return "" if math.isnan(ratio) else formats.hundredths(ratio)
-
-
 _COLUMNS: dict[str, Heads] = {
     "metric": Column("Metric", lambda name: find_metric(name).label),
     "label": "Type",
     "verdict": Column("Verdict", lambda verdict: Cell(str(verdict), style=STYLES.get(verdict, ""))),
-    "frames_before": "Frames",
     "recordings": "Recs",
     "before": Column("before", formats.hundredths),
     "after": Column("after", formats.hundredths),
-    "difference": Column("change", formats.points),
+    "difference": "change",
     "ci95": Column("95 %", formats.points_interval),
     "p_holm": Column("p (Holm)", p_text),
 }
-_CHANGE = ["recordings", "before", "after", "difference", "ci95"]
-FILTERS = (Choice("motion", "Kind of motion"), Choice("recording", "Recording"))
 
 
 def verdict_line(comparison: RunComparison) -> str:
@@ -514,16 +459,7 @@ def terminal_report(comparison: RunComparison) -> list[Block]:
     return [_headline_table(comparison), Paragraph(_TERMINAL_NOTE, "dim")]
 
 
-def _motion_tag(name: str) -> Tags:
-    """What is of all kinds of motion has no such tag, and stays."""
-    return {} if name in (ALL_MOVING, FRAMES) else {"motion": formats.LABELS[name]}
-
-
-def _frame_tags(frame: Mapping[Any, Any]) -> Tags:
-    return {"motion": formats.LABELS.get(frame["category"], ""), "recording": frame["recording"]}
-
-
-def _pair(comparison: RunComparison, out: Path, *, filters: bool) -> Iterator[Block]:
+def _pair(comparison: RunComparison, out: Path) -> Iterator[Block]:
     """The verdict first, then pictures, then the tables that it rests on."""
     yield Paragraph(verdict_line(comparison), "strong")
     yield verdict_tiles(comparison)
@@ -535,22 +471,15 @@ def _pair(comparison: RunComparison, out: Path, *, filters: bool) -> Iterator[Bl
     yield Table(columns=["", "", ""], rows=rows, words=3, look="about")
     yield from map(Paragraph, comparison.notes)
     titles = {name: frame_title(frame) for name, frame in comparison.pictures.items()}
-    pictures = [Picture(f"pictures/{name}", title, title, tags=_frame_tags(comparison.pictures[name]))
-                for name, title in titles.items()]  # fmt: skip
+    pictures = [Picture(f"pictures/{name}", title, title) for name, title in titles.items()]
     yield Group(look="pairs", blocks=pictures[:FIRST_PICTURES])
-    if filters:
-        yield Filters(FILTERS)
     yield _headline_table(comparison)
     if pictures[FIRST_PICTURES:]:
         more = Group(look="pairs", blocks=pictures[FIRST_PICTURES:])
         yield Group(look="folded", title=f"{len(pictures) - FIRST_PICTURES} more pictures", blocks=[more])
-    changed = [_frame_table(str(kind), frames) for kind, frames in comparison.frames.groupby("kind", sort=False)]
-    for table in (_recording_table(comparison), _detection_table(comparison), *changed, _further_table(comparison)):
+    for table in (_recording_table(comparison), _detection_table(comparison), _frame_table(comparison.frames)):
         yield Group(look="folded", title=table.title, blocks=[replace(table, title="")])
     yield from (Paragraph(remark, "dim") for remark in comparison.remarks)
-
-
-FIRST_PICTURES = 4  # that a reader sees before the tables
 
 
 def _page_address(run: StoredRun, out: Path) -> str:
@@ -590,37 +519,22 @@ def _change_cells(rows: pd.DataFrame) -> list[Cell]:
 
 def _headline_table(comparison: RunComparison) -> Table:
     """The metrics that are judged, by kind of motion, with their verdicts; kinds without object-frames are left out."""
+    held = comparison.changes[comparison.changes["frames_before"] > 0].reset_index()
+    rows = pd.concat([held[held["metric"] == metric] for metric in HEADLINES])
+    rows = rows.assign(difference=pd.Series(_change_cells(rows), rows.index, dtype=object))
     title = f"{comparison.after.label} (after) against {comparison.before.label} (before), percent"
-    return _change_table(comparison.changes, HEADLINES, title, ["metric", "label", "verdict"], [*_CHANGE, "p_holm"])
-
-
-def _further_table(comparison: RunComparison) -> Table:
-    changes, numbers = comparison.changes, ["frames_before", *_CHANGE]
-    return _change_table(changes, changes.index.unique("metric"), "All metrics, percent", ["metric", "label"], numbers)
-
-
-def _change_table(
-    changes: pd.DataFrame, metrics: Iterable[str], title: str, words: Sequence[str], numbers: Sequence[str]
-) -> Table:
-    """For each metric the rows that have it."""
-    held = changes[changes["frames_before"] > 0].reset_index()
-    rows = pd.concat([held[held["metric"] == metric] for metric in metrics])
-    if "verdict" in words:
-        rows = rows.assign(difference=pd.Series(_change_cells(rows), rows.index, dtype=object))
-    columns = {name: _COLUMNS[name] for name in (*words, *numbers)}
-    return Table(title=title, columns=columns, rows=rows, words=len(words), tags=[*map(_motion_tag, rows["slice"])])
+    return Table(title=title, columns=_COLUMNS, rows=rows, words=3)
 
 
 def _recording_table(comparison: RunComparison) -> Table:
     """The metrics that are judged, by recording: all moving objects of each, and its whole images."""
     sides = {"before": comparison.before, "after": comparison.after}
     values = pd.concat({side: recording_values(run.sums)[0] for side, run in sides.items()}, axis=1).sort_index()
-    columns = [Column(f"{label}: {side}", _bound) for label in HEADLINES.values() for side in sides]
+    columns = [Column(f"{label}: {side}", formats.hundredths) for label in HEADLINES.values() for side in sides]
     return Table(
         title="By recording, percent, before and after",
         columns=["Recording", *columns],
         rows=values[[(side, name) for name in HEADLINES for side in sides]].reset_index(),
-        tags=[{"recording": str(name)} for name in values.index],
     )
 
 
@@ -629,31 +543,20 @@ def _detection_table(comparison: RunComparison) -> Table:
         title=f"Object-frames gained and lost: found by {formats.found_by(comparison.before.protocol)}",
         columns=["Type", "Object-frames", "detected before", "after", "newly detected", "newly missed"],
         rows=comparison.detections.rename(index=formats.LABELS).reset_index(),
-        tags=[*map(_motion_tag, comparison.detections.index)],
     )
 
 
-def _frame_table(kind: str, frames: pd.DataFrame) -> Table:
-    what, which = "share of the image", "the image with most"
-    if frames["track_id"].notna().all():
-        what, which = "coverage", f"largest first, one per object, at most {LISTED}"
-    records = frames.to_dict("records")
-    names = [frame_title(frame).removeprefix(kind).lstrip(": ") for frame in records]
-    before = Column(f"{what} before, percent", formats.hundredths)
+def _frame_table(frames: pd.DataFrame) -> Table:
     return Table(
-        title=f"{kind.capitalize()}: {which}",
-        columns={"name": "Frame", "before": before, "after": Column("after", formats.hundredths)},
-        rows=frames.assign(name=names),
-        tags=[*map(_frame_tags, records)],
+        title=f"Frames that changed most: at most {LISTED} of a kind, one per object",
+        columns={"name": "Frame", "before": _COLUMNS["before"], "after": _COLUMNS["after"]},
+        rows=frames.assign(name=[frame_title(frame) for frame in frames.to_dict("records")]),
+        note="Percent of the object that is marked, or of the image that is wrongly marked.",
     )
 
 
 def frame_title(frame: Mapping[Any, Any]) -> str:
-    """For example "newly missed: pedestrian 'a', crossing, 5.0 m (drive-1, front, 1200 ms)".
-
-    Args:
-        frame: with `CHANGED`.
-    """
+    """For example "newly missed: pedestrian 'a', crossing, 5.0 m (drive-1, front, 1200 ms)", of `CHANGED`."""
     return f"{_headline(frame)} ({frame['recording']}, {frame['camera']}, {frame['timestamp_ns'] / 1e6:.0f} ms)"
 
 
@@ -677,7 +580,7 @@ def report(comparisons: Sequence[RunComparison], *, out: Path) -> Report:
     sections = [
         Group(look="section", name=f"pair-{number}",
               title=f"{pair.after.label} against {pair.before.label}" if comparisons[1:] else "What is shown",
-              blocks=[*_pair(pair, out, filters=number == 1)])
+              blocks=[*_pair(pair, out)])
         for number, pair in enumerate(comparisons, start=1)
     ]  # fmt: skip
     how = Group(look="section", name="how", title="How to read it", blocks=[Paragraph(about), Paragraph(NOTE)])

@@ -86,7 +86,7 @@ class Column:
 
 
 Heads = Column | Cell | str
-Tags = Mapping[str, str]  # what filters of a page find a row or a picture by; "" is found by no choice
+Tags = Mapping[str, str]  # what filters of a page find a row or a group by; "" is found by no choice
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -171,7 +171,6 @@ class Picture:
     address: str
     text: str
     caption: str = ""
-    tags: Tags = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +181,7 @@ class Drawing:
     caption: str = ""
 
 
-Look = Literal["section", "folded", "box", "charts", "pairs", "boxes", "strip", ""]
+Look = Literal["section", "folded", "box", "charts", "pairs", "boxes", ""]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,10 +192,9 @@ class Group:
         title: above them; of what is folded the line that opens it.
         blocks: they.
         look: on a page: "section" folds on a phone and is in the navigation, "folded" opens by its title, "box" has a
-            frame, "charts", "pairs" and "boxes" stand side by side, "strip" in one row that moves sideways.
+            frame, "charts", "pairs" and "boxes" stand side by side.
         name: to which links lead.
         count: behind the title of a section.
-        backdrop: of a strip, address of an image behind each of its pictures.
         tags: by which a page's filters find it.
     """
 
@@ -205,13 +203,12 @@ class Group:
     look: Look = ""
     name: str = ""
     count: str = ""
-    backdrop: str = ""
     tags: Tags = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A filter of a page: hides the rows, pictures and groups whose tag is another; what has no such tag stays.
+    """A filter of a page: hides the rows and groups whose tag is another; what has no such tag stays.
 
     Two choices of one tag show what either chooses.
     """
@@ -232,7 +229,6 @@ class Filters:
 Block = Heading | Paragraph | Items | Code | Picture | Drawing | Table | Group | Filters
 
 
-CONSOLE_COLUMNS = 108  # letters of a line of a table; in wider ones headings of numbers stand a word a line
 LONGEST_WORD = 30  # letters, as of the longest metric; longer words of a narrow table are broken
 _RICH = {"": "", "strong": "bold", "dim": "dim", "good": "green", "warn": "yellow", "bad": "red"}
 
@@ -257,27 +253,20 @@ def to_terminal(blocks: Iterable[Block], *, clean: Callable[[str], str] = plain)
 
 
 def _rich_table(table: Table, clean: Callable[[str], str]) -> RichTable:
-    """Numbers and words are never cut where there is room; a first word that repeats the one above is left out."""
+    """Columns of numbers are as wide as these, their headings wrap; a first word as the one above is left out."""
     rows, headings = table.cells(), table.headings()
     lines = any(cell.below for row in rows for cell in row)
     shown = RichTable(box=SIMPLE_HEAD, show_edge=False, padding=(0, int(not lines), int(lines), 0))
-    widths = [max(map(_width, column)) for column in zip(headings, *rows, strict=True)]
-    too_wide = sum(widths) + 2 * len(widths) > CONSOLE_COLUMNS
     for place, heading in enumerate(headings):
-        of_words, cells = place < table.words, [row[place] for row in rows]
-        if of_words:
-            words = [word for cell in (heading, *cells) for line in (cell.text, *cell.below) for word in line.split()]
-            least = min(max(map(len, words), default=1), LONGEST_WORD)
-        else:
-            widest = max(map(_width, cells), default=0)
-            if too_wide and len(heading.text) > widest:
-                heading = _a_word_a_line(heading)
-            least = max(_width(heading), widest)
+        of_words = place < table.words
+        parts = [line for row in rows for line in (row[place].text, *row[place].below)]
+        words = [word for part in (heading.text, *heading.below, *(parts if of_words else ())) for word in part.split()]
+        least = min(max(map(len, words), default=1), LONGEST_WORD)
         shown.add_column(
             _rich_text(heading, clean),
             justify="left" if of_words else "right",
-            no_wrap=not of_words,
             min_width=least,
+            width=None if of_words else max(least, *map(len, parts)),
             overflow="fold",
         )
     above = None
@@ -286,15 +275,6 @@ def _rich_table(table: Table, clean: Callable[[str], str]) -> RichTable:
         shown.add_row(*(_rich_text(cell, clean) for cell in (Cell("") if same else first, *others)))
         above = first
     return shown
-
-
-def _width(cell: Cell) -> int:
-    return max(map(len, (cell.text, *cell.below)))
-
-
-def _a_word_a_line(heading: Cell) -> Cell:
-    first, *others = heading.text.split() or [""]
-    return replace(heading, text=first, below=(*others, *heading.below))
 
 
 def _rich_text(cell: Cell, clean: Callable[[str], str]) -> Text:
@@ -406,36 +386,6 @@ def environment() -> jinja2.Environment:
         # HTML has no escape for control characters, as in a title; markup is a subclass of text and stays.
         finalize=lambda value: "\n".join(map(plain, value.split("\n"))) if type(value) is str else value,
     )
-
-
-def to_latex(table: Table, *, label: str, caption: str) -> str:
-    """A float that spans both columns of a paper, for a document with `booktabs`; values stand before intervals.
-
-    Args:
-        table: its note stands behind the caption.
-        label: behind "tab:".
-        caption: what the table shows.
-    """
-    import pandas as pd  # as in `to_csv`
-
-    head, *rows = [
-        [plain(" ".join((cell.text, *cell.below))) for cell in row] for row in (table.headings(), *table.cells())
-    ]
-    told = " ".join(filter(None, (caption, table.note)))
-    text: str = pd.DataFrame(rows, columns=head).to_latex(
-        index=False,
-        escape=True,  # of cells and headings; of a caption it is ours
-        column_format="l" * table.words + "r" * (len(head) - table.words),
-        caption=plain(told).translate(_LATEX_SPECIAL),
-        label=f"tab:{re.sub(r'[^A-Za-z0-9-]+', '-', label).strip('-').lower()}",
-    )
-    return text.replace("{table}", "{table*}").replace("\\begin{tabular}", "\\centering\\scriptsize\n\\begin{tabular}")
-
-
-_LATEX_SPECIAL = str.maketrans(
-    {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    | {character: f"\\{character}" for character in "%&#_${}"}
-)
 
 
 def to_csv(rows: Iterable[Mapping[str, object]] | pd.DataFrame) -> str:

@@ -339,23 +339,16 @@ def draw_threshold_sweep(
     return figure
 
 
-def draw_charts(run: StoredRun) -> dict[str, list[Chart]]:
-    """The charts of a run by section of its page; a section without data has none."""
+def draw_charts(run: StoredRun) -> dict[str, Chart]:
+    """The charts of a run: "range_map" and, of a run that holds likelihoods, "threshold_sweep"."""
     around = "Detection rate around the ego vehicle seen from above, by class and direction of motion"
-    return {
-        "around": [Chart(name="range_map", figure=draw_run_maps(run), label=around)],
-        "threshold": _threshold_charts(run),
-    }
-
-
-def _threshold_charts(run: StoredRun) -> list[Chart]:
-    """Two metrics over the likelihood's threshold; none where the run holds no likelihoods."""
+    charts = [Chart(name="range_map", figure=draw_run_maps(run), label=around)]
     sweep = threshold_sweep(run.frames)
-    if sweep is None:
-        return []
-    of_run = run.metrics.false_positives.coverage.value, run.metrics.segmentation.recall.value
-    figure = draw_threshold_sweep(sweep.recall, sweep.false_positive_coverage, of_run=of_run)
-    return [Chart(name="threshold_sweep", figure=figure, label="Pixels found against image wrongly marked")]
+    if sweep is not None:
+        of_run = run.metrics.false_positives.coverage.value, run.metrics.segmentation.recall.value
+        figure = draw_threshold_sweep(sweep.recall, sweep.false_positive_coverage, of_run=of_run)
+        charts.append(Chart(name="threshold_sweep", figure=figure, label="Pixels found against image wrongly marked"))
+    return {chart.name: chart for chart in charts}
 
 
 def write_figures(folder: Path) -> tuple[Path, ...]:
@@ -365,11 +358,11 @@ def write_figures(folder: Path) -> tuple[Path, ...]:
         DataError: a stored result is missing or damaged.
     """
     run = read_run(folder)
-    charts = [chart for section in draw_charts(run).values() for chart in section]
-    files = [
-        write_picture(run.folder / "figures" / chart.name, chart.figure, formats=("pdf", "png")) for chart in charts
+    pairs = [
+        write_picture(run.folder / "figures" / name, chart.figure, formats=("pdf", "png"))
+        for name, chart in draw_charts(run).items()
     ]
-    return tuple(file for pair in files for file in pair)
+    return tuple(file for pair in pairs for file in pair)
 
 
 # The chart of a sweep.

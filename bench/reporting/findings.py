@@ -1,15 +1,18 @@
-"""Findings in data and predictions, as text: the first few of each kind, those that read alike in one."""
+"""Findings in data and predictions, as text, those that read alike in one; and proposals against annotations."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+import pandas as pd
+
+from bench.atomic import write_text
 from bench.methods.predictions import FaultKind, PredictionIndex
 from bench.plain_text import counted, listed
-from bench.reporting.document import Block, Heading, Paragraph, Style, Table
-from bench.validation import Count, Depth, Finding, RecordingReport, Severity, ValidationReport
+from bench.reporting.document import Block, Column, Heading, Heads, Paragraph, Report, Style, Table
+from bench.validation import Count, Finding, RecordingReport, Severity, ValidationReport
 
 SHOWN = 5  # findings of one check in one recording, of which the file has all; faults of a kind
 SHOWN_PLACES = 3  # of findings that read alike
@@ -26,7 +29,7 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
         Count(read=sum(one.read for one in counts), all=sum(one.all for one in counts))
         for counts in ([each.images for each in report.recordings], [each.sweeps for each in report.recordings])
     )
-    whole = report.depth is Depth.DEEP or (images.read == images.all and sweeps.read == sweeps.all)
+    whole = images.read == images.all and sweeps.read == sweeps.all
     yield Paragraph(
         f"{counted(errors, 'error')} and {counted(warnings, 'warning')} in "
         f"{counted(len(report.recordings), 'recording')}; "
@@ -36,15 +39,13 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
 
 
 def _contents(report: ValidationReport) -> Iterator[Block]:
-    """What is in the files of all recordings, read and not read, in one line each."""
-    counts: Counter[tuple[str, str, str]] = Counter()
+    """What nothing reads of the files of all recordings, in one line each; the JSON says what is read as what."""
+    counts: Counter[tuple[str, str]] = Counter()
     for content in (content for recording in report.recordings for content in recording.contents):
-        counts[content.what, content.read_as, content.why] += content.count
-    if counts:
-        yield Heading("Read, and not read")
-    for (what, read_as, why), count in sorted(counts.items(), key=lambda entry: not entry[0][1]):
-        made = f"read as {read_as}" if read_as else f"not read: {why}"
-        yield Paragraph(f"  {what} ({count}): {made}" if count > 1 else f"  {what}: {made}", "dim")
+        if not content.read_as:
+            counts[content.what, content.why] += content.count
+    for (what, why), count in counts.items():
+        yield Paragraph(f"not read: {what}{f' ({count})' if count > 1 else ''}, {why}", "dim")
 
 
 def _findings(recording: RecordingReport) -> Iterator[Block]:
@@ -113,3 +114,98 @@ def prediction_line(found: PredictionIndex, *, threshold: float | None) -> str:
         above = "" if found.largest > threshold else ", so that none does"
         parts.append(f"the largest score is {found.largest:.4g}, and above {threshold:g} a pixel moves{above}")
     return "; ".join(parts)
+
+
+# Proposals against annotations.
+
+
+def _number(digits: int, *, times: float = 1.0) -> Callable[[float], str]:
+    return lambda value: "n/a" if pd.isna(value) else f"{times * value:.{digits}f}"
+
+
+WHERE: dict[str, Heads] = {"range": "range", "group": "group"}
+COUNTS: dict[str, Heads] = {
+    "object_frames": "object-frames",
+    "recall": Column("recall, %", _number(1, times=100)),
+    "precision": Column("precision, %", _number(1, times=100)),
+    "switches": "switches",
+    "false_tracks_per_minute": Column("false tracks a minute", _number(1)),
+    "class_right": Column("class right, %", _number(1, times=100)),
+}
+ERRORS: dict[str, Heads] = {
+    f"{error}_{of}": Column(heading, _number(digits))
+    for error, name, digits in (
+        ("speed_error", "speed error, m/s", 2),
+        ("centre_error", "centre error, m", 2),
+        ("size_error", "size error, m", 2),
+        ("yaw_error_deg", "yaw error, degrees", 1),
+    )
+    for of, heading in (("median", name), ("p90", "p90"))
+}
+WORST: dict[str, Heads] = {"recording": "recording", "track": "track", "wrong": "what is wrong", "frames": "frames"}
+MOST_SHOWN = 20  # of the worst tracks
+HOW = (
+    "An object-frame is an annotated object that moves, in a sweep, with 10 returns or more. A proposal finds it where "
+    "the returns in both boxes have an IoU of at least 0.5; a second proposal for one object is false. What a reviewer "
+    "rejected is left out, and corrections count. Proposals at rest and unclear objects are neither right nor wrong.",
+    "A switch is a change from one proposal to another on one object. A track is false with more false object-frames "
+    "than others. Class right and errors: of object-frames that were found, median and 90th percentile. n/a: nothing "
+    "to count.",
+    "The worst tracks are those with the most object-frames that are missed, false, of another class, or whose box is "
+    "off by more than 1 m or 20 degrees; evaluate-tracks.csv has them all.",
+)
+
+
+def scores_tables(scores: pd.DataFrame, minutes: float, worst: pd.DataFrame) -> list[Table]:
+    """Everything as tables: percent, m/s, m and degrees; that of the worst tracks where there are any.
+
+    Args:
+        scores: see `bench.annotation.proposal_scores`.
+        minutes: how long the sweeps took.
+        worst: see `bench.annotation.worst_tracks`.
+    """
+    found = f"Found: IoU of returns of at least 0.5; of {60 * minutes:.0f} s."
+    more = len(worst) - MOST_SHOWN
+    note = f"{more} more are in evaluate-tracks.csv." if more > 0 else ""
+    tracks = Table(title="The worst tracks", columns=WORST, rows=worst.head(MOST_SHOWN), words=3, note=note)
+    return [
+        Table(columns=WHERE | COUNTS, rows=scores, words=2, note=found),
+        Table(columns=WHERE | ERRORS, rows=scores, words=2, note="Errors: medians and 90th percentiles."),
+        *([tracks] if len(worst) else []),
+    ]
+
+
+def write_proposal_scores(
+    out: Path,
+    scores: pd.DataFrame,
+    minutes: float,
+    *,
+    worst: pd.DataFrame,
+    dataset: str,
+    recordings: Sequence[str],
+) -> tuple[Path, ...]:
+    """Write `evaluate.html`, `.md` and `.csv`, and `evaluate-tracks.csv`; their paths.
+
+    Args:
+        out: folder, is made.
+        scores: as `minutes`, see `scores_tables`.
+        minutes: how long the sweeps took.
+        worst: all tracks with which something is wrong.
+        dataset: name of the data set.
+        recordings: that were compared.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    count = f"{len(recordings)} recordings" if len(recordings) > 1 else f"1 recording, {recordings[0]}"
+    blocks: list[Block] = [
+        Paragraph(f"{count}, {60 * minutes:.0f} s of sweeps."),
+        *scores_tables(scores, minutes, worst),
+        Heading("How to read it"),
+        *map(Paragraph, HOW),
+    ]
+    title = f"Proposals of {dataset} against its annotations"
+    files = Report(title=title, blocks=blocks, numbers=scores, page=True).write(out, "evaluate")
+    tracks = out / "evaluate-tracks.csv"
+    write_text(tracks, worst.to_csv(index=False))
+    return *files, tracks

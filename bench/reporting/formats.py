@@ -38,6 +38,7 @@ INTERVALS = (
     f"logit scale); metrics with cases in fewer than {FEWEST_RECORDINGS} recordings have none."
 )
 
+LARGE_FALSE = "false_positive_frame_rate"  # a headline for readers beside false-positive coverage, which hides it
 CEILING = "what the exact masks score under the same protocol; under paper-v1 other masks can score more"
 LONGEST_RECORDING = 40  # characters of a name above a picture
 
@@ -78,6 +79,11 @@ def points(ratio: float) -> str:
 def points_interval(ci95: tuple[float, float]) -> str:
     """In percentage points, for example "-1.2 to +0.3"."""
     return " to ".join(map(points, ci95))
+
+
+def percent_interval(metric: Metric) -> str:
+    """The 95 % interval in percent, "[65.0, 78.3]"; "" without one."""
+    return interval(metric.ci95)
 
 
 def short_interval(metric: Metric) -> str:

@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
+from itertools import groupby
 from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
@@ -22,7 +23,7 @@ from bench.evaluation import Metric, find_metric, load_protocol
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness.answers import read_seconds
 from bench.harness.digests import short_digest
-from bench.harness.manifest import ANSWERS_MANIFEST, MANIFEST, PREDICTIONS_DIGEST, Manifest, differences
+from bench.harness.manifest import ANSWERS_MANIFEST, MANIFEST, PREDICTIONS_DIGEST, Manifest
 from bench.harness.stored import SUMMARY, StoredRun, read_run, reference_digest, refuse_unscored
 from bench.harness.verify import is_verified
 from bench.methods import known_methods
@@ -32,11 +33,10 @@ from bench.reporting.compare import (
     LEAST_COMMON,
     Shown,
     differing_settings,
-    name_method,
+    in_one_table,
     on_common_images,
     reference_of,
     what_is_shown_of,
-    why_apart,
 )
 from bench.reporting.document import (
     Block,
@@ -57,9 +57,18 @@ from bench.reporting.run_tables import SWEEP
 
 ORDERED_BY = "iou"
 RANKING_PROTOCOL = "surface-v1"  # orders methods as exact masks do (reports/paper/reference.md)
-FALSE_POSITIVES, OF_PIXELS = "false_positive_coverage", "segmentation_iou"  # of whole images, the same in every row
 ORACLE_SETTINGS = ("sees_the_truth", "sees_the_reference")  # true for what is given more than a method may know
 HIDDEN_SETTINGS = (*ORACLE_SETTINGS, "scenario")  # distinguish no methods: a table says the kind, and a path is a path
+FALSE_POSITIVES, OF_PIXELS = "false_positive_coverage", "segmentation_iou"  # of whole images, the same in every row
+# What readers call a method whose key says little; of others the key with spaces.
+NAMES = {
+    "spherical": "the paper's method",
+    "spherical-guided": "the paper's method, its flow guided by the road",
+    "spherical-sparse": "the paper's constraints on sparse tracks",
+    "spherical-visual-odometry": "the paper's method with visual odometry",
+    "learned": "a trained network",
+    "truth": "the exact masks",
+}
 
 
 class Kind(StrEnum):
@@ -80,7 +89,8 @@ class Entry(_Stored):
     Attributes:
         run: folder, relative to the one that was searched.
         folder: of the run; not stored.
-        method: with the settings in which its runs of the group differ.
+        method: as readers call it, with those settings in which its runs of the group differ from its defaults.
+        key: that `--method` takes.
         about: what it does, in a line; "" where that is not known here.
         code_file: that holds it; "" for one that is not of this package.
         kind: a method, or what bounds methods.
@@ -99,6 +109,7 @@ class Entry(_Stored):
     run: str
     folder: Path = Field(default=Path(), exclude=True)
     method: str
+    key: str
     about: str
     code_file: str
     kind: Kind
@@ -123,7 +134,6 @@ class RankedGroup(_Stored):
     """Runs of one data set, split and protocol, on the images that all of them scored, where their references agree.
 
     Attributes:
-        card: file of the data set's card, as the runs name it.
         images: that all runs scored; all values are of these.
         reference_digest: of the reference on these images.
         cases: row -> object-frames and recordings; all moving objects, then the categories that occur.
@@ -133,7 +143,6 @@ class RankedGroup(_Stored):
     """
 
     dataset: str
-    card: str
     split: str | None
     protocol: str
     protocol_digest: str
@@ -160,9 +169,9 @@ class RankedGroup(_Stored):
         return self.judged and len(self.methods) > 1 and all(entry.behind for entry in self.methods[1:])
 
     @property
-    def metrics(self) -> dict[str, str]:
-        """Names and headings of the metrics of the tables."""
-        return {name: find_metric(name).label for name in self.entries[0].metrics}
+    def metrics(self) -> tuple[str, ...]:
+        """Names of the metrics of the tables."""
+        return tuple(self.entries[0].metrics)
 
     @property
     def data(self) -> str:
@@ -183,7 +192,7 @@ class Leaderboard(_Stored):
         damaged: folder and fault of every run that cannot be read.
     """
 
-    schema_version: Literal[4] = 4
+    schema_version: Literal[5] = 5
     groups: tuple[RankedGroup, ...]  # data sets of most recordings first; of one, first those by the judging protocol
     damaged: tuple[tuple[str, str], ...]
 
@@ -196,11 +205,18 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     """
     sound, damaged = read_runs(folder)
     groups: list[RankedGroup] = []
-    for runs in _grouped(sorted(sound, key=_data_and_rules), _of_same_rules):
+    for _, of_same_rules in groupby(sorted(sound, key=_data_and_rules), key=_data_and_rules):
+        runs = list(of_same_rules)
         if len({reference_of(run) for run in runs}) > 1:
             runs = _readable(runs, damaged)
-        runs.sort(key=lambda run: (-run.summary.images.evaluated, run.label))
-        groups += [rank_runs(alike) for alike in _grouped(runs, lambda group, run: not why_apart(group, run))]
+        tables: list[list[StoredRun]] = []
+        for run in sorted(runs, key=lambda run: (-run.summary.images.evaluated, run.label)):
+            table = next((table for table in tables if in_one_table(table, run)), None)
+            if table is None:
+                tables.append([run])
+            else:
+                table.append(run)
+        groups += map(rank_runs, tables)
     most: dict[str, int] = {}
     for group in groups:
         most[group.dataset] = max(group.cases[ALL_MOVING][1], most.get(group.dataset, 0))
@@ -240,13 +256,11 @@ def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]]]:
 
 
 def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list[StoredRun]:
-    """The runs whose tables can be read and are those of their summary; the others are listed as damaged."""
+    """The runs whose tables can be read; the others are listed as damaged."""
     readable = []
     for run in runs:
         try:
-            if reference_digest(run.objects, run.frames) != reference_of(run):
-                expected, got = "the tables that summary.json is of", "those of another reference"
-                raise DataError(run.folder, expected=expected, got=got)
+            reference_digest(run.objects, run.frames)
             readable.append(run)
         except BenchError as error:
             damaged.append((f"{run.label}/{run.folder.name}", str(error)))
@@ -257,24 +271,6 @@ def _data_and_rules(run: StoredRun) -> tuple[str, str, str]:
     return run.manifest.dataset.name, run.manifest.dataset.split or "", run.manifest.protocol.digest
 
 
-def _of_same_rules(group: Sequence[StoredRun], run: StoredRun) -> bool:
-    return all(difference.comparable for difference in differences(group[0].manifest, run.manifest))
-
-
-def _grouped(
-    runs: Iterable[StoredRun], belongs: Callable[[Sequence[StoredRun], StoredRun], bool]
-) -> list[list[StoredRun]]:
-    """Each run in the first group to which it belongs, else in one of its own."""
-    groups: list[list[StoredRun]] = []
-    for run in runs:
-        group = next((group for group in groups if belongs(group, run)), None)
-        if group is None:
-            groups.append([run])
-        else:
-            group.append(run)
-    return groups
-
-
 def rank_runs(runs: Sequence[StoredRun]) -> RankedGroup:
     """Take runs that compare over the images that all of them scored, and rank them."""
     compared, reference = on_common_images(runs)
@@ -283,7 +279,7 @@ def rank_runs(runs: Sequence[StoredRun]) -> RankedGroup:
     rows = {name: row for name, row in metrics.categories.items() if row.object_frames}
     rows = {ALL_MOVING: metrics.all_moving} | rows
     highest = ["detection_rate", *formats.detection_levels(metrics.all_moving.metric_names())][-1]
-    shown = (ORDERED_BY, "tpr_all", highest, formats.chance_of(highest), "iou_detected")
+    shown = (ORDERED_BY, "tpr_all", highest)
     differing = differing_settings([run.manifest for run in runs], hidden=HIDDEN_SETTINGS)
     entries = [_entry(run, own, rows=tuple(rows), shown=shown) for run, own in zip(compared, differing, strict=True)]
     pairs = sorted(zip(entries, compared, strict=True), key=lambda pair: _best_first(pair[0]))
@@ -296,7 +292,6 @@ def rank_runs(runs: Sequence[StoredRun]) -> RankedGroup:
         ranked.append(entry)
     return RankedGroup(
         dataset=first.dataset.name,
-        card=first.dataset.card,
         split=first.dataset.split,
         protocol=first.protocol.name,
         protocol_digest=first.protocol.digest,
@@ -340,14 +335,19 @@ def _ceilings(row: str, entries: Sequence[Entry], runs: Sequence[StoredRun]) -> 
 def _entry(run: StoredRun, differing: Mapping[str, object], *, rows: Sequence[str], shown: Sequence[str]) -> Entry:
     summary, compared, code, method = run.summary, run.metrics, run.manifest.code, run.manifest.method
     commit = "" if code.commit is None else f" {short_digest(code.commit)}"
-    of_images = {FALSE_POSITIVES: compared.false_positives.coverage, OF_PIXELS: compared.segmentation.iou}
+    false = compared.false_positives
+    of_images = {
+        FALSE_POSITIVES: false.coverage, formats.LARGE_FALSE: false.frame_rate, OF_PIXELS: compared.segmentation.iou
+    }  # fmt: skip
     of_rows = {ALL_MOVING: compared.all_moving} | compared.categories
-    known = method.place == known_methods().get(method.name) and method.is_own
+    changed = [f"{name}={value}" for name, value in method.changed_settings().items() if name in differing]
+    known = method.is_own and method.place == known_methods().get(method.name)
     first, *others = shown
     return Entry(
         run=run.label,
         folder=run.folder,
-        method=name_method(method.name, differing),
+        method=", ".join([NAMES.get(method.name, method.name.replace("-", " ")), *changed]),
+        key=method.called,
         about=describe_method(method.place) if known else "",
         code_file=method.place.partition(":")[0].replace(".", "/") + ".py" if method.is_own else "",
         kind=_kind(run.manifest),
@@ -417,51 +417,6 @@ def _beside_shipped(group: RankedGroup, shipped: Sequence[RankedGroup]) -> Ranke
     return group.model_copy(update={"entries": _ranked([*group.entries, *others]), "ceilings": ceilings})
 
 
-def best_groups(board: Leaderboard) -> Iterator[RankedGroup]:
-    """For each data set the group under the protocol that ranks whose first method leads; oracles are none."""
-    today = load_protocol(RANKING_PROTOCOL).digest
-    for dataset in dict.fromkeys(group.dataset for group in board.groups):
-        judged = [g for g in board.groups if (g.dataset, g.split, g.judged) == (dataset, None, True) and g.methods]
-        if judged:
-            yield max(judged, key=lambda group: (group.protocol_digest == today, len(group.methods)))
-
-
-def _leader(group: RankedGroup) -> str:
-    """The first method of a group, and its score in words."""
-    first, ceiling = group.methods[0], group.ceilings[ALL_MOVING].get(ORDERED_BY)
-    iou = first.metrics[ORDERED_BY]
-    few = "" if iou.ci95 else " (too few recordings for an interval)"
-    of = "" if ceiling is None else f", ceiling {formats.percent(ceiling)}"
-    false = formats.percent(first.metrics[FALSE_POSITIVES].value)
-    unreviewed = f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
-    return (
-        f"{first.method}, IoU {formats.with_interval(iou)}{few} over all moving object-frames{of}, false positives "
-        f"{false} of the image{unreviewed}"
-    )
-
-
-def best_line(file: Path, *, dataset: str, beside: str = RANKING_PROTOCOL) -> str | None:
-    """The best method of a stored leaderboard on a data set, in one line.
-
-    None where it has none, or one by an earlier state of the protocol, whose scores do not compare with today's.
-
-    Args:
-        file: `leaderboard.json`.
-        dataset: name of the data set.
-        beside: protocol of the scores that the line stands beside; with another one they do not compare.
-    """
-    board = read_stored(file)
-    group = next((g for g in (best_groups(board) if board else ()) if g.dataset == dataset), None)
-    if group is None or group.protocol_digest != load_protocol(RANKING_PROTOCOL).digest:
-        return None
-    first, rank = group.methods[0], "best" if group.best else "first"
-    line = (
-        f"{rank} of {len(group.methods)} methods on all of {dataset} by {group.protocol}: {_leader(group)} "
-        f"({file}, {first.date}, {first.code})"
-    )
-    return line if beside == RANKING_PROTOCOL else f"{line}; scores by {beside} do not compare with it"
-
-
 # For people.
 
 TITLE = "Leaderboard: which method finds what moves"
@@ -473,7 +428,8 @@ ABOUT = (
 NOTES = (
     "In percent, of the images that all runs of a table scored: at least "
     f"{100 * LEAST_COMMON:.0f} % of those of each, with the same reference. {formats.INTERVALS}",
-    "Ranked by IoU over all moving object-frames, an undetected one having 0. Best is a method only where `compare` "
+    "Ranked by IoU over all moving object-frames, an undetected one having 0. A false positive is large if it has more "
+    "pixels than the protocol states; coverage hides it. Best is a method only where `compare` "
     "shows it better than each of the others; else it is the first, and ranks below may be chance. Specks apart from "
     "objects cost no IoU of objects; the IoU of pixels counts them.",
     f"Ceiling: {formats.CEILING}. Oracles are given what no method may know. Cost: median time of the method alone for "
@@ -485,7 +441,7 @@ NOTES = (
 def leaderboard_tables(board: Leaderboard) -> Iterator[Block]:
     """A table per group over all moving objects, readable at 110 columns; then how to read them."""
     for group in board.groups:
-        names = [name for name in group.metrics if name not in ("iou_detected", OF_PIXELS)]
+        names = [name for name in group.metrics if name != OF_PIXELS]
         yield replace(_table(group, names, {}), title=group_title(group))
     yield from (Paragraph(note, "dim") for note in NOTES)
 
@@ -504,18 +460,11 @@ def group_title(group: RankedGroup) -> str:
 def _table(group: RankedGroup, names: Sequence[str], pages: Mapping[str, str]) -> Table:
     """Metrics over all moving objects, with a bar, the interval across it, and a tick at its ceiling."""
     ceilings = group.ceilings[ALL_MOVING]
-
-    def cell(name: str, metric: Metric) -> Cell:
-        return (
-            formats.metric_cell(metric)
-            if name.startswith("chance")
-            else formats.bar_cell(metric, tick=ceilings.get(name))
-        )
-
     rows: list[list[object]] = [
-        [_rank(group, e), _named(e, pages), *(cell(name, e.metrics[name]) for name in names), e.cost_ms]
+        [_rank(group, e), _named(e, pages),
+         *(formats.bar_cell(e.metrics[name], tick=ceilings.get(name)) for name in names), e.cost_ms]
         for e in group.entries
-    ]
+    ]  # fmt: skip
     headings = [find_metric(name).label for name in names]
     columns: list[Heads] = ["Rank", "Method, run", *headings, Column("ms per image", "{:.1f}".format)]
     lines = _ceiling_line(group, [(ALL_MOVING, name) for name in names], more=1)
@@ -526,7 +475,7 @@ def _kinds_table(group: RankedGroup) -> Table:
     """IoU of each kind of motion."""
     kinds = [row for row in group.cases if row != ALL_MOVING]
     headings = [f"{formats.LABELS[name]} ({group.cases[name][0]}, {group.cases[name][1]})" for name in kinds]
-    columns: list[Heads] = ["Rank", "Method", *(Column(heading, formats.metric_cell) for heading in headings)]
+    columns: list[Heads] = ["Rank", "Method", *(Column(text, formats.metric_cell) for text in headings)]
     rows: list[list[object]] = [
         [_rank(group, e), _named(e, {}), *(e.values[name][ORDERED_BY] for name in kinds)] for e in group.entries
     ]
@@ -545,7 +494,7 @@ def _rank(group: RankedGroup, entry: Entry) -> Cell:
 
 
 def _named(entry: Entry, pages: Mapping[str, str]) -> Cell:
-    """The method, the kind of what is none, what is to be known of the run, and its folder below."""
+    """The method, the kind of what is none, what is to be known of the run; its key and the run's folder below."""
     told = {
         entry.kind.value: entry.kind is not Kind.METHOD,
         f"{entry.failures} failures": entry.failures > 0,
@@ -553,8 +502,12 @@ def _named(entry: Entry, pages: Mapping[str, str]) -> Cell:
         "shipped": entry.shipped,
     }
     text = ", ".join([entry.method, *(words for words, true in told.items() if true)])
-    style: Literal["", "dim"] = "" if entry.kind is Kind.METHOD else "dim"
-    return Cell(text, (entry.run,), style, link=pages.get(entry.run, ""))
+    return Cell(
+        text,
+        (f"--method {entry.key}", entry.run),
+        "" if entry.kind is Kind.METHOD else "dim",
+        link=pages.get(entry.run, ""),
+    )
 
 
 def _ceiling_line(group: RankedGroup, keys: Sequence[tuple[str, str]], *, more: int = 0) -> list[list[object]]:
@@ -567,7 +520,7 @@ def _ceiling_line(group: RankedGroup, keys: Sequence[tuple[str, str]], *, more: 
 
 
 def _group(group: RankedGroup, pages: Mapping[str, str]) -> Group:
-    tables = [_table(group, list(group.metrics), pages), *([_kinds_table(group)] if len(group.cases) > 1 else [])]
+    tables = [_table(group, group.metrics, pages), *([_kinds_table(group)] if len(group.cases) > 1 else [])]
     return Group(title=group_title(group), blocks=tables, tags={"dataset": group.data, "protocol": group.protocol})
 
 
@@ -580,17 +533,31 @@ def _methods(board: Leaderboard) -> Group:
     return Group(look="section", name="methods", title="The methods", blocks=[table])
 
 
-def _leaders(board: Leaderboard) -> Iterator[Paragraph]:
-    """For each data set the method that leads, "best" where it is shown to be better than every other one."""
-    for group in best_groups(board):
-        first = group.methods[0]
-        others = [entry.method for entry in group.methods if entry.behind is False]
-        doubt = f" Not shown to be behind it: {', '.join(others)}." if others else ""
-        yield Paragraph(
-            f"{'Best' if group.best else 'First'} of {len(group.methods)} on {group.dataset}: {_leader(group)}. Scored "
-            f"{first.date} with {first.code}.{doubt}",
-            "good" if group.best else "dim",
-        )
+def best_groups(board: Leaderboard) -> Iterator[RankedGroup]:
+    """For each data set the group under the protocol that ranks whose first method leads; oracles are none."""
+    today = load_protocol(RANKING_PROTOCOL).digest
+    for dataset in dict.fromkeys(group.dataset for group in board.groups):
+        judged = [g for g in board.groups if (g.dataset, g.split, g.judged) == (dataset, None, True) and g.methods]
+        if judged:
+            yield max(judged, key=lambda group: (group.protocol_digest == today, len(group.methods)))
+
+
+def _leader(group: RankedGroup) -> Paragraph:
+    """The method that leads, "best" where it is shown to be better than every other one, and its score in words."""
+    first, ceiling = group.methods[0], group.ceilings[ALL_MOVING].get(ORDERED_BY)
+    iou, of_images = first.metrics[ORDERED_BY], (FALSE_POSITIVES, formats.LARGE_FALSE)
+    few = "" if iou.ci95 else " (too few recordings for an interval)"
+    of = "" if ceiling is None else f", ceiling {formats.percent(ceiling)}"
+    area, large = (formats.percent(first.metrics[name].value) for name in of_images)
+    others = [entry.method for entry in group.methods if entry.behind is False]
+    doubt = f" Not shown to be behind it: {', '.join(others)}." if others else ""
+    unreviewed = f" {group.unreviewed}" if group.unreviewed else ""
+    return Paragraph(
+        f"{'Best' if group.best else 'First'} of {len(group.methods)} on {group.dataset}: {first.method}, IoU "
+        f"{formats.with_interval(iou)}{few} over all moving object-frames{of}; false positives cover {area} of the "
+        f"image, {large} of the images have a large one. Scored {first.date} with {first.code}.{doubt}{unreviewed}",
+        "good" if group.best else "dim",
+    )
 
 
 def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
@@ -615,7 +582,7 @@ def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
     tables = [_group(group, _pages(group, out)) for group in board.groups]
     page: list[Block] = [
         Paragraph(ABOUT),
-        *_leaders(board),
+        *map(_leader, best_groups(board)),
         Group(look="section", name="table", title="All runs", blocks=[Filters(choices), *tables]),
         _methods(board),
         Group(look="section", name="how", title="How to read it", blocks=notes),

@@ -5,7 +5,7 @@
   const all = (selector, within = document) => [...within.querySelectorAll(selector)];
   const form = document.getElementById("filters"), selects = all("#filters select"), search = form?.querySelector("input");
   const tags = selects.map((select) => `[data-${select.dataset.filter}]`).join(", ");
-  const tagged = tags ? all(tags).filter((element) => element.matches("tr, figure, .group")) : [];
+  const tagged = tags ? all(tags).filter((element) => element.matches("tr, .group")) : [];
   const tables = all(".scroll").filter((part) => part.querySelector("tbody"));
 
   function words(cell) { return [...cell.childNodes].filter((node) => node.nodeName !== "SMALL").map((node) => node.textContent).join("").trim(); }

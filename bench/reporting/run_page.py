@@ -7,22 +7,29 @@ without the data the page is complete but for them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
+import pandas as pd
+import pyarrow as pa
+
 from bench.atomic import write_output
-from bench.evaluation import find_metric, published
-from bench.evaluation.definitions import IMAGE_FRAMES
-from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.rows import EVALUATED
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows, find_metric, published
+from bench.evaluation.definitions import IMAGE_FRAMES, coverage, false_share, intersection_over_union
+from bench.evaluation.protocol import known_protocols
+from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, pick, read_parts, sort_rows
 from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
 from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
+from bench.harness import ProcessedFrame
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun, read_run
 from bench.plain_text import counted
+from bench.reference import Status
 from bench.reporting.document import (
     Block,
     Cell,
@@ -31,61 +38,64 @@ from bench.reporting.document import (
     Column,
     Filters,
     Group,
+    Heads,
     Items,
     Paragraph,
     Picture,
     Table,
     to_page,
 )
-from bench.reporting.figures import Chart, draw_charts, figure_uri
-from bench.reporting.formats import LABELS, bar_cell, chance_of, headline_metrics, image_name, metric_cell, percent
-from bench.reporting.frame import draw_frames, scored_layers
-from bench.reporting.frame_pictures import draw_images, example_frames
+from bench.reporting.figures import draw_charts, figure_uri
+from bench.reporting.formats import (
+    LABELS,
+    LARGE_FALSE,
+    bar_cell,
+    chance_of,
+    frame_name,
+    headline_metrics,
+    image_name,
+    metric_cell,
+    percent,
+)
+from bench.reporting.frame import draw_close_up, draw_frames, scored_layers
+from bench.reporting.frame_pictures import ImageKey, draw_images, draw_panels, example_frames
 from bench.reporting.run_tables import (
     is_rendered,
     left_out_note,
     legend,
-    rows_with_cases,
+    results_table,
     table_rows,
-    text_tables,
     threshold_free_line,
 )
-from bench.reporting.worst_cases import (
-    FILTERS,
-    IMAGE_NOTE,
-    OBJECT_NOTE,
-    Card,
-    gallery,
-    object_table,
-    view_command,
-    worst_cases,
-)
 
-LISTED_RECORDINGS = 200
 WORST = 3  # of each kind
 EXAMPLES = 2  # pictures that a reader sees first
 LEAST_OBJECT_FRAMES = 10  # of fewer nothing is said
 COLOURS = "Green is found, blue missed, orange wrongly marked."
-_HALF = "detection_rate_50"
 
 
-# The sections at the top: headlines, kinds of motion, other breakdowns.
+# What to know first, and the breakdowns.
 
 
-def tiles(metrics: Summary) -> Table:
-    """The headline metrics as cards, with what bounds them."""
+def tiles(metrics: Summary, *, large_px: int) -> Table:
+    """The headline metrics as cards, with what bounds them.
+
+    Args:
+        metrics: of the run.
+        large_px: pixels that a large false component exceeds.
+    """
     row, shown = metrics.all_moving, dict[str, Cell]()
-    for name, metric in headline_metrics(metrics).items():
-        label, cell = find_metric(name).label, replace(metric_cell(metric), style="strong")
-        if find_metric(name).over == IMAGE_FRAMES:
+    for name, metric in (headline_metrics(metrics) | {LARGE_FALSE: metrics.false_positives.frame_rate}).items():
+        cell = replace(metric_cell(metric), style="strong")
+        if name == LARGE_FALSE:
+            about = f"of the images have a false patch of more than {large_px} px"
+        elif find_metric(name).over == IMAGE_FRAMES:
             about = f"of the image wrongly marked; over {metric.cases} images"
-            shown[label] = replace(cell, below=(*cell.below, about))
         elif row.object_frames < LEAST_OBJECT_FRAMES:
-            few = f"{row.object_frames} object-frames, fewer than {LEAST_OBJECT_FRAMES}"
-            shown[label] = Cell("n/a", (few,), "strong")
+            cell, about = Cell("n/a", (), "strong"), f"{row.object_frames} object-frames, fewer than 10"
         else:
             about = "; ".join(filter(None, (_bound_note(name, row), f"over {row.object_frames} object-frames")))
-            shown[label] = replace(cell, below=(*cell.below, about))
+        shown[find_metric(name).label] = replace(cell, below=(*cell.below, about))
     return Table(columns=list(shown), rows=[list(shown.values())], words=0, look="tiles")
 
 
@@ -95,24 +105,6 @@ def _bound_note(name: str, row: ObjectMetrics) -> str:
     if other not in row.metric_names() or name == "tpr_all" or math.isnan(row.metric(other).value):
         return ""
     return f"{other.partition('_')[0]} {percent(row.metric(other).value)}"
-
-
-def against_chance(row: ObjectMetrics) -> Cell:
-    """Compare the rate of object-frames of which half is found, or any pixel by a protocol without that level.
-
-    It is "bad" where the rate is not shown to be above chance; to be above it is the least and no praise.
-    """
-    half = _HALF if _HALF in row.metric_names() else "detection_rate"
-    rate, chance = row.metric(half), row.metric(chance_of(half)).value
-    if row.object_frames < LEAST_OBJECT_FRAMES:
-        return Cell("cannot tell", (f"fewer than {LEAST_OBJECT_FRAMES} object-frames",))
-    if math.isnan(chance):
-        return Cell("cannot tell", ("no chance level",))
-    if rate.ci95 is None:
-        return Cell("cannot tell", (f"{FEWEST_RECORDINGS} recordings are needed",))
-    if rate.ci95[0] > chance:
-        return Cell("above")
-    return Cell("not shown to be above", style="bad")
 
 
 def lowest_of(rows: Mapping[str, ObjectMetrics]) -> str | None:
@@ -129,8 +121,8 @@ def lowest_of(rows: Mapping[str, ObjectMetrics]) -> str | None:
 
 
 BREAKDOWN_METRICS = ("iou", "tpr_all", "detection_rate_50", "detection_rate", "unknown_share")
-KINDS = "By kind of motion, the lowest IoU first"
 BREAKDOWNS = {  # caption and heading of the first column, by name
+    "categories": ("By kind of motion", "kind"),
     "object_class": ("By class", "class"),
     "range_m": ("By range", "nearest point (m)"),
     "speed_mps": ("By the object's own speed", "speed (m/s)"),
@@ -141,55 +133,49 @@ BREAKDOWNS = {  # caption and heading of the first column, by name
 }
 
 
-def kinds_of_motion(metrics: Summary) -> dict[str, ObjectMetrics]:
-    """The kinds of motion that have object-frames, by their labels, the lowest IoU first."""
-    rows = {LABELS[name]: row for name, row in metrics.categories.items() if row.object_frames}
-    return dict(sorted(rows.items(), key=lambda item: item[1].iou.value))
+def breakdowns(metrics: Summary) -> dict[str, dict[str, ObjectMetrics]]:
+    """Each way to sort the object-frames: its slices that have any, the kinds of motion first, of lowest IoU first."""
+    every = {"categories": {LABELS[name]: row for name, row in metrics.categories.items()}} | metrics.breakdowns
+    filled = {name: {key: row for key, row in rows.items() if row.object_frames} for name, rows in every.items()}
+    filled["categories"] = dict(sorted(filled["categories"].items(), key=lambda item: item[1].iou.value))
+    return {name: rows for name, rows in filled.items() if rows}
 
 
-def breakdowns(metrics: Summary) -> list[Table]:
-    """One table for every way to sort the object-frames; slices without any are left out."""
-    tables = []
-    for name, rows in metrics.breakdowns.items():
-        if with_cases := {slice_name: row for slice_name, row in rows.items() if row.object_frames}:
-            tables.append(breakdown_table(*BREAKDOWNS[name], with_cases))
-    return tables
-
-
-def breakdown_table(caption: str, heading: str, rows: Mapping[str, ObjectMetrics]) -> Table:
-    """One way to sort the object-frames; the lowest row is marked where it is clearly lower.
+def breakdown_table(name: str, rows: Mapping[str, ObjectMetrics]) -> Table:
+    """One way to sort the object-frames; the lowest IoU is marked where it is clearly lower.
 
     Args:
-        caption: of the table.
-        heading: of its first column.
-        rows: by name, those without cases included; what all of them have is shown.
+        name: of `BREAKDOWNS`.
+        rows: by name of the slice; what all of them have is shown.
     """
+    title, heading = BREAKDOWNS[name]
     names = [name for name in BREAKDOWN_METRICS if all(name in row.metric_names() for row in rows.values())]
     lowest = lowest_of(rows)
     return Table(
-        title=caption,
-        columns=[heading, *(find_metric(name).label for name in names), "against chance", "object-frames", "objects",
-                 "recordings"],
+        title=title,
+        columns=[heading, *(find_metric(name).label for name in names), "object-frames", "objects", "recordings"],
         rows=[
             [key]
             + [bar_cell(row.metric(n), _bound_note(n, row), lowest=n == "iou" and key == lowest) for n in names]
-            + [against_chance(row), row.object_frames, row.tracks, row.recordings]
+            + [row.object_frames, row.tracks, row.recordings]
             for key, row in rows.items()
         ],
-    )  # fmt: skip
+    )
 
 
 def remarks(metrics: Summary) -> Iterator[Paragraph]:
     """What a reader should know first: where IoU is clearly lower than elsewhere, and what could not be scored."""
-    kinds = kinds_of_motion(metrics)
-    if not kinds:
+    split = breakdowns(metrics)
+    if "categories" not in split:
         why = not_annotated(metrics) or "No object-frame was evaluated: there is nothing to say of moving objects."
         yield Paragraph(why, "warn")
-    split = {KINDS: kinds} | {caption: metrics.breakdowns.get(name, {}) for name, (caption, _) in BREAKDOWNS.items()}
-    lowest = {caption.partition(",")[0]: (rows, lowest_of(rows)) for caption, rows in split.items()}
-    named = [f"{by[3:]}: {name} with {percent(rows[name].iou.value)}" for by, (rows, name) in lowest.items() if name]
+    lowest = {name: key for name, rows in split.items() if (key := lowest_of(rows))}
+    named = [
+        f"{BREAKDOWNS[name][0].lower()}: {key} with {percent(split[name][key].iou.value)}"
+        for name, key in lowest.items()
+    ]
     if named:
-        yield Paragraph(f"IoU is clearly lower than elsewhere, by {'; by '.join(named)}.", "bad")
+        yield Paragraph(f"IoU is clearly lower than elsewhere, {'; '.join(named)}.", "bad")
     images = metrics.images
     if left := images.failed + images.skipped:
         yield Paragraph(f"{left} of {images.images} images could not be scored; the last section says why.", "bad")
@@ -213,64 +199,251 @@ def _missing(problem: str) -> Paragraph:
     return Paragraph(f"Pictures are missing: {problem}", "warn")
 
 
-def _glance(run: StoredRun, *, pictures: bool) -> Iterator[Block]:
-    metrics, failures = run.metrics, run.summary.failures
-    yield Paragraph("What a reader should know first; every sentence is computed from the values below.")
-    yield tiles(metrics)
-    yield from remarks(metrics)
-    if failures:
-        text = f"{len(failures)} failures while scoring: all values are of the rest, the last section lists them."
-        yield Paragraph(text, "bad")
-    if pictures:
-        yield from _examples(run)
-    kinds = kinds_of_motion(metrics)
-    if kinds:
-        yield breakdown_table(KINDS, "kind", kinds)
-        yield Paragraph(
-            "Bars: long is good; the line across is the 95 % interval. “Lowest” marks the smallest IoU of a table "
-            "where its interval lies wholly below that of another row. Against chance: the share of object-frames of "
-            "which half is found, compared with the same objects on the mask of another image.",
-            "dim",
-        )
-    words = {find_metric(name).label: find_metric(name).meaning for name in headline_metrics(metrics)}
-    words["Object-frame"] = "One moving object in one image. The same object in ten images makes ten."
-    yield Group(look="folded", title="The words used here", blocks=[_about_table(words)])
+# The worst cases.
+
+Row = Mapping[str, Any]  # of a stored table, with `coverage`
 
 
-def _results(run: StoredRun) -> list[Block]:
-    """Ours, beside the paper's where that says something, and all metrics with their intervals behind a line."""
-    beside = is_rendered(run.manifest.dataset.card)
-    rows = table_rows(run.metrics, beside_paper=beside)
-    behind = ", with the paper's value and the difference behind ours" if beside else ""
-    first, *others = (replace(table, note="") for table in text_tables(rows_with_cases(rows)) if len(table.rows))
-    left_out = [Paragraph(note, "dim") for note in (left_out_note(rows), legend(rows)) if note]
-    folded = Group(look="folded", title="All metrics with their intervals", blocks=others)
-    return [Paragraph(f"Each row is a kind of motion{behind}."), first, folded, *left_out]
+def worst_objects(objects: Rows, *, most: int) -> list[Row]:
+    """Of each category the evaluated object-frames with the lowest coverage, one of each track, of equals the largest.
+
+    Returns:
+        Rows of `OBJECTS_SCHEMA` plus `coverage`.
+    """
+
+    def first(rows: pd.DataFrame) -> pd.DataFrame:
+        ranked = rows.sort_values(["coverage", "region_px"], ascending=[True, False], kind="stable")
+        return ranked.drop_duplicates(["category", *IMAGE[:2], "track_id"]).groupby("category").head(most)
+
+    return _scored(objects, OBJECTS_SCHEMA, OBJECT, coverage, first)
 
 
-# The other sections.
+def worst_frames(frames: Rows, *, most: int) -> list[Row]:
+    """The scored images with the largest false-positive coverage, one of each recording and camera.
+
+    Returns:
+        Rows of `FRAMES_SCHEMA` without the histograms, plus `coverage`, here of false positives.
+    """
+
+    def first(rows: pd.DataFrame) -> pd.DataFrame:
+        ranked = rows[rows["fp_px"] > 0].sort_values("coverage", ascending=False, kind="stable")
+        return ranked.drop_duplicates(IMAGE[:2]).head(most)
+
+    return _scored(frames, FRAMES_SCHEMA, IMAGE, false_share, first)
 
 
-def _recording_table(run: StoredRun, cards: Sequence[Card]) -> Table:
-    """The recordings with the lowest IoU first, those without object-frames last; at most `LISTED_RECORDINGS`."""
+def _scored(
+    source: Rows,
+    schema: pa.Schema,
+    key: Sequence[str],
+    measure: Callable[[pd.DataFrame], pd.Series[float]],
+    first: Callable[[pd.DataFrame], pd.DataFrame],
+) -> list[Row]:
+    flat = [column.name for column in schema if not pa.types.is_list(column.type)]
+    scored = (part[part["status"] == EVALUATED] for part in read_parts(source, flat))
+    chosen = first(pick((sort_rows(part, key).assign(coverage=measure) for part in scored), first))
+    return [{str(name): value for name, value in row.items()} for row in chosen.to_dict("records")]
+
+
+def object_facts(row: Row) -> str:
+    """What was measured of an evaluated object-frame, a row of `OBJECTS_SCHEMA` with `coverage`."""
+    return (
+        f"{_percent(row['coverage'])} found; {row['range_m']:.1f} m away, {row['points']:.0f} lidar points, "
+        f"{row['region_px']:.0f} px, {_percent(1 - row['region_px'] / row['polygon_px'])} hidden by nearer objects; "
+        f"{row['speed_mps']:.1f} m/s, ego vehicle {row['ego_speed_mps']:.1f} m/s"
+    )
+
+
+def image_facts(row: Row) -> str:
+    """What was measured of the false positives of an image, a row of `FRAMES_SCHEMA` with `coverage`."""
+    false_px = max(row["fp_px"], 1)
+    causes = row["fp_by_cause"] if isinstance(row["fp_by_cause"], Mapping) else {}
+    cause, pixels = max(causes.items(), key=lambda item: item[1], default=("", 0))
+    most = f"; most by {cause.replace('_', ' ')}, {_percent(pixels / false_px)}" if cause else ""
+    return (
+        f"{_percent(row['coverage'])} wrongly marked in {row['fp_components']} patches, the largest with "
+        f"{_percent(row['fp_largest_px'] / false_px)} of it; {_percent(1 - row['fp_unattached_px'] / false_px)} in "
+        f"patches that touch an object{most}; ego vehicle {row['ego_speed_mps']:.1f} m/s"
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorstCases:
+    """The worst of each category and of the images.
+
+    Attributes:
+        groups: of boxes, the worst first.
+        elements: recording, camera, time and track of those with pictures, and the id of their box.
+        missing: why pictures are missing, one line each.
+    """
+
+    groups: Sequence[Group]
+    elements: Mapping[tuple[str, str, int, str], str]
+    missing: Sequence[str]
+
+
+def worst_cases(run: StoredRun, *, pictures: bool, progress: Progress | None = None) -> WorstCases:
+    """Choose the worst object-frames and images, and draw them."""
+    objects, images = worst_objects(run.objects, most=WORST), worst_frames(run.frames, most=WORST)
+    keys = {_image_key(row) for row in (*objects, *images)} if pictures else set()
+    drawn, problems = draw_images([run], keys, lambda _, frames, __: _pictures(frames[0]), progress=progress)
+    none = [Paragraph(f"No picture: {'the data set was not available' if pictures else 'none was asked for'}.", "warn")]
+    boxes: dict[str, list[Group]] = {}
+    elements = {}
+    for row, kind in [*((row, row["category"]) for row in objects), *((row, "false") for row in images)]:
+        key, track = _image_key(row), row.get("track_id", "")
+        of_kind = boxes.setdefault(LABELS.get(kind, "Most false marks"), [])
+        element = f"{kind}-{len(of_kind)}"
+        title = f"{row['object_class']} “{track}”, {image_name(*key)}" if track else image_name(*key)
+        facts = Paragraph(object_facts(row) if track else image_facts(row))
+        shown = _shown(drawn[key], title, track) if key in drawn else none
+        of_kind.append(Group(look="box", name=element, title=title, blocks=[facts, *shown]))
+        if key in drawn:
+            elements[(*key, track)] = element
+    groups = [Group(look="boxes", title=title, blocks=of_kind) for title, of_kind in boxes.items()]
+    return WorstCases(groups=groups, elements=elements, missing=problems)
+
+
+def _image_key(row: Row) -> ImageKey:
+    return row["recording"], row["camera"], row["timestamp_ns"]
+
+
+def _pictures(processed: ProcessedFrame) -> dict[str, str]:
+    """Addresses of the "areas", of the "panels", and of each evaluated object enlarged, "track <id>"."""
+    reference, name, layers = processed.reference, frame_name(processed.reference), scored_layers(processed)
+    drawn = {
+        f"track {target.track_id}": figure_uri(draw_close_up(layers, target, name=name))
+        for target in reference.objects
+        if target.status is Status.EVALUATED
+    }
+    panels = figure_uri(draw_panels(processed))
+    return drawn | {"areas": figure_uri(draw_frames([layers], name=name)), "panels": panels}
+
+
+def _shown(drawn: Mapping[str, str], title: str, track: str) -> Iterator[Block]:
+    """The picture of a case, the object enlarged, and what each step saw."""
+    yield Picture(drawn["areas"], f"Camera image of {title}: green found, blue missed, orange wrong")
+    if track:
+        yield Picture(drawn[f"track {track}"], f"{title}, enlarged")
+    panels = Picture(drawn["panels"], f"Flow, deviations, likelihood and segmentation of {title}")
+    yield Group(look="folded", title="Panels: what each step saw", blocks=[panels])
+
+
+# The table of object-frames.
+
+LISTED = 2_000  # 1 MB of the page
+FILTERS = {"kind": "Kind", "class": "Class", "outcome": "Outcome", "camera": "Camera", "recording": "Recording"}
+_READ = (
+    *OBJECT,
+    *("object_class", "status", "reason", "category", "range_m", "ego_speed_mps", "points", "region_px"),
+    *("tp", "fn", "fp"),
+)
+
+
+def _number(digits: int, *, times: float = 1.0) -> Callable[[float], str]:
+    return lambda value: "" if math.isnan(value) else f"{times * value:.{digits}f}"
+
+
+_COLUMNS: dict[str, Heads] = {
+    "object": "object",
+    **{name: name for name in ("recording", "camera", "class", "kind", "outcome")},
+    "timestamp_ns": "time (ns)",
+    "iou": Column("IoU %", _number(1, times=100)),
+    "coverage": Column("TPR %", _number(1, times=100)),
+    "fp": Column("false px", _number(0)),
+    "region_px": Column("object px", _number(0)),
+    "range_m": Column("range (m)", _number(1)),
+    "ego_speed_mps": Column("ego (km/h)", _number(1, times=3.6)),
+    "points": Column("points", _number(0)),
+}
+
+
+def object_table(
+    run: StoredRun, elements: Mapping[tuple[str, str, int, str], str], *, most: int = LISTED
+) -> tuple[Table, int]:
+    """Every annotated object-frame as a row; and how many there are in all.
+
+    Args:
+        run: of the page.
+        elements: to which rows lead, as of `WorstCases`.
+        most: rows; the evaluated with the lowest coverage come first, of equals the largest, and then the others.
+    """
+    annotated = 0
+
+    def parts() -> Iterator[pd.DataFrame]:
+        nonlocal annotated
+        for part in read_parts(run.objects, _READ):
+            annotated += len(part)
+            rows = sort_rows(part, OBJECT)
+            scored = rows["status"] == EVALUATED
+            measured = {"coverage": coverage(rows), "iou": intersection_over_union(rows)}
+            measured |= {name: rows[name].astype(float) for name in ("fp", "region_px")}
+            yield rows.assign(scored=scored, **{name: of.where(scored) for name, of in measured.items()})
+
+    def first(rows: pd.DataFrame) -> pd.DataFrame:
+        order = ["scored", "coverage", "region_px"]
+        return rows.sort_values(order, ascending=[False, True, False], kind="stable", ignore_index=True).head(most)
+
+    rows = first(pick(parts(), first))
+    status, reason, kind = (rows[name].astype(object).fillna("") for name in ("status", "reason", "category"))
+    keys = rows[OBJECT].itertuples(index=False, name=None)
+    links = [Cell(key[3], link=f"#{elements[key]}" if key in elements else "") for key in keys]
+    shown = rows.rename(columns={"object_class": "class"}).assign(
+        object=pd.Series(links, rows.index, dtype=object),
+        outcome=status.where(reason == "", status + ": " + reason.str.replace("_", " ")),
+        kind=kind.str.replace("_", " "),
+    )
+    tags = [dict(zip(FILTERS, row, strict=True)) for row in shown[[*FILTERS]].astype(str).itertuples(index=False)]
+    title = "Annotated object-frames; TPR (coverage) and IoU in percent"
+    return Table(title=title, columns=_COLUMNS, rows=shown, words=6, tags=tags), annotated
+
+
+def _object_section(run: StoredRun, elements: Mapping[tuple[str, str, int, str], str]) -> Group:
+    table, annotated = object_table(run, elements)
+    few = "Every annotated object in every image."
+    if len(table.rows) < annotated:
+        few = (f"The run has {annotated:,} object-frames, more than a page can hold: here are the {len(table.rows):,} "
+               "that were found least; its folder counts has all.")  # fmt: skip
+    about = (
+        f"{few} Press a heading to sort, type or choose to filter. An object leads to its picture; where the page "
+        "holds none, this command draws it, with recording, camera and time of the row:"
+    )
+    choices = [Choice(tag, label, EVALUATED if tag == "outcome" else "") for tag, label in FILTERS.items()]
+    blocks: list[Block] = [Paragraph(about), Code(_view_command(run)), Filters(choices, "Search"), table]
+    return Group(look="section", name="frames", title="Object-frames", count=f"{len(table.rows):,} rows", blocks=blocks)
+
+
+def _view_command(run: StoredRun) -> str:
+    """The call of `view` that draws an image of the run, with its method, settings and protocol."""
+    words = ["fisheye-bench", "view", run.manifest.dataset.card, *run.manifest.method.options()]
+    known = run.protocol.name in known_protocols()
+    words += ["--protocol", run.protocol.name if known else str(run.folder / "protocol.json")]
+    return " ".join(map(shlex.quote, words)) + " --recording RECORDING --camera CAMERA --time-ns TIME"
+
+
+# The other tables.
+
+
+def _recording_table(run: StoredRun) -> Table:
+    """The recordings with the lowest IoU first, those without object-frames last."""
     values, cases = recording_values(run.sums)
     table = values[["iou", "tpr_all", "false_positive_coverage"]].assign(
         object_frames=cases["iou"], images=cases["false_positive_coverage"]
     )
     table = table.reset_index().sort_values(["iou", "recording"], ignore_index=True)
-    first = {card.key[0]: card.element for card in reversed(cards)}
     shares = [Column(heading, percent) for heading in ("IoU, all", "TPR, all", "wrongly marked")]
     counts = [Column(heading, "{:.0f}".format) for heading in ("object-frames", "images")]
-    shown = f", {LISTED_RECORDINGS} of {len(table)}" if len(table) > LISTED_RECORDINGS else ""
     return Table(
-        title=f"By recording, over all its object-frames, the lowest IoU first{shown}",
-        columns=["recording", *shares, *counts, "to look at"],
+        title="By recording, over all its object-frames, the lowest IoU first",
+        columns=["recording", *shares, *counts],
         rows=[
-            [Cell(name, link=f"#recording={quote(name)}"), *values,
-             Cell("worst case", link=f"#{first[name]}") if name in first else None]
-            for name, *values in table[:LISTED_RECORDINGS].itertuples(index=False)
+            [Cell(name, link=f"#recording={quote(name)}"), *values] for name, *values in table.itertuples(index=False)
         ],
-    )  # fmt: skip
+    )
 
 
 def _cause_table(metrics: Summary) -> Table | None:
@@ -286,37 +459,16 @@ def _about_table(rows: Mapping[str, str]) -> Table:
     return Table(columns=["", ""], rows=list(rows.items()), words=2, look="about")
 
 
-def _ledger_tables(metrics: Summary) -> list[Table]:
+def _ledger(metrics: Summary) -> Table:
     """The outcome of every annotated object-frame and of every image."""
     objects, images = metrics.objects, metrics.images
     of_objects = {"evaluated": objects.evaluated, "static": objects.static}
     of_objects |= {f"ignored: {reason.replace('_', ' ')}": number for reason, number in objects.ignored.items()}
     of_images = {"scored": images.evaluated, "skipped, without an image before": images.skipped}
     of_images |= {"failed": images.failed, "not annotated": images.not_annotated}
-    ledgers = {
-        "Annotated object-frames": of_objects | {"annotated, the sum": objects.annotated},
-        "Images": of_images | {"all, the sum": images.images},
-    }
-    return [
-        Table(title=title, columns=["outcome", "number"], rows=list(rows.items()), look="narrow")
-        for title, rows in ledgers.items()
-    ]
-
-
-def _object_section(run: StoredRun, cards: Sequence[Card]) -> Group:
-    table, annotated = object_table(run, cards)
-    few = "Every annotated object in every image."
-    if len(table.rows) < annotated:
-        few = (f"The run has {annotated:,} object-frames, more than a page can hold: here are the {len(table.rows):,} "
-               "that were found least; its folder counts has all.")  # fmt: skip
-    about = (
-        f"{few} Press a heading to sort, type or choose to filter. An object leads to its picture; where the page "
-        "holds none, this command draws it, with recording, camera and time of the row:"
-    )
-    choices = [Choice(tag, label, EVALUATED if tag == "outcome" else "") for tag, label in FILTERS.items()]
-    blocks: list[Block] = [Paragraph(about), Code(view_command(run)), Filters(choices, "Search"), table]
-    title = "All object-frames" if len(table.rows) == annotated else "Object-frames"
-    return Group(look="section", name="frames", title=title, count=f"{len(table.rows):,} rows", blocks=blocks)
+    outcomes = {"object-frames": of_objects | {"all": objects.annotated}, "images": of_images | {"all": images.images}}
+    rows = [(what, outcome, number) for what, numbers in outcomes.items() for outcome, number in numbers.items()]
+    return Table(columns=["of the annotated", "outcome", "number"], rows=rows, words=2, look="narrow")
 
 
 # The page.
@@ -350,12 +502,12 @@ def write_page(
         DataError: a stored result is missing or damaged. Missing data for pictures is no error; it is said.
     """
     run = read_run(folder)
-    galleries, missing = worst_cases(run, most=WORST, pictures=pictures, progress=progress)
+    worst = worst_cases(run, pictures=pictures, progress=progress)
     title = f"{run.manifest.method.name} on {run.manifest.dataset.name}"
-    blocks = [*_head(run), *_sections(run, galleries, missing, pictures=pictures)]
+    blocks = [*_head(run), *_sections(run, worst, pictures=pictures and not worst.missing)]
     file = out or run.folder / "index.html"
     write_output(file, to_page(title, blocks, folder=run.folder))
-    return Page(file=file, problems=tuple(missing))
+    return Page(file=file, problems=tuple(worst.missing))
 
 
 def _head(run: StoredRun) -> list[Block]:
@@ -371,7 +523,7 @@ def _head(run: StoredRun) -> list[Block]:
         "Run": f"{run.label}, {summary.provenance.started_utc[:16]} UTC, fisheye-bench {manifest.code.version}",
     }
     if is_rendered(data.card):
-        about["Paper"] = f"{published.SOURCE}. Its values stand beside as “paper”: same form, not the same data."
+        about["Paper"] = f"{published.SOURCE}. Its values stand below ours as “paper”: same form, not the same data."
     intro = (
         f"How well the method “{method.name}” marks what moves in the camera images of a driving car, measured against "
         "outlines made from lidar."
@@ -379,45 +531,62 @@ def _head(run: StoredRun) -> list[Block]:
     return [Paragraph(intro), _about_table(about)]
 
 
-def _sections(
-    run: StoredRun, galleries: Mapping[str, Sequence[Card]], missing: Sequence[str], *, pictures: bool
-) -> Iterator[Group]:
-    """The sections of the page, each of which opens with a sentence."""
+def _glance(run: StoredRun, *, pictures: bool) -> Iterator[Block]:
+    metrics, failures = run.metrics, run.summary.failures
+    yield tiles(metrics, large_px=run.protocol.scoring.false_positive_component_px)
+    yield from remarks(metrics)
+    if failures:
+        text = f"{len(failures)} failures while scoring: all values are of the rest, the last section lists them."
+        yield Paragraph(text, "bad")
+    if pictures:
+        yield from _examples(run)
+    words = {find_metric(name).label: find_metric(name).meaning for name in [*headline_metrics(metrics), LARGE_FALSE]}
+    words["Object-frame"] = "One moving object in one image. The same object in ten images makes ten."
+    yield Group(look="folded", title="The words used here", blocks=[_about_table(words)])
+
+
+def _results(run: StoredRun) -> list[Block]:
+    """Ours, beside the paper's where that says something."""
+    rows = table_rows(run.metrics, beside_paper=is_rendered(run.manifest.dataset.card))
+    notes = [Paragraph(note, "dim") for note in (left_out_note(run.metrics), legend(rows)) if note]
+    return [results_table(rows, title="In percent"), *notes]
+
+
+def _sections(run: StoredRun, worst: WorstCases, *, pictures: bool) -> Iterator[Group]:
+    """The sections of the page."""
     section = partial(Group, look="section")
     metrics, summary, made = run.metrics, run.summary, run.summary.provenance
-    cards = [card for of_gallery in galleries.values() for card in of_gallery]
     charts = draw_charts(run)
-    yield section(name="glance", title="At a glance", blocks=[*_glance(run, pictures=pictures and not missing)])
+    yield section(name="glance", title="At a glance", blocks=[*_glance(run, pictures=pictures)])
     yield section(name="results", title="Results by kind of motion", blocks=_results(run))
-    tables = breakdowns(metrics)
-    yield section(name="splits", title="Broken down", count=f"{len(tables)} tables", blocks=[
+    tables = [breakdown_table(*of) for of in breakdowns(metrics).items()]
+    yield section(name="splits", title="Broken down", count=counted(len(tables), "table"), blocks=[
         Paragraph("The same object-frames sorted in other ways, to see where the method fails. Bins are half-open: "
-                  "[2, 4) holds 2 but not 4."), *tables])  # fmt: skip
-    by_recording = _recording_table(run, cards)
+                  "[2, 4) holds 2 but not 4. Bars: the line across is the 95 % interval. “Lowest” marks the smallest "
+                  "IoU of a table where its interval lies wholly below that of another row."), *tables])  # fmt: skip
+    by_recording = _recording_table(run)
     yield section(name="recordings", title="By recording", count=f"{len(by_recording.rows)} recordings", blocks=[
-        Paragraph("Where to look first: a name shows its object-frames in the table below, “worst case” its picture."),
-        by_recording])  # fmt: skip
+        Paragraph("Where to look first: a name shows its object-frames in the table below."), by_recording,
+    ])  # fmt: skip
     yield section(name="around", title="Around the ego vehicle", blocks=[
         Paragraph("The ground seen from above, the ego vehicle in the middle driving upwards: yellow cells mark places "
                   "where objects were found, dark ones where they were missed; hatched cells hold too few to say."),
-        charts["around"][0].drawing()])  # fmt: skip
+        charts["range_map"].drawing()])  # fmt: skip
     over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
-    yield _chart_section("threshold", "Other thresholds", charts["threshold"],
-        "The run holds no likelihoods: its method gives masks only.",
-        "What other thresholds of the motion likelihood would give: more found on the way up, more wrongly marked "
-        f"on the way right. The dot is the run as it was scored. {over_all}".rstrip())  # fmt: skip
+    if "threshold_sweep" in charts:
+        yield section(name="threshold", title="Other thresholds", blocks=[
+            Paragraph("What other thresholds of the motion likelihood would give: more found on the way up, more "
+                      f"wrongly marked on the way right. The dot is the run as it was scored. {over_all}".rstrip()),
+            Group(look="charts", blocks=[charts["threshold_sweep"].drawing()])])  # fmt: skip
     if causes := _cause_table(metrics):
         yield section(name="causes", title="Causes of the false marks", count=f"{len(causes.rows)} causes", blocks=[
             Paragraph("Every falsely marked pixel is counted for the part of the method that contributes most to "
                       "the likelihood there."), causes])  # fmt: skip
-    why = "the data set was not available" if pictures else "the page was made without pictures"
-    yield section(name="worst", title="Worst cases", count=f"{len(cards)} cases", blocks=[
+    yield section(name="worst", title="Worst cases", blocks=[
         Paragraph("The object-frames of each kind that were found least, one of each object, and the images with most "
-                  f"false marks. {COLOURS} {OBJECT_NOTE} {IMAGE_NOTE}"),
-        *map(_missing, missing),
-        *(block for title, of_kind in galleries.items() for block in gallery(title, of_kind, missing=why)),
+                  f"false marks, the worst first. {COLOURS}"), *map(_missing, worst.missing), *worst.groups,
     ])  # fmt: skip
-    yield _object_section(run, cards)
+    yield _object_section(run, worst.elements)
     yield section(name="origin", title="Origin of the values", blocks=[
         Paragraph(f"What made this run, started {made.started_utc}; the same code, settings and data give the same "
                   f"values. At most {made.peak_memory_mb:.0f} MB of memory."),
@@ -427,16 +596,10 @@ def _sections(
     yield section(name="ledger", title="What was left out, and why", count=f"{len(summary.failures)} failures", blocks=[
         Paragraph("Every annotated object in every image ends in exactly one of these lines; detections on ignored "
                   "objects count neither as right nor as wrong."),
-        *_ledger_tables(metrics),
+        _ledger(metrics),
         *_folded("Messages of images that were not scored", messages),
         *_folded(f"{len(summary.failures)} failures", summary.failures)])  # fmt: skip
 
 
 def _folded(title: str, lines: Sequence[str]) -> list[Group]:
     return [Group(look="folded", title=title, blocks=[Items(lines)])] if lines else []
-
-
-def _chart_section(name: str, title: str, charts: Sequence[Chart], none: str, about: str) -> Group:
-    shown: Block = Group(look="charts", blocks=[chart.drawing() for chart in charts])
-    blocks = [Paragraph(about), shown if charts else Paragraph(none, "warn")]
-    return Group(look="section", name=name, title=title, count=counted(len(charts), "chart"), blocks=blocks)

@@ -1,19 +1,18 @@
 """Runs in tables and lines: the rows of the paper's table, ours beside the paper's where that says something.
 
-The same rows make the table of the terminal, `table.md`, `.csv` and `.tex`, and the tables of a run's page. Totals say
-what became of objects and images, and what the run cost. A sweep has one table of the runs for its values.
+One table shows them on the terminal, in `table.md` and on a run's page; `table.csv` has their numbers. Totals say what
+became of objects and images, and what the run cost. A sweep has one table of the runs for its values.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
 
-from bench.atomic import write_text
 from bench.errors import BenchError
 from bench.evaluation import Metric, Protocol, ThresholdFreeMetrics, definitions, find_metric, published
 from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED, read_parts
@@ -24,18 +23,17 @@ from bench.plain_text import counted
 from bench.recordings import load_card
 from bench.records.reference import Category, IgnoreReason
 from bench.reporting import formats
-from bench.reporting.document import Block, Cell, Column, Heads, Paragraph, Report, Table, to_latex
+from bench.reporting.document import Cell, Column, Paragraph, Report, Table
 
 FALSE_POSITIVES = "false_positives"
 FALSE_POSITIVE_METRICS = tuple(metric.field for metric in definitions.FALSE_POSITIVES)
-COMPARED = {"detection_rate": "Detection rate", "tpr": "TPR", "iou_detected": "IoU"}
 _OF_PAPER = {"detection_rate": "detection_rate", "tpr": "tpr", "iou_detected": "iou"}  # its name of each
 COVERAGES = {name: find_metric(name).label for name in ("iou", "tpr_all", "iou_detected", "tpr")}
-FURTHER = {name: find_metric(name).label for name in ("ceiling_iou", "unknown_share")}  # of some data and protocols
+ON_TERMINAL = (*COVERAGES, "detection_rate", "detection_rate_50", "ceiling_iou")
 CASES_NOTE = "Cases: object-frames; in the last row images, and the share of the image that is wrongly marked."
 BESIDE_NOTE = (
-    "TPR and IoU beside the paper's are over the detected object-frames. Differences in percentage points. The paper's "
-    "recordings are private: same form, not the same data."
+    "TPR and IoU beside the paper's are over the detected object-frames. Below the paper's value the difference in "
+    "percentage points. The paper's recordings are private: same form, not the same data."
 )
 CHANCE_NOTE = (
     "Chance: the same objects on the mask of another frame; none where recordings are shorter than chance_lag_s."
@@ -79,10 +77,6 @@ class TableRow:
         """Return the difference in points as "+0.1"; "" for NaN."""
         points = self.difference_points(name)
         return "" if math.isnan(points) else f"{points:+.1f}"
-
-    def paper_percent(self, name: str) -> str:
-        """The paper's value as it prints it, "72 %"; "" where it has none."""
-        return formats.percent(self.paper[name], digits=0) if name in self.paper else ""
 
 
 def is_rendered(card: str) -> bool:
@@ -132,18 +126,6 @@ def table_rows(summary: Summary, *, beside_paper: bool = True) -> list[TableRow]
     return [*rows, of_images]
 
 
-def rows_with_cases(rows: Sequence[TableRow]) -> list[TableRow]:
-    """Those that hold object-frames, and the false positives."""
-    return [row for row in rows if row.frames or row.name == FALSE_POSITIVES]
-
-
-def left_out_note(rows: Sequence[TableRow]) -> str:
-    """Names the rows without cases; "" where there are none."""
-    with_cases = rows_with_cases(rows)
-    without = [row.name.replace("_", " ") for row in rows if row not in with_cases]
-    return f"Left out, without cases: {', '.join(without)}." if without else ""
-
-
 def threshold_free_line(found: ThresholdFreeMetrics) -> str:
     """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... "."""
     return (
@@ -152,129 +134,62 @@ def threshold_free_line(found: ThresholdFreeMetrics) -> str:
     )
 
 
-def detection_columns(rows: Sequence[TableRow]) -> dict[str, str]:
-    """Names and headings of the detection rates, with the protocol's own levels."""
-    names = next((list(row.metrics) for row in rows if row.name != FALSE_POSITIVES), [])
-    levels = {name: f"at {formats.level_percent(name):g} %" for name in formats.detection_levels(names)}
-    return {"detection_rate": find_metric("detection_rate").label} | levels
+def results_table(rows: Sequence[TableRow], *, title: str, short: bool = False) -> Table:
+    """A row for each kind of motion with cases: each metric over its interval, chance level and the paper's value.
+
+    Args:
+        rows: of the run.
+        title: above them.
+        short: for 100 columns: the metrics of `ON_TERMINAL`, the ends of intervals in whole percent.
+    """
+    rows = [row for row in rows if row.frames or row.name == FALSE_POSITIVES]
+    known = {name for row in rows for name in row.metrics}
+    names = [*COVERAGES, "detection_rate", *formats.detection_levels(known), "ceiling_iou", "unknown_share"]
+    names = [name for name in names if name in known and (name in ON_TERMINAL or not short)]
+    interval = formats.short_interval if short else formats.percent_interval
+
+    def cells(row: TableRow) -> list[Cell | None]:
+        if row.name != FALSE_POSITIVES:
+            return [_cell(row, name, interval) if name in row.metrics else None for name in names]
+        # The paper prints the false-positive coverage in the column of the detection rate.
+        return [_cell(row, "coverage", interval) if name == "detection_rate" else None for name in names]
+
+    return Table(
+        title=title,
+        columns=["Type", "Recs", "Cases", "Objects", *(find_metric(name).label for name in names)],
+        rows=[[_label(row), row.recordings, row.frames, row.tracks, *cells(row)] for row in rows],
+    )
 
 
-def _further_columns(rows: Sequence[TableRow]) -> dict[str, str]:
-    """Names and headings of what only some runs have: the ceiling of exact masks, the share of unknown bands."""
-    return {name: heading for name, heading in FURTHER.items() if any(name in row.metrics for row in rows)}
+def _label(row: TableRow) -> Cell:
+    """A kind of motion over its constraint and the paper's cases."""
+    name, _, constraint = row.label.partition(" (")
+    of_paper = "" if row.paper_frames is None else f"paper: {row.paper_frames}"
+    return Cell(name, tuple(filter(None, (constraint and f"({constraint}", of_paper))))
+
+
+def _cell(row: TableRow, name: str, interval: Callable[[Metric], str]) -> Cell:
+    metric = row.metrics[name]
+    if math.isnan(metric.value):
+        return Cell("n/a", (f"({metric.cases} cases)",))
+    below = [interval(metric)]
+    if name.startswith("detection_rate") and not math.isnan(chance := row.metrics[formats.chance_of(name)].value):
+        below.append(f"chance {100 * chance:.0f}")
+    if name in row.paper:
+        below += [f"paper {100 * row.paper[name]:.0f}", row.difference(name)]
+    return Cell(formats.hundredths(metric.value), tuple(filter(None, below)), "strong")
+
+
+def left_out_note(summary: Summary) -> str:
+    """Names the kinds of motion without cases, which no table shows; "" where there are none."""
+    without = [name.replace("_", " ") for name, row in summary.categories.items() if not row.object_frames]
+    return f"Left out, without cases: {', '.join(without)}." if without else ""
 
 
 def legend(rows: Sequence[TableRow]) -> str:
-    """Return the note on how to read all tables of these rows."""
+    """Return the note on how to read the table of these rows."""
     beside = [BESIDE_NOTE] if any(row.paper for row in rows) else []
     return " ".join([CASES_NOTE, *beside, CHANCE_NOTE, COVERAGE_NOTE, formats.INTERVALS])
-
-
-def text_tables(rows: Sequence[TableRow]) -> tuple[Table, ...]:
-    """Ours beside the paper's; detection and coverage with their intervals."""
-    rates: dict[str, str] = {}
-    for name, heading in detection_columns(rows).items():
-        rates |= {name: heading, formats.chance_of(name): "chance"}
-    coverages = COVERAGES | _further_columns(rows)
-    return (
-        _beside_the_paper(rows),
-        _with_intervals(rows, title="Detection", shown=rates, note=CHANCE_NOTE),
-        _with_intervals(rows, title="Coverage", shown=coverages, note=COVERAGE_NOTE),
-    )
-
-
-def _beside_the_paper(rows: Sequence[TableRow]) -> Table:
-    """The paper's metrics, with its values and the differences where it states any of these rows."""
-    beside = any(row.paper for row in rows)
-    columns = ["Type", "Recordings", "Cases", *(["paper"] if beside else [])]
-    for heading in COMPARED.values():
-        columns += [heading, *(["paper", "diff."] if beside else [])]
-    lines: list[list[object]] = []
-    for row in rows:
-        line: list[object] = [_label(row.label), row.recordings, row.frames, *([row.paper_frames] if beside else [])]
-        # The paper prints the false-positive coverage in the column of the detection rate.
-        for name in ["coverage"] if row.name == FALSE_POSITIVES else COMPARED:
-            line.append(formats.percent(row.metrics[name].value, cases=row.metrics[name].cases))
-            line += [row.paper_percent(name), row.difference(name)] if beside else []
-        lines.append(line + [None] * (len(columns) - len(line)))
-    title = f"Results by category of objects{', beside the paper' if beside else ''}"
-    return Table(title=title, columns=columns, rows=lines, note=f"{CASES_NOTE} {BESIDE_NOTE}" if beside else CASES_NOTE)
-
-
-def _with_intervals(rows: Sequence[TableRow], *, title: str, shown: Mapping[str, str], note: str) -> Table:
-    """One line per kind of motion; intervals are named where one has them."""
-    of_objects = [row for row in rows if row.name != FALSE_POSITIVES]
-    bounded = any(row.metrics[name].ci95 for row in of_objects for name in shown)
-    return Table(
-        title=f"{title} with 95 % intervals" if bounded else title,
-        columns=[
-            "Type",
-            "Recordings",
-            "Cases",
-            "Objects",
-            *(Column(text, formats.metric_cell) for text in shown.values()),
-        ],
-        rows=[
-            [_label(row.label), row.recordings, row.frames, row.tracks, *map(row.metrics.get, shown)]
-            for row in of_objects
-        ],
-        note=f"{note} {formats.INTERVALS}",
-    )
-
-
-def _label(text: str, *, before: str = " (") -> Cell:
-    """A kind of motion over its constraint."""
-    first, _, second = text.partition(before)
-    return Cell(first, (before[1:] + second,) if second else ())
-
-
-_SHORT = {"detection_rate": Cell("Detec-", ("tion",)), "tpr": Cell("TPR", ("det.",)), "tpr_all": Cell("TPR", ("all",)),
-          "iou": Cell("IoU", ("all",)), "iou_detected": Cell("IoU", ("det.",)), "ceiling_iou": Cell("IoU", ("ceil.",)),
-          "unknown_share": Cell("Un-", ("known",))}  # fmt: skip
-
-
-def terminal_report(rows: Sequence[TableRow], *, title: str) -> list[Block]:
-    """For 100 columns: the value of each metric over its 95 % interval, its chance level, the paper's, the difference.
-
-    Args:
-        rows: of the table; kinds of motion without cases are left out, and lines that say nothing.
-        title: says what run it is of.
-    """
-    shown = {**COVERAGES, **detection_columns(rows), **_further_columns(rows)}
-    lines = []
-    for row in rows_with_cases(rows):
-        of_images = row.name == FALSE_POSITIVES
-        # The paper prints the false-positive coverage in the column of the detection rate.
-        names = [None] * len(COVERAGES) + ["coverage"] + [None] * (len(shown) - len(COVERAGES) - 1)
-        texts = [name and _texts(row, name) for name in (names if of_images else shown)]
-        below = [line for line in ("95 %", "chance", "paper", "diff.") if any(of and of[line] for of in texts)]
-        frames = tuple(str(row.paper_frames) if line == "paper" else "" for line in below)
-        cells = [of and Cell(of[""], tuple(of[line] for line in below), "strong") for of in texts]
-        head = [_label(row.label), Cell("ours" if below else "", tuple(below)), row.recordings]
-        lines.append([*head, Cell(str(row.frames), frames), row.tracks, *cells])
-    headings = [_SHORT.get(name) or _label(heading, before=" ") for name, heading in shown.items()]
-    columns: list[Heads] = ["Type", "", "Recs", "Cases", "Objects", *headings]
-    left_out = left_out_note(rows)
-    return [
-        Table(title=title, columns=columns, rows=lines, words=2),
-        *([Paragraph(left_out, "dim")] if left_out else []),
-    ]
-
-
-def _texts(row: TableRow, name: str) -> dict[str, str]:
-    """A metric, and what stands below it, by the name of the line."""
-    metric = row.metrics[name]
-    chance = row.metrics.get(formats.chance_of(name)) if name.startswith("detection_rate") else None
-    return {
-        "": formats.hundredths(metric.value),
-        "95 %": f"({metric.cases})" if math.isnan(metric.value) else formats.short_interval(metric),
-        "chance": "" if chance is None or math.isnan(chance.value) else formats.hundredths(chance.value),
-        "paper": f"{100 * row.paper[name]:.0f}" if name in row.paper else "",
-        "diff.": row.difference(name),
-    }
-
-
-_LONGEST_SETTINGS = 80  # characters in a caption
 
 
 def report(rows: Sequence[TableRow], *, notes: Sequence[str] = (), unreviewed: str = "") -> Report:
@@ -282,7 +197,7 @@ def report(rows: Sequence[TableRow], *, notes: Sequence[str] = (), unreviewed: s
 
     Args:
         rows: of the table.
-        notes: on the method and the data, around the note on how to read the table.
+        notes: on the method and the data, below the note on how to read the table.
         unreviewed: `RunSummary.unreviewed`, which stands in each line of numbers of such a run.
     """
     numbers: list[dict[str, object]] = [
@@ -293,40 +208,12 @@ def report(rows: Sequence[TableRow], *, notes: Sequence[str] = (), unreviewed: s
         for row in rows
         for name, metric in row.metrics.items()
     ]  # fmt: skip
-    tables = [replace(table, note="") for table in text_tables(rows)]
-    said = map(Paragraph, filter(None, [*notes[:1], legend(rows), *notes[1:]]))
-    return Report(title="", blocks=[*tables, *said], numbers=numbers)
+    table = results_table(rows, title="Results by kind of motion, in percent")
+    return Report(title="", blocks=[table, *map(Paragraph, (legend(rows), *filter(None, notes)))], numbers=numbers)
 
 
-def latex(rows: Sequence[TableRow], *, label: str, about: str) -> str:
-    """The tables as floats; kinds of motion without cases are left out.
-
-    Args:
-        rows: of the table.
-        label: of the floats, before the title of each.
-        about: in their captions, behind the title.
-    """
-    tables = text_tables([row for row in rows if row.frames])
-    return "\n".join(to_latex(table, label=f"{label}-{table.title.partition(' with')[0].partition(',')[0]}",
-                               caption=f"{table.title}: {about}.") for table in tables)  # fmt: skip
-
-
-def _about(run: StoredRun) -> str:
-    """Method, data set and protocol; settings that are not the method's defaults; annotations that nobody reviewed."""
-    method, data = run.manifest.method, run.manifest.dataset
-    settings = [f"{name} = {value}" for name, value in method.changed_settings().items()]
-    shown = formats.shortened(", ".join(settings), _LONGEST_SETTINGS) or "default settings"
-    split = f", split {data.split}" if data.split else ""
-    told = f"method {method.name} ({shown}), data set {data.name}{split}, {run.protocol.name}"
-    return ", ".join(part for part in (told, run.summary.unreviewed.rstrip(".")) if part)
-
-
-def write_report_files(run: StoredRun) -> tuple[list[TableRow], tuple[Path, ...]]:
-    """Write `table.md`, `.csv` and `.tex` into the folder of a run.
-
-    Returns:
-        rows: of the table, for the terminal.
-        files: paths.
+def write_report_files(run: StoredRun) -> tuple[Path, ...]:
+    """Write `table.md` and `table.csv` into the folder of a run.
 
     Raises:
         DataError: a table of the run is damaged.
@@ -335,10 +222,8 @@ def write_report_files(run: StoredRun) -> tuple[list[TableRow], tuple[Path, ...]
     rows = table_rows(summary, beside_paper=is_rendered(run.manifest.dataset.card))
     over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
     caveats = f"The data: {' '.join(summary.caveats.split())}" if summary.caveats.strip() else ""
-    files = report(rows, notes=[over_all, caveats], unreviewed=summary.unreviewed).write(run.folder, "table")
-    paper = run.folder / "table.tex"
-    write_text(paper, latex(rows, label=run.label, about=_about(run)))
-    return rows, (*files, paper)
+    notes = (left_out_note(summary), over_all, caveats)
+    return report(rows, notes=notes, unreviewed=summary.unreviewed).write(run.folder, "table")
 
 
 FILLED = 0.5  # of the valid pixels: more in every image is no moving object
@@ -347,6 +232,8 @@ FILLED = 0.5  # of the valid pixels: more in every image is no moving object
 def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
     """Numbers of objects and images that were evaluated, and reasons that the others were not."""
     ledger, images = summary.objects, summary.images
+    if left_out := left_out_note(summary):
+        yield left_out
     limits: dict[str, str] = {IgnoreReason.RANGE: f" (beyond {protocol.reference.range_limit_m:g} m)"}
     reasons = [f"{count} {reason}{limits.get(reason, '')}" for reason, count in ledger.ignored.items() if count]
     yield (
@@ -400,7 +287,8 @@ def cost_lines(made: Provenance) -> Iterator[str]:
     yield f"{made.seconds:.1f} s{rate}, peak memory of a process {made.peak_memory_mb:.0f} MB"
     stored = made.images - made.images_asked
     found = f"; the answers of {counted(stored, 'image')} were there" if stored > 0 else ""
-    yield f"{counted(made.workers, 'process')}; the method was asked for {counted(made.images_asked, 'image')}{found}"
+    workers = f"{counted(made.workers, 'worker')}; " if made.workers else ""
+    yield f"{workers}the method was asked for {counted(made.images_asked, 'image')}{found}"
 
 
 # A sweep: the headline metrics of a run for each value of one setting.
@@ -412,15 +300,10 @@ METHOD_ONLY = "Injected errors reach the method only: the reference keeps the tr
 def sweep_table(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Table:
     """A row a value, over all moving objects."""
     headings = [find_metric(name).label for name in formats.headline_metrics(next(iter(runs.values())))]
+    counts = ["Images", "Object-frames", "Recordings"]
     return Table(
         title=title,
-        columns=[
-            setting,
-            "Images",
-            "Object-frames",
-            "Recordings",
-            *(Column(text, formats.metric_cell) for text in headings),
-        ],
+        columns=[setting, *counts, *(Column(text, formats.metric_cell) for text in headings)],
         rows=[
             [value, *_sweep_counts(summary).values(), *formats.headline_metrics(summary).values()]
             for value, summary in runs.items()
@@ -443,12 +326,8 @@ def sweep_report(setting: str, runs: Mapping[str, RunSummary], *, title: str, no
 
 
 def _sweep_counts(summary: RunSummary) -> dict[str, int]:
-    moving = summary.all_moving
-    return {
-        "images": summary.images.evaluated,
-        "object_frames": moving.object_frames,
-        "recordings": moving.recordings,
-    }
+    moving, images = summary.all_moving, summary.images.evaluated
+    return {"images": images, "object_frames": moving.object_frames, "recordings": moving.recordings}
 
 
 def write_sweep(

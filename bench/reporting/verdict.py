@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import io
 import re
-from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
-from itertools import accumulate
 from pathlib import Path
 
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
@@ -146,9 +144,7 @@ def _clean(text: str) -> str:
     return _FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
-LARGEST_BYTES = 1024 * 1024 - 1  # of the file, whoever wrote into it
-_SPARE_BYTES = 200  # for the line that says how many rows were left out, and the end of the folded part
-_END = "</details>"
+MOST_ROWS = 1000  # of the summary, of which GitHub takes 1 MiB; names of slices are short
 _MARKS = {
     Outcome.FAILED: "❌ failed",
     Outcome.SUSPECT: "⚠️ suspect",
@@ -158,27 +154,9 @@ _MARKS = {
 _HEADINGS = ("Outcome", "Slice", "Metric", "Recs", "Baseline", "Run", "Change", "95 %", "Tolerated")
 
 
-def to_markdown(verdict: Verdict, *, largest_bytes: int = LARGEST_BYTES) -> str:
-    """The verdict as Markdown, failures first, cut after a whole row where it would be too large.
-
-    Args:
-        verdict: of a run.
-        largest_bytes: of the text in UTF-8; what the file already holds is the caller's to subtract.
-
-    Returns:
-        The text; "" where not even the headline fits.
-    """
-    lines = document.to_markdown(_summary(verdict)).splitlines()
-    ends = list(accumulate(len(line.encode()) + 1 for line in lines))
-    if ends[-1] <= largest_bytes:
-        return "\n".join(lines) + "\n"
-    fitting = bisect_right(ends, largest_bytes - _SPARE_BYTES)
-    if fitting == 0:
-        return ""
-    cut = sum(line.startswith("| ") and not line.startswith(f"| {_HEADINGS[0]} |") for line in lines[fitting:])
-    left_out = f"{cut} more rows are left out, all are in the JSON and JUnit files."
-    end = [_END] if lines[-1] == _END and any(line.startswith("<details>") for line in lines[:fitting]) else []
-    return "\n".join([*lines[:fitting], "", left_out, *end]) + "\n"
+def to_markdown(verdict: Verdict) -> str:
+    """The verdict as Markdown, failures first."""
+    return document.to_markdown(_summary(verdict))
 
 
 def _summary(verdict: Verdict) -> Iterator[Block]:
@@ -199,7 +177,9 @@ def _summary(verdict: Verdict) -> Iterator[Block]:
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
     if others:
         title = f"{len(others)} other rows, those of breakdowns among them"
-        yield Group(look="folded", title=title, blocks=[row_table(others, with_notes=True)])
+        cut = len(others) - MOST_ROWS
+        note = f"{cut} more rows are left out, all are in the JSON and JUnit files." if cut > 0 else ""
+        yield Group(look="folded", title=title, blocks=[row_table(others[:MOST_ROWS], with_notes=True, caption=note)])
 
 
 def row_table(rows: Iterable[Row], *, with_notes: bool = False, caption: str = "") -> Table:
@@ -276,7 +256,7 @@ def to_json(verdict: Verdict) -> str:
         "method": verdict.method,
         "protocol": verdict.protocol,
         "tolerances": verdict.tolerances,
-        "changes": [asdict(change) for change in verdict.changes],
+        "changes": [{"what": what, "text": text} for what, text in verdict.changes.items()],
         "baseline": verdict.baseline and verdict.baseline.code.model_dump(mode="json"),
         "run": verdict.run and verdict.run.code.model_dump(mode="json"),
         "checks": [asdict(check) for check in verdict.checks],
@@ -310,9 +290,8 @@ def append_summary(file: Path, verdict: Verdict) -> None:
         UsageError: nothing can be appended to the file.
     """
     try:
-        written = file.stat().st_size if file.exists() else 0
         with file.open("a", encoding="utf-8") as summary:
-            summary.write(to_markdown(verdict, largest_bytes=LARGEST_BYTES - written))
+            summary.write(to_markdown(verdict))
     except OSError as error:
         reason = error.strerror or str(error)
         raise UsageError(f"GITHUB_STEP_SUMMARY: expected a file to append to, got {str(file)!r}: {reason}") from error

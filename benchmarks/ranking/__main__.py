@@ -10,9 +10,8 @@ import argparse
 from pathlib import Path
 
 from bench.commands.audit import audit_folder
-from bench.commands.console import print_blocks, print_failures, say, take_verbosity
-from bench.commands.data import rendered_card
-from bench.commands.progress import progress_bar
+from bench.commands.console import print_blocks, print_failures, progress_bar, say, take_verbosity
+from bench.commands.options import rendered_card
 from bench.execution import local_executor, usable_cores
 from benchmarks.ranking.agreement import run_ranking
 from benchmarks.ranking.beams import run_beams

@@ -1,19 +1,21 @@
 """`bench.open_dataset`, `run` and `load_run`: what the commands do, from Python."""
 
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import bench
+from bench.commands.options import as_executor
 from bench.errors import UnknownNameError, UsageError
 from bench.methods import Method, Segmentation, build_method
 
 
 @pytest.fixture(scope="module")
 def run(tiny_card, tmp_path_factory):
-    return bench.run(tiny_card, "frame-difference", pictures=False, out=tmp_path_factory.mktemp("api") / "run")
+    both, out = "paper-v1,surface-v1", tmp_path_factory.mktemp("api") / "run"
+    return bench.run(tiny_card, "frame-difference", protocol=both, pictures=False, out=out)
 
 
 def test_a_run_is_stored_and_read_back_as_tables(run):
@@ -26,7 +28,13 @@ def test_a_run_is_stored_and_read_back_as_tables(run):
     assert again.frames["fp_px"].sum() > 0
     assert again.false_positives == run.summary.false_positives.coverage.value
     assert (run.folder / "table.md") in run.files
+    flat = again.flat()
+    assert (flat["all_moving.iou"], flat["settings.threshold_grey"]) == (
+        again.metrics.loc["all_moving", "iou"],
+        str(4 * 15**0.5),
+    )
     (other,) = run.others
+    assert bench.load_run(run.folder.parent).folder == other.folder, "a run's folder stands for surface-v1"
     assert (run.manifest.protocol.name, other.manifest.protocol.name) == ("paper-v1", "surface-v1")
     assert other.summary.all_moving.iou.value != run.summary.all_moving.iou.value
 
@@ -85,6 +93,8 @@ def test_the_executor_of_another_engine_gives_the_same(run, tiny_card, tmp_path)
     other = bench.run(tiny_card, **chosen, out=tmp_path / "run", workers=engine)
     assert engine.submitted == 3 + 3 + 1, "recordings, tasks, and one image again"
     assert (other.folder / "sums.csv").read_bytes() == (run.folder / "sums.csv").read_bytes()
+    with ThreadPoolExecutor(2) as pool:
+        assert (other.summary.provenance.workers, as_executor(pool).workers) == (0, 2), "where the executor tells"
     (failure,) = bench.run(tiny_card, **chosen, out=tmp_path / "lost", workers=Engine(losing=5)).summary.failures
     assert failure.endswith("the machine is gone")
 

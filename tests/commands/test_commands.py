@@ -9,14 +9,20 @@ import pytest
 
 import bench
 from bench.commands.app import COMMANDS
-from bench.commands.examples import EXAMPLES
 from tests.support.commands import call, error_line
+
+
+@pytest.fixture
+def not_rendered(tiny_card, tmp_path):
+    """The card of data that nobody has rendered."""
+    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets", ignore=shutil.ignore_patterns("data"))
+    return folder / tiny_card.name
 
 
 def test_help_lists_every_command(monkeypatch, capsys):
     assert call(monkeypatch, "--help") == 0
     shown = capsys.readouterr().out
-    assert all(f"  {command.split()[0]} " in shown for command in EXAMPLES)
+    assert all(f"  {name} " in shown for names in COMMANDS.values() for name in names)
     assert [shown.index(f"\n{panel}:\n") for panel in COMMANDS] == sorted(shown.index(f"\n{p}:\n") for p in COMMANDS)
 
 
@@ -24,13 +30,14 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
     out = tmp_path / "run"
     assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
     shown = capsys.readouterr().out
-    for name in ("summary.json", "table.md", "table.csv", "table.tex"):
+    for name in ("summary.json", "table.md", "table.csv"):
         assert (out / "paper-v1" / name).stat().st_size > 100
     for name in ("summary.json", "table.md"):
         assert str(out / "paper-v1" / name) in shown
     assert shown.count(str(out)) < 13, "few paths"
-    assert shown.index("by paper-v1, the paper's rules") < shown.index("by surface-v1, the rules of the leaderboard")
+    assert shown.index("by surface-v1, the rules of the leaderboard") < shown.index("by paper-v1, the paper's rules")
     assert shown.endswith(f"next, a page to read: fisheye-bench report {out}/surface-v1\n")
+    assert bench.load_run(out).folder == out / "surface-v1", "what a run's folder stands for"
     assert f"more files in {out}/paper-v1" in shown
     for name in ("Crossing", "Overtaking", "Static ego-vehicle", "False positives"):
         assert name in shown
@@ -38,9 +45,6 @@ def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny
         assert bench.load_run(out / protocol).manifest.protocol.name == protocol
     assert "Left out, without cases: preceding, approaching." in shown
     assert "16 annotated object-frames" in shown
-    assert r"\label{tab:run-results-by-category-of-objects}" in (out / "paper-v1" / "table.tex").read_text(), (
-        "named after the folder"
-    )
     for picture in ("panels", "areas", "cluster-walker"):
         assert (out / "paper-v1" / "pictures" / "crossing" / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
 
@@ -66,32 +70,13 @@ def test_a_quick_look_scores_some_images_of_some_recordings(monkeypatch, tiny_ca
     assert call(monkeypatch, "verify", out, "--data", tiny_card) == 0
 
 
-def test_a_quick_look_renders_no_more_than_it_scores(monkeypatch, tiny_card, tmp_path):
+def test_a_quick_look_renders_no_more_than_it_scores(monkeypatch, not_rendered, tmp_path):
     from bench.synthesis import production
 
     made = []
     monkeypatch.setattr(production, "_rendered", lambda _, specs, *__: made.extend(spec.name for spec in specs) or ())
-    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets", ignore=shutil.ignore_patterns("data"))
-    assert call(monkeypatch, "run", folder / tiny_card.name, "--split", "standing", "--out", tmp_path / "run") == 2
+    assert call(monkeypatch, "run", not_rendered, "--split", "standing", "--out", tmp_path / "run") == 2
     assert made == ["standing"]
-    assert call(monkeypatch, "run", folder / tiny_card.name, "--split", "standin", "--out", tmp_path / "run") == 2
-    assert made == ["standing"], "and nothing where there is no such split"
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("evaluate", "CARD", "--predictions", "nope"),
-        ("view", "CARD", "--recording", "nope"),
-        ("view", "CARD", "--frame", "nope"),
-        ("run", "CARD", "--out", "tests"),
-        ("reference", "export", "CARD", "--out", "tests"),
-    ],
-)
-def test_arguments_are_checked_before_anything_is_rendered(monkeypatch, capsys, tiny_card, tmp_path, words):
-    folder = shutil.copytree(tiny_card.parent, tmp_path / "datasets", ignore=shutil.ignore_patterns("data"))
-    error_line(monkeypatch, capsys, *(str(folder / tiny_card.name) if word == "CARD" else word for word in words))
-    assert not (folder / "data").exists()
 
 
 FAILING = """
@@ -132,25 +117,36 @@ def test_a_method_that_fails_everywhere_is_told_in_one_line_with_the_way_to_its_
         (("run", "CARD", "--protocol", "paper-v1,paper-v1"), "expected each protocol once"),
         (("run", "CARD", "--split", "test"), "known are all, crossing, moving"),
         (("run", "CARD", "--set", "threshold"), "expected NAME=VALUE"),
+        (("run", "CARD", "--set", "treshold=1"), "takes cell_size_px"),
         (("run", "CARD", "--workers", "0"), "--workers: expected a number from 1 on"),
         (("run", "CARD", "--workers", "nowhere.json"), "or the file of a scheduler, got 'nowhere.json'"),
-        (("run", "CARD", "--set", "treshold=1"), "takes cell_size_px"),
+        (("run", "CARD", "--shard", "3/2"), "--shard: expected I/N with I from 1 to N"),
+        (("run", "CARD", "--out", "FULL"), "expected an empty folder or that of a run"),
+        (("reference", "export", "CARD", "--out", "FULL"), "expected a new or an empty folder"),
         (("view", "CARD", "--recording", "crosing"), "did you mean 'crossing'"),
-        (("view", "CARD", "--recording", "moving"), "unknown recording 'moving'"),
+        (("view", "CARD", "--recording", "moving"), "--recording: expected one recording, got the split 'moving'"),
+        (("view", "CARD", "--frame", "nope"), "--frame: expected N, FIRST:LAST"),
         (
             ("evaluate", "CARD", "--predictions", "nope"),
             "--predictions: expected a folder of masks or scores, got nope",
         ),
-        (("view", "CARD", "--camera", "rear"), "known are front"),
+        (("audit", "CARD", "--recordings", "0"), "--recordings: expected at least 1, got 0"),
         (("synthesize", "nowhere.yaml", "--out", "OUT"), "nowhere.yaml"),
-        (("report", "OUT"), "expected the folder of a finished run"),
+        (("report", "nope"), "nope: expected the folder of a finished run"),
+        (("verify", "nope"), "nope: expected the folder of a finished run"),
+        (("compare", "FULL", "nope"), "expected the folder of a finished run"),
+        (("leaderboard", "nope"), "nope: expected a folder of runs"),
     ],
 )
-def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, tiny_card, tmp_path, words, message):
-    named = [str(tiny_card) if w == "CARD" else str(tmp_path / "out") if w == "OUT" else w for w in words]
-    if words[0] != "synthesize":
-        named += ["--out", str(tmp_path / "out")]
-    assert message in error_line(monkeypatch, capsys, *named)
+def test_a_mistake_is_one_clear_line_before_anything_is_rendered(
+    monkeypatch, capsys, not_rendered, tmp_path, words, message
+):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine")
+    named = {"CARD": not_rendered, "OUT": tmp_path / "out", "FULL": tmp_path / "full"}
+    assert message in error_line(monkeypatch, capsys, *(named.get(word, word) for word in words))
+    assert not (not_rendered.parent / "data").exists()
+    assert not (tmp_path / "out").exists()
 
 
 def test_synthesize_keeps_what_is_there(monkeypatch, capsys, tiny_card):
@@ -184,7 +180,7 @@ def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tm
         shown = capsys.readouterr().out
         assert f" {title}," in shown
         assert all(f"\n{name} " in shown for name in ("demo", "paper", "woodscape"))
-        assert f"{tmp_path / 'own'}: 1 card" in shown
+        assert f"{tmp_path / 'own'}: 1 card" in " ".join(shown.split())
     assert call(monkeypatch, "run", "tini") == 2
     told = capsys.readouterr().err
     assert f"looked in datasets, {tmp_path / 'own'}, " in told
@@ -213,9 +209,8 @@ def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
 
 def test_python_m_bench_is_the_same_command():
     done = subprocess.run(
-        [sys.executable, "-m", "bench", "list", "methods"], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "bench", "list", "methods"], capture_output=True, text=True, check=True
     )
-    assert done.returncode == 0
     assert "spherical" in done.stdout
 
 
@@ -224,14 +219,6 @@ def test_version_tells_what_a_report_of_a_problem_needs(monkeypatch, capsys):
     assert call(monkeypatch, "--version", "--verbose") == 0
     shown = capsys.readouterr().out
     for line in (f"fisheye-bench {bench.__version__}", "commit: ", " cores", "numpy ", "optional: distributed ",
-                 "FISHEYE_BENCH_CACHE=/somewhere", "open3d: loads", "nothing wrong was found"):  # fmt: skip
+                 "opencv-python not installed", "FISHEYE_BENCH_CACHE=/somewhere", "open3d: loads"):  # fmt: skip
         assert line in " ".join(shown.split())
     assert "pytest" not in shown, "of developers"
-
-
-def test_version_finds_two_opencvs(monkeypatch, capsys):
-    from bench.commands import installation
-
-    monkeypatch.setattr(installation, "version", lambda _: "4.10")
-    assert call(monkeypatch, "--version", "-v") == 1
-    assert "wrong: opencv-python and opencv-contrib-python beside opencv-python-headless" in capsys.readouterr().out

@@ -1,6 +1,5 @@
 """`compare` and `leaderboard`, on runs of the rendered data set."""
 
-import json
 import re
 import shutil
 from dataclasses import replace
@@ -103,24 +102,3 @@ def test_leaderboard_lists_groups_and_damaged_runs(monkeypatch, capsys, runs, tm
     damaged.write_text("{")
     assert call(monkeypatch, "leaderboard", runs) == 2
     assert "damaged: damaged/paper-v1: " in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_the_leaderboard_bounds_methods_by_exact_masks(monkeypatch, capsys, tiny_card, tmp_path):
-    for name, *settings in (("spherical",), ("truth",), ("truth", "--set", "cell_size_px=5")):
-        out = tmp_path / "runs" / "-".join([name, *settings[1:]])
-        assert call(monkeypatch, "run", tiny_card, "--method", name, *settings, "--out", out, "--no-pictures") == 0
-    assert call(monkeypatch, "leaderboard", tmp_path / "runs", "--out", tmp_path / "board") == 0
-    judged, carried = json.loads((tmp_path / "board" / "leaderboard.json").read_text())["groups"]
-    assert [judged["protocol"], carried["protocol"]] == ["surface-v1", "paper-v1"]
-    found = {entry["run"].partition("/")[0]: entry for entry in judged["entries"]}
-    kinds = {"truth": "ceiling", "truth-cell_size_px=5": "oracle", "spherical": "method"}
-    assert {name: entry["kind"] for name, entry in found.items()} == kinds
-    false_positives = {
-        name: entry["values"]["all_moving"]["false_positive_coverage"]["value"] for name, entry in found.items()
-    }
-    assert false_positives["truth"] < false_positives["spherical"]
-    assert found["spherical"]["cost_ms"] > 0
-    assert (found["truth"]["cost_ms"], found["truth-cell_size_px=5"]["cost_ms"]) == (None, None)
-    page = (tmp_path / "board" / "index.html").read_text()
-    assert "../runs" not in page, "a run that lies beside the page's folder may not go where that goes"

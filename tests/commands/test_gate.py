@@ -136,8 +136,3 @@ def test_update_refuses_changed_code_and_what_is_no_run(monkeypatch, capsys, run
     for run, told in ((folder, "--allow-dirty"), (tmp_path, "expected the folder of a finished run")):
         assert told in error_line(monkeypatch, capsys, "gate", run, "--baseline", tmp_path / "b", "--update")
     assert not (tmp_path / "b").exists()
-
-
-def test_unknown_tolerances_are_one_clear_line(monkeypatch, capsys, runs):
-    words = ("--tolerances", "default-v9", "--baseline", runs["baseline"])
-    assert "did you mean 'default-v1'" in error_line(monkeypatch, capsys, "gate", runs["spherical"], *words)

@@ -51,60 +51,56 @@ def ended(process: subprocess.Popen, when, moment: str, *, number: int = signal.
     return process.returncode, shown, complaints
 
 
+@pytest.fixture
+def waiting(trouble):
+    """The file while which a method stays in the middle of a recording, and the one in which its workers note that."""
+    (trouble / "standing.wait").touch()
+    return trouble / "standing.wait", trouble / "standing.wait-noted"
+
+
+def no_worker(noted: Path) -> None:
+    until(lambda: not any(alive(pid) for pid in pids(noted)), "no worker")
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 @pytest.mark.parametrize("how", ENDINGS)
-def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, calm, tmp_path, trouble, how, workers):
+def test_a_run_that_is_stopped_leaves_no_process_and_goes_on(tiny_card, calm, tmp_path, waiting, how, workers):
     number, status, told = ENDINGS[how]
-    options = {"method": Troubled(), "protocol": load_protocol("paper-v1")}
-    card = load_card(str(tiny_card))
-    out, here = tmp_path / "run", trouble / "standing.wait-noted"
-    (trouble / "standing.wait").touch()
+    (wait, noted), out = waiting, tmp_path / "run"
     run = start("run", tiny_card, *TROUBLED, "--out", out, "--no-pictures", "--workers", workers)
-    returned, shown, _ = ended(
-        run,
-        lambda: bool(pids(here)) and len(list(out.glob("answers/*/*.parquet"))) == 2,
-        "two units of three stored",
-        number=number,
-    )
+    stored = lambda: bool(pids(noted)) and len(list(out.glob("answers/*/*.parquet"))) == 2  # noqa: E731
+    returned, shown, _ = ended(run, stored, "two units of three stored", number=number)
     assert returned == status
     assert told in shown
-    until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
+    no_worker(noted)
     assert not (out / "paper-v1" / "summary.json").exists()
-    (trouble / "standing.wait").unlink()
-    again = run_one(card=card, out=out, **options)
+    wait.unlink()
+    again = run_one(card=load_card(tiny_card), out=out, method=Troubled(), protocol=load_protocol("paper-v1"))
     assert again.provenance.images_asked == 4
     assert bytes_of(out) == bytes_of(calm)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_sweep_that_is_interrupted_goes_on(tiny_card, tmp_path, trouble, workers):
-    words = ("--input-error", "speed_scale_percent=0,5", "--workers", workers, "--out", tmp_path / "out")
-    here, out = trouble / "standing.wait-noted", tmp_path / "out"
-    (trouble / "standing.wait").touch()
-    sweep = start("sweep", tiny_card, *TROUBLED, *words)
-    status, shown, _ = ended(
-        sweep,
-        lambda: bool(pids(here)) and len(list(out.glob("*/answers/*/*.parquet"))) == 2,
-        "two tasks of three stored",
-    )
+def test_a_sweep_that_is_interrupted_goes_on(tiny_card, tmp_path, waiting, workers):
+    (wait, noted), out = waiting, tmp_path / "out"
+    words = ("sweep", tiny_card, *TROUBLED, "--input-error", "speed_scale_percent=0,5", "--workers", workers)
+    stored = lambda: bool(pids(noted)) and len(list(out.glob("*/answers/*/*.parquet"))) == 2  # noqa: E731
+    status, shown, _ = ended(start(*words, "--out", out), stored, "two tasks of three stored")
     assert status == 130
     assert f"interrupted; what is done is in {out}, and the same command goes on from there" in shown
-    until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
-    (trouble / "standing.wait").unlink()
-    again = called_here("sweep", tiny_card, *TROUBLED, *words)
+    no_worker(noted)
+    wait.unlink()
+    again = called_here(*words, "--out", out)
     assert again.returncode == 0
     assert "16 images answered, the others were there" in again.stdout
 
 
-def test_an_audit_begins_again_and_says_so(tiny_card, tmp_path, trouble):
-    told = "nothing of the audit is stored, and the same command begins it again"
-    here = trouble / "standing.wait-noted"
-    (trouble / "standing.wait").touch()
+def test_an_audit_begins_again_and_says_so(tiny_card, tmp_path, waiting):
     running = start("audit", tiny_card, *TROUBLED, "--workers", 2, "--out", tmp_path / "out")
-    status, shown, _ = ended(running, lambda: bool(pids(here)), "an image in the middle")
+    status, shown, _ = ended(running, lambda: bool(pids(waiting[1])), "an image in the middle")
     assert status == 130
-    assert f"interrupted; {told}" in shown
-    until(lambda: not any(alive(pid) for pid in pids(here)), "no worker")
+    assert "interrupted; nothing of the audit is stored, and the same command begins it again" in shown
+    no_worker(waiting[1])
     assert not (tmp_path / "out").exists()
 
 

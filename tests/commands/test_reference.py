@@ -12,7 +12,7 @@ import bench
 from bench.harness.reference_export import label_image
 from bench.reference import ReferenceBuilder
 from tests.support.changed_data import without_scenario
-from tests.support.commands import call, error_line
+from tests.support.commands import call
 
 PROTOCOLS = ("paper-v1", "surface-v1")
 
@@ -58,13 +58,6 @@ def test_labels_tell_what_counts(export, tiny_card):
     found = set(np.unique(labels))
     assert {0, 1, 4} <= found
     assert (2 in found) == (protocol == "surface-v1"), "an unknown band"
-
-
-def test_a_folder_that_holds_something_is_refused_and_stays_as_it_is(tiny_card, tmp_path, monkeypatch, capsys):
-    (tmp_path / "mine.txt").write_text("mine")
-    told = error_line(monkeypatch, capsys, "reference", "export", tiny_card, "--workers", 1, "--out", tmp_path)
-    assert "expected a new or an empty folder, got one that holds something" in told
-    assert [file.name for file in tmp_path.iterdir()] == ["mine.txt"]
 
 
 def test_an_export_that_breaks_off_leaves_nothing(tiny_card, tmp_path, monkeypatch):

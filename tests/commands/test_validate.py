@@ -28,6 +28,7 @@ def test_a_clean_data_set_exits_with_0(monkeypatch, capsys, clean):
     assert call(monkeypatch, "validate", clean / "street.yaml", "--deep") == 0
     shown = capsys.readouterr().out
     assert "0 errors and 0 warnings in 1 recording; read 24 of 24 images and 16 of 16 sweeps" in shown
+    assert "read as" not in shown, "that stands in the JSON"
 
 
 def test_faults_exit_with_1_and_stand_in_text_and_json(monkeypatch, capsys, folder):
@@ -52,7 +53,6 @@ def test_faults_exit_with_1_and_stand_in_text_and_json(monkeypatch, capsys, fold
     findings = recording.pop("findings")
     read = {content["what"]: content["count"] for content in recording.pop("contents") if content["read_as"]}
     assert (read["images/front/*.png"], read["lidar/*.npz"]) == (24, 16)
-    assert "  images/front/*.png (24): read as images" in lines
     assert recording == {
         "name": "drive",
         "images": {"read": 24, "all": 24},
@@ -101,13 +101,7 @@ def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder)
     assert {"name", "licence", "frame_interval_ns", "vehicle", "cameras", "lidar"} <= fields
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("nowhere.yaml",), "nowhere.yaml"),
-        (("CARD", "--split", "test"), "unknown split or recording 'test'"),
-    ],
-)
-def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, clean, words, message):
-    named = {"CARD": clean / "street.yaml"}
-    assert message in error_line(monkeypatch, capsys, "validate", *(named.get(word, word) for word in words))
+def test_mistakes_are_one_clear_line_and_status_2(monkeypatch, capsys, clean):
+    assert "nowhere.yaml" in error_line(monkeypatch, capsys, "validate", "nowhere.yaml")
+    told = error_line(monkeypatch, capsys, "validate", clean / "street.yaml", "--split", "test")
+    assert "unknown split or recording 'test'" in told

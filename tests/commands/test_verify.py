@@ -135,10 +135,6 @@ def flip(rows) -> None:
     rows[2]["mask"] = np.packbits(bits).tobytes()
 
 
-def swap(rows) -> None:
-    rows[1]["mask"], rows[2]["mask"] = rows[2]["mask"], rows[1]["mask"]
-
-
 def evaluated(rows) -> dict:
     return next(row for row in rows if row["status"] == "evaluated" and row["tp"] > 0)
 
@@ -197,7 +193,6 @@ def easier_protocol(run: Path) -> None:
 
 FORGED = {
     "answers: a cell": of_answers(flip),
-    "answers: two swapped": of_answers(swap),
     "answers: one gone": of_answers(lambda rows: rows[1:]),
     "answers: everything defined": of_answers(lambda rows: [row | {"undefined": None} for row in rows]),
     "answers: empty": of_answers(lambda rows: [row | {"mask": bytes(len(row["mask"]))} for row in rows]),

@@ -14,6 +14,10 @@ EXAMPLES = sorted((Path(__file__).parents[2] / "docs/examples").glob("gate-*.yml
 COMMANDS = typer.main.get_command(app).commands
 
 
+def options_of(command):
+    return {option for one in COMMANDS[command].params for option in (*one.opts, *one.secondary_opts)}
+
+
 def scripts(content):
     """Every line that a shell is given, of a workflow of GitHub or a pipeline of GitLab."""
     if "jobs" in content:
@@ -30,9 +34,7 @@ def test_an_example_is_complete_and_its_commands_exist(file):
     lines = scripts(yaml.safe_load(file.read_text("utf-8")))
     for words in (shlex.split(line, comments=True) for line in lines):
         if words[0] == "fisheye-bench":
-            command = COMMANDS[words[1]]
-            known = {option for one in command.params for option in (*one.opts, *one.secondary_opts)}
-            assert {word for word in words if word.startswith("--")} <= known, words
+            assert {word for word in words if word.startswith("--")} <= options_of(words[1]), words
             called.setdefault(words[1], []).append(words)
     assert set(called) == {"validate", "run", "gate"}
     assert ["--update" in words for words in called["gate"]] == [False, False, True]
@@ -65,13 +67,11 @@ def test_a_run_with_failures_is_judged_all_the_same(tmp_path):
 
 
 def test_the_action_scores_and_judges():
-    """Each command and option of action.yml exists, and each of its inputs is used."""
     action = yaml.safe_load((Path(__file__).parents[2] / "action.yml").read_text("utf-8"))
     steps = [step for step in action["runs"]["steps"] if "fisheye-bench " in step.get("run", "")]
-    assert [shlex.split(step["run"])[1] for step in steps] == ["run", "gate"]
-    for step in steps:
-        words = shlex.split(step["run"].partition("||")[0])
-        known = {option for one in COMMANDS[words[1]].params for option in one.opts}
-        assert {word for word in words if word.startswith("--")} <= known
+    called = [shlex.split(step["run"].partition("||")[0]) for step in steps]
+    assert [words[1] for words in called] == ["run", "gate"]
+    for words in called:
+        assert {word for word in words if word.startswith("--")} <= options_of(words[1])
     values = " ".join(value for step in steps for value in step["env"].values())
-    assert all(f"inputs.{name} " in values for name in action["inputs"])
+    assert all(f"inputs.{name} " in values for name in action["inputs"]), "each input is used"

@@ -145,21 +145,6 @@ def test_without_masks_there_is_nothing_to_compare(tiny_card: Path, tmp_path: Pa
         audited(card, tmp_path / "out")
 
 
-def test_a_scene_that_was_not_rendered_is_refused(tiny_card: Path, tmp_path: Path):
-    card = copied(tiny_card, tmp_path)
-    scenario = card.parent / "tiny.scenario.yaml"
-    text = scenario.read_text()
-    assert "position_m: [8.0, 0.8]" in text
-    scenario.write_text(text.replace("position_m: [8.0, 0.8]", "position_m: [8.0, 1.1]"))
-    found = audited(card, tmp_path / "out", split="moving")
-    (failure,) = found.failures
-    assert "recording 'crossing', camera 'front', without exact flow" in failure
-    assert "render the data set again" in failure
-    assert found.scores[Scoring.EXACT_FLOW].false_positives.frames == 4
-    assert found.scores[Scoring.LIDAR].false_positives.frames == 8
-    assert set(pq.read_table(tmp_path / "out" / "misses.parquet")["recording"].to_pylist()) == {"overtaking"}
-
-
 def test_images_that_cannot_be_used_are_reported(tiny_card: Path, tmp_path: Path):
     card = copied(tiny_card, tmp_path)
     without_scenario(card)

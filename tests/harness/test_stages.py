@@ -206,7 +206,7 @@ def test_a_method_is_asked_once_for_any_number_of_protocols(tiny_card, tmp_path,
     both = run_benchmark(replace(together, protocols=[PAPER, SURFACE]))
     assert len(asked) == 3 * (IMAGES + 1)
     assert [run.summary.provenance.images_asked for run in both] == [0, 0]
-    assert [run.label for run in both] == ["run", "run-surface-v1"]
+    assert [run.label for run in both] == ["run-paper-v1", "run"]
     for protocol in (PAPER, SURFACE):
         alone = bytes_of(tmp_path / protocol.name, protocol.name)
         assert bytes_of(tmp_path / "run", protocol.name) == alone

@@ -10,7 +10,10 @@ import pytest
 
 from bench.commands import console
 from bench.plain_text import escape_markdown, plain
+from tests.support import tiny
+from tests.support.cards import write_card
 from tests.support.commands import call
+from tests.support.planting import change_json
 
 pytestmark = pytest.mark.slow
 
@@ -179,3 +182,26 @@ def test_a_printed_document_of_json_means_what_it_says(capsys):
     shown = capsys.readouterr().out
     assert json.loads(shown) == content
     assert harmless(shown)
+
+
+@pytest.mark.parametrize("name", ["../../evil", "/tmp/evil", "\n\x1b[2J", "x" * 5000])
+def test_names_of_objects_lead_nowhere(monkeypatch, capsys, tmp_path, name):
+    folder = tmp_path / "a" / "b" / "work"
+    tiny.write_recording(folder / "data" / "drive")
+    write_card(folder)
+    monkeypatch.chdir(folder)
+
+    def rename(content):
+        for entry in (content["openlabel"], *content["openlabel"]["frames"].values()):
+            entry["objects"][name] = entry["objects"].pop("van")
+
+    def listing():
+        return {path for path in tmp_path.rglob("*") if not path.is_relative_to(folder / "out")}
+
+    change_json(folder / "data/drive/annotations.json", rename)
+    before = listing()
+    assert call(monkeypatch, "view", "x.yaml", "--method", "nothing", "--out", folder / "out") == 0
+    if name.startswith("../"):  # the pictures of a run are named by objects too
+        assert call(monkeypatch, "run", "x.yaml", "--method", "nothing", "--out", folder / "out" / "run") in {0, 2}
+    assert "Traceback" not in capsys.readouterr().err
+    assert listing() == before

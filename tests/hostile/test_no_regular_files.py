@@ -52,16 +52,6 @@ def test_files_of_a_data_set(folder, kind, name):
     assert (folder / name).stem in str(caught.value)
 
 
-def test_a_command_tells_them(folder):
-    image = folder / FILES[-2]
-    image.unlink()
-    os.mkfifo(image)
-    done = called_here("run", "x.yaml", "--method", "nothing", "--out", "out", "--no-pictures", folder=folder)
-    assert done.returncode == 2
-    assert image.name in done.stdout + done.stderr
-    assert "Traceback" not in done.stderr
-
-
 def test_a_pipe_among_the_predictions(folder):
     place = folder / "masks" / "front"
     place.mkdir(parents=True)

@@ -29,6 +29,8 @@ def test_keys_that_stand_twice_in_yaml(text):
         parse_yaml(text, file="card.yaml")
     assert str(caught.value) == f"card.yaml: {TWICE[text]}"
     assert parse_yaml("a: {k: 1}\nb: {k: 1}\n1: x\n'1': y\n", file="card.yaml")["b"] == {"k": 1}
+    text = "front: &lens {k: [1, 2]}\nrear: *lens\nleft: {<<: *lens, w: 3}\n"  # references that are meant well
+    assert parse_yaml(text, file="x") == {"front": {"k": [1, 2]}, "rear": {"k": [1, 2]}, "left": {"k": [1, 2], "w": 3}}
 
 
 CLOUDS = [(suffix, what) for suffix, kinds in files.CLOUDS.items() for what in kinds]
@@ -105,8 +107,3 @@ def test_yaml(tmp_path, monkeypatch, what):
     assert line.isprintable()
     assert len(line) < 2000
     assert [p.name for p in tmp_path.iterdir()] == ["x.yaml"]
-
-
-def test_references_that_are_meant_well_are_followed():
-    text = "front: &lens {k: [1, 2]}\nrear: *lens\nleft: {<<: *lens, w: 3}\n"
-    assert parse_yaml(text, file="x") == {"front": {"k": [1, 2]}, "rear": {"k": [1, 2]}, "left": {"k": [1, 2], "w": 3}}

@@ -105,7 +105,7 @@ DAMAGE = {  # file, what is done to it, and the commands that read it
     "a device": ("summary.json", a_device, ("report", "gate")),
     "a figure missing": ("summary.json", edited(lambda c: c["all_moving"].pop("iou")), OF_ALL),
     "a version to come": ("summary.json", edited(lambda c: c.update(schema_version=99)), OF_ALL),
-    "a protocol in a pipe": ("protocol.json", a_pipe, ("report", "gate")),
+    "a protocol in a pipe": ("protocol.json", a_pipe, ("report",)),
     "sums that are no text": ("sums.csv", not_text, ("gate", "compare", "verify")),
     "sums in a pipe": ("sums.csv", a_pipe, ("gate",)),
     "objects cut short": ("*.objects.parquet", cut, OF_TABLES),

@@ -1,56 +1,52 @@
+"""The table of a run: the paper's rows and values beside ours, the same numbers in every form."""
+
 import csv
 import io
 import math
-import re
-from dataclasses import replace
+import os
 
 import pytest
 
-from bench.reporting import run_tables
+from bench.errors import OutputError
+from bench.evaluation import load_protocol, sum_run, summary_of, write_sums
+from bench.evaluation.rows import frames_table, objects_table
+from bench.harness.stored import SUMS, read_run, write_run
 from bench.reporting.document import to_csv, to_markdown
-from bench.reporting.formats import percent, with_interval
+from bench.reporting.formats import interval, percent, short_interval
 from bench.reporting.run_tables import (
-    COMPARED,
     COVERAGES,
-    detection_columns,
+    left_out_note,
     report,
+    results_table,
     table_rows,
-    terminal_report,
+    write_report_files,
 )
 from tests.reporting.printed import printed
 from tests.reporting.summaries import banded_summary, figure, summary
+from tests.support.counts import write_counts
+from tests.support.manifests import manifest, provenance
+from tests.support.result_rows import frame_row, object_row
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel", "static_camera")
 OF_PAPER = summary().model_copy(update={"false_positive_causes": dict.fromkeys(CONSTRAINTS, figure(0.2))})
 ROWS = table_rows(OF_PAPER)
+DETECTION = ["detection_rate", "detection_rate_10", "detection_rate_50"]
 
 
 def markdown(rows):
     return to_markdown(report(rows).blocks)
 
 
-def latex(rows):
-    return run_tables.latex(rows, label="demo-spherical", about="method spherical_2, data set demo, paper-v1")
-
-
-def table_csv(rows):
-    return to_csv(report(rows).numbers)
-
-
 def on_terminal(rows):
-    return printed(terminal_report(rows, title="any"), width=100)
+    return printed([results_table(rows, title="any", short=True)], width=100)
 
 
-def table_lines(rows):
-    return printed(terminal_report(rows, title="any")[:1], width=100).splitlines()
+def numbers(rows):
+    return list(csv.DictReader(io.StringIO(to_csv(report(rows).numbers))))
 
 
-def number(text):
-    return float(text) if text else math.nan
-
-
-def same(a, b):
-    return a == b or (math.isnan(a) and math.isnan(b))
+def same(text, value):
+    return (math.nan if text == "" else float(text)) == value or (text == "" and math.isnan(value))
 
 
 def test_the_rows_are_the_papers_with_the_papers_values():
@@ -65,113 +61,75 @@ def test_the_rows_are_the_papers_with_the_papers_values():
     ]
     assert ROWS[0].paper == {"detection_rate": 0.72, "tpr": 0.64, "iou_detected": 0.55}
     assert ROWS[-1].paper == {"coverage": 0.13}
-
-
-def test_rows_of_a_method_without_constraints_do_not_name_them():
-    own = {"false_positive_causes": {"epipolar": figure(1.0)}}
-    labels = [row.label for row in table_rows(summary().model_copy(update=own))]
-    assert labels[:2] == ["Crossing (epipolar)", "Overtaking"]
-    assert [row.label for row in table_rows(summary())] == [
-        "Crossing", "Overtaking", "Preceding", "Approaching", "Static ego-vehicle", "All moving",
-        "False positives",
-    ]  # fmt: skip
-
-
-def test_differences_are_percentage_points():
     assert ROWS[0].difference_points("detection_rate") == pytest.approx(0.14)
-    assert ROWS[0].difference("detection_rate") == "+0.1"
-    assert ROWS[0].difference("chance") == ""
+    assert (ROWS[0].difference("detection_rate"), ROWS[0].difference("chance")) == ("+0.1", "")
+
+
+@pytest.mark.parametrize(
+    ("causes", "labels"),
+    [(("epipolar",), ["Crossing (epipolar)", "Overtaking"]), ((), ["Crossing", "Overtaking"])],
+)
+def test_rows_of_a_method_without_a_constraint_do_not_name_it(causes, labels):
+    own = {"false_positive_causes": dict.fromkeys(causes, figure(1.0))}
+    assert [row.label for row in table_rows(summary().model_copy(update=own))][:2] == labels
 
 
 def test_csv_carries_the_rows_without_loss():
-    lines = {(line["row"], line["metric"]): line for line in csv.DictReader(io.StringIO(table_csv(ROWS)))}
+    lines = {(line["row"], line["metric"]): line for line in numbers(ROWS)}
     assert len(lines) == sum(len(row.metrics) for row in ROWS)
     for row in ROWS:
         for name, metric in row.metrics.items():
             line = lines[row.name, name]
-            assert same(number(line["value"]), metric.value)
-            assert same(number(line["paper"]), row.paper.get(name, math.nan))
+            assert same(line["value"], metric.value)
+            assert same(line["paper"], row.paper.get(name, math.nan))
             assert (line["frames"], line["recordings"]) == (str(row.frames), str(row.recordings))
-            assert same(number(line["difference_points"]), row.difference_points(name))
+            assert same(line["difference_points"], row.difference_points(name))
             for end, bound in zip(("low", "high"), metric.ci95 or (math.nan, math.nan), strict=True):
-                assert same(number(line[f"ci95_{end}"]), bound)
+                assert same(line[f"ci95_{end}"], bound)
+    static = lines["static_ego", "tpr"]
+    assert [static[name] for name in ("value", "cases", "paper", "difference_points")] == ["", "0", "0.78", ""]
 
 
-@pytest.mark.parametrize("write", [markdown, lambda rows: latex(rows).replace(r"\%", "%").replace(r"\\", "")])
-def test_markdown_and_latex_show_the_same_values(write):
-    text = write(ROWS)
+def test_markdown_and_terminal_show_the_same_values():
+    text, shown = markdown(ROWS), on_terminal(ROWS)
+    assert max(map(len, shown.splitlines())) <= 100
+    assert "…" not in shown
     for row in (row for row in ROWS[:-1] if row.frames):
-        for name in [*detection_columns(ROWS), *COVERAGES, "chance", "chance_10", "chance_50"]:
-            assert with_interval(row.metrics[name]) in text
-        for name in COMPARED:
-            ours = percent(row.metrics[name].value, cases=row.metrics[name].cases)
-            shown = [ours, row.paper_percent(name), row.difference(name)]
-            assert re.search(r" +[|&] +".join(map(re.escape, shown)).replace(r"[|&] +$", ""), text)
-
-
-def test_the_terminal_shows_the_same_values_at_100_columns():
-    text = on_terminal(ROWS)
-    assert max(map(len, table_lines(ROWS))) <= 100
-    assert "…" not in text
-    for row in (row for row in ROWS[:-1] if row.frames):
-        for name in [*detection_columns(ROWS), *COVERAGES]:
-            assert f"{100 * row.metrics[name].value:.1f}" in text
-    assert "Static" not in text, "it has no cases"
-    assert "Left out, without cases: static ego." in text
-    crossing, false = (next(x for x in text.splitlines() if x.startswith(n)) for n in ("Crossing", "False positives"))
-    assert false.index("10.5") == crossing.index("72.1"), "below the detection rate"
-    crossing = text[text.index("Crossing") : text.index("Overtaking")].splitlines()
-    assert " ".join(crossing[0].split()) == "Crossing ours 8 100 7 32.5 50.5 43.3 57.7 72.1 64.9 36.1"
-    assert crossing[2].split() == ["chance", "28.9", "14.4", "7.2"]
-    assert crossing[3].split() == ["paper", "3848", "55", "64", "72"]
-    assert crossing[4].split() == ["diff.", "-11.7", "-6.3", "+0.1"]
+        for name in [*COVERAGES, *DETECTION]:
+            metric = row.metrics[name]
+            assert f"{100 * metric.value:.1f} {interval(metric.ci95)}" in text
+            if name != "detection_rate_10":
+                assert f"{100 * metric.value:.1f}" in shown
+                assert short_interval(metric) in shown
+    crossing = next(line for line in text.splitlines() if line.startswith("| Crossing"))
+    assert crossing.startswith("| Crossing (epipolar) paper: 3848 | 8 | 100 | 7 | 32.5 [27.5, 37.5] | ")
+    assert crossing.count("paper") == 4
+    assert "| 72.1 [67.1, 77.1] chance 29 paper 72 +0.1 | 64.9 " in crossing
+    lines = shown[shown.index("Crossing") : shown.index("Overtaking")].splitlines()
+    assert lines[0].split() == ["Crossing", "8", "100", "7", "32.5", "50.5", "43.3", "57.7", "72.1", "36.1"]
+    assert [line.split() for line in lines[2:4]] == [
+        ["paper:", "3848", "paper", "55", "paper", "64", "chance", "29", "chance", "7"],
+        ["-11.7", "-6.3", "paper", "72"],
+    ]
+    false = next(line for line in shown.splitlines() if line.startswith("False positives"))
+    assert false.index("10.5") == lines[0].index("72.1"), "below the detection rate, as the paper has it"
+    assert len({line.count("|") for line in text.splitlines() if line.startswith("|")}) == 1
 
 
 def test_nothing_to_average_is_said_and_not_made_up():
     assert percent(math.nan) == "n/a (0 cases)"
-    assert "n/a (0 cases)" in markdown(ROWS)
-    assert "Static" not in latex(ROWS), "without cases"
-    assert all("nan" not in write(ROWS).lower() for write in (markdown, latex))
-    lines = csv.DictReader(io.StringIO(table_csv(ROWS)))
-    (static,) = [line for line in lines if (line["row"], line["metric"]) == ("static_ego", "tpr")]
-    assert [static[name] for name in ("value", "ci95_low", "cases", "paper", "difference_points")] == [
-        "", "", "0", "0.78", ""
-    ]  # fmt: skip
-    assert "nan" not in table_csv(ROWS)
+    assert left_out_note(summary()) == "Left out, without cases: static ego."
+    for text in (markdown(ROWS), on_terminal(ROWS), to_csv(report(ROWS).numbers)):
+        assert "nan" not in text.lower()
+    assert "Static" not in markdown(ROWS) + on_terminal(ROWS), "without cases"
 
 
 def test_rows_of_own_data_stand_beside_nothing():
     own = table_rows(OF_PAPER, beside_paper=False)
     assert [row.name for row in own] == [row.name for row in ROWS]
-    for text in (markdown(own), latex(own), on_terminal(own)):
-        assert "paper" not in text.replace("paper-v1", "").lower().replace("the paper's outlines", "")
-        assert "diff" not in text
-    assert "72.1 %" in markdown(own)
-
-
-def test_latex_is_three_balanced_floats_with_labels_captions_and_notes():
-    text = latex(ROWS)
-    names = "results-by-category-of-objects", "detection", "coverage"
-    assert re.findall(r"\\label\{(.*?)\}", text) == [f"tab:demo-spherical-{name}" for name in names]
-    captions = re.findall(r"\\caption\{(.*)\}", text)
-    assert all(r": method spherical\_2, data set demo, paper-v1. " in caption for caption in captions)
-    assert text.count(r"Intervals: 95 \%") == 2
-    assert text.count(r" with 95 \% intervals: method") == 2
-    assert not re.search(r"(?<!\\)%", text)
-    assert text.count(r"\begin{") == text.count(r"\end{")
-    for table in text.split(r"\begin{tabular}")[1:]:
-        columns = len(re.findall("[lr]", table[1 : table.index("}")]))
-        rows = [line for line in table.splitlines() if line.endswith(r"\\")]
-        assert {len(re.findall(r"(?<!\\)&", line)) + 1 for line in rows} == {columns}
-    bare = [
-        replace(row, metrics={n: m.model_copy(update={"ci95": None}) for n, m in row.metrics.items()}) for row in ROWS
-    ]
-    assert "with 95" not in latex(bare)
-
-
-def test_markdown_tables_have_as_many_cells_in_every_line():
-    for table in re.findall(r"(?:^\|.*\n)+", markdown(ROWS), flags=re.MULTILINE):
-        assert len({line.count("|") for line in table.splitlines()}) == 1
+    for text in (markdown(own).replace("paper-v1", ""), on_terminal(own)):
+        assert "paper" not in text
+    assert "72.1 [" in markdown(own)
 
 
 def test_the_unknown_share_stands_beside_each_row_of_a_protocol_with_bands_and_of_no_other():
@@ -179,10 +137,48 @@ def test_the_unknown_share_stands_beside_each_row_of_a_protocol_with_bands_and_o
     *rows, false_positives = banded
     assert {row.metrics["unknown_share"].value for row in rows} == {0.25}
     assert "unknown_share" not in false_positives.metrics
-    for write, heading in ((markdown, "| Unknown |"), (latex, "& Unknown"), (on_terminal, "known\n")):
-        assert heading in write(banded)
-        assert heading not in write(ROWS)
-    (line,) = [line for line in markdown(banded).splitlines() if line.startswith("| Crossing") and "25.0 %" in line]
-    assert line.split("|")[-2].split() == ["25.0", "%", "[20.0,", "30.0]"]
-    assert max(map(len, table_lines(banded))) <= 100
-    assert "…" not in on_terminal(banded)
+    assert "| Unknown |" not in markdown(ROWS)
+    (line,) = [line for line in markdown(banded).splitlines() if line.startswith("| Crossing")]
+    assert line.endswith(" 25.0 [20.0, 30.0] |")
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """A run of nine images with one crossing vehicle each, half of it found."""
+    run = tmp_path_factory.mktemp("run")
+    objects, frames = objects_table([object_row(n) for n in range(9)]), frames_table([frame_row(n) for n in range(9)])
+    write_counts(run, objects, frames)
+    rules = load_protocol("paper-v1")
+    sums = sum_run(objects, frames, protocol=rules)
+    write_sums(sums, run / SUMS)
+    write_run(
+        run, summary_of(sums, protocol=rules), protocol=rules, manifest=manifest(method="empty"),
+        provenance=provenance(), caveats="Staged, not the paper's.",
+        vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
+    )  # fmt: skip
+    return run
+
+
+def test_all_files_are_written_from_the_stored_results(stored):
+    files = write_report_files(read_run(stored))
+    assert files == (stored / "table.md", stored / "table.csv")
+    assert files[0].read_text().rstrip().endswith("The data: Staged, not the paper's.")
+    values = {(row["row"], row["metric"]): row["value"] for row in csv.DictReader(io.StringIO(files[1].read_text()))}
+    assert float(values["crossing", "tpr"]) == 0.5
+    assert float(values["crossing", "iou"]) == pytest.approx(50 / 110)
+    assert float(values["false_positives", "coverage"]) == 0.01
+    assert values["overtaking", "tpr"] == ""
+
+
+def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
+    file, _ = write_report_files(read_run(stored))
+    before, names = file.read_bytes(), sorted(path.name for path in stored.iterdir())
+
+    def fail(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(OutputError, match="disk full"):
+        write_report_files(read_run(stored))
+    assert file.read_bytes() == before
+    assert sorted(path.name for path in stored.iterdir()) == names

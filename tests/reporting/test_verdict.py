@@ -9,6 +9,7 @@ from junitparser import JUnitXml
 
 from bench.gate import Check, Outcome
 from bench.gate.verdict import change_lines, folded_lines, main_rows, overall_rows, worst_line
+from bench.reporting import verdict
 from bench.reporting.verdict import (
     full_lines,
     full_rows,
@@ -179,26 +180,16 @@ def test_the_summary_tells_failures_first(mixed):
     assert rows[3] in folded
 
 
-def test_the_summary_is_cut_at_a_row_with_the_count(many):
-    whole = to_markdown(many)
+def test_the_summary_says_how_many_rows_it_leaves_out(one_fault, monkeypatch):
+    whole = to_markdown(one_fault)
     assert "make this run the baseline:\n\n```\nfisheye-bench gate RUN --update\n```" in whole
-    cut = to_markdown(many, largest_bytes=2000)
-    assert len(cut.encode()) <= 2000
-    kept = [line for line in cut.splitlines() if line.startswith("| ")][1:]
-    assert kept
-    assert all(line in whole.splitlines() for line in kept)
-    assert f"{30 - len(kept)} more rows are left out" in cut
-    assert to_markdown(many, largest_bytes=100) == ""
-
-
-def test_a_summary_of_many_slices_stays_below_github_s_limit():
-    slices = {f"recording-{'x' * 2000}-{k}": {"tpr_all": sums([0.9] * 6)} for k in range(600)}
-    rules_free = scored(slices)
-    rows = verdict_of(rules_free, rules_free)
-    text = to_markdown(rows)
-    assert 1_000_000 < len(text.encode()) < 1024 * 1024
-    assert "more rows are left out" in text
-    assert text.endswith("</details>\n")
+    rows = whole.count("\n| ❌")
+    shown = len(main_rows(one_fault)) + len(overall_rows(one_fault))
+    assert "left out" not in whole
+    monkeypatch.setattr(verdict, "MOST_ROWS", 2)
+    cut = to_markdown(one_fault)
+    assert cut.count("\n| ❌") == shown + 2 < rows
+    assert f"{rows - shown - 2} more rows are left out, all are in the JSON and JUnit files." in cut
 
 
 def test_what_a_format_cannot_hold_is_escaped(mixed):

@@ -36,7 +36,7 @@ def called_here(*words: object, folder: Path | None = None) -> subprocess.Comple
     ):
         patched.setenv("COLUMNS", "1000")
         # A busy machine changes nothing that is printed.
-        patched.setattr("bench.commands.progress.FIRST_LINE_S", float("inf"))
+        patched.setattr("bench.commands.console.FIRST_LINE_S", float("inf"))
         patched.setattr(sys, "path", [*sys.path])
         if folder is not None:
             patched.chdir(folder)

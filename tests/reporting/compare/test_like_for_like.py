@@ -3,15 +3,12 @@
 import csv
 import shutil
 
-import numpy as np
 import pyarrow as pa
 import pytest
 
 from bench.errors import UsageError
 from bench.evaluation import load_protocol, summarise
-from bench.evaluation.rows import CommonImages, RowsOnImages
-from bench.gate import judge, load_tolerances, read_run_sums
-from bench.harness import open_tables, read_run, read_tables
+from bench.harness import read_run, read_tables
 from bench.methods import Method, Segmentation
 from bench.recordings import load_card
 from bench.reporting.compare import compare_runs, read_comparable, write_comparison
@@ -63,14 +60,9 @@ def _image(row):
     return row["recording"], row["camera"], row["timestamp_ns"]
 
 
-def test_methods_of_other_history_scored_other_images(runs):
-    assert {name: read_run(folder).summary.images.evaluated for name, folder in runs.items()} == SCORED
-    digests = {read_run(folder).manifest.reference for folder in runs.values()}
-    assert len(digests) == 2
-
-
 @pytest.mark.parametrize("order", [("one", "two"), ("two", "one")])
 def test_figures_are_those_of_the_images_that_both_scored(runs, order):
+    assert len({read_run(folder).manifest.reference for folder in runs.values()}) == 2
     (found,) = compare_runs(read_comparable([runs[name] for name in order]))
     assert found.images == (SCORED[order[0]], SCORED[order[1]], 9)
     expected = [summarise(*(rows_on_both(runs, n, t) for t in ("objects", "frames")), protocol=PROTOCOL) for n in order]
@@ -138,9 +130,6 @@ def test_another_annotation_is_refused_with_what_differs(runs, tiny_card, tmp_pa
     told = str(refused.value)
     places = f"{runs['one']}/paper-v1 and {other}/paper-v1"
     assert told.startswith(f"{places} do not compare: their references differ on the 9 images")
-    assert "3 object-frames as only the first has them, the first: recording crossing, camera front" in told
-    assert "3 object-frames as only the second has them, the first: recording crossing, camera front" in told
-    assert "track_id stranger" in told
     assert "\n" not in told
     groups = read_leaderboard(tmp_path).groups
     assert [[entry.run for entry in group.entries] for group in groups] == [["other"]]
@@ -158,24 +147,3 @@ def test_no_common_image_is_said(runs, tiny_card, tmp_path):
     change_manifest(standing, lambda content: content.update(reference="x"))
     with pytest.raises(UsageError, match="no image was scored by both; the first has 12, the second 12"):
         compare_runs(read_comparable([runs["one"], standing]))
-
-
-def test_parts_of_any_size_have_the_same_rows(runs):
-    tables = [open_tables(folder / "paper-v1") for folder in runs.values()]
-    images = CommonImages([frames for _, frames in tables])
-    rows = RowsOnImages(tables[0][0], images)
-    names = sorted(rows.recordings())
-    assert images.count() == sum(len(images.of([name])) for name in names) == 9
-    whole = rows.read(names, ["recording", "timestamp_ns", "track_id"])
-    parts = [rows.read([name], ["recording", "timestamp_ns", "track_id"]) for name in names]
-    assert sum(map(len, parts)) == len(whole)
-    times = [np.sort(np.concatenate([p["timestamp_ns"].to_numpy() for p in some])) for some in ([whole], parts)]
-    assert np.array_equal(*times)
-
-
-def test_the_gate_refuses_other_images_and_says_which(runs):
-    verdict = judge(*(read_run_sums(folder) for folder in runs.values()), tolerances=load_tolerances())
-    told = {check.name: check.message for check in verdict.failed_checks}
-    assert told["reference_digest"].startswith("reference changed: digest ")
-    assert "3 images fewer in status=evaluated (9, were 12)" in told["counts"]
-    assert not verdict.passed

@@ -11,7 +11,7 @@ from bench.reporting.compare import report as report_comparison
 from bench.reporting.document import Choice, Filters, Table, to_page
 from bench.reporting.leaderboard import read_leaderboard, write_leaderboard
 from tests.reporting.compare.runs import drawn, write_run
-from tests.reporting.test_proposal_scores import written
+from tests.reporting.test_findings import written
 from tests.support.browser import accessibility_faults, opened
 
 pytestmark = pytest.mark.slow
@@ -83,29 +83,6 @@ def test_a_leaderboard_sorts_and_shows_one_protocol(browser, board):
     choose(page, "protocol", "paper-v1")
     (title,) = page.execute_script(shown)
     assert "paper-v1" in title
-
-
-def tagged(page, attribute):
-    rows = "[...document.querySelectorAll('tr, figure')].filter(e => e.dataset.recording && !e.hidden)"
-    return set(page.execute_script(f"return {rows}.map(e => e.dataset.{attribute})"))
-
-
-def test_filters_of_a_comparison_hide_what_does_not_fit_and_clear_shows_it_again(browser, comparison):
-    page = opened(browser, comparison)
-    output = page.find_element(By.CSS_SELECTOR, "#filters output")
-    whole = output.text
-    assert tagged(page, "recording") == {f"drive-{n}" for n in range(8)}
-    choose(page, "recording", "drive-7")
-    assert tagged(page, "recording") == {"drive-7"}
-    tables = "return [...document.querySelectorAll('.scroll:not([hidden])')].length"
-    some = page.execute_script(tables)
-    choose(page, "motion", "Preceding")
-    assert tagged(page, "motion") == {None}, "rows of recordings are of all kinds"
-    assert page.execute_script(tables) < some, "tables without rows are hidden"
-    assert "All moving" in page.find_element(By.TAG_NAME, "main").get_property("textContent"), "of all kinds"
-    page.find_element(By.CSS_SELECTOR, "#filters button").click()
-    page.execute_async_script("setTimeout(arguments[0], 50)")
-    assert output.text == whole
 
 
 def test_the_verdict_comes_first_and_pictures_within_the_first_screens(browser, comparison):

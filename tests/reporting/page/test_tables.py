@@ -1,24 +1,20 @@
 """The top of a run's page: its tiles, the kinds of motion in one table, statements read off the tables."""
 
 import math
-import re
 
 import pytest
 
 from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
-from bench.reporting.document import to_html
 from bench.reporting.formats import percent
 from bench.reporting.run_page import (
-    against_chance,
     breakdown_table,
     breakdowns,
-    kinds_of_motion,
     lowest_of,
     remarks,
     tiles,
 )
 from tests.reporting.printed import texts
-from tests.reporting.summaries import figure, object_figures, summary
+from tests.reporting.summaries import object_figures, summary
 
 
 def told(figures):
@@ -35,33 +31,8 @@ def without_intervals(row, recordings=5):
     return ObjectMetrics(object_frames=row.object_frames, tracks=row.tracks, recordings=recordings, **few)
 
 
-def at_chance(row):
-    rate = Metric(value=0.2, ci95=(0.1, 0.3), cases=100, recordings=8)
-    level = Metric(value=0.15, ci95=None, cases=100, recordings=8)
-    return row.model_copy(update={"detection_rate_50": rate, "chance_50": level})
-
-
-def without_chance(row):
-    return row.model_copy(update={"chance_50": figure(math.nan)})
-
-
-@pytest.mark.parametrize(
-    ("row", "style", "text", "below"),
-    [
-        (object_figures(0.6), "", "above", ()),
-        (at_chance(object_figures(0.6)), "bad", "not shown to be above", ()),
-        (without_intervals(object_figures(0.6)), "", "cannot tell", ("6 recordings are needed",)),
-        (object_figures(0.6, object_frames=9), "", "cannot tell", ("fewer than 10 object-frames",)),
-        (without_chance(object_figures(0.6)), "", "cannot tell", ("no chance level",)),
-    ],
-)
-def test_what_is_above_chance_is_shown_by_its_interval(row, style, text, below):
-    cell = against_chance(row)
-    assert (cell.style, cell.text, cell.below) == (style, text, below)
-
-
 def test_the_kinds_are_in_the_order_of_iou_and_those_without_cases_left_out():
-    table = breakdown_table("", "kind", kinds_of_motion(summary()))
+    table = breakdown_table("categories", breakdowns(summary())["categories"])
     assert [row[:2] for row in texts(table)] == [
         ["Preceding", "15.0 %"], ["Approaching", "22.5 %"], ["Crossing", "32.5 %"], ["Overtaking", "45.0 %"]
     ]  # fmt: skip
@@ -87,7 +58,7 @@ def test_the_statement_names_what_the_tables_mark():
     rows = {"[0, 2)": object_figures(0.9), "[2, 4)": object_figures(0.2), "[4, 6)": object_figures(math.nan)}
     found = of_kinds(crossing=object_figures(0.6)).model_copy(update={"breakdowns": {"range_m": rows}})
     assert told(found) == [("bad", "IoU is clearly lower than elsewhere, by range: [2, 4) with 9.0 %.")]
-    (table,) = breakdowns(found)
+    table = breakdown_table("range_m", breakdowns(found)["range_m"])
     assert [row[0] for row in texts(table)] == ["[0, 2)", "[2, 4)"], "only what occurs is listed"
     assert [cells[0].text for cells in table.cells() if cells[1].style == "bad"] == ["[2, 4)"]
     assert lowest_of(rows | {"[2, 4)": object_figures(0.2, object_frames=9)}) is None
@@ -97,17 +68,19 @@ def test_the_page_begins_with_the_headlines_and_the_ceiling_of_iou():
     figures = summary()
     ceiling = Metric(value=0.92, ci95=None, cases=100, recordings=8)
     with_truth = figures.all_moving.model_copy(update={"ceiling_iou": ceiling})
-    table = tiles(figures.model_copy(update={"all_moving": with_truth}))
+    table = tiles(figures.model_copy(update={"all_moving": with_truth}), large_px=100)
     assert list(zip((cell.text for cell in table.headings()), texts(table)[0], strict=True)) == [
         ("IoU, all", "27.0 %"),
         ("TPR, all", "42.0 %"),
         ("Detection at 50 %", percent(figures.all_moving.metric("detection_rate_50").value)),
         ("False-positive coverage", "10.5 %"),
+        ("Frames with a large false positive", "88.0 %"),
     ]
+    assert table.cells()[0][4].below == ("[83.0, 93.0]", "of the images have a false patch of more than 100 px")
     assert table.cells()[0][0].below == ("[22.0, 32.0]", "ceiling 92.0 %; over 100 object-frames")
-    assert tiles(figures).cells()[0][0].below[-1] == "over 100 object-frames"
+    assert tiles(figures, large_px=100).cells()[0][0].below[-1] == "over 100 object-frames"
     few = figures.model_copy(update={"all_moving": object_figures(0.4, object_frames=9)})
-    assert [text == "n/a" for text in texts(tiles(few))[0]] == [True, True, True, False]
+    assert [text == "n/a" for text in texts(tiles(few, large_px=100))[0]] == [True, True, True, False, False]
 
 
 def test_what_was_not_scored_is_said():
@@ -118,21 +91,9 @@ def test_what_was_not_scored_is_said():
     assert told(none) == [("warn", "No object-frame was evaluated: there is nothing to say of moving objects.")]
 
 
-def cells(rows):
-    """What the page shows of IoU, by row."""
-    table = breakdown_table("By letter", "letter", rows)
-    lines = [re.findall(r"<td class=\"metric.*?</td>|<td.*?</td>", line, re.DOTALL)
-             for line in to_html([table]).split("<tr>")[2:]]  # fmt: skip
-    return {name: line[0] for name, line in zip(rows, lines, strict=True)}
-
-
-def test_the_lowest_of_a_table_is_marked_and_cells_without_cases_have_no_bar():
+def test_cells_without_cases_have_no_bar():
     rows = {"a": object_figures(0.9), "b": object_figures(0.2), "c": object_figures(math.nan)}
-    shown = cells(rows)
-    assert [name for name, cell in shown.items() if "lowest" in cell] == ["b"]
-    assert not any("lowest" in cell for cell in cells(rows | {"b": without_intervals(rows["b"])}).values())
-    assert "(0 cases)" in shown["c"]
-    assert "meter" not in shown["c"]
-    assert "--v:40.5%" in shown["a"]
-    assert "--l:35.5%;width:10.0%" in shown["a"]
-    assert "[35.5, 45.5]" in shown["a"]
+    ious = {name: cells[1] for name, cells in zip(rows, breakdown_table("camera", rows).cells(), strict=True)}
+    assert (ious["c"].below, ious["c"].bar) == (("(0 cases)",), None)
+    assert ious["a"].below == ("[35.5, 45.5]",)
+    assert (ious["a"].bar.share, *ious["a"].bar.interval) == pytest.approx((0.405, 0.355, 0.455))

@@ -7,15 +7,7 @@ import pytest
 
 from bench.evaluation import rows
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECT, OBJECTS_SCHEMA, TableRows
-from bench.reporting.worst_cases import (
-    Card,
-    gallery,
-    image_facts,
-    object_facts,
-    object_table,
-    worst_frames,
-    worst_objects,
-)
+from bench.reporting.run_page import image_facts, object_facts, object_table, worst_frames, worst_objects
 from tests.evaluation.runs import random_run, shuffled
 
 S = 1_000_000_000
@@ -59,28 +51,16 @@ ROW = {"coverage": 0.2, "range_m": 4.0, "points": 12, "region_px": 400, "polygon
 
 
 def test_what_was_measured_is_said():
-    assert object_facts(ROW) == {
-        "found": "20 %", "range": "4.0 m", "lidar points": "12", "size": "400 px", "hidden": "60 %",
-        "speed": "4.8 m/s", "ego vehicle": "5.0 m/s",
-    }  # fmt: skip
+    assert object_facts(ROW) == (
+        "20 % found; 4.0 m away, 12 lidar points, 400 px, 60 % hidden by nearer objects; 4.8 m/s, ego vehicle 5.0 m/s"
+    )
     counts = {"fp_px": 100, "fp_largest_px": 20, "fp_unattached_px": 90, "fp_by_cause": {"epipolar": 70, "height": 30},
               "coverage": 0.5, "fp_components": 7, "ego_speed_mps": 5.0}  # fmt: skip
-    assert image_facts(counts) == {
-        "wrongly marked": "50 %", "patches": "7", "largest": "20 %", "at objects": "10 %", "cause": "epipolar 70 %",
-        "ego vehicle": "5.0 m/s",
-    }  # fmt: skip
-    assert image_facts(counts | {"fp_by_cause": None})["cause"] == ""
-
-
-def test_the_worst_stand_in_one_table_that_leads_to_their_pictures():
-    cards = [
-        Card(element=f"worst-{n}", key=("a", "front", n), title=f"car {n}", facts=object_facts(row))
-        for n, row in enumerate([ROW, ROW | {"coverage": 0.4}])
-    ]
-    _, table, _ = gallery("Crossing", cards, missing="no data")
-    assert [heading.text for heading in table.headings()][:2] == ["", "found"]
-    assert [(cells[0].link, cells[1].text) for cells in table.cells()] == [("#worst-0", "20 %"), ("#worst-1", "40 %")]
-    assert [*gallery("Preceding", [], missing="")] == []
+    assert image_facts(counts) == (
+        "50 % wrongly marked in 7 patches, the largest with 20 % of it; 10 % in patches that touch an object; most by "
+        "epipolar, 70 %; ego vehicle 5.0 m/s"
+    )
+    assert "most by" not in image_facts(counts | {"fp_by_cause": None})
 
 
 @pytest.mark.parametrize("rows_at_once", [1, 20, 10_000])
@@ -94,8 +74,8 @@ def test_the_least_covered_object_frames_are_listed(monkeypatch, rows_at_once):
         if row["region_px"]
     )
     run = SimpleNamespace(objects=TableRows(shuffled(table, 1)))
-    listed, annotated = object_table(run, most=10)
+    listed, annotated = object_table(run, {}, most=10)
     assert annotated == len(content)
     assert [*listed.rows[OBJECT].itertuples(index=False, name=None)] == [row[2:] for row in evaluated[:10]]
-    every, _ = object_table(run, most=10_000)
+    every, _ = object_table(run, {}, most=10_000)
     assert len(every.rows) == len(every.tags) == annotated

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from bench.reporting.proposal_scores import COUNTS, ERRORS, WHERE, write_proposal_scores
+from bench.reporting.findings import COUNTS, ERRORS, WHERE, write_proposal_scores
 
 WORST = pd.DataFrame({"recording": "one", "track": [f"<{n}>" for n in range(25)], "wrong": "missed", "frames": 7})
 

@@ -1,0 +1,238 @@
+"""How a function becomes a command, what the program prints, its examples, and how it ends where it cannot work."""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+import os
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import pytest
+import typer
+import typer.main
+from rich.console import Console
+from typer.testing import CliRunner
+
+from bench.commands import console
+from bench.commands.app import app, user_message
+from bench.commands.command import PATH, TEXT, Flag, Place, Words, command_line
+from bench.methods.settings import split_values
+from bench.recordings import load_card
+from bench.reporting.document import Table
+from tests.support import tiny
+from tests.support.cards import write_card
+from tests.support.commands import call, called_here, error_line
+
+if TYPE_CHECKING:
+    from nowhere import Thing
+
+
+def total(
+    *numbers: Annotated[int | Thing, typer.Argument(help="To add."), Words(int)],
+    times: Annotated[float, typer.Option("--by", metavar="N"), Words(str, float, default="2")] = 1.0,
+    name: Annotated[str | Thing | None, typer.Option(), TEXT] = None,
+    out: Annotated[str | Path | None, typer.Option(), PATH] = None,
+    progress: Thing | None = None,
+) -> Thing:
+    """Add numbers.
+
+    All of them.
+
+    Args:
+        numbers: to add.
+        times: how often,
+            and again.
+
+    Returns:
+        All that was given.
+    """
+    return sum(numbers) * times, name, out, progress
+
+
+def show(record, *, very_loud: Flag = False, copy: Place = None) -> int:
+    print(record, "!" if very_loud else "", copy)  # noqa: T201
+    return 3 if record[0] > 10 else 0
+
+
+@pytest.fixture(scope="module")
+def program():
+    added = typer.Typer(rich_markup_mode=None)
+    added.command()(command_line(total, show))
+    return lambda *words: CliRunner().invoke(added, words)
+
+
+def test_words_become_what_the_function_takes_and_show_gives_the_status(program, capsys):
+    done = program("1", "2", "--name", "x", "--out", "a/b", "--very-loud")
+    assert (done.exit_code, done.output) == (0, f"{(6.0, 'x', Path('a/b'), None)} ! None\n"), "twice, as its default"
+    assert program("4", "--by", "3").exit_code == 3
+    assert total(1, 2) == (3.0, None, None, None), "from Python it is the function alone"
+    assert capsys.readouterr().out == ""
+
+
+def test_the_help_ends_where_the_docstring_turns_to_python_and_takes_that_of_options_from_there(program):
+    told = " ".join(program("--help").output.split())
+    assert "All of them." in told
+    assert "To add." in told
+    assert "How often, and again." in told
+    assert not re.search("Args|progress|no-very-loud", told)
+
+
+@pytest.fixture
+def _program_runs():
+    console.take_verbosity([])
+    yield
+    console.be_silent()
+
+
+def watched(monkeypatch, *, terminal: bool) -> io.StringIO:
+    """Where a bar is drawn."""
+    shown = io.StringIO()
+    there = Console(file=shown, force_terminal=terminal, width=140, color_system=None)
+    monkeypatch.setattr(console, "Console", lambda **_: there)
+    return shown
+
+
+@pytest.mark.usefixtures("_program_runs")
+def test_a_bar_tells_how_far_it_is(monkeypatch):
+    shown = watched(monkeypatch, terminal=True)
+    with console.progress_bar("scoring", "images") as report:
+        report(0, 0)
+        report(50.5, 100)
+    assert re.search("scoring .* 50/100 +images", shown.getvalue())
+
+
+@pytest.mark.usefixtures("_program_runs")
+def test_a_log_has_no_bar_but_a_line_now_and_then_of_what_takes_long(monkeypatch, capsys):
+    shown = watched(monkeypatch, terminal=False)
+    now = [0.0]
+    monkeypatch.setattr(console, "monotonic", lambda: now[0])
+    monkeypatch.setattr(console, "say", lambda line, **_: told.append(line))
+    told = []
+    with console.progress_bar("scoring", "images") as report:
+        for second in range(0, 1000, 5):
+            now[0] = float(second)
+            report(second, 1000)
+    assert told[:2] == ["scoring: 10/1000 images after 10 s", "scoring: 20/1000 images after 20 s"]
+    assert 20 < len(told) < 50, "ever fewer"
+    assert shown.getvalue() == ""
+
+
+@pytest.mark.usefixtures("_program_runs")
+def test_no_number_of_a_wide_table_is_cut_where_there_is_no_terminal(capsys):
+    numbers = [f"{k}.123456789" for k in range(9)]
+    rows = [["a slice with a long name", "false_positive_coverage_valid", *numbers]]
+    columns = ["Slice", "Metric", "95 %", *(f"{k} of all" for k in range(8))]
+    console.print_blocks([Table(columns=columns, rows=rows, words=2)])
+    heading, *_, row = capsys.readouterr().out.splitlines()
+    assert row.split()[-9:] == numbers
+    assert "95 %" in heading
+
+
+@pytest.mark.usefixtures("_program_runs")
+def test_of_many_files_a_few_are_named(capsys):
+    console.note_files([Path(f"runs/a/{k}.png") for k in range(3)])
+    assert capsys.readouterr().out.split() == ["runs/a/0.png", "runs/a/1.png", "runs/a/2.png"]
+    console.note_files(map(Path, ["runs/a/index.html", *(f"runs/a/figures-{k % 2}/{k}.pdf" for k in range(9))]))
+    *_, fourth, more = capsys.readouterr().out.splitlines()
+    assert (fourth, more) == ("runs/a/figures-0/2.pdf", "and 6 more files in runs/a")
+
+
+def test_functions_print_nothing_where_no_program_runs(capsys):
+    console.be_silent()
+    console.note("cost")
+    with console.interruptible("what is done"), console.progress_bar("scoring", "images") as report:
+        report(1, 2)
+    assert capsys.readouterr() == ("", "")
+    with pytest.raises(KeyboardInterrupt), console.interruptible("what is done"):
+        raise KeyboardInterrupt
+
+
+def test_letters_that_the_output_has_no_code_for_are_shown(monkeypatch):
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
+    console.say("straße")
+    assert written.getvalue() == b"stra\\xdfe\n"
+
+
+OURS = "my-"  # what a reader puts their own name in for
+
+
+def commands(group, before=""):
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, f"{before}{name} ")
+        else:
+            yield f"{before}{name}", command
+
+
+COMMANDS = dict(commands(typer.main.get_command(app)))
+
+
+EXAMPLES = [(name, line) for name, command in COMMANDS.items() for line in command.epilog.splitlines()[3:]]
+
+
+def test_every_command_has_examples_which_its_help_shows_line_by_line():
+    assert {name for name, _ in EXAMPLES} == COMMANDS.keys()
+    for words in (("sweep",), ("annotate", "export")):
+        shown = called_here(*words, "--help").stdout.splitlines()
+        start = next(number for number, line in enumerate(shown) if line.strip() == "Examples:")
+        lines = [line.strip() for line in shown[start + 1 :] if line.strip()]
+        assert lines == [example for name, example in EXAMPLES if name == " ".join(words)]
+
+
+def test_every_option_has_a_help():
+    bare = {(name, one.name) for name, command in COMMANDS.items() for one in command.params if not one.help}
+    assert not bare
+
+
+@pytest.mark.parametrize(("command", "example"), EXAMPLES)
+def test_an_example_is_parsed(command, example):
+    assert f"{example} ".startswith(f"fisheye-bench {command} ")
+    words = example.removeprefix(f"fisheye-bench {command}").split()
+    found = COMMANDS[command].make_context(command, words).params
+    dataset = found.get("dataset")
+    assert dataset is None or dataset.startswith(OURS) or load_card(dataset).name == dataset
+    for text in [*(found.get("set_") or ()), *(found.get("input_error") or ())]:
+        name, _, values = text.partition("=")
+        assert split_values(name, values)
+
+
+NOT_TEXT = b"caf\xe9"
+
+
+def test_a_lack_of_memory_is_told_in_one_line_and_a_bug_keeps_its_traceback(monkeypatch, capsys):
+    for lack in (MemoryError("12 GiB"), OSError(errno.ENOMEM, "no fork")):
+        assert user_message(lack).startswith(f"expected memory and threads, got {type(lack).__name__}: ")
+
+    def fail(_: object) -> None:
+        raise OSError("no file is named")
+
+    monkeypatch.setattr("bench.recordings.list_cards", fail)
+    assert call(monkeypatch, "list", "datasets") == 70
+    shown = capsys.readouterr().err
+    assert "no file is named" in shown
+    assert "Traceback" in shown
+
+
+def test_names_that_are_not_utf_8_are_told(monkeypatch, capsys, tmp_path):
+    told = error_line(monkeypatch, capsys, "run", os.fsdecode(NOT_TEXT))
+    assert "expected arguments in UTF-8, got 'caf\\udce9'; rename the file or folder" in told
+    drive = tiny.write_recording(tmp_path / "data" / "drive")
+    write_card(tmp_path)
+    image = drive / "images" / "front" / f"{tiny.TIMES_NS[1]}.png"
+    image.rename(image.with_name(os.fsdecode(NOT_TEXT + b".png")))
+    assert called_here("run", "x.yaml", "--out", "out", folder=tmp_path).returncode == 2
+    done = called_here("validate", "x.yaml", "--json", "told.json", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (1, "")
+    (recording,) = json.loads((tmp_path / "told.json").read_text())["recordings"]
+    files = [finding["file"] for finding in recording["findings"]]
+    assert f"data/drive/images/front/{os.fsdecode(NOT_TEXT)}.png" in files
+    drive.rename(drive.with_name(os.fsdecode(NOT_TEXT)))
+    for command in ("run", "validate"):
+        done = called_here(command, "x.yaml", folder=tmp_path)
+        told = "error: data: expected recordings with names in UTF-8, got 'caf\\udce9'; rename it\n"
+        assert (done.returncode, done.stderr) == (2, told)
