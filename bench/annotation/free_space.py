@@ -172,7 +172,7 @@ class RangeView:
 
 def range_view(
     placed: PosedSweep,
-    seen: tuple[Floats, Floats, Floats],
+    measured: tuple[Floats, Floats, Floats],
     usable: NDArray[np.bool_],
     road: Road,
     settings: ProposalSettings,
@@ -181,12 +181,13 @@ def range_view(
 
     Args:
         placed: the sweep.
-        seen: its points as `polar` gives them.
+        measured: its points as `polar` gives them.
         usable: (N,) bool, False for returns of the own vehicle.
         road: of this sweep.
         settings: of the proposals.
     """
-    range_m, azimuth, elevation = seen[0], seen[1] + pi, np.arctan(seen[2]) - settings.lowest_rad
+    range_m, azimuth_rad, slopes = measured
+    azimuth, elevation = azimuth_rad + pi, np.arctan(slopes) - settings.lowest_rad
     shape = (
         round(tau / settings.azimuth_rad),
         round((settings.highest_rad - settings.lowest_rad) / settings.elevation_rad),

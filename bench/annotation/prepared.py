@@ -122,8 +122,8 @@ def _prepare(recording: Recording, number: int, ref: SweepRef, settings: Proposa
     rotations, positions_m, valid = recording.trajectory.at(np.array([ref.timestamp_ns], dtype=np.int64))
     if placed is None or not valid[0]:
         return None
-    world, seen = placed.points_world(), polar(placed.points_sensor())
-    range_m, azimuth_rad, _ = seen
+    world, measured = placed.points_world(), polar(placed.points_sensor())
+    range_m, azimuth_rad, _ = measured
     world_from_vehicle = RigidTransform(rotations[0], positions_m[0])
     vehicle = world_from_vehicle.inverse().apply(world)
     road = fit_road(vehicle, world_from_vehicle, recording.ground_m)
@@ -146,7 +146,7 @@ def _prepare(recording: Recording, number: int, ref: SweepRef, settings: Proposa
         sensor_m=sensor_m,
         road=road,
         lowest=lowest_heights(levelled[near], sensor_m, settings),
-        view=range_view(placed, seen, usable, road, settings),
+        view=range_view(placed, measured, usable, road, settings),
     )
 
 
