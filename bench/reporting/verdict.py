@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -221,25 +220,6 @@ def head_lines(verdict: Verdict) -> list[Paragraph]:
     """The subject, the checks that failed, and what changed."""
     failed = [Paragraph(line, "bad") for line in check_lines(verdict)]
     return [Paragraph(verdict.subject), *failed, *map(Paragraph, change_lines(verdict))]
-
-
-def full_rows(verdict: Verdict) -> list[Row]:
-    """Every row: those that failed, are suspect or improved, worst first, those within tolerance, those not judged."""
-    return [row for outcome in Outcome for row in verdict.rows_with(outcome)]
-
-
-def full_lines(verdict: Verdict) -> list[Paragraph]:
-    """The checks that are only reported, then each reason not to judge."""
-    lines = [
-        Paragraph(f"{check.outcome}: {check.message}", STYLES[check.outcome])
-        for check in verdict.checks
-        if check.outcome is Outcome.SUSPECT
-    ]
-    rows = verdict.rows_with(Outcome.NOT_JUDGED)
-    for reason, count in sorted(Counter(row.reason for row in rows).items()):
-        slices = dict.fromkeys(row.slice_name for row in rows if row.reason == reason)
-        lines.append(Paragraph(f"not judged: {count} metrics, {reason}: {', '.join(slices)}", "dim"))
-    return lines
 
 
 SCHEMA_VERSION = 1
