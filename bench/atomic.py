@@ -13,7 +13,7 @@ import shutil
 import stat
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BufferedReader
 from itertools import accumulate
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -55,7 +55,8 @@ def replacing(path: Path) -> Iterator[Path]:
             raise OutputError.of(error, path) from error
         raise
     finally:
-        _remove(temporary)
+        with suppress(OSError):  # where nothing could be written, nothing is left
+            temporary.unlink(missing_ok=True)
 
 
 TEMPORARY = re.compile(r"\..{1,60}\.[0-9a-f]{32}(\..*)?")
@@ -188,11 +189,9 @@ def output_folder(folder: Path) -> Iterator[Path]:
     try:
         yield folder
     finally:
-        for place in made:
-            try:
+        with suppress(OSError):  # something is in it
+            for place in made:
                 place.rmdir()
-            except OSError:  # something is in it
-                break
 
 
 @contextmanager
@@ -227,13 +226,6 @@ def refuse_filled(out: Path) -> None:
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         got, hint = "one that holds something" if out.is_dir() else "a file", "name another folder with --out"
         raise DataError(out, expected="a new or an empty folder", got=got, hint=hint)
-
-
-def _remove(temporary: Path) -> None:
-    try:
-        temporary.unlink(missing_ok=True)
-    except OSError:  # where nothing could be written, nothing is left
-        return
 
 
 if sys.platform != "win32":

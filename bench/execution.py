@@ -22,7 +22,7 @@ from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Lock, Thread, current_thread, main_thread
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeAlias, TypeVar
 
 from bench.errors import DataError, UsageError
 from bench.threads import single_threaded, use_one_thread
@@ -54,6 +54,9 @@ class FailedTask:
     reason: str
 
 
+Computed: TypeAlias = Generator[tuple[Task, Result | FailedTask]]
+
+
 class TaskExecutor(ABC):
     """Computes tasks in any order; inside a `with` block its workers stay for the next tasks.
 
@@ -70,9 +73,7 @@ class TaskExecutor(ABC):
         return None
 
     @abstractmethod
-    def compute(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task]
-    ) -> Generator[tuple[Task, Result | FailedTask]]:
+    def compute(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Computed[Task, Result]:
         """Compute tasks and give each back once with its result, as it is done.
 
         An exception that `function` raises is raised here. Closing the generator stops the workers at once.
@@ -89,9 +90,7 @@ class SerialExecutor(TaskExecutor):
 
     workers: int = 1
 
-    def compute(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task]
-    ) -> Generator[tuple[Task, Result | FailedTask]]:
+    def compute(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Computed[Task, Result]:
         """Give each task back once with its result, as `TaskExecutor.compute` says."""
         with single_threaded():
             for task in tasks:
@@ -122,9 +121,7 @@ class ProcessExecutor(TaskExecutor):
         if not self._entered:
             self._end()
 
-    def compute(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task]
-    ) -> Generator[tuple[Task, Result | FailedTask]]:
+    def compute(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Computed[Task, Result]:
         """Give each task back once with its result, as `TaskExecutor.compute` says."""
         waiting, suspects = deque(tasks), list[Task]()
         with self:
@@ -204,9 +201,7 @@ class DaskExecutor(TaskExecutor):
             raise DataError(scheduler, expected="a Dask cluster with workers", got="none", hint=hint)
         return cls(scheduler=address, workers=workers)
 
-    def compute(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task]
-    ) -> Generator[tuple[Task, Result | FailedTask]]:
+    def compute(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Computed[Task, Result]:
         """Give each task back once with its result; Dask gives a task whose worker ends to others, some times."""
         with _dask_client(self.scheduler) as client:
             from distributed import KilledWorker
@@ -231,9 +226,7 @@ class FuturesExecutor(TaskExecutor):
     workers: int = 0
     lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
 
-    def compute(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task]
-    ) -> Generator[tuple[Task, Result | FailedTask]]:
+    def compute(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Computed[Task, Result]:
         """Give each task back once with its result, as `TaskExecutor.compute` says."""
         call = partial(_in_cluster, Path.cwd(), function)
         futures = {self.pool.submit(call, task): task for task in tasks}

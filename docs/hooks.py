@@ -29,7 +29,7 @@ import typer.main
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 import bench  # noqa: E402 - of this checkout, wherever mkdocs is started
-from bench.commands.app import EXAMPLES, app  # noqa: E402
+from bench.commands.app import app  # noqa: E402
 from bench.commands.schemas import OPTIONS, SCHEMAS, json_schema  # noqa: E402
 
 LINK = re.compile(r"(\]\()([^)#\s]+)([^)\s]*\))")
@@ -64,8 +64,7 @@ def _section(name: str, command: Any) -> Iterator[str]:
     options = [one for one in command.params if one.param_type_name == "option" and "--help" not in one.opts]
     usage = " ".join([f"fisheye-bench {name}", *("[OPTIONS]" for _ in options[:1]), *map(_metavar, arguments)])
     yield from (f"## {name}", "", f"```\n{usage}\n```", "", command.help.replace("<", "&lt;"), "")
-    if name in EXAMPLES:
-        yield from ("```", *(f"fisheye-bench {example}" for example in EXAMPLES[name]), "```", "")
+    yield from ("```", *command.epilog.splitlines()[3:], "```", "")
     rows = [(f"`{_metavar(one)}`", one) for one in arguments] + [(_flags(one), one) for one in options]
     if rows:
         yield from ("| | | default |", "|---|---|---|")

@@ -42,7 +42,7 @@ from bench.egomotion import Trajectory, read_bus_signals
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
-from bench.recordings.annotations import read_annotations
+from bench.recordings.annotations import box_state, read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.files import framed_files, read_object
 from bench.recordings.mounting import FisheyeOptions, Polygon
@@ -58,10 +58,8 @@ from bench.recordings.validation import (
 )
 from bench.records.recording import (
     COMPLETELY,
-    Cuboid,
     ImageRef,
     MountedCamera,
-    ObjectState,
     Recording,
     SweepRef,
     Track,
@@ -396,13 +394,8 @@ def _track(
     poses = [RigidTransform.from_quaternion((b.qw, b.qx, b.qy, b.qz), (b.x, b.y, b.z)) for _, b in boxes]
     times_ns = np.array([time_ns for time_ns, _ in boxes], dtype=np.int64)
     rates = yaw_rates(times_ns, np.stack([pose.rotation for pose in poses]), trajectory)
-    states = tuple(
-        ObjectState(
-            timestamp_ns=time_ns,
-            shape=Cuboid(vehicle_from_object=pose, size_m=np.array([box.length_m, box.width_m, box.height_m])),
-            velocity_mps=ego_mps[time_ns] + np.array([box.velocity_x, box.velocity_y, box.velocity_z]),
-            yaw_rate_radps=float(rate),
-        )
-        for (time_ns, box), pose, rate in zip(boxes, poses, rates, strict=True)
-    )
-    return Track(track_id=str(number), object_class=CLASSES[boxes[0][1].object_type], states=states)
+    states = []
+    for (time_ns, box), pose, rate in zip(boxes, poses, rates, strict=True):
+        velocity_mps = ego_mps[time_ns] + np.array([box.velocity_x, box.velocity_y, box.velocity_z])
+        states.append(box_state(time_ns, pose, (box.length_m, box.width_m, box.height_m), velocity_mps, rate))
+    return Track(track_id=str(number), object_class=CLASSES[boxes[0][1].object_type], states=tuple(states))

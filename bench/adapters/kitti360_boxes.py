@@ -23,6 +23,7 @@ from scipy.linalg import polar
 from bench.adapters.kitti_files import Drive, FrameClock
 from bench.errors import DataError
 from bench.geometry import RigidTransform
+from bench.recordings.annotations import box_state
 from bench.recordings.files import numbers, xml_parts
 from bench.records.recording import Cuboid, ObjectState, Track, world_velocities, world_yaw_rates
 
@@ -219,7 +220,8 @@ def tracks_from_world(
     groups: dict[str, list[WorldBox]] = defaultdict(list)
     windows: set[Window] = set()
     for window, box in boxes:
-        windows |= {window} if window is not None else set()
+        if window is not None:
+            windows.add(window)
         if box is not None:
             groups[box.key].append(box)
     tracks = [_track(key, group, ego) for key, group in groups.items()]
@@ -282,11 +284,12 @@ def _states(
     )
     seen_velocities = np.einsum("nji,nj->ni", world_from_vehicle, velocities)
     return tuple(
-        ObjectState(
-            timestamp_ns=int(times_ns[i]),
-            shape=Cuboid(vehicle_from_object=vehicle_from_object[i], size_m=sizes_m[i]),
-            velocity_mps=seen_velocities[i],
-            yaw_rate_radps=float(turns[i]),
+        box_state(
+            times_ns[i],
+            vehicle_from_object[i],
+            sizes_m[i],
+            seen_velocities[i],
+            turns[i],
             unclear=unclear or (boxes[chosen[i]].dynamic and not bool(moves[i])),
         )
         for i in range(len(rows))

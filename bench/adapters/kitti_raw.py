@@ -53,7 +53,7 @@ from bench.cameras import PinholeCamera
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings.annotations import read_annotations
+from bench.recordings.annotations import box_state, read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.files import framed_files, numbers, read_text, xml_parts
 from bench.recordings.mounting import CameraOptions, Polygon
@@ -61,10 +61,8 @@ from bench.recordings.validation import located, validated
 from bench.records.recording import (
     COMPLETELY,
     NOT_ANNOTATED,
-    Cuboid,
     ImageRef,
     MountedCamera,
-    ObjectState,
     Recording,
     SweepRef,
     Track,
@@ -424,14 +422,9 @@ def _track(
     places = np.einsum("nij,nj->ni", rotations, centres) + positions_m
     velocities[valid] = world_velocities(at_ns[valid], places[valid])
     yaw_rates_radps[valid] = world_yaw_rates(at_ns[valid], (rotations @ turned)[valid])
-    height_m, width_m, length_m = tracklet.hwl_m
+    length_width_height_m = tracklet.hwl_m[::-1]
     states = tuple(
-        ObjectState(
-            timestamp_ns=int(at_ns[i]),
-            shape=Cuboid(vehicle_from_object=boxes[i], size_m=np.array([length_m, width_m, height_m])),
-            velocity_mps=rotations[i].T @ velocities[i],
-            yaw_rate_radps=float(yaw_rates_radps[i]),
-        )
+        box_state(at_ns[i], boxes[i], length_width_height_m, rotations[i].T @ velocities[i], yaw_rates_radps[i])
         for i in np.flatnonzero(valid)
     )
     return Track(track_id=name, object_class=CLASSES[tracklet.label], states=states)

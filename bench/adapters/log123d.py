@@ -37,17 +37,15 @@ from bench.cameras import CameraModel, camera_from_parameters
 from bench.egomotion import Trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
-from bench.recordings.annotations import read_annotations
+from bench.recordings.annotations import box_state, read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.mounting import FisheyeOptions
 from bench.recordings.validation import ForeignModel, SidePx, located, validated
 from bench.records.recording import (
     COMPLETELY,
     NOT_ANNOTATED,
-    Cuboid,
     ImageRef,
     MountedCamera,
-    ObjectState,
     Recording,
     SweepRef,
     Track,
@@ -351,41 +349,35 @@ def _numbers(values: tuple[float, ...] | None, name: str, count: int) -> tuple[f
 BOX_WIDTH, VELOCITY_WIDTH = 10, 3  # x, y, z, qw, qx, qy, qz, length, width, height
 
 
-def _classes(
-    *,
-    vehicle: Iterable[int] = (),
-    cyclist: Iterable[int] = (),
-    pedestrian: Iterable[int] = (),
-    animal: Iterable[int] = (),
-) -> Mapping[int, str]:
-    """Numbers of labels; the rest, such as signs and cones, are no objects that move by themselves."""
-    named = {"vehicle": vehicle, "cyclist": cyclist, "pedestrian": pedestrian, "animal": animal}
-    return {number: name for name, numbers in named.items() for number in numbers}
-
-
 # As the enumerations of py123d 0.7 number them. Riders count as cyclists; people in wheelchairs, with strollers and on
-# small wheeled devices as pedestrians.
+# small wheeled devices as pedestrians. The rest, such as signs and cones, are no objects that move by themselves.
+NUMBERS: Mapping[str, Mapping[str, Iterable[int]]] = {
+    "DefaultBoxDetectionLabel": {"vehicle": (1, 2), "cyclist": (3,), "pedestrian": (4,), "animal": (5,)},
+    "AV2SensorBoxDetectionLabel": {
+        "vehicle": (1, 5, 6, 10, 11, 17, 18, 19, 23, 24, 25, 26),
+        "cyclist": (2, 3, 13, 14),
+        "pedestrian": (15, 16, 22, 27, 28, 29),
+        "animal": (0, 9),
+    },
+    "KITTI360BoxDetectionLabel": {"vehicle": (2, 3, 4, 14, 15, 17), "cyclist": (0, 6, 9), "pedestrian": (7,)},
+    "NuPlanBoxDetectionLabel": {"vehicle": (0,), "cyclist": (1,), "pedestrian": (2,)},
+    "NuScenesBoxDetectionLabel": {
+        "vehicle": range(8), "cyclist": (8, 9), "pedestrian": range(10, 17), "animal": (22,)
+    },
+    "PandasetBoxDetectionLabel": {
+        "vehicle": (3, 4, 7, 8, 11, 12, 13, 17, 21, 24, 25, 26),
+        "cyclist": (2, 9, 10),
+        "pedestrian": (14, 15, 16),
+        "animal": (0, 1),
+    },
+    "WODPerceptionBoxDetectionLabel": {"vehicle": (1,), "pedestrian": (2,), "cyclist": (4,)},
+    "PhysicalAIAVBoxDetectionLabel": {
+        "vehicle": (0, 2, 3, 4, 8, 10, 11), "cyclist": (6,), "pedestrian": (1, 7), "animal": (9,)
+    },
+}  # fmt: skip
 CLASSES: Mapping[str, Mapping[int, str]] = {
-    "DefaultBoxDetectionLabel": _classes(vehicle=(1, 2), cyclist=(3,), pedestrian=(4,), animal=(5,)),
-    "AV2SensorBoxDetectionLabel": _classes(
-        vehicle=(1, 5, 6, 10, 11, 17, 18, 19, 23, 24, 25, 26),
-        cyclist=(2, 3, 13, 14),
-        pedestrian=(15, 16, 22, 27, 28, 29),
-        animal=(0, 9),
-    ),
-    "KITTI360BoxDetectionLabel": _classes(vehicle=(2, 3, 4, 14, 15, 17), cyclist=(0, 6, 9), pedestrian=(7,)),
-    "NuPlanBoxDetectionLabel": _classes(vehicle=(0,), cyclist=(1,), pedestrian=(2,)),
-    "NuScenesBoxDetectionLabel": _classes(vehicle=range(8), cyclist=(8, 9), pedestrian=range(10, 17), animal=(22,)),
-    "PandasetBoxDetectionLabel": _classes(
-        vehicle=(3, 4, 7, 8, 11, 12, 13, 17, 21, 24, 25, 26),
-        cyclist=(2, 9, 10),
-        pedestrian=(14, 15, 16),
-        animal=(0, 1),
-    ),
-    "WODPerceptionBoxDetectionLabel": _classes(vehicle=(1,), pedestrian=(2,), cyclist=(4,)),
-    "PhysicalAIAVBoxDetectionLabel": _classes(
-        vehicle=(0, 2, 3, 4, 8, 10, 11), cyclist=(6,), pedestrian=(1, 7), animal=(9,)
-    ),
+    label_class: {number: name for name, numbers in named.items() for number in numbers}
+    for label_class, named in NUMBERS.items()
 }
 
 
@@ -484,13 +476,7 @@ def _track(
     states = []
     for i, time_ns in enumerate(times_ns.tolist()):
         vehicle_from_world = trajectory.world_from_vehicle(time_ns).inverse()
-        box: RigidTransform = vehicle_from_world @ pose(own[i, :7])
-        states.append(
-            ObjectState(
-                timestamp_ns=time_ns,
-                shape=Cuboid(vehicle_from_object=box, size_m=own[i, 7:]),
-                velocity_mps=vehicle_from_world.rotate(velocities_world[i]),
-                yaw_rate_radps=float(yaw_rates_radps[i]),
-            )
-        )
+        box = vehicle_from_world @ pose(own[i, :7])
+        velocity_mps = vehicle_from_world.rotate(velocities_world[i])
+        states.append(box_state(time_ns, box, own[i, 7:], velocity_mps, yaw_rates_radps[i]))
     return Track(track_id=token, object_class=object_class, states=tuple(states))

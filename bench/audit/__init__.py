@@ -16,8 +16,7 @@ constraint says what it cannot see.
 
 from bench.audit.causes import ExplainedImage, FalseCause, MissCause, explain_image
 from bench.audit.polygons import Compensation
-from bench.audit.recording import Scoring
-from bench.audit.run import ALL, AUDIT, AuditSummary, PolygonFigures, Quartiles, run_audit
+from bench.audit.run import ALL, AUDIT, AuditSummary, PolygonFigures, Quartiles, Scoring, run_audit
 from bench.audit.sources import AuditSource, audit_sources
 
 __all__ = [

@@ -99,12 +99,7 @@ class ExactRunner:
     """
 
     def __init__(
-        self,
-        source: AuditSource,
-        camera: MountedCamera,
-        *,
-        valid: NDArray[np.bool_],
-        method: FlowMethod,
+        self, source: AuditSource, camera: MountedCamera, *, valid: NDArray[np.bool_], method: FlowMethod
     ) -> None:
         assert source.scene is not None, "the recording can be simulated"
         scenario, spec = source.scene

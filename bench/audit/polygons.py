@@ -172,11 +172,7 @@ class PolygonAuditor:
         }
 
     def rows(
-        self,
-        image: ImageRef,
-        evaluated: ReferenceFrame,
-        ids: NDArray[np.uint16],
-        instance_of: Mapping[str, int],
+        self, image: ImageRef, evaluated: ReferenceFrame, ids: NDArray[np.uint16], instance_of: Mapping[str, int]
     ) -> list[Row]:
         """Rows of `POLYGONS_SCHEMA` for the objects that the protocol evaluates and that the camera sees.
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from bench.commands.command import TEXT, Flag, Place, Words, command_line, group, print_nothing
+from bench.commands.command import TEXT, Flag, Place, Words, add_command, group
 from bench.commands.console import FAILURES, Report, print_blocks, print_failures, progress_bar, resumable, say
 from bench.commands.options import Dataset, Workers, as_card, as_executor, rendered_card
 from bench.errors import UnknownNameError, UsageError
@@ -119,6 +119,9 @@ def propose(
     Raises:
         UnknownNameError: no data set or split of this name.
         OutputError: a file cannot be written.
+
+    Examples:
+        fisheye-bench annotate propose my-data
     """
     from bench.annotation.drives import propose_drives
 
@@ -173,6 +176,9 @@ def evaluate_proposals(
         DataError: proposals that are missing or damaged.
         UsageError: a recording without annotations, or `merged` without `against`.
         OutputError: a merged review is there already.
+
+    Examples:
+        fisheye-bench annotate evaluate demo --out my-evaluation
     """
     from bench.annotation import proposal_scores, worst_tracks
     from bench.annotation.drives import evaluate_drives, merge_drives
@@ -216,9 +222,7 @@ def import_labels(
         Mapping[str, str | None] | None, typer.Option("--class", metavar="TOOL=OURS"), _pairs("--class")
     ] = None,
     frames: Annotated[
-        Mapping[str, str] | None,
-        typer.Option("--frame", metavar="TOOL=OURS"),
-        _pairs("--frame", name_may_lack=True),
+        Mapping[str, str] | None, typer.Option("--frame", metavar="TOOL=OURS"), _pairs("--frame", name_may_lack=True)
     ] = None,
     first_frame: Annotated[int | None, typer.Option()] = None,
     time_unit: Annotated[Literal["ns", "us", "ms", "s"], typer.Option()] = "ns",
@@ -245,6 +249,9 @@ def import_labels(
         UsageError: a class or frame that is none of ours.
         DataError: files that the format refuses, an object of two classes, or twice at one time.
         OutputError: other annotations are there, or they cannot be written.
+
+    Examples:
+        fisheye-bench annotate import boxes boxes.csv --dataset my-data --recording drive-1 --class Tram=vehicle
     """
     from bench.annotation.formats import LabelOptions, label_format
     from bench.annotation.formats import import_labels as read_labels
@@ -292,6 +299,10 @@ def export_labels(
         UsageError: annotations without a format, or a format that is only read.
         DataError: a review is missing, damaged or of another drive, or leaves something undecided or not watched.
         OutputError: other labels are there, or they cannot be written.
+
+    Examples:
+        fisheye-bench annotate export my-data --out annotations/my-data
+        fisheye-bench annotate export my-data --out labels --format boxes --annotated
     """
     from bench.annotation.formats import LabelSet, label_format
     from bench.annotation.formats.conversion import store_labels
@@ -408,6 +419,9 @@ def review(
         reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
         reviewer: your name in the log of decisions.
         browser: open the page in your browser.
+
+    Examples:
+        fisheye-bench annotate review my-data --recording drive-1
     """
     import webbrowser
 
@@ -453,8 +467,8 @@ def _print_labels(written: ConvertedLabels) -> None:
     say(str(written.place))
 
 
-app.command("propose")(command_line(propose, show_proposals))
-app.command("evaluate")(command_line(evaluate_proposals, show_scores))
-app.command("review")(command_line(review, print_nothing))
-app.command("import")(command_line(import_labels, show_labels))
-app.command("export")(command_line(export_labels, show_labels))
+add_command(app, "propose", propose, show_proposals)
+add_command(app, "evaluate", evaluate_proposals, show_scores)
+add_command(app, "review", review)
+add_command(app, "import", import_labels, show_labels)
+add_command(app, "export", export_labels, show_labels)

@@ -18,7 +18,7 @@ from typing import Annotated
 import typer
 
 import bench
-from bench.commands.command import Commands, command_line, print_nothing
+from bench.commands.command import Commands, add_command, print_nothing
 from bench.commands.console import QUIET, VERBOSE, Verbosity, be_silent, say, take_verbosity, verbosity
 from bench.errors import DISK_FULL, BenchError, UsageError
 
@@ -39,43 +39,6 @@ DOCUMENTATION = "https://github.com/fisheye-bench/fisheye-bench/tree/main/docs"
 SETTINGS = ("FISHEYE_BENCH_", "OMP_", "OPENBLAS_", "MKL_", "NUMBA_", "OPENCV_", "PYTHON")
 OPTIONAL = ("distributed", "rerun-sdk", "onnxruntime", "torch", "opencv-python", "opencv-contrib-python")
 
-EXAMPLES = {
-    "run": ("run demo", "run tiny --method my_method:MyMethod --set threshold=0.5 --protocol surface-v1"),
-    "evaluate": ("evaluate demo --predictions my-scores --threshold 0.7 --missing empty --name my-network",),
-    "view": (
-        "view demo --method spherical --frame 20",
-        "view demo --recording crossing-car --frame 10:40 --video crossing.mp4",
-    ),
-    "validate": ("validate my-data --deep --json findings.json",),
-    "synthesize": ("synthesize datasets/tiny.scenario.yaml --out my-drives",),
-    "report": ("report reports/runs/demo-spherical",),
-    "gate": ("gate reports/runs/demo-spherical --junit gate.xml", "gate reports/runs/demo-spherical --update"),
-    "sweep": ("sweep demo --set threshold=3e-4,6e-4,1e-3", "sweep demo --input-error pitch_deg=0,0.5,1"),
-    "audit": ("audit demo",),
-    "compare": ("compare reports/runs/demo-spherical reports/runs/demo-frame-difference",),
-    "leaderboard": ("leaderboard reports/runs --out my-page",),
-    "verify": ("verify reports/runs/demo-spherical",),
-    "list": ("list methods", "list --schema card"),
-    "annotate propose": ("annotate propose my-data",),
-    "annotate evaluate": ("annotate evaluate demo --out my-evaluation",),
-    "annotate review": ("annotate review my-data --recording drive-1",),
-    "annotate export": (
-        "annotate export my-data --out annotations/my-data",
-        "annotate export my-data --out labels --format boxes --annotated",
-    ),
-    "annotate import": ("annotate import boxes boxes.csv --dataset my-data --recording drive-1 --class Tram=vehicle",),
-    "new method": ("new method my-method",),
-    "new dataset": ("new dataset my-data",),
-    "new adapter": ("new adapter my-format",),
-    "reference export": ("reference export demo --out my-references",),
-}
-
-
-def epilog(command: str) -> str:
-    """The examples of a command, below its help."""
-    return "\n".join(["Examples:\n\n\b", *(f"fisheye-bench {example}" for example in EXAMPLES[command])])
-
-
 app = typer.Typer(
     name="fisheye-bench",
     cls=Commands,
@@ -89,13 +52,10 @@ for panel, names in COMMANDS.items():
     for name in names:
         module = import_module(f"bench.commands.{name}")
         if hasattr(module, "app"):
-            for command in module.app.registered_commands:
-                command.epilog = epilog(f"{name} {command.name}")
             app.add_typer(module.app, name=name, rich_help_panel=panel)
         else:
             function = getattr(module, "command", None) or getattr(module, name)
-            called = command_line(function, getattr(module, "show", print_nothing))
-            app.command(name, epilog=epilog(name), rich_help_panel=panel)(called)
+            add_command(app, name, function, getattr(module, "show", print_nothing), panel=panel)
 
 
 def main() -> None:

@@ -69,6 +69,9 @@ def audit_reference(
         UnknownNameError: no data set, method, protocol or split of this name.
         UsageError: settings that the method does not take, or beside an object; fewer than one recording.
         DataError: nothing of the data set could be audited, above all where it has no rendered masks.
+
+    Examples:
+        fisheye-bench audit demo
     """
     from bench.atomic import output_folder
     from bench.audit import AUDIT, audit_sources, run_audit

@@ -1,8 +1,8 @@
 """A command is one function: from Python it returns a record and prints nothing; on the command line `show` prints it.
 
-The function's signature is the command line. Its docstring is the help: up to the arguments that of the command, and
-what it says of an argument that of the option, unless the annotation has one. Parameters without an annotation of typer
-are for Python alone. What only changes the output is a parameter of `show`.
+The function's signature is the command line. Its docstring is the help: up to the arguments that of the command, with
+the examples at its end, and what it says of an argument that of the option, unless the annotation has one. Parameters
+without an annotation of typer are for Python alone. What only changes the output is a parameter of `show`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typer.core import TyperGroup
 from typer.models import ParameterInfo
 
 AS_IN_PYTHON = object()
-SECTIONS = re.compile(r"\n\n(?:Args|Returns|Raises):\n")
+SECTIONS = re.compile(r"\n\n(?:Args|Returns|Raises|Examples):\n")
 ARGUMENT = re.compile(r"^    (\w+): (.+(?:\n {8}.+)*)", re.MULTILINE)  # of a docstring
 
 
@@ -70,6 +70,20 @@ def command_line(function: Callable[..., Any], show: Callable[..., int | None]) 
 def print_nothing(status: int | None) -> int | None:
     """The `show` of a function that prints by itself, and returns the exit status."""
     return status
+
+
+def add_command(
+    app: typer.Typer,
+    name: str,
+    function: Callable[..., Any],
+    show: Callable[..., int | None] = print_nothing,
+    *,
+    panel: str | None = None,
+) -> None:
+    """Add the command of a function to a program, the examples of its docstring below its help."""
+    examples = inspect.cleandoc((inspect.getdoc(function) or "").partition("Examples:\n")[2])
+    epilog = f"Examples:\n\n\b\n{examples}"
+    app.command(name, epilog=epilog, rich_help_panel=panel)(command_line(function, show))
 
 
 def _options(function: Callable[..., Any]) -> Iterator[tuple[inspect.Parameter, Words]]:

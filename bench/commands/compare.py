@@ -50,6 +50,9 @@ def compare(
     Raises:
         DataError: a run is missing or damaged.
         UsageError: fewer than two runs, or runs that do not compare, as of other data or by another protocol.
+
+    Examples:
+        fisheye-bench compare reports/runs/demo-spherical reports/runs/demo-frame-difference
     """
     from bench.harness.stored import run_name
     from bench.reporting.compare import compare_runs, read_comparable, write_comparison

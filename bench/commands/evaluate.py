@@ -66,6 +66,9 @@ def evaluate(
         UnknownNameError: no data set, protocol or split of this name.
         UsageError: the name of a method, or a threshold for masks.
         DataError: a prediction is missing, damaged or extra where all are asked for; or `out` holds another run.
+
+    Examples:
+        fisheye-bench evaluate demo --predictions my-scores --threshold 0.7 --missing empty --name my-network
     """
     from bench.harness.stored import PREDICTIONS
     from bench.methods import known_methods
@@ -79,12 +82,7 @@ def evaluate(
     if called in known_methods():
         raise UsageError(f"--name: expected another name than those of methods, got {called!r}")
     method = PredictedMotion(
-        name=called,
-        folder=str(predictions),
-        dataset=str(card.file),
-        split=split,
-        threshold=threshold,
-        missing=missing,
+        name=called, folder=str(predictions), dataset=str(card.file), split=split, threshold=threshold, missing=missing
     )
     given = (("threshold", threshold, None), ("missing", missing, "error"))
     chosen = [(option, value) for option, value, usual in given if value != usual]

@@ -52,6 +52,10 @@ def judge(
     Raises:
         UnknownNameError: no tolerances of this name.
         UsageError, DataError: with `update`, a run that makes no baseline.
+
+    Examples:
+        fisheye-bench gate reports/runs/demo-spherical --junit gate.xml
+        fisheye-bench gate reports/runs/demo-spherical --update
     """
     from bench.gate import Verdict, find_baseline, load_tolerances, read_baseline, read_run_sums, write_baseline
     from bench.gate import judge as judge_sums

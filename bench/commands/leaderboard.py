@@ -30,9 +30,7 @@ class LeaderboardReport:
 
 
 def leaderboard(
-    folder: Annotated[str | Path, typer.Argument(), PATH] = RUNS,
-    *,
-    out: Place = None,
+    folder: Annotated[str | Path, typer.Argument(), PATH] = RUNS, *, out: Place = None
 ) -> LeaderboardReport:
     """Rank the runs of a folder, one table for each group of comparable runs.
 
@@ -44,6 +42,9 @@ def leaderboard(
 
     Raises:
         DataError: there is no folder, or no run in it.
+
+    Examples:
+        fisheye-bench leaderboard reports/runs --out my-page
     """
     from bench.recordings.cards import shipped_folder
     from bench.reporting.leaderboard import read_leaderboard, with_shipped, write_leaderboard

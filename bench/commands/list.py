@@ -26,6 +26,10 @@ def command(
     Args:
         what: which list; default: all.
         schema: print the JSON Schema of a kind of file; `list formats` names the kinds.
+
+    Examples:
+        fisheye-bench list methods
+        fisheye-bench list --schema card
     """
     if schema is not None:
         if what is not None:

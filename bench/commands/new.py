@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from bench.commands.command import group
+from bench.commands.command import add_command, group
 from bench.commands.console import say
 from bench.errors import OutputError, UsageError
 
@@ -36,40 +36,39 @@ FILES = {
     },
 }
 THEN = {
-    "method": """\
-it runs as it is; then change `segment`:
-  fisheye-bench run tiny --method my_method:MyMethod     12 images; rendered first, within a minute
-  fisheye-bench run demo --method my_method:MyMethod     20 drives
-  pytest test_my_method.py""",
-    "data": """\
-it runs as it is; then put your own readers into the program, and title, licence and caveats into the card:
-  python write_my_data.py
-  fisheye-bench validate my-data
-  fisheye-bench run my-data""",
-    "format": """\
-it runs as it is; then change the layout that it reads:
-  cd my-format && python example.py
-  pytest test_my_format.py     tries the contract
-  pip install -e .     so that cards may name it
-  fisheye-bench run my-format.yaml --method nothing""",
+    "method": ("fisheye-bench run tiny --method my_method:MyMethod", "pytest test_my_method.py"),
+    "data": ("python write_my_data.py", "fisheye-bench validate my-data", "fisheye-bench run my-data"),
+    "format": (
+        "cd my-format && python example.py && pytest test_my_format.py",
+        "pip install -e . && fisheye-bench run my-format.yaml --method nothing",
+    ),
 }
 
 
-@app.command("method")
 def new_method(name: NewName) -> None:
-    """Write NAME.py with a working method, and a test."""
+    """Write NAME.py with a working method, and a test.
+
+    Examples:
+        fisheye-bench new method my-method
+    """
     _write("method", name)
 
 
-@app.command("dataset")
 def new_dataset(name: NewName) -> None:
-    """Write datasets/NAME.yaml, a program that writes an example recording, and a test."""
+    """Write datasets/NAME.yaml, a program that writes an example recording, and a test.
+
+    Examples:
+        fisheye-bench new dataset my-data
+    """
     _write("data", name)
 
 
-@app.command("adapter")
 def new_adapter(name: NewName) -> None:
-    """Write NAME/: an adapter as a package, an example of its layout, a card, and a test."""
+    """Write NAME/: an adapter as a package, an example of its layout, a card, and a test.
+
+    Examples:
+        fisheye-bench new adapter my-format
+    """
     _write("format", name)
 
 
@@ -109,5 +108,11 @@ def _write(stem: str, name: str) -> None:
     for place, text in written.items():
         write_text(place, text)
         say(str(place))
-    for line in renamed(THEN[stem]).splitlines():
-        say(line)
+    say("they run as they are; next:")
+    for line in THEN[stem]:
+        say(f"  {renamed(line)}")
+
+
+add_command(app, "method", new_method)
+add_command(app, "dataset", new_dataset)
+add_command(app, "adapter", new_adapter)

@@ -91,15 +91,13 @@ InputErrors = Annotated[
 RULES = "paper-v1, surface-v1, extended-v1, masks-v1, or a YAML file"
 Protocol = Annotated["str | Path", typer.Option(help=f"{RULES}."), TEXT]
 Protocols = Annotated[
-    "str | Path",
-    typer.Option("--protocol", help=f"{RULES}; several, separated by commas, run the method once."),
-    TEXT,
+    "str | Path", typer.Option("--protocol", help=f"{RULES}; several, separated by commas, run the method once."), TEXT
 ]
 Split = Annotated[
     str | None,
     typer.Option(
         help="A split of the data set, or recordings separated by commas; append [:50] for the first 50 images "
-        "of each camera; default: everything.",
+        "of each camera; default: everything."
     ),
 ]
 Workers = Annotated[

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.commands import options
-from bench.commands.command import PATH, command_line, group
+from bench.commands.command import PATH, add_command, group
 from bench.commands.console import FAILURES, Report, note, progress_bar, say
 
 if TYPE_CHECKING:
@@ -42,6 +42,9 @@ def export_reference(
     Raises:
         UnknownNameError: no data set, protocol or split of this name.
         DataError: the folder holds something, or a recording cannot be opened.
+
+    Examples:
+        fisheye-bench reference export demo --out my-references
     """
     from bench.atomic import refuse_filled
     from bench.evaluation import load_protocol
@@ -62,4 +65,4 @@ def show(export: ReferenceExport) -> int:
     return FAILURES if export.problems else 0
 
 
-app.command("export")(command_line(export_reference, show))
+add_command(app, "export", export_reference, show)

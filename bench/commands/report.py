@@ -23,13 +23,7 @@ class RunPage:
     problems: tuple[str, ...]
 
 
-def report(
-    run: NamedRun,
-    *,
-    out: Place = None,
-    pictures: Flag = True,
-    progress: Report | None = None,
-) -> RunPage:
+def report(run: NamedRun, *, out: Place = None, pictures: Flag = True, progress: Report | None = None) -> RunPage:
     """Write an HTML page of a run that opens offline: metrics, charts, worst cases.
 
     Args:
@@ -40,6 +34,9 @@ def report(
 
     Raises:
         DataError: a run is missing or damaged.
+
+    Examples:
+        fisheye-bench report reports/runs/demo-spherical
     """
     from bench.reporting.figures import write_figures
     from bench.reporting.run_page import write_page

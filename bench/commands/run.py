@@ -199,6 +199,10 @@ def run(
         UnknownNameError: no data set, method, protocol, split or input error of this name.
         UsageError: settings that the method does not take, or beside an object; an input error that is no number.
         DataError: nothing of the data set could be used, or `out` holds another run.
+
+    Examples:
+        fisheye-bench run demo
+        fisheye-bench run tiny --method my_method:MyMethod --set threshold=0.5 --protocol surface-v1
     """
     from bench.harness import Part, score_part
 

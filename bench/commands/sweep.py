@@ -68,9 +68,7 @@ def sweep(
         Mapping[str, object] | None, typer.Option("--set", metavar="NAME=VALUE,..."), _values("--set")
     ] = None,
     input_errors: Annotated[
-        Mapping[str, object] | None,
-        typer.Option("--input-error", metavar="NAME=VALUE,..."),
-        _values("--input-error"),
+        Mapping[str, object] | None, typer.Option("--input-error", metavar="NAME=VALUE,..."), _values("--input-error")
     ] = None,
     protocol: options.Protocol = "paper-v1",
     split: options.Split = None,
@@ -100,6 +98,10 @@ def sweep(
         UnknownNameError: no data set, method, protocol, split or input error of this name.
         UsageError: no values, or one that the method does not take.
         DataError: nothing of the data set could be used, or a folder holds another run.
+
+    Examples:
+        fisheye-bench sweep demo --set threshold=3e-4,6e-4,1e-3
+        fisheye-bench sweep demo --input-error pitch_deg=0,0.5,1
     """
     from bench.atomic import output_folder
     from bench.harness import run_benchmark

@@ -23,6 +23,9 @@ def synthesize(
         scenario: a scenario file.
         out: folder of the recordings.
         workers: number of worker processes; default: one per core.
+
+    Examples:
+        fisheye-bench synthesize datasets/tiny.scenario.yaml --out my-drives
     """
     from bench.synthesis import synthesize as render
 

@@ -13,11 +13,7 @@ if TYPE_CHECKING:
 
 
 def validate(
-    dataset: Dataset,
-    *,
-    split: Split = None,
-    deep: Flag = False,
-    progress: Report | None = None,
+    dataset: Dataset, *, split: Split = None, deep: Flag = False, progress: Report | None = None
 ) -> ValidationReport:
     """List what looks wrong in a data set; exit status 0 nothing, 1 something, 2 usage or data error.
 
@@ -35,14 +31,16 @@ def validate(
     Raises:
         UnknownNameError: no data set, split or recording of this name.
         DataError: the card cannot be used; what is wrong with a recording is a finding.
+
+    Examples:
+        fisheye-bench validate my-data --deep --json findings.json
     """
     from bench.recordings import open_dataset
-    from bench.validation import Depth, validate_dataset
+    from bench.validation import validate_dataset
 
     card = rendered_card(dataset, split, as_it_is=True)
-    depth = Depth.DEEP if deep else Depth.SAMPLED
     with progress_bar(f"validating {card.name}", "recordings", progress) as report:
-        return validate_dataset(card.name, open_dataset(card, split), depth=depth, progress=report)
+        return validate_dataset(card.name, open_dataset(card, split), deep=deep, progress=report)
 
 
 def show(report: ValidationReport, *, errors_only: Flag = False, json: Place = None) -> int:

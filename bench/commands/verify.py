@@ -44,6 +44,9 @@ def verify(
         UnknownNameError: no data set of this name.
         UsageError: no `dataset`, and the run is of none that ships.
         DataError: a file of the run or of the data is missing or damaged.
+
+    Examples:
+        fisheye-bench verify reports/runs/demo-spherical
     """
     from bench.harness.verify import verify_run
 

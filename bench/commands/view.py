@@ -76,6 +76,10 @@ def view(
         UsageError: two choices of frames, or one that does not exist or cannot be scored; a suffix or codec that is
             missing; settings without the name of a method; a video of calibration.
         DataError: an image or sweep that cannot be read.
+
+    Examples:
+        fisheye-bench view demo --method spherical --frame 20
+        fisheye-bench view demo --recording crossing-car --frame 10:40 --video crossing.mp4
     """
     from bench.evaluation import load_protocol
     from bench.harness import FramePipeline, build_scorable
@@ -112,13 +116,7 @@ def view(
         indices = chosen_frames(pipeline.images, history=asked.history, span=span, time_ns=time_ns, all_else=filmed)
         if filmed:
             files += write_film(
-                pipeline,
-                indices,
-                video=film,
-                rrd=log,
-                made_by=made,
-                with_method=built is not None,
-                progress=report,
+                pipeline, indices, video=film, rrd=log, made_by=made, with_method=built is not None, progress=report
             )
         if filmed and pictures is None:
             return View(files=tuple(files))

@@ -45,12 +45,7 @@ Sources: Mariotti and Eising 2020, section IV; Chan et al. 2021 (SegmentMeIfYouC
 those of the intervals in their module; Holm 1979.
 """
 
-from bench.evaluation.comparison import (
-    PairedChange,
-    changes_in_parts,
-    compare_sums,
-    holm,
-)
+from bench.evaluation.comparison import PairedChange, changes_in_parts, compare_sums, holm
 from bench.evaluation.counts import count_frame
 from bench.evaluation.definitions import Definition, find_metric, headlines
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol

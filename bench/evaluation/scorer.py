@@ -11,24 +11,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation.counts import (
-    ChanceScorer,
-    ObjectCounts,
-    count_frame,
-    count_likelihood,
-    find_regions,
-    sum_by_kind,
-)
+from bench.evaluation.counts import ChanceScorer, ObjectCounts, count_frame, count_likelihood, find_regions, sum_by_kind
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import (
-    EVALUATED,
-    FRAME_COUNTS,
-    IMAGE,
-    NOT_ANNOTATED,
-    Row,
-    frames_table,
-    objects_table,
-)
+from bench.evaluation.rows import EVALUATED, FRAME_COUNTS, IMAGE, NOT_ANNOTATED, Row, frames_table, objects_table
 from bench.records.reference import ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
 
@@ -47,11 +32,7 @@ class SequenceScorer:
         self._frames: list[Row] = []
 
     def add(
-        self,
-        reference: ReferenceFrame,
-        segmentation: Segmentation,
-        *,
-        exact: NDArray[np.bool_] | None = None,
+        self, reference: ReferenceFrame, segmentation: Segmentation, *, exact: NDArray[np.bool_] | None = None
     ) -> None:
         """Score a frame; of one that is not annotated, only the pixels of its mask are counted.
 
@@ -96,13 +77,7 @@ class SequenceScorer:
         self._objects.extend(_object_rows(reference, objects, ceiling))
 
     def leave_out(
-        self,
-        *,
-        recording: str,
-        camera: str,
-        timestamp_ns: int,
-        status: Literal["failed", "skipped"],
-        problem: str,
+        self, *, recording: str, camera: str, timestamp_ns: int, status: Literal["failed", "skipped"], problem: str
     ) -> None:
         """Record that a frame could not be scored, and why."""
         image = {"recording": recording, "camera": camera, "timestamp_ns": timestamp_ns, "ego_speed_mps": math.nan}

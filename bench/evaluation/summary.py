@@ -288,9 +288,7 @@ def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
     def of_frames(breakdown: str, names: Iterable[str]) -> dict[str, FalsePositiveMetrics]:
         return {
             name: FalsePositiveMetrics(
-                frames=every.cases,
-                recordings=every.recordings,
-                **_parts(ratios, breakdown, name, FALSE_POSITIVES),
+                frames=every.cases, recordings=every.recordings, **_parts(ratios, breakdown, name, FALSE_POSITIVES)
             )
             for name in names
             for every in [ratios.get((breakdown, name, EVERY_ROW[IMAGE_FRAMES]), NO_CASES)]

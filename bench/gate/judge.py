@@ -80,12 +80,7 @@ def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict
 
 
 def data_checks(
-    run: RunSums,
-    found: Sequence[Difference],
-    pairs: pd.DataFrame,
-    changes: pd.DataFrame,
-    *,
-    tolerances: Tolerances,
+    run: RunSums, found: Sequence[Difference], pairs: pd.DataFrame, changes: pd.DataFrame, *, tolerances: Tolerances
 ) -> tuple[Check, ...]:
     """Check run against baseline, the same checks in the order of cause and effect.
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache, partial
 from pathlib import Path
 
 import pandas as pd
@@ -43,40 +44,41 @@ def count_answers(
     recording: Recording,
     images: Sequence[ImageRef],
     *,
-    said: Sequence[Answer],
-    reference: Sequence[StoredReference],
-    protocol: Protocol,
-) -> SequenceScorer:
-    """Count the answers of a task by a protocol. An image that cannot be used is reported; the others go on.
+    said: Sequence[Sequence[Answer]],
+    references: Sequence[Sequence[StoredReference]],
+    protocols: Sequence[Protocol],
+) -> list[SequenceScorer]:
+    """Count the answers of a task by protocols. An image that cannot be used is reported; the others go on.
 
     Args:
         recording: the drive.
         images: of one camera, in time order.
-        said: of each image.
-        reference: of each image.
-        protocol: the rules.
+        said: by each protocol, of each image.
+        references: by each protocol, of each image.
+        protocols: the rules.
     """
-    scorer = SequenceScorer(protocol)
-    for image, answer, row in zip(images, said, reference, strict=True):
-        status, problem = answer["status"], answer["problem"]
-        if is_answered(answer):
-            try:
-                frame = reference_of(row, recording.name)
-                exact = None
-                if image.truth_path is not None:
-                    exact = exact_mask(read_truth(image, recording.cameras[image.camera]), recording, frame)
-                scorer.add(frame, segmentation_of(answer), exact=exact)
-                continue
-            except BenchError as error:
-                status, problem = FAILED, message_without_root(error, recording)
-        scorer.leave_out(
-            recording=recording.name,
-            camera=image.camera,
-            timestamp_ns=image.timestamp_ns,
-            status=status,
-            problem=problem,
-        )
-    return scorer
+    scorers = [SequenceScorer(protocol) for protocol in protocols]
+    for image, answers, rows in zip(images, zip(*said, strict=True), zip(*references, strict=True), strict=True):
+        camera = recording.cameras[image.camera]
+        truth = cache(partial(read_truth, image, camera))  # the file is decoded once for all protocols
+        for scorer, answer, row in zip(scorers, answers, rows, strict=True):
+            status, problem = answer["status"], answer["problem"]
+            if is_answered(answer):
+                try:
+                    frame = reference_of(row, recording.name)
+                    exact = None if image.truth_path is None else exact_mask(truth(), recording, frame)
+                    scorer.add(frame, segmentation_of(answer), exact=exact)
+                    continue
+                except BenchError as error:
+                    status, problem = FAILED, message_without_root(error, recording)
+            scorer.leave_out(
+                recording=recording.name,
+                camera=image.camera,
+                timestamp_ns=image.timestamp_ns,
+                status=status,
+                problem=problem,
+            )
+    return scorers
 
 
 def write_counts(folder: Path, name: str, objects: pa.Table, frames: pa.Table) -> None:

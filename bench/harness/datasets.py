@@ -123,12 +123,7 @@ class Dataset:
                 yield from _frames(pipeline, history, exact=exact)
 
 
-def open_dataset(
-    dataset: str | Path,
-    split: str | None = None,
-    *,
-    workers: int = 1,
-) -> Dataset:
+def open_dataset(dataset: str | Path, split: str | None = None, *, workers: int = 1) -> Dataset:
     """Open a data set, rendered first where its card names a scenario that is not rendered yet.
 
     Args:

@@ -65,12 +65,7 @@ class FramePipeline:
     """
 
     def __init__(
-        self,
-        recording: Recording,
-        camera: str,
-        *,
-        method: Scorable,
-        protocol: Protocol | None = None,
+        self, recording: Recording, camera: str, *, method: Scorable, protocol: Protocol | None = None
     ) -> None:
         self.recording, self.camera = recording, recording.cameras[camera]
         self.images = recording.images[camera]

@@ -6,6 +6,8 @@ DIR/<recording>.json                                   its images, and the objec
 DIR/<recording>/instances/<camera>/<timestamp_ns>.png  16 bits: k for the pixels of G of the image's k-th object
 DIR/<recording>/labels/<camera>/<timestamp_ns>.png     8 bits: a `Label`
 ```
+
+Names of recordings and cameras are percent-encoded where a file cannot be called so.
 """
 
 from __future__ import annotations

@@ -241,16 +241,17 @@ def _process(request: RunRequest, task: Task) -> int:
     recording = _open(task.handle, task.digests)
     images = recording.images[task.camera][task.start : task.stop]
     settings = [protocol.reference_settings() for protocol in due.values()]
-    found = find_references(recording, images, settings=settings, digest=task.digests.reference)
-    asked = 0
-    for (results, protocol), reference in zip(due.items(), found, strict=True):
-        file = request.answers(results, task)
+    references = find_references(recording, images, settings=settings, digest=task.digests.reference)
+    files, asked = [request.answers(results, task) for results in due], 0
+    for file, of_images in zip(files, references, strict=True):
         if not file.is_file():
             asked += task.images
-            write_answers(file, ask(recording, task, request.method, reference))
-        scorer = count_answers(recording, images, said=read_answers(file), reference=reference, protocol=protocol)
-        objects, frames = scorer.finish()
-        write_counts(counts_folder(results, task.handle.name), task.name, objects, frames)
+            write_answers(file, ask(recording, task, request.method, of_images))
+    stored = {file: read_answers(file) for file in dict.fromkeys(files)}  # one for all, but of oracles
+    said, protocols = [stored[file] for file in files], [*due.values()]
+    scorers = count_answers(recording, images, said=said, references=references, protocols=protocols)
+    for results, scorer in zip(due, scorers, strict=True):
+        write_counts(counts_folder(results, task.handle.name), task.name, *scorer.finish())
     return asked
 
 

@@ -21,6 +21,7 @@ from typing import Annotated as Of
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from bench.errors import DataError
@@ -123,7 +124,8 @@ class PolygonData(FileModel):
         return val
 
 
-Name, Value = TypeVar("Name", bound=str), TypeVar("Value")
+Name = TypeVar("Name", bound=str)
+Value = TypeVar("Value")
 
 
 class Named(FileModel, Generic[Name, Value]):
@@ -284,6 +286,25 @@ def schema_text() -> str:
 
 
 # From and to tracks
+
+
+def box_state(
+    timestamp_ns: int,
+    vehicle_from_box: RigidTransform,
+    size_m: ArrayLike,
+    velocity_mps: ArrayLike = (np.nan,) * 3,
+    yaw_rate_radps: float = 0.0,
+    *,
+    unclear: bool = False,
+) -> ObjectState:
+    """A box in the vehicle frame: its full size (3,), m, its velocity over the ground (3,), m/s, and its turn."""
+    return ObjectState(
+        timestamp_ns=int(timestamp_ns),
+        shape=Cuboid(vehicle_from_object=vehicle_from_box, size_m=np.asarray(size_m, dtype=np.float64)),
+        velocity_mps=np.asarray(velocity_mps, dtype=np.float64),
+        yaw_rate_radps=float(yaw_rate_radps),
+        unclear=unclear,
+    )
 
 
 def read_annotations(file: Path) -> tuple[Track, ...]:

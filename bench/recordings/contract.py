@@ -19,6 +19,7 @@ import numpy as np
 
 from bench.atomic import linked_folder
 from bench.errors import BenchError, DataError
+from bench.lidar import LidarSweep
 from bench.recordings.catalogue import Adapter, RecordingHandle
 from bench.recordings.images import read_image
 from bench.records.recording import Recording, SweepRef, Track
@@ -115,7 +116,7 @@ def _sweep_faults(recording: Recording, root: Path) -> Iterator[str]:
     yield from _outside([sweep.path for sweep in recording.sweeps], root, "sweeps")
     for reference in recording.sweeps[:READ_SWEEPS]:
         place = f"sweeps, {reference.path.name}"
-        sweep, fault = _called(place, lambda ref=reference: pickle.loads(pickle.dumps(ref)).read())
+        sweep, fault = _called(place, partial(_travelled, reference))
         if sweep is None:
             yield fault
             continue
@@ -125,6 +126,12 @@ def _sweep_faults(recording: Recording, root: Path) -> Iterator[str]:
             yield f"{place}: expected the time {reference.timestamp_ns}, got {sweep.timestamp_ns}"
     if recording.sweeps and recording.sweeps[0].path.is_file():
         yield from _cut_sweep(recording.sweeps[0])
+
+
+def _travelled(reference: SweepRef) -> LidarSweep:
+    """The sweep as another process reads it."""
+    sweep: LidarSweep = pickle.loads(pickle.dumps(reference)).read()
+    return sweep
 
 
 def _cut_sweep(reference: SweepRef) -> Iterator[str]:

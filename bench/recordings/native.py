@@ -19,8 +19,8 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
 from bench.lidar.files import FORMATS
-from bench.recordings.annotations import Statement, annotated_as, annotation_file_in, read_annotations
-from bench.recordings.catalogue import RecordingHandle
+from bench.recordings.annotations import Statement, annotated_as, read_annotations
+from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.files import file_contents, numbered_files
 from bench.recordings.images import WhiteLevelImage, read_mask
 from bench.recordings.mounting import (
@@ -395,16 +395,11 @@ def native_recordings(
     if links_into is not None and not links_into.is_dir():
         raise DataError(card, field="options.links_into", expected="a folder", got=f"{links_into}, which is missing")
     names = [root] if (root / HEAD).is_file() else sorted(path for path in root.glob("[!.]*/") if _is_recording(path))
-    folders = [
-        NativeFolder(
-            root=path,
-            options=chosen,
-            annotations=annotation_file_in(annotations, path.name),
-            links_into=links_into,
-        )
-        for path in names
-    ]
-    return tuple(RecordingHandle(name=each.root.name, opener=each.open) for each in folders)
+    return handles_of(names, partial(_open, options=chosen, links_into=links_into), annotations)
+
+
+def _open(root: Path, *, options: NativeOptions, links_into: Path | None, annotations: Path | None) -> Recording:
+    return NativeFolder(root=root, options=options, annotations=annotations, links_into=links_into).open()
 
 
 def _is_recording(folder: Path) -> bool:

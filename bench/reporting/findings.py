@@ -12,7 +12,7 @@ from bench.atomic import write_text
 from bench.methods.predictions import FaultKind, PredictionIndex
 from bench.plain_text import counted, listed
 from bench.reporting.document import Block, Column, Heading, Heads, Paragraph, Report, Style, Table
-from bench.validation import Count, Depth, Finding, RecordingReport, Severity, ValidationReport
+from bench.validation import Count, Finding, RecordingReport, Severity, ValidationReport
 
 SHOWN = 5  # findings of one check in one recording, of which the file has all; faults of a kind
 SHOWN_PLACES = 3  # of findings that read alike
@@ -29,7 +29,7 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
         Count(read=sum(one.read for one in counts), all=sum(one.all for one in counts))
         for counts in ([each.images for each in report.recordings], [each.sweeps for each in report.recordings])
     )
-    whole = report.depth is Depth.DEEP or (images.read == images.all and sweeps.read == sweeps.all)
+    whole = images.read == images.all and sweeps.read == sweeps.all
     yield Paragraph(
         f"{counted(errors, 'error')} and {counted(warnings, 'warning')} in "
         f"{counted(len(report.recordings), 'recording')}; "

@@ -9,7 +9,6 @@ against lidar sweeps, boxes against the points in them, stated velocities agains
 from bench.validation.findings import Finding, Severity
 from bench.validation.report import (
     Count,
-    Depth,
     RecordingReport,
     ValidationReport,
     validate_dataset,
@@ -18,7 +17,6 @@ from bench.validation.report import (
 
 __all__ = [
     "Count",
-    "Depth",
     "Finding",
     "RecordingReport",
     "Severity",

@@ -17,7 +17,7 @@ from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, Recording, Track
 from bench.reference.sweeps import pose_sweep
 from bench.times import SECOND_NS
-from bench.validation.drive import box_of
+from bench.validation.findings import box_of
 
 RING_M = 0.4  # around the box in which returns count as outside
 SLACK_M = 0.03  # scatter of ranges

@@ -16,8 +16,7 @@ from bench.plain_text import listed
 from bench.recordings import COMPLETELY, NOT_ANNOTATED, Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice
 from bench.records.reference import Category
-from bench.validation.drive import annotation_file, boxes_of, object_field
-from bench.validation.findings import Finding, Severity, new_finding, unusable
+from bench.validation.findings import Finding, Severity, annotation_file, boxes_of, new_finding, object_field, unusable
 
 Span = tuple[float, float]
 

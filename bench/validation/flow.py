@@ -26,7 +26,7 @@ from bench.flow import DisFlow
 from bench.recordings import MountedCamera, Recording, read_image
 from bench.reference.grid import DOWN, LEFT, RIGHT, UP, find_grid
 from bench.reference.sweeps import PosedSweep, pose_sweep
-from bench.validation.drive import distance_to, on_objects, sweep_times, times_of
+from bench.validation.findings import distance_to, on_objects, sweep_times, times_of
 from bench.validation.scan_matching import MeasuredMotion
 
 JUMP_M, JUMP = 0.7, 0.05  # in range from a return to its neighbour behind: in m, and as a part of its range

@@ -16,8 +16,7 @@ from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
 from bench.times import SECOND_NS
 from bench.validation.boxes import BODIES, BodyLimits
-from bench.validation.drive import annotated_times, boxes_of, object_field
-from bench.validation.findings import Finding, Severity, new_finding
+from bench.validation.findings import Finding, Severity, annotated_times, boxes_of, new_finding, object_field
 
 Array = NDArray[np.float64]
 

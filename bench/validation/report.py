@@ -6,7 +6,6 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from enum import StrEnum
 from itertools import count
 from operator import attrgetter
 from typing import Literal
@@ -23,8 +22,16 @@ from bench.validation.box_fit import BoxFit, check_unboxed
 from bench.validation.boxes import check_annotated, check_boxes
 from bench.validation.calibration import check_calibration, check_length_units
 from bench.validation.cameras import check_cameras
-from bench.validation.drive import annotation_file, calibration_file
-from bench.validation.findings import Finding, Severity, Undecided, causes, new_finding, unusable
+from bench.validation.findings import (
+    Finding,
+    Severity,
+    Undecided,
+    annotation_file,
+    calibration_file,
+    causes,
+    new_finding,
+    unusable,
+)
 from bench.validation.motion import check_ego_limits, check_motion
 from bench.validation.sensors import SweepChecks, check_images
 from bench.validation.static_world import check_static_world
@@ -33,13 +40,6 @@ from bench.validation.times import check_annotation_times, check_clocks, check_c
 SAMPLED_IMAGES, NEIGHBOURING_IMAGES = 120, 6  # of each camera, in runs of so many
 SAMPLED_SWEEPS, NEIGHBOURING_SWEEPS = 24, 2
 LARGEST_COMPARED_BYTES = 100_000_000  # of an image or a sweep; larger files hold whole drives
-
-
-class Depth(StrEnum):
-    """Share of the images and sweeps that is read."""
-
-    SAMPLED = "sampled"
-    DEEP = "deep"
 
 
 class Count(FileModel):
@@ -88,13 +88,13 @@ CHECKS: tuple[tuple[Check, Callable[[Recording], object]], ...] = (
 
 
 def validate_recording(
-    handle: RecordingHandle, *, depth: Depth = Depth.SAMPLED, progress: Callable[[float], None] = lambda _: None
+    handle: RecordingHandle, *, deep: bool = False, progress: Callable[[float], None] = lambda _: None
 ) -> RecordingReport:
     """Find all that is wrong with a recording.
 
     Args:
         handle: the recording.
-        depth: how many images and sweeps are read.
+        deep: read every image and sweep, not a sample.
         progress: called with the share that is done, 0 to 1.
     """
     try:
@@ -115,10 +115,10 @@ def validate_recording(
     for check, file in CHECKS:
         add(check(recording), file(recording))
     rows = {
-        camera: _sampled(len(images), depth, SAMPLED_IMAGES, NEIGHBOURING_IMAGES)
+        camera: _sampled(len(images), deep, SAMPLED_IMAGES, NEIGHBOURING_IMAGES)
         for camera, images in recording.images.items()
     }
-    sweep_rows = _sampled(len(recording.sweeps), depth, SAMPLED_SWEEPS, NEIGHBOURING_SWEEPS)
+    sweep_rows = _sampled(len(recording.sweeps), deep, SAMPLED_SWEEPS, NEIGHBOURING_SWEEPS)
     images = Count(read=sum(map(len, rows.values())), all=sum(map(len, recording.images.values())))
     steps = count(1)
 
@@ -160,9 +160,9 @@ def _ordered(findings: Iterable[Finding], recording: str) -> tuple[Finding, ...]
     return tuple(sorted(ordered, key=lambda finding: finding.severity is not Severity.ERROR))
 
 
-def _sampled(count: int, depth: Depth, most: int, run: int) -> list[int]:
+def _sampled(count: int, deep: bool, most: int, run: int) -> list[int]:
     """Of so many files those that are read: all, or runs of neighbours spread over the drive."""
-    if depth is Depth.DEEP or count <= most:
+    if deep or count <= most:
         return list(range(count))
     firsts = np.linspace(0, count - run, most // run).round().astype(int)
     return sorted({int(first) + i for first in firsts for i in range(run)})
@@ -174,13 +174,11 @@ class ValidationReport(FileModel, extra="ignore"):
     Attributes:
         schema_version: of the file.
         dataset: name.
-        depth: how many images and sweeps were to be read.
         recordings: in the order of the data set.
     """
 
     schema_version: Literal[1] = 1
     dataset: str
-    depth: Depth
     recordings: tuple[RecordingReport, ...]
 
     @computed_field
@@ -211,7 +209,7 @@ def validate_dataset(
     name: str,
     handles: Sequence[RecordingHandle],
     *,
-    depth: Depth = Depth.SAMPLED,
+    deep: bool = False,
     progress: Callable[[float, int], None] = lambda _done, _all: None,
 ) -> ValidationReport:
     """Validate recordings one after the other; memory does not grow with their number or length.
@@ -219,7 +217,7 @@ def validate_dataset(
     Args:
         name: of the data set.
         handles: its recordings.
-        depth: how many images and sweeps are read.
+        deep: read every image and sweep, not a sample.
         progress: called with recordings done, fractions allowed, and their number.
     """
     reports = []
@@ -229,7 +227,7 @@ def validate_dataset(
         def share_done(share: float, number: int = number) -> None:
             progress(number + share, len(handles))
 
-        report = validate_recording(handle, depth=depth, progress=share_done)
+        report = validate_recording(handle, deep=deep, progress=share_done)
         digest = _middle_digest(handle) if len(handles) > 1 else None
         if digest is not None and first.setdefault(digest, handle.name) != handle.name:
             got = f"the images and the sweep of {first[digest]!r} in the middle of it"
@@ -237,7 +235,7 @@ def validate_dataset(
             report = report.model_copy(update={"findings": (*report.findings, same)})
         reports.append(report)
         progress(number + 1, len(handles))
-    return ValidationReport(dataset=name, depth=depth, recordings=tuple(reports))
+    return ValidationReport(dataset=name, recordings=tuple(reports))
 
 
 def _middle_digest(handle: RecordingHandle) -> bytes | None:

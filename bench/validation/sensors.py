@@ -17,8 +17,7 @@ from bench.lidar import LidarSweep
 from bench.recordings import ImageRef, Recording, read_image, read_truth
 from bench.recordings.images import read_moving_mask
 from bench.records.recording import Content
-from bench.validation.drive import calibration_file, sweep_times
-from bench.validation.findings import Finding, new_finding, unusable
+from bench.validation.findings import Finding, calibration_file, new_finding, sweep_times, unusable
 
 # ---------------------------------------------------------------- images
 

@@ -19,8 +19,16 @@ from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
-from bench.validation.drive import annotated_times, boxes_near, calibration_file, distance_to, sweep_times
-from bench.validation.findings import Finding, Undecided, new_finding
+from bench.validation.findings import (
+    Finding,
+    Undecided,
+    annotated_times,
+    boxes_near,
+    calibration_file,
+    distance_to,
+    new_finding,
+    sweep_times,
+)
 from bench.validation.lidar_motion import (
     PARAMETERS,
     QUANTITIES,

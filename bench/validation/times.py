@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 
 from bench.recordings import ImageRef, Recording, SweepRef
 from bench.times import other_unit
-from bench.validation.drive import (
+from bench.validation.findings import (
+    Finding,
     annotated_times,
     annotation_file,
     calibration_file,
     distance_to,
     nearest_to,
+    new_finding,
     sensor_times,
     sweep_times,
     times_of,
 )
-from bench.validation.findings import Finding, new_finding
 
 OFF_RATE = 0.02  # of the stated time between images
 JITTER = 0.25  # of an interval

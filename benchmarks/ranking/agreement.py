@@ -18,7 +18,7 @@ Source:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import combinations
 from pathlib import Path
@@ -106,27 +106,6 @@ class Agreement(AuditModel):
     tau_between: Ratio
 
 
-class Check(AuditModel):
-    """Check that a mask that is wrong by construction has at most the IoU of the exact one.
-
-    Attributes:
-        prediction: name of the wrong one.
-        reference: that scores both.
-        iou: of the wrong one.
-        exact_iou: of the exact masks.
-    """
-
-    prediction: str
-    reference: str
-    iou: Ratio
-    exact_iou: Ratio
-
-    @property
-    def holds(self) -> bool:
-        """The wrong mask does not win."""
-        return not self.iou > self.exact_iou
-
-
 class SurfaceFit(AuditModel):
     """Correctness of the regions of `surface-v1`, over the object-frames of a slice.
 
@@ -160,7 +139,6 @@ class RankedRow(AuditModel):
             object-frames.
         scores: reference -> prediction -> IoU; share of false positives in their row.
         agreement: by lidar reference.
-        checks: where the exact masks are among the predictions; none in the row of false positives.
     """
 
     name: str
@@ -169,7 +147,6 @@ class RankedRow(AuditModel):
     unknown_share: Ratio
     scores: dict[str, dict[str, Ratio]]
     agreement: dict[str, Agreement]
-    checks: tuple[Check, ...]
 
 
 class RankingSummary(StoredAudit):
@@ -210,6 +187,17 @@ class RankingSummary(StoredAudit):
             predictions=found[0].predictions,
             tau=float(np.mean([one.tau for one in found])),
             signed_difference=float(np.mean([one.signed_difference for one in found])),
+        )
+
+    def wins(self, reference: str) -> tuple[tuple[str, str], ...]:
+        """Rows of object-frames, and masks that are wrong by construction and score more there than the exact ones."""
+        return tuple(
+            (row.name, name)
+            for row in self.rows
+            for name in self.errors
+            if self.ceiling is not None
+            and row.name != FALSE_POSITIVES
+            and row.scores[reference][name] > row.scores[reference][self.ceiling]
         )
 
     def misses(self, reference: str) -> tuple[str, ...]:
@@ -404,7 +392,6 @@ def rank_row(name: str, scores: pd.DataFrame, predictions: Sequence[Prediction])
             reference: agreement(terms, reference=number, predictions=predictions)
             for number, reference in enumerate(REFERENCES[:-1])
         },
-        checks=() if name == FALSE_POSITIVES else tuple(_checks(values, predictions)),
     )
 
 
@@ -430,16 +417,6 @@ def surface_fits(fits: pd.DataFrame) -> tuple[SurfaceFit, ...]:
                 )
             )
     return tuple(found)
-
-
-def _checks(iou: Values, predictions: Sequence[Prediction]) -> Iterator[Check]:
-    """The checks of a row; `iou` is (references, predictions) float64."""
-    exact = _number(predictions, WrongMasks())
-    for number, prediction in enumerate(predictions):
-        if exact is None or prediction.error is None:
-            continue
-        for reference, scores in zip(REFERENCES, iou.tolist(), strict=True):
-            yield Check(prediction=prediction.name, reference=reference, iou=scores[number], exact_iou=scores[exact])
 
 
 def _number(predictions: Sequence[Prediction], method: WrongMasks) -> int | None:

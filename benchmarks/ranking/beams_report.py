@@ -10,11 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from bench.atomic import write_text
 from bench.audit import ALL
 from bench.evaluation.sums import ALL_MOVING
 from bench.reporting import figures, formats
 from bench.reporting.audit import sections
-from bench.reporting.document import Code, Column, Heads, Paragraph, Picture, Report, Table
+from bench.reporting.document import Code, Column, Heading, Heads, Paragraph, Picture, Table, to_markdown
 from benchmarks.ranking.agreement import command, tau_text
 from benchmarks.ranking.beams import BEAMS, BeamsRow, BeamsSummary
 
@@ -81,12 +82,12 @@ def beams_tables(found: BeamsSummary) -> tuple[Table, ...]:
     return (beams_table(found),)
 
 
-def report(found: BeamsSummary) -> Report:
-    """The table with its note, below the picture; a line of numbers per class and number of beams."""
+def report(found: BeamsSummary) -> str:
+    """The table with its note, below the picture, in Markdown."""
     methods = f" --methods {','.join(found.predictions)}" if len(found.predictions) > 1 else ""
-    return Report(
-        title=f"How many beams does a reference of {found.dataset} need?",
-        blocks=[
+    return to_markdown(
+        [
+            Heading(f"How many beams does a reference of {found.dataset} need?", 1),
             Paragraph(
                 f"Rings of the lidar are left out, evenly spaced, in {found.images} images of {found.recordings} "
                 "recordings; everything else is as recorded. Made by:"
@@ -95,13 +96,7 @@ def report(found: BeamsSummary) -> Report:
             Picture("beams.png", "What the reference tells and loses, over the number of beams"),
             *sections(beams_tables(found)),
         ],
-        numbers=map(_numbers, found.rows),
     )
-
-
-def _numbers(row: BeamsRow) -> dict[str, object]:
-    low, high = (row.tau and row.tau.ci95) or (None, None)
-    return dict(row) | {"tau": row.tau and row.tau.value, "tau_low": low, "tau_high": high}
 
 
 _COLUMNS, _PANEL_IN = 3, 2.2
@@ -151,6 +146,6 @@ def _value(row: BeamsRow, title: str) -> float:
 
 
 def write_beams_files(folder: Path, found: BeamsSummary) -> tuple[Path, ...]:
-    """Write `beams.md`, `beams.csv`, `beams.png` and `beams.svg` beside `beams.json`; all of their paths."""
-    files = report(found).write(folder, "beams")
-    return (folder / BEAMS, *files, *figures.write_picture(folder / "beams", draw_beams(found)))
+    """Write `beams.md`, `beams.png` and `beams.svg` beside `beams.json`; all of their paths."""
+    write_text(folder / "beams.md", report(found))
+    return (folder / BEAMS, folder / "beams.md", *figures.write_picture(folder / "beams", draw_beams(found)))

@@ -9,12 +9,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bench.atomic import write_text
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.sums import ALL_MOVING
 from bench.reference import Category
 from bench.reporting import figures, formats
 from bench.reporting.audit import decimal, sections
-from bench.reporting.document import Code, Column, Paragraph, Picture, Report, Table
+from bench.reporting.document import Code, Column, Heading, Paragraph, Picture, Table, to_markdown
 from benchmarks.ranking.agreement import (
     KINDS,
     LARGEST_DIFFERENCE,
@@ -58,9 +59,8 @@ def overview_table(ranking: RankingSummary) -> Table:
     for reference in LIDAR:
         differences = [100 * ranking.mean_difference(reference, real=real) for real in (False, True)]
         taus = [row.agreement[reference].tau.value for row in ranking.rows]
-        checks = [check.holds for row in ranking.rows for check in row.checks if check.reference == reference]
-        wins = f"{checks.count(False)} of {len(checks)}"
-        rows.append([NAMES[reference], *differences, *taus, wins, "; ".join(ranking.misses(reference)) or "none"])
+        won = "; ".join(f"{name} in {row_label(row).lower()}" for row, name in ranking.wins(reference)) or "none"
+        rows.append([NAMES[reference], *differences, *taus, won, "; ".join(ranking.misses(reference)) or "none"])
     points = [Column(heading, "{:.1f}".format) for heading in ("IoU points, all", "real methods")]
     of_rows = [Column(f"tau {row_label(row.name).lower()}", decimal) for row in ranking.rows]
     return Table(
@@ -71,7 +71,7 @@ def overview_table(ranking: RankingSummary) -> Table:
         "kinds of motion. Tau: Kendall's tau-b of the two orders of the predictions, by IoU, of false positives by "
         f"their area. The aims: tau of at least {LEAST_TAU} in every row with at least {FEWEST_RECORDINGS} recordings, "
         f"at most {100 * LARGEST_DIFFERENCE:g} points over all predictions and {100 * LARGEST_REAL_DIFFERENCE:g} over "
-        "real methods. Wrong masks: how often one that is made of the exact masks scores more than these.",
+        "real methods. Wrong masks: those made of the exact masks that score more than these.",
     )
 
 
@@ -162,25 +162,6 @@ def fit_table(ranking: RankingSummary) -> Table:
     )
 
 
-def check_table(ranking: RankingSummary) -> Table:
-    """Masks that are wrong by construction and beat the exact one somewhere, one line per row and mask."""
-    rows: dict[tuple[str, str], dict[str, str]] = {}
-    for row in ranking.rows:
-        for check in row.checks:
-            iou = f"{formats.hundredths(check.iou)} : {formats.hundredths(check.exact_iou)}"
-            cells = rows.setdefault((row_label(row.name), check.prediction), {})
-            cells[check.reference] = iou if check.holds else f"WINS {iou}"
-    won = {key: cells for key, cells in rows.items() if any("WINS" in cell for cell in cells.values())}
-    return Table(
-        title="Wrong masks that beat the exact one",
-        columns=["Type", "Mask", *NAMES.values()],
-        rows=[[*key, *map(cells.get, NAMES)] for key, cells in won.items()],
-        note=f"IoU of the mask : IoU of the exact mask, in percent. {len(rows) - len(won)} of {len(rows)} masks and "
-        "rows are left out, in which the exact mask scores at least as much by every reference.",
-        words=2,
-    )
-
-
 def score_table(row: RankedRow) -> Table:
     """Every prediction's score in one row, the best by the exact masks first."""
     scores = pd.DataFrame(row.scores).sort_values(EXACT, ascending=False, kind="stable")
@@ -208,16 +189,16 @@ def _points(found: Estimate) -> str:
 def ranking_tables(ranking: RankingSummary) -> tuple[Table, ...]:
     """The tables that are printed."""
     tables = [overview_table(ranking), agreement_table(ranking), ceiling_table(ranking), fit_table(ranking)]
-    return (*tables, kind_table(ranking), check_table(ranking)) if ranking.errors else tuple(tables)
+    return (*tables, kind_table(ranking)) if ranking.errors else tuple(tables)
 
 
-def report(ranking: RankingSummary) -> Report:
-    """All tables with their notes, below the picture; a line per number, none where there is none."""
+def report(ranking: RankingSummary) -> str:
+    """All tables with their notes, below the picture, in Markdown."""
     methods = "all" if ranking.predictions == ALL_PREDICTIONS else ",".join(ranking.predictions)
     of_rows = (score_table(row) for row in ranking.rows if row.cases)
-    return Report(
-        title=f"Does the lidar reference of {ranking.dataset} rank methods as the truth does?",
-        blocks=[
+    return to_markdown(
+        [
+            Heading(f"Does the lidar reference of {ranking.dataset} rank methods as the truth does?", 1),
             Paragraph(
                 f"{len(ranking.predictions)} predictions, {len(ranking.real)} of them real methods, against four lidar "
                 f"references and the exact masks, over the same object-frames of {ranking.images} images of "
@@ -226,12 +207,6 @@ def report(ranking: RankingSummary) -> Report:
             Code(f"{command(ranking)} --methods {methods}"),
             Picture("ranking.png", "Scores against lidar references over scores against exact masks"),
             *sections((*ranking_tables(ranking), *of_rows)),
-        ],
-        numbers=[
-            {"row": row.name, "reference": reference, "prediction": name, "value": score}
-            for row in ranking.rows
-            for reference, scores in row.scores.items()
-            for name, score in scores.items()
         ],
     )
 
@@ -282,6 +257,7 @@ def _draw_row(axes: Axes, row: RankedRow, ranking: RankingSummary) -> None:
 
 
 def write_ranking_files(folder: Path, ranking: RankingSummary) -> tuple[Path, ...]:
-    """Write `ranking.md`, `ranking.csv`, `ranking.png` and `ranking.svg` beside `ranking.json`; all of their paths."""
-    files = report(ranking).write(folder, "ranking")
-    return (folder / RANKING, *files, *figures.write_picture(folder / "ranking", draw_ranking(ranking)))
+    """Write `ranking.md`, `ranking.png` and `ranking.svg` beside `ranking.json`; all of their paths."""
+    write_text(folder / "ranking.md", report(ranking))
+    pictures = figures.write_picture(folder / "ranking", draw_ranking(ranking))
+    return (folder / RANKING, folder / "ranking.md", *pictures)

@@ -237,17 +237,14 @@ def test_a_scan_that_is_cut_short_or_too_large_for_one(root):
         reference.read()
 
 
-def test_a_sequence_without_boxes_is_not_scored_as_empty(root):
-    assert opened(root).annotated == COMPLETELY
-    boxes_file(root).unlink()
-    assert opened(root).annotated == NOT_ANNOTATED
-
-
 def test_the_card_of_the_data_set_opens_a_part_of_it(root, monkeypatch):
     monkeypatch.setenv("KITTI360_DATASET", str(root))
     card = load_card("kitti-360")
     (handle,) = open_dataset(card)
-    assert handle.open().name == tiny.SEQUENCE
+    recording = handle.open()
+    assert (recording.name, recording.annotated) == (tiny.SEQUENCE, COMPLETELY)
+    boxes_file(root).unlink()
+    assert handle.open().annotated == NOT_ANNOTATED
     ranges = {(e["sequence"], *e["frames"]) for e in card.content.options["excluded_frames"]}
     assert ranges == {("0000", 0, 249), ("0004", 0, 2896)}
 

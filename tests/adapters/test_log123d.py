@@ -13,7 +13,7 @@ from bench.recordings import list_cards, open_dataset, read_image
 from bench.recordings.cards import shipped_folder
 from bench.records.recording import Cuboid
 from bench.records.reference import OBJECT_CLASSES
-from tests.support import log123d, tiny
+from tests.support import log123d
 
 
 @pytest.fixture(scope="module")
@@ -76,17 +76,6 @@ def test_a_log_of_the_librarys_own_writer_reads_as_the_recording(native, tmp_pat
     settings = {"camera_store_option": "png_binary", "lidar_codec": "ipc_zstd"}
     log123d.write_log_by_library(native, tmp_path, library, **settings)
     assert_same(opened(tmp_path), native)
-
-
-@pytest.mark.slow
-def test_points_by_draco_are_refused_with_what_to_do(native, tmp_path, library):
-    settings = {"camera_store_option": "jpeg_binary", "lidar_codec": "draco"}
-    log123d.write_log_by_library(native, tmp_path, library, **settings)
-    recording = opened(tmp_path)
-    with pytest.raises(DataError, match=r"expected points as an Arrow stream, .*; convert again with .*: ipc_zstd"):
-        recording.sweeps[0].read()
-    (camera,) = recording.cameras.values()
-    assert read_image(recording.images["ftcam_f0"][0], camera).shape == (tiny.HEIGHT, tiny.WIDTH)
 
 
 def rewritten(file, change):

@@ -26,12 +26,9 @@ from tests.support import tiny_rosbag as bags
 REPOSITORY = Path(__file__).parents[2]
 
 
-def listed(root, *, annotations=None, **options):
-    return rosbag_recordings(root, options=bags.OPTIONS | options, card=root / "card.yaml", annotations=annotations)
-
-
 def opened(root, *, annotations=None, **options):
-    (handle,) = listed(root, annotations=annotations, **options)
+    chosen = bags.OPTIONS | options
+    (handle,) = rosbag_recordings(root, options=chosen, card=root / "card.yaml", annotations=annotations)
     return handle.open()
 
 

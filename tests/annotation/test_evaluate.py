@@ -24,19 +24,28 @@ def named(recording, *names, as_=None):
     return [replace(tracks[name], track_id=as_ or f"p-{name}") for name in names]
 
 
+def outcomes_of(frames, name, column="object"):
+    return set(frames.loc[frames[column] == name, "outcome"])
+
+
 def test_the_annotations_themselves_are_right(recording):
     frames, scores = outcomes(recording, recording.tracks)
     assert scores["recall"] == scores["precision"] == 1.0
     assert scores["speed_error_p90"] == scores["centre_error_p90"] == scores["false_tracks_per_minute"] == 0.0
-    assert set(frames.loc[frames["object"] == "parked", "outcome"]) == {"neutral"}
+    assert outcomes_of(frames, "parked") == {"neutral"}
+    assert worst_tracks(frames).empty
+    near, every = (proposal_scores(frames, minutes=1.0).set_index("range").loc[name] for name in ("< 8 m", "all"))
+    assert {"all", "cyclist"} <= set(near["group"])
+    assert near["object_frames"].max() < every["object_frames"].max()
+    assert set(frames["object_class"]) == {kind for kind, *_ in OBJECTS.values()}
 
 
 def test_what_is_not_proposed_is_missed(recording):
     frames, scores = outcomes(recording, named(recording, "leader"))
     assert scores["precision"] == 1.0
-    assert set(frames.loc[frames["object"] == "rider", "outcome"]) == {"missed"}
+    assert outcomes_of(frames, "rider") == {"missed"}
     assert (frames["object"] == "rider").sum() == SWEEPS
-    assert set(frames.loc[frames["object"] == "parked", "outcome"]) == {"neutral"}
+    assert outcomes_of(frames, "parked") == {"neutral"}
 
 
 def test_a_second_proposal_for_an_object_is_false(recording):
@@ -49,16 +58,13 @@ def test_moving_on_what_rests_is_false(recording):
     (parked,) = named(recording, "parked")
     states = tuple(replace(state, velocity_mps=np.array([2.0, 0.0, 0.0])) for state in parked.states)
     frames, _ = outcomes(recording, [replace(parked, states=states)])
-    assert set(frames.loc[frames["proposal"] == "p-parked", "outcome"]) == {"false"}
+    assert outcomes_of(frames, "p-parked", "proposal") == {"false"}
 
 
 def test_a_track_that_changes_its_name(recording):
     (whole,) = named(recording, "rider")
-    halves = [
-        replace(whole, track_id="first", states=whole.states[:8]),
-        replace(whole, track_id="then", states=whole.states[8:]),
-    ]
-    _, scores = outcomes(recording, halves)
+    parts = (("first", whole.states[:8]), ("then", whole.states[8:]))
+    _, scores = outcomes(recording, [replace(whole, track_id=name, states=states) for name, states in parts])
     assert scores["switches"] == 1
 
 
@@ -99,17 +105,7 @@ def test_the_worst_tracks(recording):
     assert rows["rider", "cyclist proposed as pedestrian"] == 6
     assert {name for name, wrong in rows.index if wrong == "false"} <= {"again", "p-leader"}
     assert rows.is_monotonic_decreasing
-    assert worst_tracks(outcomes(recording, recording.tracks)[0]).empty
     assert set(worst_tracks(outcomes(recording, [])[0])["wrong"]) == {"missed"}
-
-
-def test_groups(recording):
-    frames, _ = outcomes(recording, recording.tracks)
-    scores = proposal_scores(frames, minutes=1.0)
-    near = scores[scores["range"] == "< 8 m"].set_index("group")
-    assert {"all", "cyclist"} <= set(near.index)
-    assert near.loc["all", "object_frames"] < scores[scores["range"] == "all"]["object_frames"].max()
-    assert set(frames["object_class"]) == {kind for kind, *_ in OBJECTS.values()}
 
 
 def test_without_annotations_there_is_nothing_to_compare_with(recording):
@@ -129,14 +125,14 @@ def test_what_is_seen_where_nobody_annotated_is_neither_right_nor_wrong(recordin
     known = [track for track in recording.tracks if track.track_id != "rider"]
     partly = replace(recording, tracks=tuple(known))
     frames, scores = outcomes(partly, recording.tracks)
-    assert set(frames.loc[frames["proposal"] == "rider", "outcome"]) == {"false"}
+    assert outcomes_of(frames, "rider", "proposal") == {"false"}
     assert scores["precision"] < 1.0
     left_out = replace(partly.annotated, left_out_m=(around(recording, "rider"),))
     frames, scores = outcomes(replace(partly, annotated=left_out), recording.tracks)
-    assert set(frames.loc[frames["proposal"] == "rider", "outcome"]) == {"neutral"}
+    assert outcomes_of(frames, "rider", "proposal") == {"neutral"}
     assert scores["precision"] == 1.0
     missed, _ = outcomes(replace(recording, annotated=left_out), ())  # nor is it asked for
-    assert set(missed.loc[missed["object"] == "rider", "outcome"]) == {"neutral"}
+    assert outcomes_of(missed, "rider") == {"neutral"}
 
 
 def test_times_that_nobody_annotated_are_not_compared(recording):

@@ -1,5 +1,7 @@
 """The file of a review, what decisions do to tracks, and decisions on proposals that are made anew."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -14,25 +16,23 @@ def statuses(review):
     return [track.status for track in applied(review).values()]
 
 
-def accept(*names):
-    return judge("accept", *names)
-
-
-def reject(*names):
-    return judge("reject", *names)
+accept, reject = partial(judge, "accept"), partial(judge, "reject")
 
 
 def key(name, i, centre_m, *, yaw_rad=0.0, size_m=(4.0, 2.0, 1.5)):
-    told = {"track": name, "timestamp_ns": i * STEP_NS, "centre_m": centre_m, "yaw_rad": yaw_rad, "size_m": size_m}
-    return store.SetBox(**MADE, **told)
+    box = {"centre_m": centre_m, "yaw_rad": yaw_rad, "size_m": size_m}
+    return store.SetBox(**MADE, track=name, timestamp_ns=i * STEP_NS, **box)
 
 
 def cut(name, i):
     return store.SplitTime(**MADE, track=name, timestamp_ns=i * STEP_NS)
 
 
-def merge(*names):
-    return store.Merge(**MADE, tracks=names)
+def told(action, *names, **more):
+    return action(**MADE, tracks=names, **more)
+
+
+merge, set_class = partial(told, store.Merge), partial(told, store.SetClass)
 
 
 def draw(track):
@@ -119,11 +119,10 @@ def test_decisions_about_tracks_that_are_not_there_are_refused(decision):
 
 
 def test_what_a_reviewer_says_of_a_track():
-    told = {"tracks": ("p1",), **MADE}
     said = [
-        store.SetClass(object_class="cyclist", **told),
-        store.SetUnclear(unclear=True, **told),
-        store.SetCategory(category="crossing", **told),
+        set_class("p1", object_class="cyclist"),
+        told(store.SetUnclear, "p1", unclear=True),
+        told(store.SetCategory, "p1", category="crossing"),
     ]
     track, other = applied(decided(review_of(straight("p1"), straight("p2")), *said)).values()
     assert (track.object_class, track.unclear, track.category) == ("cyclist", True, "crossing")
@@ -239,10 +238,10 @@ def test_iou_of_tracks_counts_all_times_of_both(a, b, iou):
     assert tracks_iou(undecided(straight("a", **a)), undecided(straight("b", **b))) == pytest.approx(iou)
 
 
-def with_hole(name, first, last, **more):
-    """A straight track without the states from `first` to `last`."""
-    whole = straight(name, **more)
-    return whole.model_copy(update={"states": (*whole.states[:first], *whole.states[last + 1 :])})
+def without(track, *numbers):
+    """The track without some of its states."""
+    kept = tuple(state for number, state in enumerate(track.states) if number not in numbers)
+    return track.model_copy(update={"states": kept})
 
 
 def reasons(track):
@@ -250,12 +249,10 @@ def reasons(track):
 
 
 def test_a_hole_is_a_doubt_until_a_key_frame_fills_it():
-    review = review_of(with_hole("p1", 4, 6), straight("p2"), with_hole("p3", 5, 5))
-    before = applied(review)
-    assert [reasons(before[name]) for name in ("p1", "p2", "p3")] == [["hole of 3 sweeps"], [], ["hole of 1 sweep"]]
-    two = straight("p4", states=9)
-    two = two.model_copy(update={"states": tuple(two.states[i] for i in (0, 1, 4, 5, 7, 8))})
-    assert reasons(undecided(two)) == ["2 holes of 3 sweeps"]
+    two = without(straight("p2", states=9), 2, 3, 6)
+    review = review_of(without(straight("p1"), 4, 5, 6), two, without(straight("p3"), 5))
+    holes = [reasons(track) for track in applied(review).values()]
+    assert holes == [["hole of 3 sweeps"], ["2 holes of 3 sweeps"], ["hole of 1 sweep"]]
     filled = applied(decided(review, key("p1", 5, (5, 0, 1))))["p1"]
     assert reasons(filled) == []
     np.testing.assert_array_equal(filled.motion.times_ns, np.arange(11) * STEP_NS)
@@ -263,7 +260,7 @@ def test_a_hole_is_a_doubt_until_a_key_frame_fills_it():
 
 
 def test_a_hole_of_many_seconds_is_filled_near_the_key_frame_alone():
-    review = review_of(with_hole("p1", 10, 79, states=91))
+    review = review_of(without(straight("p1", states=91), *range(10, 80)))
     filled = applied(decided(review, key("p1", 25, (25, 0, 1))))["p1"]
     np.testing.assert_array_equal(filled.motion.times_ns // STEP_NS, [*range(26), *range(80, 91)])
     assert reasons(filled) == ["hole of 54 sweeps"]
@@ -272,11 +269,9 @@ def test_a_hole_of_many_seconds_is_filled_near_the_key_frame_alone():
 def test_a_size_that_does_not_fit_the_class_is_a_doubt():
     review = review_of(straight("p1"), straight("p2", size_m=(0.5, 1.8, 1.5)))
     assert [reasons(track) for track in applied(review).values()] == [[], ["0.5 m is short for a vehicle"]]
-    person = store.SetClass(**MADE, tracks=("p1",), object_class="pedestrian")
-    assert reasons(applied(decided(review, person))["p1"]) == [
-        "4.0 m is long for a pedestrian",
-        "2.0 m is wide for a pedestrian",
-    ]
+    person = set_class("p1", object_class="pedestrian")
+    wrong = ["4.0 m is long for a pedestrian", "2.0 m is wide for a pedestrian"]
+    assert reasons(applied(decided(review, person))["p1"]) == wrong
     mended = key("p1", 3, (3, 0, 1), size_m=(0.8, 0.7, 1.7))
     assert reasons(applied(decided(review, person, mended))["p1"]) == []
 

@@ -10,10 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.evaluation import load_protocol
-from bench.harness import FramePipeline
-from bench.methods import build_method
-from bench.recordings import load_card, open_dataset
+import bench
+from bench.methods import Segmentation, build_method
 from bench.reference import ReferenceFrame
 
 CAMERA = "front"
@@ -21,14 +19,12 @@ CAMERA = "front"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Image:
-    """An image of the data set and what may be predicted of it."""
+    """An image of the data set and what the paper's method answers."""
 
     recording: str
-    frame: int
     timestamp_ns: int
     reference: ReferenceFrame
-    method: NDArray[np.bool_]
-    likelihood: NDArray[np.float32]
+    answer: Segmentation
 
     @property
     def moving(self) -> NDArray[np.uint8]:
@@ -41,23 +37,16 @@ class Image:
 
 def images_of(card: Path) -> list[Image]:
     """All images that have one before them."""
-    method, found = build_method("spherical"), []
-    for handle in open_dataset(load_card(str(card))):
-        pipeline = FramePipeline(handle.open(), CAMERA, method=method, protocol=load_protocol("paper-v1"))
-        for frame in range(1, len(pipeline.images)):
-            processed = pipeline.process(frame)
-            assert processed.segmentation.likelihood is not None
-            found.append(
-                Image(
-                    recording=handle.name,
-                    frame=frame,
-                    timestamp_ns=processed.image.timestamp_ns,
-                    reference=processed.reference,
-                    method=processed.segmentation.mask,
-                    likelihood=processed.segmentation.likelihood,
-                )
-            )
-    return found
+    method = build_method("spherical")
+    return [
+        Image(
+            recording=frame.recording,
+            timestamp_ns=frame.timestamp_ns,
+            reference=frame.reference,
+            answer=method.segment(frame.input),
+        )
+        for frame in bench.open_dataset(card).frames(protocol="paper-v1")
+    ]
 
 
 def write_map(folder: Path, place: str, name: object, values: NDArray) -> Path:

@@ -78,12 +78,16 @@ def test_empty_and_full_masks(evaluate, images, tmp_path):
 def test_a_methods_masks_count_as_the_method_does(evaluate, images, tiny_card, monkeypatch, tmp_path):
     words = ("run", tiny_card, "--out", tmp_path / "method", "--no-pictures", "--protocol", "paper-v1")
     assert call(monkeypatch, *words) == 0
-    cells = evaluate(write_maps(tmp_path / "cells", images, lambda image: image.method.astype(np.uint8)), out="a")
+    cells = evaluate(write_maps(tmp_path / "cells", images, lambda image: image.answer.mask.astype(np.uint8)), out="a")
     assert counts_of(cells) == counts_of(tmp_path / "method")
     assert read_run(cells).manifest.reference == read_run(tmp_path / "method").manifest.reference
-    pixels = write_maps(tmp_path / "pixels", images, lambda image: np.kron(image.method, np.full((5, 5), 255, "u1")))
+    pixels = write_maps(
+        tmp_path / "pixels", images, lambda image: np.kron(image.answer.mask, np.full((5, 5), 255, "u1"))
+    )
     assert counts_of(evaluate(pixels, out="b")) == counts_of(cells)
-    large = write_maps(tmp_path / "large", images, lambda image: np.kron(image.method, np.full((15, 15), 255, "u1")))
+    large = write_maps(
+        tmp_path / "large", images, lambda image: np.kron(image.answer.mask, np.full((15, 15), 255, "u1"))
+    )
     assert counts_of(evaluate(large, out="c")) == counts_of(cells)
     out = tmp_path / "compared"
     words = ("compare", tmp_path / "method", cells, "--out", out, "--no-pictures")
@@ -188,7 +192,7 @@ def test_a_split_needs_its_own_predictions_only(evaluate, masks, capsys):
 
 def probability(image) -> np.ndarray:
     """The likelihood as a score: the paper's threshold lies at one half."""
-    odds = image.likelihood.astype(np.float64) / 6e-4
+    odds = image.answer.likelihood.astype(np.float64) / 6e-4
     return odds / (1 + odds)
 
 

@@ -68,23 +68,6 @@ def test_what_is_exported_is_imported_and_used(monkeypatch, capsys, card, tmp_pa
     assert "give the card" not in capsys.readouterr().out
 
 
-def test_other_labels_stay_unless_the_user_says_so(monkeypatch, capsys, card, tmp_path):
-    assert call(monkeypatch, *exported(card, "openlabel", tmp_path / "tool")) == 0
-    words_ = ("annotate", "import", "openlabel", tmp_path / "tool/drive", *words(card, "--out", tmp_path / "in"))
-    assert call(monkeypatch, *words_) == 0
-    assert call(monkeypatch, *words_) == 0  # the same once more
-    mine = (tmp_path / "in/drive.json").read_text().replace('"vehicle"', '"cyclist"', 1)
-    (tmp_path / "in/drive.json").write_text(mine)
-    capsys.readouterr()
-    assert "other labels that are there; give another folder; or --overwrite" in error_line(
-        monkeypatch, capsys, *words_
-    )
-    assert (tmp_path / "in/drive.json").read_text() == mine
-    assert call(monkeypatch, *words_, "--overwrite") == 0
-    assert f"what was there is kept as {tmp_path / 'in/drive.json.1'}" in capsys.readouterr().out
-    assert (tmp_path / "in/drive.json.1").read_text() == mine
-
-
 def test_a_recording_that_nobody_annotated_is_imported_into(monkeypatch, capsys, card, tmp_path):
     out, folder = tmp_path / "tool", tmp_path / "annotations"
     assert call(monkeypatch, *exported(card, "cvat", out)) == 0

@@ -18,7 +18,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from bench.commands import console
-from bench.commands.app import EXAMPLES, app, user_message
+from bench.commands.app import app, user_message
 from bench.commands.command import PATH, TEXT, Flag, Place, Words, command_line
 from bench.methods.settings import split_values
 from bench.recordings import load_card
@@ -172,13 +172,16 @@ def commands(group, before=""):
 COMMANDS = dict(commands(typer.main.get_command(app)))
 
 
+EXAMPLES = [(name, line) for name, command in COMMANDS.items() for line in command.epilog.splitlines()[3:]]
+
+
 def test_every_command_has_examples_which_its_help_shows_line_by_line():
-    assert EXAMPLES.keys() == COMMANDS.keys()
+    assert {name for name, _ in EXAMPLES} == COMMANDS.keys()
     for words in (("sweep",), ("annotate", "export")):
         shown = called_here(*words, "--help").stdout.splitlines()
         start = next(number for number, line in enumerate(shown) if line.strip() == "Examples:")
         lines = [line.strip() for line in shown[start + 1 :] if line.strip()]
-        assert lines == [f"fisheye-bench {example}" for example in EXAMPLES[" ".join(words)]]
+        assert lines == [example for name, example in EXAMPLES if name == " ".join(words)]
 
 
 def test_every_option_has_a_help():
@@ -186,10 +189,11 @@ def test_every_option_has_a_help():
     assert not bare
 
 
-@pytest.mark.parametrize(("command", "example"), [(name, one) for name, all in EXAMPLES.items() for one in all])
+@pytest.mark.parametrize(("command", "example"), EXAMPLES)
 def test_an_example_is_parsed(command, example):
-    assert f"{example} ".startswith(f"{command} ")
-    found = COMMANDS[command].make_context(command, example.removeprefix(command).split()).params
+    assert f"{example} ".startswith(f"fisheye-bench {command} ")
+    words = example.removeprefix(f"fisheye-bench {command}").split()
+    found = COMMANDS[command].make_context(command, words).params
     dataset = found.get("dataset")
     assert dataset is None or dataset.startswith(OURS) or load_card(dataset).name == dataset
     for text in [*(found.get("set_") or ()), *(found.get("input_error") or ())]:

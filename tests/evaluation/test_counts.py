@@ -295,17 +295,6 @@ def test_a_lag_earlier_and_for_the_first_frames_a_lag_later() -> None:
     assert {t: objects["a"] for t, objects in found.items()} == {0: 3, 10: 4, 20: 1, 30: 2, 40: 3}
 
 
-def test_a_sequence_too_short_has_no_chance_level() -> None:
-    assert chance_of([0, 10, 20], lag_ns=21) == {}
-    # The middle frame is a lag away from neither end.
-    assert set(chance_of([0, 10, 20], lag_ns=15)) == {0, 20}
-
-
-def test_a_gap_in_time_only_makes_the_other_frame_further_away() -> None:
-    found = chance_of([0, 10, 100, 110], lag_ns=20)
-    assert {t: objects["a"] for t, objects in found.items()} == {0: 3, 10: 3, 100: 2, 110: 2}
-
-
 @given(st.sets(st.integers(0, 100), max_size=PIXELS - 1), st.integers(1, 60))
 def test_agrees_with_a_search_over_all_frames(times: set[int], lag_ns: int) -> None:
     times_ns = sorted(times)

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
 from bench.errors import DataError, UnknownNameError
 from bench.evaluation import known_protocols, load_protocol
-from bench.recordings import load_card, open_dataset
-from bench.records.reference import Category, IgnoreReason, Limb, ReferenceObject
-from bench.reference import ReferenceBuilder
+from bench.records.reference import Category, Limb
 
 # A released protocol is never edited, only superseded by a new file with a line of its own here.
 RELEASED = {
@@ -141,22 +137,3 @@ def test_a_released_name_belongs_to_its_rules(tmp_path, name):
         load_protocol(file)
     file.write_text(f"based_on: {name}\nname: ours-v1\nreference: {{min_points: 1}}\n")
     assert load_protocol(file).digest != load_protocol(name).digest
-
-
-def test_what_lies_on_a_limit_is_evaluated(tiny_card: Path) -> None:
-    recording = next(handle.open() for handle in open_dataset(load_card(tiny_card)) if handle.name == "crossing")
-    rules, image = load_protocol("paper-v1").reference_settings(), recording.images["front"][2]
-
-    def built(**changes: float) -> ReferenceObject:
-        return ReferenceBuilder(recording, "front", replace(rules, **changes)).build(image).objects[0]
-
-    item = built()
-    nearer = float(np.nextafter(item.range_m, 0))
-    for limits, beyond, why in (
-        ({"range_limit_m": item.range_m}, {"range_limit_m": nearer}, IgnoreReason.RANGE),
-        ({"min_points": item.points}, {"min_points": item.points + 1}, IgnoreReason.FEW_POINTS),
-        ({"min_polygon_px": item.polygon_px}, {"min_polygon_px": item.polygon_px + 1}, IgnoreReason.SMALL_POLYGON),
-    ):
-        on_it, past_it = built(**limits), built(**beyond)
-        assert (on_it.track_id, on_it.reason, on_it.region_px) == (item.track_id, None, item.region_px)
-        assert past_it.reason is why

@@ -33,9 +33,7 @@ def three_objects() -> Summary:
     """Two recordings; coverages 1/2, 0 and 1, false positives 2, 0 and 0."""
     one = reference_frame(picture("11..\n11..\n....\n2..."), recording="one")
     two = reference_frame(picture("1111"), recording="two")
-    return summary_of(
-        joined([scored([(one, mask(".xx.\n.x..\n.x..\n...."))]), scored([(two, mask("xxxx"))])]),
-    )
+    return summary_of(joined([scored([(one, mask(".xx.\n.x..\n.x..\n...."))]), scored([(two, mask("xxxx"))])]))
 
 
 def test_figures_to_check_by_hand() -> None:

@@ -10,13 +10,7 @@ import pyarrow as pa
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import (
-    Rows,
-    read_sums,
-    sum_run,
-    summarise,
-    write_sums,
-)
+from bench.evaluation import Rows, read_sums, sum_run, summarise, write_sums
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.evaluation.rows import group_recordings
 from bench.evaluation.sums import KEY

@@ -12,13 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError
-from bench.evaluation import (
-    SequenceScorer,
-    ThresholdFreeMetrics,
-    summarise,
-    threshold_free_metrics,
-    threshold_sweep,
-)
+from bench.evaluation import SequenceScorer, ThresholdFreeMetrics, summarise, threshold_free_metrics, threshold_sweep
 from bench.evaluation.counts import BINS, EDGES, PAPER_THRESHOLD, SCORE_EDGES, find_bins
 from bench.evaluation.thresholds import ThresholdSweep
 from bench.records.segmentation import Segmentation

@@ -9,12 +9,7 @@ import pyarrow as pa
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import (
-    Metric,
-    sum_run,
-    summarise,
-    threshold_sweep,
-)
+from bench.evaluation import Metric, sum_run, summarise, threshold_sweep
 from bench.evaluation.counts import EDGES
 from bench.evaluation.maps import range_maps
 from bench.harness import open_tables, read_run, read_tables

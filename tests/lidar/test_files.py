@@ -162,12 +162,6 @@ def test_the_columns_of_a_bin_file_are_those_of_the_card(tmp_path, columns):
     assert sweep.unread_fields == tuple(name for name in names[3:] if name != "time")
 
 
-def test_a_bin_file_of_no_whole_rows_names_the_columns(tmp_path):
-    np.zeros(403, dtype="<f4").tofile(tmp_path / "1.bin")
-    with pytest.raises(DataError, match=r"rows of 4 float32 .* got 1612 bytes.* name the columns .* bin_columns"):
-        read_sweep(tmp_path / "1.bin", 0)
-
-
 NAMES = [
     *("t", "time", "time_stamp", "stamps", "point_time_offset", "offset_ns", "Timestamp", "timeStamp", "offset_time"),
     *("t_us", "gps_time", "ts", "reltime", "firing_time", "t_offset", "dt", "timestampNs", "stampUs", "laserTime"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bench import plug_ins
-from bench.errors import DataError, UsageError
+from bench.errors import UsageError
 from bench.recordings import ADAPTERS, load_card, open_dataset
 from tests.support.cards import write_card
 from tests.support.data_sets import DATA_SETS, card_of, native
@@ -39,21 +39,6 @@ def test_recordings_have_what_the_reference_needs(card):
         assert recording.trajectory.at(reference.read().times_ns)[2].all()
     assert bool(recording.tracks) != masked
     assert recording.vehicle_outline_m.shape[1] == 2
-
-
-def test_half_the_size_is_an_option_of_every_adapter(card, tmp_path):
-    (stored,) = open_dataset(card)
-    halves = {name: [side // 2 for side in camera.stored_size_px] for name, camera in stored.open().cameras.items()}
-    options = {**card.content.options, "evaluated_size_px": halves}
-    (handle,) = open_dataset(load_card(card_of(tmp_path, card.content.adapter, options)))
-    for name, camera in handle.open().cameras.items():
-        assert [camera.model.width, camera.model.height] == halves[name]
-
-
-def test_unknown_options_are_refused_before_anything_is_opened(card, tmp_path):
-    options = {**card.content.options, "colour": "red"}
-    with pytest.raises(DataError, match=r"x\.yaml: options\.colour: expected no such key, got 'red'"):
-        open_dataset(load_card(card_of(tmp_path, card.content.adapter, options)))
 
 
 def add_adapter(monkeypatch, value):

@@ -56,23 +56,20 @@ def test_a_folder_of_annotations_is_complete_unless_somebody_says_otherwise(root
     (root / "annotations.json").rename(folder / "drive.json")
     for statement in (None, "none"):  # "none" as of a raw drive before it was annotated
         state(root, statement)
-        found = by_card(root, annotations="reviewed")
-        assert (found.annotated, len(found.tracks)) == (COMPLETELY, len(tiny.tracks()))
+        opened = by_card(root, annotations="reviewed")
+        assert (opened.annotated, len(opened.tracks)) == (COMPLETELY, len(tiny.tracks()))
         assert by_card(root, annotated="none", annotations="reviewed").annotated == NOT_ANNOTATED
+        assert by_card(root, annotated="complete").annotated == NOT_ANNOTATED  # of a recording without any
     state(root, PARTLY)
     assert by_card(root, annotations="reviewed").annotated == PART
 
 
 def test_a_card_says_it_of_recordings_that_are_annotated(root):
-    assert by_card(root).annotated == COMPLETELY
-    assert by_card(root, annotated=PARTLY).annotated == PART
-    assert by_card(root, annotated="none").annotated == NOT_ANNOTATED
+    for keys, annotated in (({}, COMPLETELY), ({"annotated": PARTLY}, PART), ({"annotated": "none"}, NOT_ANNOTATED)):
+        assert by_card(root, **keys).annotated == annotated
     state(root, PARTLY)
     assert by_card(root).annotated == PART
     assert by_card(root, annotated="complete").annotated == COMPLETELY
-    (root / "annotations.json").unlink()
-    state(root, None)
-    assert by_card(root, annotated="complete").annotated == NOT_ANNOTATED
 
 
 @pytest.mark.parametrize(

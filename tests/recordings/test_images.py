@@ -185,16 +185,12 @@ def test_images_of_other_depths_come_as_8_bits(tmp_path, pixels, colour):
     assert seen.shape == ((48, 64, 3) if colour else (48, 64))
 
 
-def test_an_image_of_another_size_is_refused(tmp_path):
+def test_an_image_has_the_size_of_the_calibration_and_truth_is_sixteen_bits_where_there_is_some(root, tmp_path):
     image, _ = stored(tmp_path, ".png", shape=(48, 60))
     with pytest.raises(
-        DataError, match=r"image size: expected 64 x 48 px, as the calibration of camera 'front', got 60 x 48"
+        DataError, match=r"size: expected 64 x 48 px, as the calibration of camera 'front', got 60 x 48"
     ):
         read_image(image, tiny.front_camera())
-
-
-def test_truth_is_sixteen_bits_and_only_where_there_is_some(root, tmp_path):
-    image, _ = stored(tmp_path, ".png")
     with pytest.raises(DataError, match="expected an image with truth beside it"):
         read_truth(image)
     recording = open_native(root)

@@ -224,7 +224,7 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
     swept = [
         np.array([one, other, other + way, one + way])
         for k in np.flatnonzero((grid.neighbours < 0).any(axis=0))
-        for way in [way_out(points[k], rays[k], shape) * rays[k]]
+        for way in [max(ways(points[k], rays[k], shape)[1], 0.0) * rays[k]]
         for one, other in (lines[k][[3, 1]], lines[k][[0, 2]])
     ]
     shadow = closed(painted(np.array(swept).reshape(-1, 4, 3), scanned), solid=False)
@@ -309,22 +309,8 @@ def silence(
         start = np.array([0, 0, (along - from_beams(1000 * along[None], *beams)[0] / 1000)[2] * 1000])
         return rotation @ start + sensor + moved[np.argmin(np.abs(own_azimuth - azimuth))], rotation @ along
 
-    def ways(azimuth: float, elevation: float) -> tuple[float, float]:
-        start, along = ray(azimuth, elevation)
-        ground = shapely.MultiPoint(shape.reshape(-1, 3)[:, :2]).convex_hull
-        ring = shapely.get_coordinates(shapely.orient_polygons(ground))
-        planes = [((y1 - y0, x0 - x1, 0.0), (x0, y0, 0.0)) for (x0, y0), (x1, y1) in pairwise(ring)]
-        bottom, top = shape[..., 2].min() + RULES.ground_clearance_m, shape[..., 2].max()
-        enter, leave = -np.inf, np.inf
-        for normal, place in (*planes, ((0, 0, -1.0), (0, 0, bottom)), ((0, 0, 1.0), (0, 0, top))):
-            speed, room = along @ normal, (place - start) @ normal
-            if speed < 0:
-                enter = max(enter, room / speed)
-            elif speed > 0:
-                leave = min(leave, room / speed)
-            elif room < 0:
-                return np.inf, -np.inf
-        return enter, leave
+    def ways_of(azimuth: float, elevation: float) -> tuple[float, float]:
+        return ways(*ray(azimuth, elevation), shape, clearance_m=RULES.ground_clearance_m)
 
     corners = (shape.reshape(-1, 3) - moved.mean(axis=0) - sensor) @ rotation - [0, 0, (low + high) / 2]
     (least_azimuth, most_azimuth), (least, most) = ((angle.min(), angle.max()) for angle in directions(corners))
@@ -336,7 +322,7 @@ def silence(
     near = (azimuth > least_azimuth - 2 * column) & (azimuth < most_azimuth + 2 * column)
     away = np.linalg.norm(seen, axis=1)
     for k in np.flatnonzero(near):
-        enter, leave = ways(azimuth[k], elevation[k])
+        enter, leave = ways_of(azimuth[k], elevation[k])
         near[k] = k in own_rows or not (enter < leave and away[k] < enter)
     azimuth, elevation, away, order = azimuth[near], elevation[near], away[near], np.argsort(own_elevation)
     reach = 1.25 * np.interp(elevation, own_elevation[order], grid.row_step[order]) + abs(high - low) / away / 2
@@ -346,7 +332,7 @@ def silence(
             middle_of = left + column / 2, lower + row / 2
             if ((np.abs(azimuth - middle_of[0]) <= 1.25 * column) & (np.abs(elevation - middle_of[1]) <= reach)).any():
                 continue
-            enter, leave = ways(*middle_of)
+            enter, leave = ways_of(*middle_of)
             if not (enter < leave and leave > 0):
                 continue
             ring = [ray(left + a * column, lower + b * row) for a, b in ((0, 0), (0, 1), (1, 1), (1, 0))]
@@ -356,16 +342,21 @@ def silence(
     return closed(painted(np.array(faces).reshape(-1, 4, 3), scanned), solid=False)
 
 
-def way_out(point: Array, beam: Array, shape: Array) -> float:
+def ways(start: Array, along: Array, shape: Array, *, clearance_m: float = 0.0) -> tuple[float, float]:
+    """Distances at which a ray enters and leaves the upright prism around a shape."""
     ring = shapely.get_coordinates(shapely.orient_polygons(shapely.MultiPoint(shape.reshape(-1, 3)[:, :2]).convex_hull))
-    ways = [np.inf]
-    for (x0, y0), (x1, y1) in pairwise(ring):
-        outwards = np.array([y1 - y0, x0 - x1])
-        if beam[:2] @ outwards > 0:
-            ways.append(([x0, y0] - point[:2]) @ outwards / (beam[:2] @ outwards))
-    if beam[2]:
-        ways.append(((shape[..., 2].max() if beam[2] > 0 else shape[..., 2].min()) - point[2]) / beam[2])
-    return max(min(ways), 0.0)
+    planes = [((y1 - y0, x0 - x1, 0.0), (x0, y0, 0.0)) for (x0, y0), (x1, y1) in pairwise(ring)]
+    bottom, top = shape[..., 2].min() + clearance_m, shape[..., 2].max()
+    enter, leave = -np.inf, np.inf
+    for normal, place in (*planes, ((0, 0, -1.0), (0, 0, bottom)), ((0, 0, 1.0), (0, 0, top))):
+        speed, room = along @ normal, (place - start) @ normal
+        if speed < 0:
+            enter = max(enter, room / speed)
+        elif speed > 0:
+            leave = min(leave, room / speed)
+        elif room < 0:
+            return np.inf, -np.inf
+    return enter, leave
 
 
 @pytest.mark.parametrize("name", ["crossing", "overtaking"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
 
 import numpy as np
@@ -100,10 +99,10 @@ def test_intervals_need_six_recordings(monkeypatch):
 def test_a_wrong_mask_that_beats_the_exact_one_is_found():
     predictions = [Prediction(name=str(k), method=m) for k, m in enumerate((WrongMasks(), *WRONG))]
     by_lidar, by_masks = [0.6, 0.7, 0.5, 0.61], [1.0, 0.8, 0.5, 0.4]
-    checks = row(by_lidar=by_lidar, by_masks=by_masks, predictions=predictions).checks
-    found = {(check.prediction, check.reference): check.holds for check in checks}
-    assert found["1", PAPER] is found["3", PAPER] is False
-    assert found["2", PAPER] is found["1", EXACT] is True
+    scored = row(by_lidar=by_lidar, by_masks=by_masks, predictions=predictions)
+    found = RankingSummary.model_construct(rows=(scored,), errors=dict.fromkeys("123", "outlines"), ceiling="0")
+    assert found.wins(PAPER) == (("crossing", "1"), ("crossing", "3"))
+    assert found.wins(EXACT) == ()
 
 
 def test_errors_of_outlines_and_of_objects_are_told_apart():
@@ -161,14 +160,13 @@ def test_a_ranking_scores_as_runs_do_and_leaves_its_tables(monkeypatch, capsys, 
     monkeypatch.setattr("sys.argv", ["ranking", *map(str, words)])
     main()
     shown = capsys.readouterr().out
-    for name in ("ranking.json", "ranking.md", "ranking.csv", "ranking.png", "ranking.svg"):
+    for name in ("ranking.json", "ranking.md", "ranking.png", "ranking.svg"):
         assert str(tmp_path / name) in shown
         assert (tmp_path / name).stat().st_size > 100
     found = RankingSummary.model_validate_json((tmp_path / "ranking.json").read_bytes())
     assert found.failures == ()
     assert all(table.title in (tmp_path / "ranking.md").read_text() for table in ranking_tables(found))
-    rows = list(csv.DictReader((tmp_path / "ranking.csv").read_text().splitlines()))
-    assert {row["prediction"] for row in rows} == set(METHODS.split(","))
+    assert set(found.predictions) == set(METHODS.split(","))
     *categories, every, false = found.rows
     assert [row.recordings for row in categories] == [1, 1, 0, 0, 1]
     for row in (row for row in (*categories, every) if row.cases):

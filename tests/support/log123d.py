@@ -154,11 +154,6 @@ def write_log_by_library(recording: Recording, root: Path, library: Path, **sett
     return root / "drives_test" / recording.name
 
 
-def convert_kitti360(data: Path, logs: Path, library: Path) -> None:
-    """By the library's own parser of KITTI-360 and its writer."""
-    _run_with(library, "kitti360_by_123d.py", data, logs)
-
-
 def names_in_123d(library: Path) -> dict[str, dict]:
     """Names that parsers of the library write: `cards` -> splits and tables of cameras, `labels` -> number -> names."""
     return json.loads(_run_with(library, "names_by_123d.py"))

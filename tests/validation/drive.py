@@ -13,7 +13,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings, open_native
-from bench.validation import Depth, box_fit, report, validate_recording
+from bench.validation import box_fit, report, validate_recording
 from bench.validation.box_fit import BoxFit
 from bench.validation.cameras import check_cameras
 from bench.validation.static_world import check_static_world
@@ -123,6 +123,7 @@ def write_drive(root: Path, margin_m: float = 0.0) -> Path:
     writer = RecordingWriter(root)
     writer.header(
         name=root.name,
+        licence="Apache-2.0",
         frame_interval_ns=IMAGE_NS,
         cameras={"front": front_camera()},
         vehicle_from_lidar=VEHICLE_FROM_LIDAR,
@@ -152,7 +153,7 @@ def quaternion_wxyz(transform: RigidTransform, turn: Rotation) -> list[float]:
 STATIC_WORLD = (check_static_world, check_cameras)
 
 
-def found(root, depth=Depth.SAMPLED, *, static_world=False, returns=False):
+def found(root, *, deep=False, static_world=False, returns=False):
     """Findings in the drive; by the static world and by returns in boxes, which take most of the time, where asked."""
     checks = [check for check in report.CHECKS if static_world or check[0] not in STATIC_WORLD]
     blind = SimpleNamespace(add=lambda _: None, findings=lambda: ())
@@ -164,7 +165,7 @@ def found(root, depth=Depth.SAMPLED, *, static_world=False, returns=False):
     ):
         if not returns:
             without.enter_context(patch.multiple(report, BoxFit=lambda _: blind, check_unboxed=lambda _: ()))
-        return list(validate_recording(handle, depth=depth).findings)
+        return list(validate_recording(handle, deep=deep).findings)
 
 
 def box_fit_of(root):

@@ -16,7 +16,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track, load_card, open_dataset
 from bench.recordings.native import open_native
-from bench.validation import Depth, Severity, box_fit, boxes, findings, validate_dataset
+from bench.validation import Severity, box_fit, boxes, findings, validate_dataset
 from bench.validation.boxes import check_boxes
 from bench.validation.sensors import ImageOrder, seen_road
 from tests.support import tiny
@@ -101,9 +101,9 @@ def plant_and_compare(root, plant, told, text, *, returns=False):
         assert any(re.search(part, text_of(finding)) for finding in looked), looked
 
 
-@pytest.mark.parametrize("depth", [Depth.SAMPLED, pytest.param(Depth.DEEP, marks=pytest.mark.slow)])
-def test_a_clean_recording_has_no_findings(root, depth):
-    assert found(root, depth, static_world=True, returns=True) == []
+@pytest.mark.parametrize("deep", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_clean_recording_has_no_findings(root, deep):
+    assert found(root, deep=deep, static_world=True, returns=True) == []
 
 
 def test_every_text_belongs_to_a_check(pytestconfig):
@@ -517,7 +517,7 @@ def test_many_boxes_at_one_place_are_told_in_bounded_work(monkeypatch, tiny_reco
     monkeypatch.setattr(boxes, "MOST_PAIRS", 2000)
     monkeypatch.setattr(box_fit, "MOST_BOXES", 25)
     write_heap(tiny_recording, objects=60)
-    told = found(tiny_recording, depth=Depth.DEEP, returns=True)
+    told = found(tiny_recording, deep=True, returns=True)
     same = [finding for finding in told if finding.check == "same-object"]
     assert len(same) == boxes.MOST_PAIRS_LISTED + 1
     assert f" in {1770 - boxes.MOST_PAIRS_LISTED} more pairs" in same[-1].got

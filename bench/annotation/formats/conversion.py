@@ -19,7 +19,7 @@ from os.path import lexists
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
@@ -307,15 +307,6 @@ def vehicle_from_tool(
     if frame == "world":
         return recording.trajectory.world_from_vehicle(timestamp_ns).inverse()
     return recording.vehicle_from_lidar if frame == "lidar" else RigidTransform.identity()
-
-
-def box_state(
-    timestamp_ns: int, vehicle_from_box: RigidTransform, size_m: ArrayLike, velocity_mps: ArrayLike = (np.nan,) * 3
-) -> ObjectState:
-    """A box in the vehicle frame, its full size (3,), m, and its velocity over the ground (3,), m/s, where known."""
-    shape = Cuboid(vehicle_from_object=vehicle_from_box, size_m=np.asarray(size_m, dtype=np.float64))
-    velocity = np.asarray(velocity_mps, dtype=np.float64)
-    return ObjectState(timestamp_ns=timestamp_ns, shape=shape, velocity_mps=velocity)
 
 
 def data_lost(tracks: Sequence[Track], *, velocities: bool) -> list[str]:

@@ -25,7 +25,6 @@ from bench.annotation.formats.conversion import (
     LabelOptions,
     Observation,
     ToolLabels,
-    box_state,
     pair_with_sweeps,
     recording_times,
     vehicle_from_tool,
@@ -33,7 +32,7 @@ from bench.annotation.formats.conversion import (
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import Recording
-from bench.recordings.annotations import COORDINATE_SYSTEM, annotation_document
+from bench.recordings.annotations import COORDINATE_SYSTEM, annotation_document, box_state
 from bench.recordings.validation import LATEST_NS, FileModel, Measured, read_json
 
 FILE = "openlabel.json"
@@ -104,9 +103,9 @@ class OpenLabelFormat(LabelFormat):
         content = read_json(_File, file).openlabel
         times_ns = _frame_times(content, recording, options, file)
         lost: Counter[str] = Counter({f"{key[:40]}: no field for them": 1 for key in content.model_extra or ()})
-        for item in content.objects.values():
-            lost += _not_read(item.object_data)
-        names = [item.name for item in content.objects.values()]
+        for known in content.objects.values():
+            lost += _not_read(known.object_data)
+        names = [known.name for known in content.objects.values()]
         distinct = all(names) and len(set(names)) == len(names)
         unseen = set(content.objects)
         observations = []

@@ -23,7 +23,6 @@ from bench.annotation.formats.conversion import (
     LabelOptions,
     Observation,
     ToolLabels,
-    box_state,
     data_lost,
     recording_times,
     vehicle_from_tool,
@@ -32,6 +31,7 @@ from bench.atomic import read_regular
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, Recording
+from bench.recordings.annotations import box_state
 from bench.recordings.validation import LARGEST_MEASURED
 
 FILE = "boxes.csv"

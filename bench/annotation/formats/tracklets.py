@@ -38,7 +38,6 @@ from bench.annotation.formats.conversion import (
     LabelOptions,
     Observation,
     ToolLabels,
-    box_state,
     data_lost,
     pair_with_sweeps,
 )
@@ -46,6 +45,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, SweepRef
+from bench.recordings.annotations import box_state
 from bench.recordings.files import read_text
 
 FILE, FRAME_LIST = "tracklet_labels.xml", "frame_list.txt"

@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.annotation.formats import LabelOptions, import_labels, label_format
+from bench.annotation.formats import LabelOptions, import_labels
 from bench.annotation.formats.table import REQUIRED, VELOCITY
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from tests.annotation.formats import street
-from tests.annotation.formats.same import assert_same_boxes, written
+from tests.annotation.formats.same import assert_same_boxes
 
 PLAIN = LabelOptions()
 FRAMES = ("vehicle", "lidar", "world")
@@ -54,15 +54,6 @@ def test_boxes_of_every_frame_are_where_they_were(tmp_path, drive, name, frame):
             places = [s.shape.vehicle_from_object.translation_m for s in (state, other)]
             assert places[0] == pytest.approx(places[1], abs=1e-9)
             assert state.velocity_mps == pytest.approx(other.velocity_mps, abs=1e-9)
-
-
-def test_what_is_written_comes_back_with_its_velocities(tmp_path, drive):
-    tracks = street.box_tracks()
-    assert written(label_format("boxes"), tracks, drive, tmp_path / "out") == ["6 yaw rates: no field for them"]
-    found = import_labels("boxes", tmp_path / "out", drive, PLAIN)
-    for track, true in zip(found.tracks, tracks, strict=True):
-        for state, other in zip(track.states, true.states, strict=True):
-            assert state.velocity_mps.tolist() == other.velocity_mps.tolist()
 
 
 def test_without_velocities_and_ids_both_come_from_the_places(tmp_path, drive):
