@@ -266,7 +266,7 @@ def _rich_table(table: Table, clean: Callable[[str], str]) -> RichTable:
             _rich_text(heading, clean),
             justify="left" if of_words else "right",
             min_width=least,
-            width=None if of_words else max(least, *map(len, parts)),
+            width=None if of_words else max([least, *map(len, parts)]),
             overflow="fold",
         )
     above = None
