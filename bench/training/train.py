@@ -25,7 +25,7 @@ import torch
 import typer
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn.functional import avg_pool2d, binary_cross_entropy_with_logits
+from torch.nn.functional import binary_cross_entropy_with_logits
 
 from bench import __version__
 from bench.atomic import make_folder, replacing, write_bytes, write_text
@@ -46,7 +46,6 @@ AVERAGED = 0.998  # of the running mean of the weights, which is what is validat
 WARM_UP = 0.05  # of all steps
 MOVING_WEIGHT = 2.0  # of moving pixels in the cross-entropy; static ones are fifty times as many
 SMALL_PX, SMALL_WEIGHT = 4000.0, 4.0  # objects of fewer fine pixels count more, by the root of their size, to so much
-BODIES_WEIGHT = 0.3  # of the coarsest levels' loss
 SMOOTH_PX = 64.0  # fine pixels, of the soft IoU of a crop
 THRESHOLDS = 100  # that validation tries
 LEAST_PX = 50  # fine pixels that move, for an image to have an IoU in validation
@@ -329,17 +328,6 @@ def loss_of(logits: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     return 5 * entropy / (weight > 0).sum((1, 2)).clamp(min=1) + 1 - (both + SMOOTH_PX) / (union + SMOOTH_PX)
 
 
-def loss_of_bodies(bodies: Sequence[Tensor], target: Tensor, weight: Tensor) -> Tensor:
-    """Mean of `loss_of` over coarse levels, each against the share of moving pixels in its cells; (N,)."""
-    losses = []
-    for logits in bodies:
-        side = target.shape[-1] // logits.shape[-1]
-        counted = avg_pool2d((weight > 0).float(), side)
-        moving = avg_pool2d(target * (weight > 0), side) / counted.clamp(min=1e-6)
-        losses.append(loss_of(logits, moving, counted))
-    return torch.stack(losses).mean(0)
-
-
 def validate(network: nn.Module, drives: Sequence[PreparedDrive], plan: Plan, device: str) -> Validation:
     """Count right and wrong pixels on whole images at every threshold."""
     rows = [COARSE.index(name) for name in plan.coarse], [FINE.index(name) for name in plan.fine]
@@ -418,8 +406,8 @@ def train(
             coarse, fine = (part.to(device, memory_format=torch.channels_last) for part in (batch.coarse, batch.fine))
             target, weight = batch.target.to(device), batch.weight.to(device)
             with torch.autocast(device, dtype=torch.bfloat16, enabled=plan.bfloat16):
-                logits, bodies = network.with_bodies(coarse, fine)
-            of_crop = loss_of(logits, target, weight) + BODIES_WEIGHT * loss_of_bodies(bodies, target, weight)
+                logits = network(coarse, fine)
+            of_crop = loss_of(logits, target, weight)
             optimiser.zero_grad()
             of_crop.mean().backward()
             optimiser.step()
