@@ -42,7 +42,7 @@ from bench.reporting.frame import (
     scored_layers,
     show_image,
 )
-from bench.validation.flow import SeenFlow, reduced, seen_flow
+from bench.validation.fits.flow import SeenFlow, reduced, seen_flow
 
 # The codecs that the OpenCV wheel carries; H.264 is not among them for its licence. Browsers play .webm only.
 CODECS = {".mp4": "mp4v", ".webm": "VP90"}

@@ -18,10 +18,6 @@ from bench.errors import BenchError, DataError
 from bench.recordings import Recording, RecordingHandle
 from bench.recordings.validation import FileModel
 from bench.records.recording import Content
-from bench.validation.box_fit import BoxFit, check_unboxed
-from bench.validation.boxes import check_annotated, check_boxes
-from bench.validation.calibration import check_calibration, check_length_units
-from bench.validation.cameras import check_cameras
 from bench.validation.findings import (
     Finding,
     Severity,
@@ -32,10 +28,14 @@ from bench.validation.findings import (
     new_finding,
     unusable,
 )
-from bench.validation.motion import check_ego_limits, check_motion
-from bench.validation.sensors import SweepChecks, check_images
-from bench.validation.static_world import check_static_world
-from bench.validation.times import check_annotation_times, check_clocks, check_coverage, check_time_units
+from bench.validation.fits.box_fit import BoxFit, check_unboxed
+from bench.validation.fits.cameras import check_cameras
+from bench.validation.fits.static_world import check_static_world
+from bench.validation.quick.boxes import check_annotated, check_boxes
+from bench.validation.quick.calibration import check_calibration, check_length_units
+from bench.validation.quick.motion import check_ego_limits, check_motion
+from bench.validation.quick.sensors import SweepChecks, check_images
+from bench.validation.quick.times import check_annotation_times, check_clocks, check_coverage, check_time_units
 
 SAMPLED_IMAGES, NEIGHBOURING_IMAGES = 120, 6  # of each camera, in runs of so many
 SAMPLED_SWEEPS, NEIGHBOURING_SWEEPS = 24, 2

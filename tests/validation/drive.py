@@ -13,10 +13,11 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from bench.recordings.native import native_recordings, open_native
-from bench.validation import box_fit, report, validate_recording
-from bench.validation.box_fit import BoxFit
-from bench.validation.cameras import check_cameras
-from bench.validation.static_world import check_static_world
+from bench.validation import report, validate_recording
+from bench.validation.fits import box_fit
+from bench.validation.fits.box_fit import BoxFit
+from bench.validation.fits.cameras import check_cameras
+from bench.validation.fits.static_world import check_static_world
 from tests.support.tiny import HEIGHT, OUTLINE_M, VEHICLE_FROM_LIDAR, WIDTH, front_camera
 
 START_NS = 1_700_000_000_000_000_000

@@ -10,9 +10,9 @@ import pytest
 from bench.annotation import proposals, propose
 from bench.recordings import NOT_ANNOTATED, Annotated
 from bench.recordings.native import open_native
-from bench.validation.box_fit import check_unboxed
-from bench.validation.boxes import check_boxes
-from bench.validation.motion import check_motion
+from bench.validation.fits.box_fit import check_unboxed
+from bench.validation.quick.boxes import check_boxes
+from bench.validation.quick.motion import check_motion
 from benchmarks.mistakes import OF_BOXES
 from benchmarks.planted_mistakes import Outcome, counted, table, text_of, written
 from tests.annotation.street import COARSE, street

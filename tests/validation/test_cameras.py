@@ -10,11 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.recordings.native import open_native
-from bench.validation import cameras
 from bench.validation.findings import Finding, Severity, Undecided
-from bench.validation.flow import FARTHEST_PX, SECTORS, Edges, SeenFlow, mirrored
+from bench.validation.fits import cameras
+from bench.validation.fits.flow import FARTHEST_PX, SECTORS, Edges, SeenFlow, mirrored
+from bench.validation.fits.scan_matching import MeasuredMotion
 from bench.validation.report import CHECKS
-from bench.validation.scan_matching import MeasuredMotion
 from benchmarks.mistakes import OF_CAMERAS
 from tests.support import tiny
 from tests.support.planting import change_mounting

@@ -11,10 +11,10 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings.native import open_native
 from bench.reference.sweeps import pose_sweep
-from bench.validation import cameras
-from bench.validation.camera_fit import CameraFit, Fit
-from bench.validation.flow import FARTHEST_PX, MARGIN_PX, SECTORS, image_edges, lidar_edges, reduced, seen_flows
-from bench.validation.scan_matching import measured_motion, scan_steps
+from bench.validation.fits import cameras
+from bench.validation.fits.camera_fit import CameraFit, Fit
+from bench.validation.fits.flow import FARTHEST_PX, MARGIN_PX, SECTORS, image_edges, lidar_edges, reduced, seen_flows
+from bench.validation.fits.scan_matching import measured_motion, scan_steps
 from tests.support.tiny import HEIGHT, WIDTH, front_camera
 from tests.validation.drive import cast
 

@@ -16,9 +16,11 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track, load_card, open_dataset
 from bench.recordings.native import open_native
-from bench.validation import Severity, box_fit, boxes, findings, validate_dataset
-from bench.validation.boxes import check_boxes
-from bench.validation.sensors import ImageOrder, seen_road
+from bench.validation import Severity, findings, validate_dataset
+from bench.validation.fits import box_fit
+from bench.validation.quick import boxes
+from bench.validation.quick.boxes import check_boxes
+from bench.validation.quick.sensors import ImageOrder, seen_road
 from tests.support import tiny
 from tests.support.cards import write_card
 from tests.support.clouds import pcd_of

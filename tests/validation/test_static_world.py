@@ -12,9 +12,9 @@ from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter
 from bench.recordings.native import open_native
 from bench.validation.findings import Finding, Undecided
-from bench.validation.readings import mounting_name
-from bench.validation.scan_matching import measured_motion, scan_steps
-from bench.validation.static_world import check_static_world, road_plane
+from bench.validation.fits.readings import mounting_name
+from bench.validation.fits.scan_matching import measured_motion, scan_steps
+from bench.validation.fits.static_world import check_static_world, road_plane
 from benchmarks.mistakes import OF_LIDAR
 from benchmarks.planted_mistakes import text_of
 from tests.support.planting import change_bus, change_head, change_sweeps

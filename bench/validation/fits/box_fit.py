@@ -22,9 +22,9 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import NOT_ANNOTATED, Cuboid, PointIndices, Recording, Track
 from bench.times import SECOND_NS
-from bench.validation.box_returns import MARGINS_M, Beams, Boxes, BoxPath, Near, returns_held
 from bench.validation.findings import Finding, Severity, box_of, new_finding, object_field
-from bench.validation.readings import BoxChange, Reading, box_readings
+from bench.validation.fits.box_returns import MARGINS_M, Beams, Boxes, BoxPath, Near, returns_held
+from bench.validation.fits.readings import BoxChange, Reading, box_readings
 
 if TYPE_CHECKING:
     from bench.annotation.proposals import Proposal

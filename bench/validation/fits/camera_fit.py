@@ -20,9 +20,9 @@ from scipy.spatial.transform import Rotation
 from bench.egomotion import Trajectory
 from bench.recordings import MountedCamera
 from bench.times import SECOND_NS
-from bench.validation.flow import FARTHEST_PX, SECTORS, SeenFlow
-from bench.validation.readings import DEGREE
-from bench.validation.scan_matching import MeasuredMotion
+from bench.validation.fits.flow import FARTHEST_PX, SECTORS, SeenFlow
+from bench.validation.fits.readings import DEGREE
+from bench.validation.fits.scan_matching import MeasuredMotion
 
 Floats = NDArray[np.float64]
 

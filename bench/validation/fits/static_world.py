@@ -29,7 +29,7 @@ from bench.validation.findings import (
     new_finding,
     sweep_times,
 )
-from bench.validation.lidar_motion import (
+from bench.validation.fits.lidar_motion import (
     PARAMETERS,
     QUANTITIES,
     STATED,
@@ -40,8 +40,8 @@ from bench.validation.lidar_motion import (
     Quantity,
     level_steps,
 )
-from bench.validation.readings import DEGREE, Reading, mounting_name, pose_readings
-from bench.validation.scan_matching import MATCHING, Step, neighbouring, scan_steps
+from bench.validation.fits.readings import DEGREE, Reading, mounting_name, pose_readings
+from bench.validation.fits.scan_matching import MATCHING, Step, neighbouring, scan_steps
 
 Array = NDArray[np.float64]
 

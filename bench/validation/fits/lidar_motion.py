@@ -17,8 +17,8 @@ from scipy.optimize import least_squares
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform, twist_between
 from bench.times import SECOND_NS
-from bench.validation.readings import DEGREE
-from bench.validation.scan_matching import Step
+from bench.validation.fits.readings import DEGREE
+from bench.validation.fits.scan_matching import Step
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.recordings import MountedCamera, Recording
-from bench.validation.camera_fit import CAUSES, SLICES, UNKNOWNS, CameraFit, Fit
 from bench.validation.findings import Finding, Severity, Undecided, new_finding
-from bench.validation.flow import SeenFlow, mirrored, reduced, seen_flows
-from bench.validation.readings import DEGREE, Reading, camera_readings
-from bench.validation.scan_matching import MeasuredMotion, measured_motion, scan_steps
+from bench.validation.fits.camera_fit import CAUSES, SLICES, UNKNOWNS, CameraFit, Fit
+from bench.validation.fits.flow import SeenFlow, mirrored, reduced, seen_flows
+from bench.validation.fits.readings import DEGREE, Reading, camera_readings
+from bench.validation.fits.scan_matching import MeasuredMotion, measured_motion, scan_steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

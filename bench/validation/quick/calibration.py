@@ -13,8 +13,8 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera, Recording
 from bench.times import FACTORS
-from bench.validation.boxes import BODIES, Span
 from bench.validation.findings import Finding, Severity, annotation_file, boxes_of, calibration_file, new_finding
+from bench.validation.quick.boxes import BODIES, Span
 
 CAMERA_HEIGHT_M: Span = (0.1, 4.5)
 LIDAR_HEIGHT_M: Span = (0.1, 5.0)

@@ -27,7 +27,7 @@ from bench.recordings import MountedCamera, Recording, read_image
 from bench.reference.grid import DOWN, LEFT, RIGHT, UP, find_grid
 from bench.reference.sweeps import PosedSweep, pose_sweep
 from bench.validation.findings import distance_to, on_objects, sweep_times, times_of
-from bench.validation.scan_matching import MeasuredMotion
+from bench.validation.fits.scan_matching import MeasuredMotion
 
 JUMP_M, JUMP = 0.7, 0.05  # in range from a return to its neighbour behind: in m, and as a part of its range
 SPAN_M = (1.5, 30.0)  # of the lidar; the edges of what is further are few and small

@@ -15,8 +15,8 @@ from bench.geometry import twist_between
 from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
 from bench.times import SECOND_NS
-from bench.validation.boxes import BODIES, BodyLimits
 from bench.validation.findings import Finding, Severity, annotated_times, boxes_of, new_finding, object_field
+from bench.validation.quick.boxes import BODIES, BodyLimits
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from bench.geometry import advance_twist, twist_between
 from bench.recordings import Recording
 from bench.times import SECOND_NS
 from bench.validation.findings import distance_to, on_objects, sweep_times
-from bench.validation.readings import DEGREE
+from bench.validation.fits.readings import DEGREE
 
 Array = NDArray[np.float64]
 
