@@ -118,11 +118,11 @@ def test_a_fault_that_fails_many_rows_is_one_annotation_a_slice(one_fault):
 
 
 def test_the_first_lines_say_what_changed_what_was_lost_and_where(one_fault):
-    assert change_lines(one_fault) == [
-        "changed: settings: weights.epipolar = 0.5, was 1.0",
-        "changed: code: commit decade, was commit c0ffee",
-        "as in the baseline: method, protocol, data, reference",
-    ]
+    settings, code, note, same = change_lines(one_fault)
+    assert settings == "changed: settings: weights.epipolar = 0.5, was 1.0"
+    assert code == "changed: code: commit decade, was commit c0ffee"
+    assert note.startswith("note: rules of no row: detection_rate, tpr, ")
+    assert same == "as in the baseline: method, protocol, data, reference"
     rows = [(row.slice_name, row.metric) for row in overall_rows(one_fault)]
     assert rows == [("all_moving", "iou"), ("all_moving", "tpr_all"), ("frames", "false_positive_coverage")]
     assert [(r.slice_name, r.metric) for r in main_rows(one_fault)] == [
