@@ -74,7 +74,7 @@ def view(
     Raises:
         UnknownNameError: no data set, recording, camera, method or protocol of this name.
         UsageError: two choices of frames, or one that does not exist or cannot be scored; a suffix or codec that is
-            missing; settings without the name of a method; a video of calibration.
+            missing; settings without the name of a method; a video or log of calibration.
         DataError: an image or sweep that cannot be read.
 
     Examples:
@@ -92,8 +92,8 @@ def view(
         raise UsageError("--set: expected --method, the name of the method whose setting it is, got none")
     built = build_scorable(method, settings) if isinstance(method, str) else method
     rules = load_protocol(protocol)
-    if calibration and video is not None:
-        raise UsageError("--video: expected none with --calibration, which draws pictures and logs (--out, --rrd)")
+    if calibration and (video is not None or rrd is not None):
+        raise UsageError("--video, --rrd: expected none with --calibration, which draws pictures (--out)")
     pictures, film, log = (None if file is None else Path(file) for file in (out, video, rrd))
     refuse_other_files(video=film, rrd=log)
     span = None if frame is None else parsed_span(str(frame))
@@ -106,9 +106,7 @@ def view(
                 name: chosen_frames(opened.images[name], history=1, span=span, time_ns=time_ns)
                 for name in (cameras if camera is None else [camera])
             }
-            return View(files=tuple(
-                write_calibration(opened, chosen, out=pictures or PICTURES, rrd=log, progress=report)
-            ))  # fmt: skip
+            return View(files=tuple(write_calibration(opened, chosen, out=pictures or PICTURES, progress=report)))
         asked = built or InputOnly(history=0)
         pipeline = FramePipeline(opened, cameras[0], method=asked, protocol=rules)
         made = rules.name if built is None else made_by(asked.name, rules.name)

@@ -8,7 +8,6 @@ else. A page is one file: `page.html.j2` with `page.css` and `page.js`, which so
 from __future__ import annotations
 
 import base64
-import json
 import math
 import mimetypes
 import re
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import jinja2
+import pydantic_core
 from markupsafe import Markup
 from rich.box import SIMPLE_HEAD
 from rich.table import Table as RichTable
@@ -397,17 +397,9 @@ def to_csv(rows: Iterable[Mapping[str, object]] | pd.DataFrame) -> str:
     return table.to_csv(index=False, lineterminator="\n")
 
 
-def to_json(content: Mapping[str, object], *, indent: int = 1) -> str:
+def to_json(content: Mapping[str, object]) -> str:
     """JSON with null for NaN and infinity."""
-    return json.dumps(_finite(content), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {key: _finite(part) for key, part in value.items()}
-    return [_finite(part) for part in value] if isinstance(value, list | tuple) else value
+    return pydantic_core.to_json(content, indent=1, inf_nan_mode="null").decode() + "\n"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -170,13 +170,13 @@ class RerunLog:
 
 
 @contextmanager
-def rerun_log(path: Path, *, recording: Recording, cameras: Sequence[str]) -> Iterator[RerunLog]:
+def rerun_log(path: Path, *, recording: Recording, camera: str) -> Iterator[RerunLog]:
     """A file for the viewer that appears whole or not at all.
 
     Args:
         path: *.rrd.
         recording: the drive.
-        cameras: names of the cameras whose images are logged.
+        camera: name of the camera whose images are logged.
 
     Yields:
         Takes the frames.
@@ -188,7 +188,7 @@ def rerun_log(path: Path, *, recording: Recording, cameras: Sequence[str]) -> It
     rerun = viewer()
     refuse_foreign(path)
     with replacing(path) as temporary:
-        stream = rerun.RecordingStream("fisheye-bench", recording_id="-".join([recording.name, *cameras]))
+        stream = rerun.RecordingStream("fisheye-bench", recording_id=f"{recording.name}-{camera}")
         temporary.write_bytes(bytes(LEAST_ROOM_BYTES))
         with _write_errors(path):
             stream.save(str(temporary))
@@ -259,7 +259,7 @@ def write_film(
     rate_hz = 1e9 / recording.frame_interval_ns / indices.step
     with ExitStack() as stack:
         film = None if video is None else stack.enter_context(video_file(video, frame_rate_hz=rate_hz))
-        log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, cameras=[camera.name]))
+        log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, camera=camera.name))
         for number, index in enumerate(indices, start=1):
             image = pipeline.images[index]
             sweep = sweeps.see(image)
@@ -292,45 +292,30 @@ _FADE = 0.55
 
 
 def write_calibration(
-    recording: Recording,
-    chosen: Mapping[str, Sequence[int]],
-    *,
-    out: Path,
-    rrd: Path | None,
-    progress: Progress,
+    recording: Recording, chosen: Mapping[str, Sequence[int]], *, out: Path, progress: Progress
 ) -> list[Path]:
-    """Write `<recording>-<camera>/<index>-<image>/calibration.png` of images, and log them for the viewer.
+    """Write `<recording>-<camera>/<index>-<image>/calibration.png` of images; the files.
 
     Args:
         recording: the drive.
         chosen: indices of images by camera.
         out: folder of the pictures.
-        rrd: the file for the viewer; None for none.
         progress: called with the pictures done and their number.
-
-    Returns:
-        The files.
 
     Raises:
         DataError: an image or its sweep cannot be read.
         OutputError: a file cannot be written.
     """
     tasks = [(name, index) for name, indices in chosen.items() for index in indices]
-    tasks.sort(key=lambda task: recording.images[task[0]][task[1]].timestamp_ns)
     sweeps = {name: SweepViewer(recording, recording.cameras[name]) for name in chosen}
     files = []
-    with ExitStack() as stack:
-        log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, cameras=list(chosen)))
-        for number, (name, index) in enumerate(tasks, start=1):
-            image = recording.images[name][index]
-            figure = draw_calibration(recording, name, index, sweeps[name])
-            if log is not None:
-                log.add(image, figures.figure_pixels(figure), sweeps[name].see(image))
-            folder = out / f"{file_name(recording.name)}-{file_name(name)}"
-            files.append(folder / f"{index:06d}-{file_name(image.path.stem)}" / "calibration.png")
-            write_bytes(files[-1], figures.figure_bytes(figure, "png"))
-            progress(number, len(tasks))
-    return [*files, *([] if rrd is None else [rrd])]
+    for number, (name, index) in enumerate(tasks, start=1):
+        figure = draw_calibration(recording, name, index, sweeps[name])
+        image_folder = f"{index:06d}-{file_name(recording.images[name][index].path.stem)}"
+        files.append(out / f"{file_name(recording.name)}-{file_name(name)}" / image_folder / "calibration.png")
+        write_bytes(files[-1], figures.figure_bytes(figure, "png"))
+        progress(number, len(tasks))
+    return files
 
 
 @figures.styled

@@ -30,6 +30,7 @@ from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun, read_run
 from bench.plain_text import counted
 from bench.reference import Status
+from bench.reporting import formats
 from bench.reporting.document import (
     Block,
     Cell,
@@ -46,17 +47,6 @@ from bench.reporting.document import (
     to_page,
 )
 from bench.reporting.figures import draw_charts, figure_uri
-from bench.reporting.formats import (
-    LABELS,
-    LARGE_FALSE,
-    bar_cell,
-    chance_of,
-    frame_name,
-    headline_metrics,
-    image_name,
-    metric_cell,
-    percent,
-)
 from bench.reporting.frame import draw_close_up, draw_frames, scored_layers
 from bench.reporting.frame_pictures import ImageKey, draw_images, draw_panels, example_frames
 from bench.reporting.run_tables import (
@@ -85,9 +75,11 @@ def tiles(metrics: Summary, *, large_px: int) -> Table:
         large_px: pixels that a large false component exceeds.
     """
     row, shown = metrics.all_moving, dict[str, Cell]()
-    for name, metric in (headline_metrics(metrics) | {LARGE_FALSE: metrics.false_positives.frame_rate}).items():
-        cell = replace(metric_cell(metric), style="strong")
-        if name == LARGE_FALSE:
+    for name, metric in (
+        formats.headline_metrics(metrics) | {formats.LARGE_FALSE: metrics.false_positives.frame_rate}
+    ).items():
+        cell = replace(formats.metric_cell(metric), style="strong")
+        if name == formats.LARGE_FALSE:
             about = f"of the images have a false patch of more than {large_px} px"
         elif find_metric(name).over == IMAGE_FRAMES:
             about = f"of the image wrongly marked; over {metric.cases} images"
@@ -101,10 +93,10 @@ def tiles(metrics: Summary, *, large_px: int) -> Table:
 
 def _bound_note(name: str, row: ObjectMetrics) -> str:
     """Return what bounds a metric of a row: the chance level of a detection rate, the ceiling of IoU; "" for none."""
-    other = chance_of(name) if name.startswith("detection_rate") else f"ceiling_{name}"
+    other = formats.chance_of(name) if name.startswith("detection_rate") else f"ceiling_{name}"
     if other not in row.metric_names() or name == "tpr_all" or math.isnan(row.metric(other).value):
         return ""
-    return f"{other.partition('_')[0]} {percent(row.metric(other).value)}"
+    return f"{other.partition('_')[0]} {formats.percent(row.metric(other).value)}"
 
 
 def lowest_of(rows: Mapping[str, ObjectMetrics]) -> str | None:
@@ -135,7 +127,7 @@ BREAKDOWNS = {  # caption and heading of the first column, by name
 
 def breakdowns(metrics: Summary) -> dict[str, dict[str, ObjectMetrics]]:
     """Each way to sort the object-frames: its slices that have any, the kinds of motion first, of lowest IoU first."""
-    every = {"categories": {LABELS[name]: row for name, row in metrics.categories.items()}} | metrics.breakdowns
+    every = {"categories": {formats.LABELS[name]: row for name, row in metrics.categories.items()}} | metrics.breakdowns
     filled = {name: {key: row for key, row in rows.items() if row.object_frames} for name, rows in every.items()}
     filled["categories"] = dict(sorted(filled["categories"].items(), key=lambda item: item[1].iou.value))
     return {name: rows for name, rows in filled.items() if rows}
@@ -156,7 +148,7 @@ def breakdown_table(name: str, rows: Mapping[str, ObjectMetrics]) -> Table:
         columns=[heading, *(find_metric(name).label for name in names), "object-frames", "objects", "recordings"],
         rows=[
             [key]
-            + [bar_cell(row.metric(n), _bound_note(n, row), lowest=n == "iou" and key == lowest) for n in names]
+            + [formats.bar_cell(row.metric(n), _bound_note(n, row), lowest=n == "iou" and key == lowest) for n in names]
             + [row.object_frames, row.tracks, row.recordings]
             for key, row in rows.items()
         ],
@@ -171,7 +163,7 @@ def remarks(metrics: Summary) -> Iterator[Paragraph]:
         yield Paragraph(why, "warn")
     lowest = {name: key for name, rows in split.items() if (key := lowest_of(rows))}
     named = [
-        f"{BREAKDOWNS[name][0].lower()}: {key} with {percent(split[name][key].iou.value)}"
+        f"{BREAKDOWNS[name][0].lower()}: {key} with {formats.percent(split[name][key].iou.value)}"
         for name, key in lowest.items()
     ]
     if named:
@@ -184,11 +176,11 @@ def remarks(metrics: Summary) -> Iterator[Paragraph]:
 def _examples(run: StoredRun) -> Iterator[Block]:
     """The images in which the largest objects of some kinds of motion are."""
     largest = list(example_frames(run.objects).items())[:EXAMPLES]
-    titles = {key: f"{LABELS[kind]}, the largest object: {image_name(*key)}" for kind, key in largest}
+    titles = {key: f"{formats.LABELS[kind]}, the largest object: {formats.image_name(*key)}" for kind, key in largest}
     uris, problems = draw_images(
         [run],
         titles,
-        lambda key, frames, _: figure_uri(draw_frames([scored_layers(frames[0])], name=image_name(*key))),
+        lambda key, frames, _: figure_uri(draw_frames([scored_layers(frames[0])], name=formats.image_name(*key))),
     )
     yield from map(_missing, problems)
     yield Group(look="pairs", blocks=[Picture(uris[key], title, title) for key, title in titles.items() if key in uris])
@@ -296,9 +288,9 @@ def worst_cases(run: StoredRun, *, pictures: bool, progress: Progress | None = N
     elements = {}
     for row, kind in [*((row, row["category"]) for row in objects), *((row, "false") for row in images)]:
         key, track = _image_key(row), row.get("track_id", "")
-        of_kind = boxes.setdefault(LABELS.get(kind, "Most false marks"), [])
+        of_kind = boxes.setdefault(formats.LABELS.get(kind, "Most false marks"), [])
         element = f"{kind}-{len(of_kind)}"
-        title = f"{row['object_class']} “{track}”, {image_name(*key)}" if track else image_name(*key)
+        title = f"{row['object_class']} “{track}”, {formats.image_name(*key)}" if track else formats.image_name(*key)
         facts = Paragraph(object_facts(row) if track else image_facts(row))
         shown = _shown(drawn[key], title, track) if key in drawn else none
         of_kind.append(Group(look="box", name=element, title=title, blocks=[facts, *shown]))
@@ -314,7 +306,7 @@ def _image_key(row: Row) -> ImageKey:
 
 def _pictures(processed: ProcessedFrame) -> dict[str, str]:
     """Addresses of the "areas", of the "panels", and of each evaluated object enlarged, "track <id>"."""
-    reference, name, layers = processed.reference, frame_name(processed.reference), scored_layers(processed)
+    reference, name, layers = processed.reference, formats.frame_name(processed.reference), scored_layers(processed)
     drawn = {
         f"track {target.track_id}": figure_uri(draw_close_up(layers, target, name=name))
         for target in reference.objects
@@ -435,7 +427,7 @@ def _recording_table(run: StoredRun) -> Table:
         object_frames=cases["iou"], images=cases["false_positive_coverage"]
     )
     table = table.reset_index().sort_values(["iou", "recording"], ignore_index=True)
-    shares = [Column(heading, percent) for heading in ("IoU, all", "TPR, all", "wrongly marked")]
+    shares = [Column(heading, formats.percent) for heading in ("IoU, all", "TPR, all", "wrongly marked")]
     counts = [Column(heading, "{:.0f}".format) for heading in ("object-frames", "images")]
     return Table(
         title="By recording, over all its object-frames, the lowest IoU first",
@@ -450,7 +442,7 @@ def _cause_table(metrics: Summary) -> Table | None:
     """The causes of false marks, the largest first; None where the method names none."""
     causes = {name: cause for name, cause in metrics.false_positive_causes.items() if not math.isnan(cause.value)}
     ordered = sorted(causes.items(), key=lambda item: -item[1].value)
-    rows = [[name.replace("_", " "), bar_cell(cause)] for name, cause in ordered]
+    rows = [[name.replace("_", " "), formats.bar_cell(cause)] for name, cause in ordered]
     title = "Share of the falsely marked pixels"
     return Table(title=title, columns=["cause", "share"], rows=rows, look="narrow") if rows else None
 
@@ -540,7 +532,10 @@ def _glance(run: StoredRun, *, pictures: bool) -> Iterator[Block]:
         yield Paragraph(text, "bad")
     if pictures:
         yield from _examples(run)
-    words = {find_metric(name).label: find_metric(name).meaning for name in [*headline_metrics(metrics), LARGE_FALSE]}
+    words = {
+        find_metric(name).label: find_metric(name).meaning
+        for name in [*formats.headline_metrics(metrics), formats.LARGE_FALSE]
+    }
     words["Object-frame"] = "One moving object in one image. The same object in ten images makes ten."
     yield Group(look="folded", title="The words used here", blocks=[_about_table(words)])
 

@@ -122,7 +122,7 @@ def test_the_calibration_of_each_camera_without_annotations_and_without_lidar(mo
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--calibration", "--video", "OUT.mp4"), "--video: expected none with --calibration"),
+        (("--calibration", "--video", "OUT.mp4"), "--video, --rrd: expected none with --calibration"),
         (("--video", "OUT.gif"), "expected a file *.mp4, *.webm, got"),
         (("--rrd", "OUT.txt"), "expected a file *.rrd"),
         (("--frame", "5:6", "--time-ns", "5"), "expected one of --frame and --time-ns"),
